@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from wormopt.systems.planar.crawling.line import Line
 
 WIDTHS = 10.0 ** -np.arange(0, 9)
 _TINY, _FARTHEST = 1e-100, 1e3
-_BALANCED, _BLUR, _SLOWEST = 1e-9, 1e-14, 1e-11  # forces that are left
+_BALANCED, _NEAR, _SLOW = 1e-9, 1e-11, 1e-6  # forces that are left, and speeds of which one takes care
 _STEPS, _SHORTENED, _SHARP, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 25, 12, 1e-13, 3e-15
 
 
@@ -90,24 +90,39 @@ class LeastPower:
         """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths, from `x` on."""
         x = self._squares() if x is None else x
         for width in widths:
-            x = self._descended(x, float(width), 1e-9)[0]
+            x = self._descended(x, float(width), 1e-9)
         return x
 
     def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least power without smoothing from `x` on, and whether it was found: no mass stops."""
-        x, found = self._descended(x, 0.0, 1e-13)
-        left = np.abs(self.slopes(x)[1]).max(axis=1, initial=0.0)
-        # The direction of a mass that hardly moves is known no better than its velocity.
-        free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
-        slowest = np.where(free, self.powers(x), np.inf).min(axis=1)
-        return x, found & (left < np.maximum(_BALANCED, _BLUR / np.maximum(slowest, _SLOWEST)))
+        x, found = self._sharpened(x)
+        if not found.all():
+            # Of a mass that hardly moves rounding blurs the direction. Seen from here it does not.
+            left = np.flatnonzero(~found)
+            bad = self.of(left).seen_from(x[left], np.zeros((len(left), self.b.shape[1]), bool))
+            z, found[left] = bad._sharpened(np.zeros(bad.load.shape))
+            x[left] += z
+        return x, found
 
-    def _descended(self, x: np.ndarray, width: float, last: float) -> tuple[np.ndarray, np.ndarray]:
-        """Newton's steps down a convex sum, each shortened until it descends; which ended.
+    def seen_from(self, x: np.ndarray, rest: np.ndarray) -> LeastPower:
+        """The same for changes of `x` (G, n), where the masses `rest` (G, m) do rest."""
+        return replace(self, b=self.velocities(x) * ~rest[..., None])
+
+    def _sharpened(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same at one go."""
+        x = self._descended(x, 0.0, 1e-13)
+        _, slope, curvature = self.slopes(x)
+        step = np.abs(_step(slope, np.nan_to_num(curvature))).max(axis=1, initial=0.0)
+        near = step < _NEAR * (1 + np.abs(x).max(axis=1, initial=0.0))
+        return x, near & (np.abs(slope).max(axis=1, initial=0.0) < _BALANCED)
+
+    def _descended(self, x: np.ndarray, width: float, last: float) -> np.ndarray:
+        """Newton's steps down a convex sum, each shortened until it descends.
 
         The one of `numerics.newton` lessens the slope, which is bounded far out: it would leave.
         """
-        x, found = x.copy(), np.zeros(len(x), bool)
+        x = x.copy()
+        free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
         open_ = np.arange(len(x))
         for _ in range(_STEPS if width else _SHARP):
             body = self.of(open_)
@@ -117,10 +132,12 @@ class LeastPower:
             most = _FARTHEST * (1 + np.abs(x[open_]).max(axis=1))
             step *= np.minimum(1, most / np.maximum(np.abs(step).max(axis=1), _TINY))[:, None]
             small = np.abs(step).max(axis=1) < last * (1 + np.abs(x[open_]).max(axis=1))
+            if not width:  # which way a slow mass goes is told by as small steps
+                slow = np.where(free[open_], body.powers(x[open_]), 1.0).min(axis=1) / _SLOW
+                small &= np.abs(step).max(axis=1) < last * np.minimum(1, slow)
             # Over little curvature rounding of the slope moves the lowest point by more than that.
             small |= np.abs(slope).max(axis=1) < _LEVEL
             x[open_[small]] += step[small]
-            found[open_[small]] = True
             body, open_, step = body.of(~small), open_[~small], step[~small]
             if not open_.size:
                 break
@@ -129,7 +146,7 @@ class LeastPower:
             open_ = open_[factor > 0]
             if not open_.size:
                 break
-        return x, found
+        return x
 
     def shortened(
         self, x: np.ndarray, step: np.ndarray, value: np.ndarray, slope: np.ndarray, width: float
@@ -164,7 +181,7 @@ class LeastPower:
         weights = self.ground.squares(np.ones((*self.b.shape[:2], 2)))
         H = np.einsum("gmcn,gmc,gmck->gnk", self.J, weights, self.J)
         g = np.einsum("gmcn,gmc,gmc->gn", self.J, weights, self.b)
-        return -np.linalg.solve(H, g[..., None])[..., 0]
+        return _step(g, H)
 
 
 def _step(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
@@ -172,4 +189,7 @@ def _step(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
     n = slope.shape[1]
     usual = np.trace(curvature, axis1=1, axis2=2)[:, None, None]
     ridge = (1e-15 * usual + _TINY) * np.eye(n)
-    return -np.linalg.solve(curvature + ridge, slope[..., None])[..., 0]
+    try:
+        return -np.linalg.solve(curvature + ridge, slope[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # one of them is so steep that rounding swallows the ridge
+        return -(np.linalg.pinv(curvature, hermitian=True) @ slope[..., None])[..., 0]

@@ -32,7 +32,7 @@ def least_power(body: LeastPower) -> Held:
     open_ = np.flatnonzero(~_good(least))
     if open_.size:
         some = body.of(open_)
-        moving = held(some, _let_go(some, least.of(open_)), np.zeros_like(least.rest[open_]))
+        moving = _let_go(some, least.of(open_))
         # Where rounding keeps a mass that hardly slips from balance, it is left at rest.
         takes = moving.balances | (least.hold[open_] > 1 + _DOUBTFUL) | ~least.fits[open_]
         least.put(open_[takes], moving.of(takes))
@@ -70,10 +70,13 @@ def _pivoted(body: LeastPower) -> Held:
     return tried.of(order[np.append(True, np.diff(of[order]) > 0)])
 
 
-def _let_go(body: LeastPower, least: Held) -> np.ndarray:
-    """Lowest velocities (G, n) where masses at rest go that the ground cannot hold."""
-    way = way_out(body, least)
-    return least.x + body.along(least.x, way).least()[:, None] * way
+def _let_go(body: LeastPower, least: Held) -> Held:
+    """Motions in which masses at rest go that the ground cannot hold, and no mass rests."""
+    way, none = way_out(body, least), np.zeros_like(least.rest)
+    seen = body.seen_from(least.x, least.rest)
+    start = seen.along(0 * least.x, way).least()[:, None] * way
+    moving = held(seen, start, none)
+    return replace(moving, x=least.x + moving.x)
 
 
 def way_out(body: LeastPower, least: Held) -> np.ndarray:

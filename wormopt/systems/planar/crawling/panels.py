@@ -15,7 +15,7 @@ from wormopt.systems.planar.crawling.phases import THIN, Course, Phase, Sample
 # What a panel may miss, as a share of how far the stroke moves the masses in the body; and how
 # often a panel is halved.
 _MISSED, _HALVINGS = 1e-12, 24
-_WIDE = 1e3 * THIN  # nodes of narrower panels lie so near breaks that rounding decides what rests
+_WIDE = 1e2 * THIN  # nodes of narrower panels lie so near breaks that rounding decides what rests
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,9 @@ import numpy as np
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
-# How closely breaks are closed in on, and at which shares of a gap is looked. Masses slower than
-# that at both ends of a phase do not tell whether there was one: it is left out. As the velocity is
-# continuous, it adds to no integral more than its square.
-_POINT, _PARTS, THIN = 1e-12, np.arange(1, 10) / 10, 1e-9
+# How closely breaks are closed in on, and at which shares of a gap is looked. A phase so thin is left
+# out: as the velocity is continuous, it adds to no integral more than its square.
+_POINT, _PARTS, THIN = 1e-12, np.arange(1, 10) / 10, 1e-8
 _ASIDE = 1e-9
 _LEAST, _LOOKS = 1e-14, 64  # at the stroke, for its size
 
@@ -103,8 +102,12 @@ class Piece:
                 stays.append(left)  # type: ignore[arg-type]
                 begins.append(self.end if right is None else left.tau)
         long = [k for k in range(len(stays)) if begins[k + 1] - begins[k] > THIN]
-        ends = [*(begins[k] for k in long[1:]), self.end]
-        starts = [self.start, *ends[:-1]]
+        starts = [self.start]
+        for before, k in pairwise(long):
+            while k - 1 > before and (stays[k - 1].rest == stays[k].rest).all():
+                k -= 1
+            starts.append(begins[k])
+        ends = [*starts[1:], self.end]
         return [
             Phase(start, end, stays[k].rest, stays[k].back, stays[k].twist)
             for start, end, k in zip(starts, ends, long, strict=True)
@@ -123,7 +126,9 @@ def closed(course: Course, seen: list[Sample]) -> list[Sample]:
 
 def _open(a: Sample, b: Sample) -> bool:
     """Whether a break between samples is not closed in on."""
-    return b.tau - a.tau > _POINT and not a.as_in(b)
+    if (a.rest == b.rest).all():  # turning back is less of a break: forces do not leap
+        return b.tau - a.tau > THIN / 10 and not a.as_in(b)
+    return b.tau - a.tau > _POINT
 
 
 def ahead(motion: Motion) -> np.ndarray:

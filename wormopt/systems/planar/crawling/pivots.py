@@ -6,7 +6,7 @@ import numpy as np
 
 from wormopt.systems.planar.crawling.balance import LeastPower
 
-_FITS, _SINGULAR = 1e-9, 1e-20
+_SINGULAR = 1e-20
 
 
 def pivots(body: LeastPower) -> tuple[np.ndarray, np.ndarray]:
@@ -26,15 +26,18 @@ def pivots(body: LeastPower) -> tuple[np.ndarray, np.ndarray]:
         way /= np.linalg.norm(way, axis=1)[:, None]
         x += bodies.along(x, way).least()[:, None] * way
     value = bodies.smooth_value(x, 0.0)
-    off = np.abs(b + (J @ x[..., None])[..., 0]).max(axis=1)
-    value[off > _FITS * (1 + np.abs(x).max(axis=1))] = np.inf
+    value[_stays(J)] = np.inf
     return x.reshape(G, m, n), value.reshape(G, m)
 
 
 def _resting(J: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The nearest x (K, n) at which a mass rests."""
     across = J @ J.transpose(0, 2, 1)
-    singular = np.linalg.det(across) < _SINGULAR
-    across[singular] = np.eye(2)
+    across[_stays(J)] = np.eye(2)
     off = b + (J @ x[..., None])[..., 0]
     return x - (J.transpose(0, 2, 1) @ np.linalg.solve(across, off[..., None]))[..., 0]
+
+
+def _stays(J: np.ndarray) -> np.ndarray:
+    """Whether a mass (K,) has a velocity, in one direction at least, that no x changes."""
+    return np.linalg.det(J @ J.transpose(0, 2, 1)) < _SINGULAR
