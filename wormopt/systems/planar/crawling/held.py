@@ -74,7 +74,7 @@ def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = T
     loose = np.flatnonzero((np.abs(N).max(axis=(1, 2), initial=0.0) > 0) & go.any(axis=1))
     if loose.size:
         free = body.of(loose).restricted(x[loose], go[loose], N[loose])
-        z, found = free.sharp(np.zeros((len(loose), n)))
+        z, found = _from_lines(free, N[loose])
         if careful and not found.all():  # a mass that hardly moves needs a careful approach
             bad = free.of(~found)
             z[~found], found[~found] = bad.sharp(bad.smoothed(_NARROW))
@@ -99,3 +99,19 @@ def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = T
         resting = LeastPower(body.J[at], body.b[at], -slope[some], ground)
         push[at], hold[some], slips[at] = reactions(resting, Q[some])
     return Held(x, rest.copy(), fits, balances, push, hold, slips, stiffness)
+
+
+def _from_lines(body: LeastPower, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least power (G, n) on the ways N (G, n, n), and whether it was found.
+
+    With a single way to go, and where Newton's steps end at a kink, the line along it is halved.
+    """
+    z, found = body.sharp(np.zeros(body.load.shape))
+    ways = np.abs(N).max(axis=1) > 0
+    one = np.flatnonzero(~found & (ways.sum(axis=1) == 1))
+    if one.size:
+        line = body.of(one)
+        way = ways[one].astype(float)
+        start = line.along(0 * way, way).least()[:, None] * way
+        z[one], found[one] = line.sharp(start)
+    return z, found
