@@ -11,6 +11,7 @@ from wormopt.systems.planar.crawling.line import Line
 
 WIDTHS = 10.0 ** -np.arange(0, 9)
 _TINY, _FARTHEST = 1e-100, 1e3
+_STOPPED = 1e-13
 _BALANCED, _NEAR, _SLOW = 1e-9, 1e-11, 1e-6  # forces that are left, and speeds of which one takes care
 _STEPS, _SHORTENED, _SHARP, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 25, 12, 1e-13, 3e-15
 
@@ -96,13 +97,16 @@ class LeastPower:
     def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least power without smoothing from `x` on, and whether it was found: no mass stops."""
         x, found = self._sharpened(x)
-        if not found.all():
+        free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
+        slowest = np.where(free, self.powers(x), 1.0).min(axis=1)
+        left = np.flatnonzero(~found & (slowest < _SLOW))
+        if left.size:
             # Of a mass that hardly moves rounding blurs the direction. Seen from here it does not.
-            left = np.flatnonzero(~found)
             bad = self.of(left).seen_from(x[left], np.zeros((len(left), self.b.shape[1]), bool))
             z, found[left] = bad._sharpened(np.zeros(bad.load.shape))
             x[left] += z
-        return x, found
+            slowest[left] = np.where(free[left], bad.powers(z), 1.0).min(axis=1)
+        return x, found & (slowest > _STOPPED)  # pushes of those at rest may balance as well
 
     def seen_from(self, x: np.ndarray, rest: np.ndarray) -> LeastPower:
         """The same for changes of `x` (G, n), where the masses `rest` (G, m) do rest."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import islice, pairwise, takewhile
 
 import numpy as np
 
@@ -120,8 +120,20 @@ def closed(course: Course, seen: list[Sample]) -> list[Sample]:
         asked = [a.tau + (b.tau - a.tau) * _PARTS for a, b in gaps]
         sides = zip(asked, gaps, strict=True)
         near = [a if t - a.tau < b.tau - t else b for own, (a, b) in sides for t in own]
-        seen = sorted([*seen, *course.sample(np.concatenate(asked), near)], key=lambda one: one.tau)
+        looked = iter(course.sample(np.concatenate(asked), near))
+        for a, b in gaps:
+            found = list(islice(looked, len(_PARTS)))
+            seen += found if b.tau - a.tau > THIN else _thinned(found, a, b)
+        seen = sorted(seen, key=lambda one: one.tau)
     return seen
+
+
+def _thinned(found: list[Sample], a: Sample, b: Sample) -> list[Sample]:
+    """Samples of a gap so thin that no phase is told in it: up to where `a` ends, `b` after it."""
+    stays = [one for one in takewhile(lambda one: (one.rest == a.rest).all(), found)]
+    rest = found[len(stays) :]
+    begun = [replace(b, tau=rest[0].tau)] if rest else []
+    return [*(replace(a, tau=one.tau) for one in stays), *begun]
 
 
 def _open(a: Sample, b: Sample) -> bool:
