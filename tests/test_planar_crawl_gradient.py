@@ -98,7 +98,10 @@ def test_derivatives_are_differences_of_crawls(seed):
     numbers = np.column_stack([*rng.uniform(0.8, 1.6, (2, n + 1)), rng.uniform(1.0, 4.0, n + 1)])
     if seed % 2:
         start, way = rng.uniform(-1.0, 1.0, (2, 4, n - 1))
-        make = P.Polygon
+
+        def make(rows):
+            return P.Polygon(rows)
+
     else:
         start = np.vstack([rng.uniform(-0.2, 0.2, (1, n - 1)), rng.uniform(-1, 1, (2, n - 1))])
         way = rng.normal(size=start.shape)
@@ -111,9 +114,9 @@ def test_derivatives_are_differences_of_crawls(seed):
     both = [_told(shape, laws, make(start + sign * eps * way)) for sign in (1, -1)]
     assert slopes.stroke[0] == pytest.approx((both[0] - both[1]) / (2 * eps), abs=1e-6, rel=1e-6)
     harder = rng.normal(size=numbers.shape)
-    both = [
-        _told(shape, [Elliptic(*row) for row in (numbers + sign * eps * harder).tolist()], make(start))
-        for sign in (1, -1)
-    ]
+    both = []
+    for sign in (1, -1):
+        rows = (numbers + sign * eps * harder).tolist()
+        both.append(_told(shape, [Elliptic(*row) for row in rows], make(start)))
     told = np.einsum("mk,mkd->d", harder, slopes.ground)
     assert told == pytest.approx((both[0] - both[1]) / (2 * eps), abs=1e-6, rel=1e-6)

@@ -11,8 +11,9 @@ from wormopt.systems.planar.crawling.line import Line
 
 WIDTHS = 10.0 ** -np.arange(0, 9)
 _TINY, _FARTHEST = 1e-100, 1e3
-_STOPPED = 1e-13
-_BALANCED, _NEAR, _SLOW = 1e-9, 1e-11, 1e-6  # forces that are left, and speeds of which one takes care
+_STOPPED = 1e-13  # powers of masses that do not move
+# Forces that are left, steps that are left, and speeds below which directions are blurred.
+_BALANCED, _NEAR, _SLOW = 1e-9, 1e-11, 1e-6
 _STEPS, _SHORTENED, _SHARP, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 25, 12, 1e-13, 3e-15
 
 
@@ -91,19 +92,19 @@ class LeastPower:
         """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths, from `x` on."""
         x = self._squares() if x is None else x
         for width in widths:
-            x = self._descended(x, float(width), 1e-9)
+            x = self.descended(x, float(width), 1e-9)
         return x
 
     def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least power without smoothing from `x` on, and whether it was found: no mass stops."""
-        x, found = self._sharpened(x)
+        x, found = _sharpened(self, x)
         free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
         slowest = np.where(free, self.powers(x), 1.0).min(axis=1)
         left = np.flatnonzero(~found & (slowest < _SLOW))
         if left.size:
             # Of a mass that hardly moves rounding blurs the direction. Seen from here it does not.
             bad = self.of(left).seen_from(x[left], np.zeros((len(left), self.b.shape[1]), bool))
-            z, found[left] = bad._sharpened(np.zeros(bad.load.shape))
+            z, found[left] = _sharpened(bad, np.zeros(bad.load.shape))
             x[left] += z
             slowest[left] = np.where(free[left], bad.powers(z), 1.0).min(axis=1)
         return x, found & (slowest > _STOPPED)  # pushes of those at rest may balance as well
@@ -112,15 +113,7 @@ class LeastPower:
         """The same for changes of `x` (G, n), where the masses `rest` (G, m) do rest."""
         return replace(self, b=self.velocities(x) * ~rest[..., None])
 
-    def _sharpened(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same at one go."""
-        x = self._descended(x, 0.0, 1e-13)
-        _, slope, curvature = self.slopes(x)
-        step = np.abs(_step(slope, np.nan_to_num(curvature))).max(axis=1, initial=0.0)
-        near = step < _NEAR * (1 + np.abs(x).max(axis=1, initial=0.0))
-        return x, near & (np.abs(slope).max(axis=1, initial=0.0) < _BALANCED)
-
-    def _descended(self, x: np.ndarray, width: float, last: float) -> np.ndarray:
+    def descended(self, x: np.ndarray, width: float, last: float) -> np.ndarray:
         """Newton's steps down a convex sum, each shortened until it descends.
 
         The one of `numerics.newton` lessens the slope, which is bounded far out: it would leave.
@@ -197,3 +190,12 @@ def _step(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
         return -np.linalg.solve(curvature + ridge, slope[..., None])[..., 0]
     except np.linalg.LinAlgError:  # one of them is so steep that rounding swallows the ridge
         return -(np.linalg.pinv(curvature, hermitian=True) @ slope[..., None])[..., 0]
+
+
+def _sharpened(body: LeastPower, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least power by Newton's steps from `x` (G, n), and whether these ended in balance."""
+    x = body.descended(x, 0.0, 1e-13)
+    _, slope, curvature = body.slopes(x)
+    step = np.abs(_step(slope, np.nan_to_num(curvature))).max(axis=1, initial=0.0)
+    near = step < _NEAR * (1 + np.abs(x).max(axis=1, initial=0.0))
+    return x, near & (np.abs(slope).max(axis=1, initial=0.0) < _BALANCED)

@@ -146,6 +146,7 @@ def crawl(
 def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], list[Panel]]:
     """Phases of pieces and panels on them, looked through until none shows another phase."""
     known: dict[tuple[float, float], list[Panel]] = {}
+    found: list[Phase] = []
     for turn in range(_ROUNDS + 1):
         pieces = [replace(piece, seen=closed(course, piece.seen)) for piece in pieces]
         found = [phase for piece in pieces for phase in piece.phases]

@@ -37,7 +37,7 @@ class Held:
 
 
 def freedom(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Nearest `x` (G, n) where masses `rest` (G, m) rest, and what spans the ways left and hindered.
+    """Nearest `x` (G, n) where masses `rest` (G, m) rest, ways left, and ways hindered.
 
     Both are square (G, n, n), in columns and in rows, with zeros for what does not belong.
     """

@@ -19,7 +19,8 @@ from wormopt.systems.planar.crawling.held import FITS, Held, held
 from wormopt.systems.planar.crawling.pivots import pivots
 from wormopt.systems.planar.crawling.reactions import load_gauge, turned_out
 
-# By so much a gauge may pass 1; masses are tried whose power is as near the least; how often a guess is changed.
+# By so much a gauge may pass 1; masses are tried whose power is as near the least; how often a
+# guess is changed. By how much a gauge may pass 1 where rounding keeps a mass from slipping.
 _SLACK, _SAME, _CHANGES = 1e-11, 1e-8, 4
 _DOUBTFUL = 1e-8
 _SLOW = (1e-10, 1e-9, 1e-8, 0.0)  # powers that rounding may make

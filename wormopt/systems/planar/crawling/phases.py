@@ -12,8 +12,8 @@ import numpy as np
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
-# How closely breaks are closed in on, and at which shares of a gap is looked. A phase so thin is left
-# out: as the velocity is continuous, it adds to no integral more than its square.
+# How closely breaks are closed in on, and at which shares of a gap is looked. A phase so thin is
+# left out: as the velocity is continuous, it adds to no integral more than its square.
 _POINT, _PARTS, THIN = 1e-12, np.arange(1, 10) / 10, 1e-8
 _ASIDE = 1e-9
 _LEAST, _LOOKS = 1e-14, 64  # at the stroke, for its size
@@ -95,12 +95,9 @@ class Piece:
     @property
     def phases(self) -> list[Phase]:
         """Phases, if samples close in on every break."""
-        begins = [self.start]
-        stays: list[Sample] = []
-        for left, right in pairwise([*self.seen, None]):
-            if right is None or not left.as_in(right):  # type: ignore[arg-type]  pairs end with it
-                stays.append(left)  # type: ignore[arg-type]
-                begins.append(self.end if right is None else left.tau)
+        changes = [k for k, (a, b) in enumerate(pairwise(self.seen)) if not a.as_in(b)]
+        stays = [self.seen[k] for k in (*changes, -1)]
+        begins = [self.start, *(self.seen[k].tau for k in changes), self.end]
         long = [k for k in range(len(stays)) if begins[k + 1] - begins[k] > THIN]
         starts = [self.start]
         for before, k in pairwise(long):
@@ -130,7 +127,7 @@ def closed(course: Course, seen: list[Sample]) -> list[Sample]:
 
 def _thinned(found: list[Sample], a: Sample, b: Sample) -> list[Sample]:
     """Samples of a gap so thin that no phase is told in it: up to where `a` ends, `b` after it."""
-    stays = [one for one in takewhile(lambda one: (one.rest == a.rest).all(), found)]
+    stays = list(takewhile(lambda one: (one.rest == a.rest).all(), found))
     rest = found[len(stays) :]
     begun = [replace(b, tau=rest[0].tau)] if rest else []
     return [*(replace(a, tau=one.tau) for one in stays), *begun]

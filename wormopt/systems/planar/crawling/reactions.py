@@ -72,7 +72,7 @@ def load_gauge(body: LeastPower) -> tuple[np.ndarray, ...]:
 def _on_a_line(body: LeastPower) -> tuple[np.ndarray, ...]:
     """Pushes, who slips, the power and z, of a body that has one way to go, or none."""
     z = np.zeros(body.load.shape)
-    if z.shape[1]:
+    if z.size:
         z[:, 0] = body.along(z, np.ones(z.shape)).least()
     power = body.powers(z)
     return _pushes(body, z, power > 0), power > 0, power.sum(axis=1), z
@@ -107,9 +107,7 @@ def _pushes(body: LeastPower, x: np.ndarray, go: np.ndarray) -> np.ndarray:
     return body.ground.squares(v) * v / np.maximum(power, _TINY)[..., None]
 
 
-def turned_out(
-    body: LeastPower, push: np.ndarray, i: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def turned_out(body: LeastPower, push: np.ndarray, i: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Push (G, 2) of a mass i (G,) at rest by those of the others, and where it would go (G, n)."""
     every = np.arange(len(i))
     slope = np.einsum("gmcn,gmc->gn", body.J, push) - body.load
