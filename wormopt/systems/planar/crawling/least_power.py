@@ -23,7 +23,8 @@ from wormopt.systems.planar.crawling.reactions import load_gauge, turned_out
 # guess is changed. By how much a gauge may pass 1 where rounding keeps a mass from slipping.
 _SLACK, _SAME, _CHANGES = 1e-11, 1e-8, 4
 _DOUBTFUL = 1e-8
-_SLOW = (1e-10, 1e-9, 1e-8, 0.0)  # powers that rounding may make
+_ALL_BUT = 1e-4
+_SLOW = (1e-10, 1e-9, 1e-8)  # powers that rounding may make
 
 
 def least_power(body: LeastPower) -> Held:
@@ -36,26 +37,31 @@ def least_power(body: LeastPower) -> Held:
         moving = _let_go(some, least.of(open_))
         # Where rounding keeps a mass that hardly slips from balance, it is left at rest.
         takes = moving.balances | (least.hold[open_] > 1 + _DOUBTFUL) | ~least.fits[open_]
-        least.put(open_[takes], moving.of(takes))
-        left = open_[takes & ~moving.balances]
-        if left.size:
-            least.put(left, _nearly(body.of(left), least.x[left]))
+        least.put(open_[moving.balances], moving.of(moving.balances))
+        left = takes & ~moving.balances
+        if left.any():
+            pivoted = least.of(open_[left])
+            least.put(open_[left], _nearly(some.of(left), moving.x[left], pivoted))
     return least
 
 
-def _nearly(body: LeastPower, x: np.ndarray) -> Held:
+def _nearly(body: LeastPower, x: np.ndarray, pivoted: Held) -> Held:
     """Motions in which masses so slow that rounding decides count as at rest.
 
-    They are of least power for velocities changed by as little.
+    They are of least power for velocities changed by as little. Where that does not help, the best
+    motion about a mass at rest, if the ground all but holds it.
     """
     least = held(body, x, body.powers(x) < _SLOW[0])
+    bad = np.flatnonzero(~(least.balances & (least.hold <= 1 + _SLACK)))
     for slow in _SLOW[1:]:
+        if bad.size:
+            some = body.of(bad)
+            least.put(bad, held(some, x[bad], some.powers(x[bad]) < slow))
         bad = np.flatnonzero(~(least.balances & (least.hold <= 1 + _SLACK)))
-        if not bad.size:
-            return least
-        some = body.of(bad)
-        least.put(bad, held(some, x[bad], some.powers(x[bad]) < slow))
-    raise SolveError("no velocity of least power was found")
+    least.put(bad, pivoted.of(bad))
+    if not (pivoted.fits & pivoted.balances & (pivoted.hold < 1 + _ALL_BUT))[bad].all():
+        raise SolveError("no velocity of least power was found")
+    return least
 
 
 def _pivoted(body: LeastPower) -> Held:
