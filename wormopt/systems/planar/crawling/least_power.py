@@ -72,7 +72,7 @@ def _pivoted(body: LeastPower) -> Held:
     bodies = body.of(of)
     rest = bodies.powers(x[of, i]) < FITS
     rest[np.arange(len(i)), i] = True
-    tried = held(bodies, x[of, i], rest, careful=False)
+    tried = held(bodies, x[of, i], rest)
     order = np.lexsort((tried.hold, ~(tried.fits & tried.balances), of))
     return tried.of(order[np.append(True, np.diff(of[order]) > 0)])
 
