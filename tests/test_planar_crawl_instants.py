@@ -86,7 +86,7 @@ def test_three_links_crawl_under_a_load(ahead):
     circle = P.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
     found = P.crawl(THREE, SNAKE, circle, load=(ahead, 0.0, 0.0))
     # half a stroke mirrors the other: no turn; and even phases, each without a guess, agree
-    assert abs(found.displacement[2]) < 1e-9
+    assert abs(found.displacement[2]) < 1e-8  # what random crawls are held to
     twist = found.course.at((np.arange(2000) + 0.5) / 2000).twist
     assert twist[:, 2].mean() == pytest.approx(0.0, abs=1e-6)
     turn = np.cumsum(twist[:, 2]) / 2000 - twist[:, 2] / 4000
