@@ -12,6 +12,8 @@ from wormopt.systems.planar.body.strokes import Harmonics as Harmonics
 from wormopt.systems.planar.body.strokes import Polygon as Polygon
 from wormopt.systems.planar.crawling.crawl import Crawl as Crawl
 from wormopt.systems.planar.crawling.crawl import crawl as crawl
+from wormopt.systems.planar.crawling.gradient import CrawlGradient as CrawlGradient
+from wormopt.systems.planar.crawling.gradient import crawl_gradient as crawl_gradient
 from wormopt.systems.planar.crawling.velocity import crawl_velocity as crawl_velocity
 from wormopt.systems.planar.design.aim import PlanarAim as PlanarAim
 from wormopt.systems.planar.design.aim import PlanarLimits as PlanarLimits

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from wormopt.systems.planar.crawling.ground import Ground
+from wormopt.systems.planar.crawling.line import Line
 
 WIDTHS = 10.0 ** -np.arange(0, 9)
-_TINY, _FARTHEST = 1e-300, 1e3
-_STEPS, _SHORTENED, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 8, 1e-13, 3e-15
+_TINY, _FARTHEST = 1e-100, 1e3
+_STOPPED = 1e-13  # powers of masses that do not move
+# Forces that are left, steps that are left, and speeds below which directions are blurred.
+_BALANCED, _NEAR, _SLOW = 1e-9, 1e-11, 1e-6
+_STEPS, _SHORTENED, _SHARP, _SHARPENED, _ROUNDING, _LEVEL = 60, 40, 25, 12, 1e-13, 3e-15
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +31,8 @@ class LeastPower:
 
     def of(self, points: np.ndarray) -> LeastPower:
         """Some of the bodies."""
-        return LeastPower(self.J[points], self.b[points], self.load[points], self.ground)
+        ground = self.ground.of_bodies(points)
+        return LeastPower(self.J[points], self.b[points], self.load[points], ground)
 
     def velocities(self, x: np.ndarray) -> np.ndarray:
         """Velocities (G, m, 2) of the masses."""
@@ -60,34 +65,63 @@ class LeastPower:
         size = np.sqrt((self.ground.squares(v) * v**2).sum(axis=-1) + width**2)
         return size.sum(axis=1) - (self.load * x).sum(axis=1)
 
-    def restricted(self, x: np.ndarray, masses: np.ndarray, N: np.ndarray) -> LeastPower:
-        """Of some masses, with what is left free: the columns of N (G, n, k) from `x` on."""
+    def restricted(self, x: np.ndarray, go: np.ndarray, N: np.ndarray) -> LeastPower:
+        """Of the masses that `go` (G, m), moved along the columns of N (G, n, k) from `x` on."""
+        of = go[..., None]
         return LeastPower(
-            np.einsum("gmcn,gnk->gmck", self.J[:, masses], N),
-            self.velocities(x)[:, masses],
+            np.einsum("gmcn,gnk->gmck", self.J * of[..., None], N),
+            self.velocities(x) * of,
             np.einsum("gnk,gn->gk", N, self.load),
-            self.ground.of(masses),
+            self.ground,
         )
+
+    def along(self, x: np.ndarray, way: np.ndarray) -> Line:
+        """The same on lines from `x` (G, n) along `way`."""
+        v, by = self.velocities(x), np.einsum("gmcn,gn->gmc", self.J, way)
+        ground = self.ground
+        ahead, back, aside = (
+            np.broadcast_to(f, v.shape[:2]).T
+            for f in (ground.forward, ground.backward, ground.sideways)
+        )
+        return Line(
+            v[..., 0].T, aside * v[..., 1].T, by[..., 0].T, aside * by[..., 1].T,
+            ahead, back, (self.load * way).sum(axis=1),
+        )  # fmt: skip
 
     def smoothed(self, widths: np.ndarray = WIDTHS, x: np.ndarray | None = None) -> np.ndarray:
         """Least of sum sqrt(psi_i^2 + width^2) - load.x, by ever smaller widths, from `x` on."""
         x = self._squares() if x is None else x
         for width in widths:
-            x = self._descended(x, float(width), 1e-9)[0]
+            x = self.descended(x, float(width), 1e-9)
         return x
 
     def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least power without smoothing from `x` on, and whether it was found: masses all move."""
-        return self._descended(x, 0.0, 1e-13)
+        """Least power without smoothing from `x` on, and whether it was found: no mass stops."""
+        x, found = _sharpened(self, x)
+        free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
+        slowest = np.where(free, self.powers(x), 1.0).min(axis=1)
+        left = np.flatnonzero(~found & (slowest < _SLOW))
+        if left.size:
+            # Of a mass that hardly moves rounding blurs the direction. Seen from here it does not.
+            bad = self.of(left).seen_from(x[left], np.zeros((len(left), self.b.shape[1]), bool))
+            z, found[left] = _sharpened(bad, np.zeros(bad.load.shape))
+            x[left] += z
+            slowest[left] = np.where(free[left], bad.powers(z), 1.0).min(axis=1)
+        return x, found & (slowest > _STOPPED)  # pushes of those at rest may balance as well
 
-    def _descended(self, x: np.ndarray, width: float, last: float) -> tuple[np.ndarray, np.ndarray]:
-        """Newton's steps down a convex sum, each shortened until it descends; which ended.
+    def seen_from(self, x: np.ndarray, rest: np.ndarray) -> LeastPower:
+        """The same for changes of `x` (G, n), where the masses `rest` (G, m) do rest."""
+        return replace(self, b=self.velocities(x) * ~rest[..., None])
+
+    def descended(self, x: np.ndarray, width: float, last: float) -> np.ndarray:
+        """Newton's steps down a convex sum, each shortened until it descends.
 
         The one of `numerics.newton` lessens the slope, which is bounded far out: it would leave.
         """
-        x, found = x.copy(), np.zeros(len(x), bool)
+        x = x.copy()
+        free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
         open_ = np.arange(len(x))
-        for _ in range(_STEPS):
+        for _ in range(_STEPS if width else _SHARP):
             body = self.of(open_)
             value, slope, curvature = body.slopes(x[open_], width)
             step = _step(slope, curvature)
@@ -95,10 +129,12 @@ class LeastPower:
             most = _FARTHEST * (1 + np.abs(x[open_]).max(axis=1))
             step *= np.minimum(1, most / np.maximum(np.abs(step).max(axis=1), _TINY))[:, None]
             small = np.abs(step).max(axis=1) < last * (1 + np.abs(x[open_]).max(axis=1))
+            if not width:  # which way a slow mass goes is told by as small steps
+                slow = np.where(free[open_], body.powers(x[open_]), 1.0).min(axis=1) / _SLOW
+                small &= np.abs(step).max(axis=1) < last * np.minimum(1, slow)
             # Over little curvature rounding of the slope moves the lowest point by more than that.
             small |= np.abs(slope).max(axis=1) < _LEVEL
             x[open_[small]] += step[small]
-            found[open_[small]] = True
             body, open_, step = body.of(~small), open_[~small], step[~small]
             if not open_.size:
                 break
@@ -107,23 +143,30 @@ class LeastPower:
             open_ = open_[factor > 0]
             if not open_.size:
                 break
-        return x, found
+        return x
 
     def shortened(
         self, x: np.ndarray, step: np.ndarray, value: np.ndarray, slope: np.ndarray, width: float
     ) -> np.ndarray:
-        """By how much each step is shortened; 0 where none descends."""
+        """By how much each step is shortened; 0 where none descends.
+
+        Values tell less than slopes do: near the least one they differ by rounding alone.
+        """
         falls = (slope * step).sum(axis=1)
+        level = _ROUNDING * np.abs(value)
         factor, worse = np.ones(len(x)), np.arange(len(x))
         for _ in range(_SHORTENED if width else _SHARPENED):
             part = self.of(worse)
-            tried = part.smooth_value(x[worse] + factor[worse, None] * step[worse], width)
-            allowed = (
-                value[worse]
-                + 1e-4 * factor[worse] * falls[worse]
-                + _ROUNDING * np.abs(value[worse])
-            )
-            worse = worse[~(tried <= allowed)]
+            by = factor[worse, None] * step[worse]
+            tried = part.smooth_value(x[worse] + by, width)
+            clear = -factor[worse] * falls[worse] > level[worse]
+            good = clear & (tried <= value[worse] + 1e-4 * factor[worse] * falls[worse])
+            doubt = ~good & (tried <= value[worse] + level[worse])
+            if doubt.any():
+                some = worse[doubt]
+                after = self.of(some).slopes(x[some] + by[doubt], width)[1]
+                good[doubt] = np.abs((after * step[some]).sum(axis=1)) <= -falls[some] / 2
+            worse = worse[~good]
             if not worse.size:
                 return factor
             factor[worse] /= 2
@@ -135,7 +178,7 @@ class LeastPower:
         weights = self.ground.squares(np.ones((*self.b.shape[:2], 2)))
         H = np.einsum("gmcn,gmc,gmck->gnk", self.J, weights, self.J)
         g = np.einsum("gmcn,gmc,gmc->gn", self.J, weights, self.b)
-        return -np.linalg.solve(H, g[..., None])[..., 0]
+        return _step(g, H)
 
 
 def _step(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
@@ -143,4 +186,16 @@ def _step(slope: np.ndarray, curvature: np.ndarray) -> np.ndarray:
     n = slope.shape[1]
     usual = np.trace(curvature, axis1=1, axis2=2)[:, None, None]
     ridge = (1e-15 * usual + _TINY) * np.eye(n)
-    return -np.linalg.solve(curvature + ridge, slope[..., None])[..., 0]
+    try:
+        return -np.linalg.solve(curvature + ridge, slope[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # one of them is so steep that rounding swallows the ridge
+        return -(np.linalg.pinv(curvature, hermitian=True) @ slope[..., None])[..., 0]
+
+
+def _sharpened(body: LeastPower, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least power by Newton's steps from `x` (G, n), and whether these ended in balance."""
+    x = body.descended(x, 0.0, 1e-13)
+    _, slope, curvature = body.slopes(x)
+    step = np.abs(_step(slope, np.nan_to_num(curvature))).max(axis=1, initial=0.0)
+    near = step < _NEAR * (1 + np.abs(x).max(axis=1, initial=0.0))
+    return x, near & (np.abs(slope).max(axis=1, initial=0.0) < _BALANCED)

@@ -13,7 +13,7 @@ from wormopt.model.planar_friction import Elliptic, PlanarLaw
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """Resistances of the masses, each an array (m,)."""
+    """Resistances of the masses, each an array (m,), or (G, m) where bodies differ."""
 
     forward: np.ndarray
     backward: np.ndarray
@@ -32,9 +32,13 @@ class Ground:
         """Size (..., m) of what the masses push against the ground, held up to 1."""
         return np.sqrt((push**2 / self.squares(push)).sum(axis=-1))
 
-    def of(self, masses: np.ndarray) -> Ground:
-        """The ground below some of the masses."""
-        return Ground(self.forward[masses], self.backward[masses], self.sideways[masses])
+    def of(self, index: np.ndarray | tuple[np.ndarray | slice | None, ...]) -> Ground:
+        """The ground below some of the masses, or of some of the bodies."""
+        return Ground(self.forward[index], self.backward[index], self.sideways[index])
+
+    def of_bodies(self, points: np.ndarray) -> Ground:
+        """The ground of some of the bodies, if they differ."""
+        return self.of(points) if self.forward.ndim == 2 else self
 
     def by(self, force: float) -> Ground:
         """The same in units of a force."""

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from wormopt.systems.planar.body.travel import Travel, gauss, gauss_nodes, travel_along
-from wormopt.systems.planar.crawling.phases import Course, Phase, Sample
+from wormopt.systems.planar.crawling.phases import THIN, Course, Phase, Sample
 
 # What a panel may miss, as a share of how far the stroke moves the masses in the body; and how
 # often a panel is halved.
 _MISSED, _HALVINGS = 1e-12, 24
+_WIDE = 1e2 * THIN  # nodes of narrower panels lie so near breaks that rounding decides what rests
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +39,14 @@ def joined(panels: Sequence[Panel]) -> tuple[Travel, float, float]:
     return replace(course, error=error), float(course.weights @ power), float(missed[3])
 
 
-def resolve(course: Course, found: list[Phase]) -> tuple[list[list[Panel]], list[Sample]]:
+def resolve(
+    course: Course, found: list[Phase], *, strict: bool
+) -> tuple[list[list[Panel]], list[Sample]]:
     """Panels of each phase, halved until polynomials follow the motion.
 
     Where a node shows that other masses rest than the phase has it, the samples of the panel are
-    given beside, for the phases to be found anew; that phase has no panels.
+    given beside, for the phases to be found anew; that phase has no panels. If not `strict`, what
+    rests is of no concern: halving closes in on breaks too, only more slowly.
     """
     seen: list[Sample] = []
     done: list[list[Panel]] = [[] for _ in found]
@@ -61,7 +65,8 @@ def resolve(course: Course, found: list[Phase]) -> tuple[list[list[Panel]], list
         fine = np.all(missed <= _MISSED * course.sizes, axis=1) | (halving == _HALVINGS)
         for j, k in enumerate(of):
             own = samples[j * tau.shape[1] : (j + 1) * tau.shape[1]]
-            if not all(one.as_in(found[k]) for one in own):
+            wide = strict and end[j] - start[j] > _WIDE
+            if wide and not all(one.as_in(found[k]) for one in own):
                 seen += own
                 wrong[k] = True
             elif fine[j]:

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice, pairwise
+from itertools import islice, pairwise, takewhile
 
 import numpy as np
 
-from wormopt.numerics.roots import root
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
-# So near a break, told by a root, both sides are looked at; how often brackets are divided, and
-# into how many parts.
-_BESIDE, _DIVISIONS, _PARTS = 1e-6, 40, 6
-_POINT, _ASIDE = 1e-14, 1e-9
-_LOOKS = 64  # at the stroke, for its size
+# How closely breaks are closed in on, and at which shares of a gap is looked. A phase so thin is
+# left out: as the velocity is continuous, it adds to no integral more than its square.
+_POINT, _PARTS, THIN = 1e-12, np.arange(1, 10) / 10, 1e-8
+_ASIDE = 1e-9
+_LEAST, _LOOKS = 1e-14, 64  # at the stroke, for its size
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,7 @@ class Course:
         tau = (np.arange(_LOOKS) + 0.5) / _LOOKS
         bodies = self.crawler.bodies(*self.stroke.at(tau))
         length = float(bodies.sizes[:, 2].mean())
-        way = max(float(bodies.speed.mean()), _POINT * length)
+        way = max(float(bodies.speed.mean()), _LEAST * length)
         return way * np.array([1.0, 1.0, 1 / length, self.crawler.force])
 
     def sample(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> list[Sample]:
@@ -79,16 +78,6 @@ class Course:
         rows = zip(tau, motion.rest, back, motion.twist, strict=True)
         return [Sample(float(t), *row) for t, *row in rows]
 
-    def hold(self, tau: float, rest: np.ndarray, near: Sample) -> Motion:
-        """Motion in which some masses are held."""
-        s, ds = self.stroke.at(tau)
-        return self.crawler.hold(s, ds, rest, near.twist[None])
-
-    def parting(self, tau: float, i: int, j: int) -> float:
-        """Rate of half the square of the distance between two masses."""
-        s, ds = self.stroke.at(tau)
-        return self.crawler.parting(s[0], ds[0], i, j)
-
 
 @dataclass(frozen=True, eq=False)
 class Piece:
@@ -106,75 +95,49 @@ class Piece:
     @property
     def phases(self) -> list[Phase]:
         """Phases, if samples close in on every break."""
-        found: list[Phase] = []
-        begin = self.start
-        for left, right in pairwise(self.seen):
-            if not left.as_in(right):
-                found.append(Phase(begin, left.tau, left.rest, left.back, left.twist))
-                begin = left.tau
-        last = self.seen[-1]
-        return [*found, Phase(begin, self.end, last.rest, last.back, last.twist)]
+        changes = [k for k, (a, b) in enumerate(pairwise(self.seen)) if not a.as_in(b)]
+        stays = [self.seen[k] for k in (*changes, -1)]
+        begins = [self.start, *(self.seen[k].tau for k in changes), self.end]
+        long = [k for k in range(len(stays)) if begins[k + 1] - begins[k] > THIN]
+        starts = [self.start]
+        for before, k in pairwise(long):
+            while k - 1 > before and (stays[k - 1].rest == stays[k].rest).all():
+                k -= 1
+            starts.append(begins[k])
+        ends = [*starts[1:], self.end]
+        return [
+            Phase(start, end, stays[k].rest, stays[k].back, stays[k].twist)
+            for start, end, k in zip(starts, ends, long, strict=True)
+        ]
 
 
 def closed(course: Course, seen: list[Sample]) -> list[Sample]:
     """Add samples until two enclose every break as closely as numbers can."""
-    for _ in range(_DIVISIONS):
-        gaps = [(a, b) for a, b in pairwise(seen) if not a.as_in(b) and b.tau - a.tau > _POINT]
-        if not gaps:
-            break
-        breaks = [_break(course, a, b) for a, b in gaps]
-        asked = [_asked(at, a, b) for at, (a, b) in zip(breaks, gaps, strict=True)]
-        tau = np.concatenate(asked)
-        near = [
-            a if t - a.tau < b.tau - t else b
-            for own, (a, b) in zip(asked, gaps, strict=True)
-            for t in own
-        ]
-        looked = iter(course.sample(tau, near))
-        for (a, b), at, own in zip(gaps, breaks, asked, strict=True):
-            found = list(islice(looked, len(own)))
-            if at is not None and found[0].as_in(a) and found[1].as_in(b):
-                found = [replace(a, tau=at), replace(b, tau=float(np.nextafter(at, 1.0)))]
-            seen += found
+    while gaps := [(a, b) for a, b in pairwise(seen) if _open(a, b)]:
+        asked = [a.tau + (b.tau - a.tau) * _PARTS for a, b in gaps]
+        sides = zip(asked, gaps, strict=True)
+        near = [a if t - a.tau < b.tau - t else b for own, (a, b) in sides for t in own]
+        looked = iter(course.sample(np.concatenate(asked), near))
+        for a, b in gaps:
+            found = list(islice(looked, len(_PARTS)))
+            seen += found if b.tau - a.tau > THIN else _thinned(found, a, b)
         seen = sorted(seen, key=lambda one: one.tau)
     return seen
 
 
-def _asked(at: float | None, a: Sample, b: Sample) -> np.ndarray:
-    """Phases close to both sides of a break; without one, that divide the gap."""
-    if at is None:
-        return a.tau + (b.tau - a.tau) * np.arange(1, _PARTS) / _PARTS
-    aside = min(_BESIDE, (at - a.tau) / 2, (b.tau - at) / 2)
-    return np.array([at - aside, at + aside])
+def _thinned(found: list[Sample], a: Sample, b: Sample) -> list[Sample]:
+    """Samples of a gap so thin that no phase is told in it: up to where `a` ends, `b` after it."""
+    stays = list(takewhile(lambda one: (one.rest == a.rest).all(), found))
+    rest = found[len(stays) :]
+    begun = [replace(b, tau=rest[0].tau)] if rest else []
+    return [*(replace(a, tau=one.tau) for one in stays), *begun]
 
 
-def _break(course: Course, left: Sample, right: Sample) -> float | None:
-    """Where a change must happen if it is the only one; None where no function tells."""
-    function = _teller(course, left, right)
-    if function is None:
-        return None
-    ends = function(left.tau), function(right.tau)
-    if not np.isfinite(ends).all() or np.sign(ends[0]) * np.sign(ends[1]) >= 0:
-        return None
-    try:
-        return root(function, left.tau, right.tau)
-    except ValueError:  # somewhere between the sets of masses do not fit
-        return None
-
-
-def _teller(course: Course, left: Sample, right: Sample):
-    """Function of the phase that changes its sign at the change from one sample to another."""
-    stops, starts = right.rest & ~left.rest, left.rest & ~right.rest
-    if stops.any() and starts.any():
-        pairs = [(int(i), int(j)) for i in np.flatnonzero(starts) for j in np.flatnonzero(stops)]
-        # Masses that a rigid link joins never part: their rate is rounding.
-        i, j = max(pairs, key=lambda pair: abs(course.parting(left.tau, *pair)))
-        return lambda tau: course.parting(tau, i, j)
-    if stops.any() or starts.any():
-        most = right if stops.any() else left
-        return lambda tau: float(course.hold(tau, most.rest, most).hold[0]) - 1
-    i = int(np.flatnonzero(left.back != right.back)[0])
-    return lambda tau: float(ahead(course.hold(tau, left.rest, left))[0, i])
+def _open(a: Sample, b: Sample) -> bool:
+    """Whether a break between samples is not closed in on."""
+    if (a.rest == b.rest).all():  # turning back is less of a break: forces do not leap
+        return b.tau - a.tau > THIN / 10 and not a.as_in(b)
+    return b.tau - a.tau > _POINT
 
 
 def ahead(motion: Motion) -> np.ndarray:

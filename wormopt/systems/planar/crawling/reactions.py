@@ -1,12 +1,121 @@
-"""What resting masses push against the ground with, where a rigid link leaves their split open."""
+"""What resting masses push against the ground with: shared out as evenly as the ground allows."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground
+from wormopt.systems.planar.crawling.pivots import pivots
 
+RANK = 1e-9
 _SAME = 1e-9  # gauges nearer than this are the same
+_TINY = 1e-100
+
+
+def reactions(body: LeastPower, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pushes (G, k, 2) of least largest gauge that bear a load, that gauge, and who slips.
+
+    Q (G, n, n) spans in its rows what the masses, which all rest, hinder.
+    """
+    G, k, _, n = body.J.shape
+    rows = body.J.reshape(G, 2 * k, n)
+    ranks = (np.abs(Q).max(axis=2) > 0).sum(axis=1)
+    push, hold, slips = np.zeros((G, k, 2)), np.zeros(G), np.zeros((G, k), bool)
+    for rank in np.unique(ranks):
+        some = np.flatnonzero(ranks == rank)
+        ground = body.ground.of_bodies(some)
+        if k == 1 or (k == 2 and rank == 3):
+            across = rows[some].transpose(0, 2, 1)
+            told = np.linalg.pinv(across, rcond=RANK) @ body.load[some, :, None]
+            told = told.reshape(-1, k, 2)
+            if k == 2:
+                way = np.linalg.svd(across)[2][:, -1].reshape(-1, 2, 2)
+                push[some], hold[some], slips[some] = split_pair(told, way, ground)
+            else:
+                push[some], hold[some], slips[some] = told, ground.gauge(told)[:, 0], True
+            continue
+        span = Q[some][:, :rank]  # singular values fall
+        load = (span @ body.load[some, :, None])[..., 0]
+        borne = np.linalg.norm(load, axis=1) > 1e-13
+        some, span, load = some[borne], span[borne], load[borne]
+        if some.size:
+            J = (rows[some] @ span.transpose(0, 2, 1)).reshape(len(some), k, 2, rank)
+            resting = LeastPower(J, np.zeros((len(some), k, 2)), load, ground.of_bodies(borne))
+            push[some], hold[some], slips[some], _ = load_gauge(resting)
+    return push, hold, slips
+
+
+def load_gauge(body: LeastPower) -> tuple[np.ndarray, ...]:
+    """How much of what all masses at rest can hold a load is, by duality.
+
+    It is the largest load.x among motions x that take the power 1. Gives the pushes (G, m, 2),
+    the gauge (G,), which masses slip first (G, m), and in what motion (G, n).
+    """
+    size = np.linalg.norm(body.load, axis=1)
+    along = body.load / size[:, None] ** 2
+    M = np.linalg.svd(body.load[:, None, :])[2][:, 1:].transpose(0, 2, 1)
+    inner = body.restricted(along, np.ones(body.b.shape[:2], bool), M)
+    inner = replace(inner, b=np.einsum("gmcn,gn->gmc", body.J, along), load=0 * inner.load)
+    # Motions along the load alone, and its unit, as they are for a body without load.
+    scale = np.abs(inner.b).max(axis=(1, 2))
+    scale[scale == 0] = 1.0
+    inner = replace(inner, b=inner.b / scale[:, None, None])
+    push, slips, worth, z = (_across if M.shape[2] == 2 else _on_a_line)(inner)
+    worth = np.maximum(worth * scale, _TINY)
+    way = along + scale[:, None] * (M @ z[..., None])[..., 0]
+    return push / worth[:, None, None], 1 / worth, slips, way
+
+
+def _on_a_line(body: LeastPower) -> tuple[np.ndarray, ...]:
+    """Pushes, who slips, the power and z, of a body that has one way to go, or none."""
+    z = np.zeros(body.load.shape)
+    if z.size:
+        z[:, 0] = body.along(z, np.ones(z.shape)).least()
+    power = body.powers(z)
+    return _pushes(body, z, power > 0), power > 0, power.sum(axis=1), z
+
+
+def _across(body: LeastPower) -> tuple[np.ndarray, ...]:
+    """The same for two ways: one mass rests where the others turn about it, or none does."""
+    G, m = body.b.shape[:2]
+    z, value = pivots(body)
+    i, every = value.argmin(axis=1), np.arange(G)
+    z, rests = z[every, i], np.isfinite(value[every, i])
+    push = _pushes(body, z, np.arange(m) != i[:, None])
+    push[every, i], way = turned_out(body, push, i)
+    rests &= body.ground.gauge(push)[every, i] <= 1
+    go = np.flatnonzero(~rests)
+    if go.size:
+        moving, way = body.of(go), way[go]
+        start = z[go] + moving.along(z[go], way).least()[:, None] * way
+        z[go], found = moving.sharp(start)
+        if not found.all():
+            z[go[~found]] = moving.of(~found).sharp(moving.of(~found).smoothed())[0]
+        push[go] = _pushes(moving, z[go], np.ones((len(go), m), bool))
+    slips = np.ones((G, m), bool)
+    slips[rests, i[rests]] = False
+    return push, slips, body.powers(z).sum(axis=1), z
+
+
+def _pushes(body: LeastPower, x: np.ndarray, go: np.ndarray) -> np.ndarray:
+    """Pushes of masses that move."""
+    v = body.velocities(x) * go[..., None]
+    power = body.ground.power(v)
+    return body.ground.squares(v) * v / np.maximum(power, _TINY)[..., None]
+
+
+def turned_out(body: LeastPower, push: np.ndarray, i: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Push (G, 2) of a mass i (G,) at rest by those of the others, and where it would go (G, n)."""
+    every = np.arange(len(i))
+    slope = np.einsum("gmcn,gmc->gn", body.J, push) - body.load
+    back = np.linalg.pinv(body.J[every, i], rcond=RANK)
+    own = -(back.transpose(0, 2, 1) @ slope[..., None])[..., 0]
+    ground = body.ground
+    ground = ground.of((every, i) if ground.forward.ndim == 2 else i)
+    return own, (back @ (own / ground.squares(own))[..., None])[..., 0]
 
 
 def split_pair(
@@ -32,7 +141,9 @@ def split_pair(
         tried += [-c1[:, 0] / (2 * c2[:, 0]), -c1[:, 1] / (2 * c2[:, 1])]
         tried += _crossings(c2[:, 0] - c2[:, 1], c1[:, 0] - c1[:, 1], c0[:, 0] - c0[:, 1])
     a = np.stack(tried, axis=1)
-    gauges = ground.gauge(push[:, None] + a[..., None, None] * way[:, None])
+    a[~np.isfinite(a)] = 0.0
+    wide = ground.of((slice(None), None))
+    gauges = wide.gauge(push[:, None] + a[..., None, None] * way[:, None])
     worst = gauges.max(axis=-1)
     best = np.nanargmin(worst, axis=1)
     rows = np.arange(len(a))

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import null_space
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.planar_friction import PlanarLaw
-from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground, ground_of
-from wormopt.systems.planar.crawling.least_power import Least, held, least_power, near
+from wormopt.systems.planar.crawling.held import Held
+from wormopt.systems.planar.crawling.least_power import least_power, near, way_out
 
 _EVEN, _ASIDE = 1e-8, 1e-2
 
@@ -96,26 +95,7 @@ class Crawler:
         bodies = self.bodies(s, ds)
         return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
 
-    def hold(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
-        """Motions in which the masses `rest` (m,) are held, whether or not the ground can.
-
-        `hold` is NaN where they cannot rest together, or the others' balance is not found at once.
-        """
-        bodies = self.bodies(s, ds)
-        found = held(bodies.body, bodies.scaled(twist), rest, careful=False)
-        all_rest = np.tile(rest, (len(s), 1))
-        least = Least(found.x, all_rest, found.push, found.hold, found.stiffness)
-        told = self._told(bodies, least)
-        return replace(told, hold=np.where(found.fits & found.balances, told.hold, np.nan))
-
-    def parting(self, s: np.ndarray, ds: np.ndarray, i: int, j: int) -> float:
-        """Rate of half the square of the distance between two masses, which no twist changes."""
-        points, headings, _, B = (np.array(part) for part in self.shape.kinematics.call([s]))
-        own = (B @ ds).reshape(-1, 2)
-        a, b = (rotate(headings[k, 0], own[k]) for k in (i, j))
-        return float((points[:, i] - points[:, j]) @ (a - b))
-
-    def _told(self, bodies: Bodies, least: Least) -> Motion:
+    def _told(self, bodies: Bodies, least: Held) -> Motion:
         """What was found, in the units asked for."""
         v = bodies.body.velocities(least.x)
         v[least.rest] = 0.0
@@ -130,32 +110,23 @@ class Crawler:
         )
 
 
-def _check_unique(body: LeastPower, least: Least) -> None:
+def _check_unique(body: LeastPower, least: Held) -> None:
     """Refuse instants at which other velocities take as little power."""
     at_limit = least.rest.any(axis=1) & (np.abs(least.hold - 1) < _EVEN)
-    open_ = (at_limit & (least.stiffness < np.inf)) | (least.stiffness < _EVEN)
-    for g in np.flatnonzero(at_limit & ~open_):
-        open_[g] = _slides_freely(body.of(np.array([g])), least.x[g], least.rest[g])
+    open_ = least.stiffness < _EVEN
+    some = np.flatnonzero(at_limit & ~open_)
+    if some.size:
+        tried, limit = body.of(some), least.of(some)
+        way = way_out(tried, limit)
+        way *= _ASIDE / np.abs(way).max(axis=1)[:, None]
+        more = tried.smooth_value(limit.x + way, 0.0) - tried.smooth_value(limit.x, 0.0)
+        open_[some] = more < _EVEN * _ASIDE
     if open_.any():
         raise SolveError(
             "the ground leaves the motion open: other velocities take as little power, as where a "
             "straight chain has as much resistance to those of its masses that go ahead as to "
             "those that go back; bend it, or make resistances differ ahead and back"
         )
-
-
-def _slides_freely(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> bool:
-    """Whether one body takes no more power as one of its masses at rest slides."""
-    least = body.smooth_value(x[None], 0.0)[0]
-    for i in np.flatnonzero(rest):
-        others = rest.copy()
-        others[i] = False
-        ways = null_space(body.J[0, others].reshape(-1, len(x))).T
-        aside = np.concatenate([x + _ASIDE * ways, x - _ASIDE * ways])
-        worth = body.of(np.zeros(len(aside), dtype=int)).smooth_value(aside, 0.0)
-        if (worth - least < _EVEN * _ASIDE).any():
-            return True
-    return False
 
 
 def crawl_velocity(

@@ -1,0 +1,117 @@
+"""Least power where some masses are held, and what they then push against the ground with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from wormopt.systems.planar.crawling.balance import LeastPower
+from wormopt.systems.planar.crawling.reactions import RANK, reactions
+
+FITS = 1e-12  # velocities that masses have which can rest together
+_NARROW = 10.0 ** -np.arange(0, 12)
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """Bodies of which some masses are held."""
+
+    x: np.ndarray  # (G, n)
+    rest: np.ndarray  # (G, m), the masses held
+    fits: np.ndarray  # (G,), whether these masses can rest at once
+    balances: np.ndarray  # (G,), whether the others, all moving, balance
+    push: np.ndarray  # (G, m, 2), what each mass pushes against the ground with
+    hold: np.ndarray  # (G,), least largest gauge of the pushes of the masses held
+    slips: np.ndarray  # (G, m), which of them slip when the ground cannot hold all
+    stiffness: np.ndarray  # (G,), least curvature where unknowns are left, infinite where none
+
+    def put(self, where: np.ndarray, other: Held) -> None:
+        """Put others in the place of some."""
+        for field in fields(Held):
+            getattr(self, field.name)[where] = getattr(other, field.name)
+
+    def of(self, points: np.ndarray) -> Held:
+        """Some of the bodies."""
+        return Held(*(getattr(self, field.name)[points] for field in fields(Held)))
+
+
+def freedom(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Nearest `x` (G, n) where masses `rest` (G, m) rest, ways left, and ways hindered.
+
+    Both are square (G, n, n), in columns and in rows, with zeros for what does not belong.
+    """
+    G, n = x.shape
+    near, free, hindered = x.copy(), np.tile(np.eye(n), (G, 1, 1)), np.zeros((G, n, n))
+    some = np.flatnonzero(rest.any(axis=1))
+    if some.size:
+        of = rest[some, :, None]
+        JS = (body.J[some] * of[..., None]).reshape(len(some), -1, n)
+        off = (body.velocities(x)[some] * of).reshape(len(some), -1)
+        if JS.shape[1] < n:  # a single mass
+            JS = np.concatenate([JS, np.zeros((len(some), n - JS.shape[1], n))], axis=1)
+            off = np.concatenate([off, np.zeros((len(some), JS.shape[1] - off.shape[1]))], axis=1)
+        columns, sizes, rows = np.linalg.svd(JS, full_matrices=False)
+        in_way = sizes > RANK * sizes[:, :1]
+        parts = np.einsum("gkn,gk->gn", columns, off)
+        parts = np.divide(parts, sizes, np.zeros_like(parts), where=in_way)
+        near[some] -= np.einsum("gnk,gn->gk", rows, parts)
+        hindered[some] = rows * in_way[..., None]
+        free[some] = (rows * ~in_way[..., None]).transpose(0, 2, 1)
+    return near, free, hindered
+
+
+def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = True) -> Held:
+    """Least power where the masses `rest` (G, m) are held, begun at `x` (G, n).
+
+    `careful`: where the others do not balance at once, they are approached by smoothing.
+    """
+    G, n = x.shape
+    x, N, Q = freedom(body, x, rest)
+    go = ~rest
+    fits = np.abs(body.velocities(x) * rest[..., None]).max(axis=(1, 2), initial=0.0) < FITS
+    balances, stiffness = np.ones(G, bool), np.full(G, np.inf)
+    loose = np.flatnonzero((np.abs(N).max(axis=(1, 2), initial=0.0) > 0) & go.any(axis=1))
+    if loose.size:
+        free = body.of(loose).restricted(x[loose], go[loose], N[loose])
+        z, found = _from_lines(free, N[loose])
+        if careful and not found.all():  # a mass that hardly moves needs a careful approach
+            bad = free.of(~found)
+            z[~found], found[~found] = bad.sharp(bad.smoothed(_NARROW))
+        curvature = np.nan_to_num(free.slopes(z)[2])
+        absent = np.eye(n) * (np.abs(N[loose]).max(axis=1) == 0)[:, None]
+        most = np.trace(curvature, axis1=1, axis2=2)[:, None, None]
+        stiffness[loose] = np.linalg.eigvalsh(curvature + (1 + most) * absent)[:, 0]
+        balances[loose] = found
+        x[loose] += (N[loose] @ z[..., None])[..., 0]
+    v = body.velocities(x)
+    power = np.maximum(body.ground.power(v), 1e-100)
+    push = np.where(rest[..., None], 0.0, body.ground.squares(v) * v / power[..., None])
+    slope = np.einsum("gmcn,gmc->gn", body.J, push) - body.load
+    hold, slips = np.zeros(G), np.zeros(rest.shape, bool)
+    counts = rest.sum(axis=1)
+    for k in np.unique(counts[counts > 0]):
+        some = np.flatnonzero(counts == k)
+        which = np.argsort(~rest[some], axis=1, kind="stable")[:, :k]
+        at = (some[:, None], which)
+        ground = body.ground
+        ground = ground.of(which if ground.forward.ndim == 1 else at)
+        resting = LeastPower(body.J[at], body.b[at], -slope[some], ground)
+        push[at], hold[some], slips[at] = reactions(resting, Q[some])
+    return Held(x, rest.copy(), fits, balances, push, hold, slips, stiffness)
+
+
+def _from_lines(body: LeastPower, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least power (G, n) on the ways N (G, n, n), and whether it was found.
+
+    With a single way to go, and where Newton's steps end at a kink, the line along it is halved.
+    """
+    z, found = body.sharp(np.zeros(body.load.shape))
+    ways = np.abs(N).max(axis=1) > 0
+    one = np.flatnonzero(~found & (ways.sum(axis=1) == 1))
+    if one.size:
+        line = body.of(one)
+        way = ways[one].astype(float)
+        start = line.along(0 * way, way).least()[:, None] * way
+        z[one], found[one] = line.sharp(start)
+    return z, found
