@@ -52,9 +52,8 @@ class Plant:
     def response(self, omega: np.ndarray) -> Complex:
         """G(i omega), shape (frequencies, outputs, inputs)."""
         points = 1j * omega[:, None, None] * np.eye(len(self.A)) - self.A
-        return self.C @ np.linalg.solve(
-            points, np.broadcast_to(self.B, (len(omega), *self.B.shape))
-        )
+        inputs = np.broadcast_to(self.B, (len(omega), *self.B.shape))
+        return (self.C @ np.linalg.solve(points, inputs)).astype(complex, copy=False)
 
 
 @dataclass(frozen=True)
