@@ -16,7 +16,7 @@ from wormopt.systems.planar.body.strokes import Polygon
 from wormopt.systems.planar.crawling.crawl import crawl
 from wormopt.systems.planar.design.aim import PlanarAim
 from wormopt.systems.planar.design.ground import Dry
-from wormopt.systems.planar.design.polish import Polish, polish, side_times
+from wormopt.systems.planar.design.polish import STEEP, Polish, polish, side_times
 from wormopt.systems.planar.design.polygons import Steps
 from wormopt.systems.planar.design.program import gait_problem
 from wormopt.systems.planar.design.search import relaxed
@@ -30,6 +30,8 @@ _SAME = 1e-7
 # Numbers so near to a limit or each other, over the ranges, are made equal: the first that will do.
 _NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
 _CORRECTIONS, _NARROWINGS = 12, 5
+# Steps of the last search, on friction as good as set-valued: each takes long, few gain anything.
+_LAST = 15
 # Part of what was found at given instants that the exact motion may lack.
 _LOST = 0.05
 
@@ -193,7 +195,7 @@ def design_stroke(
         random = np.random.default_rng([seed, k])
         try:
             first = relaxed(aim, problem, chance_corners(aim, random))
-            near = polish(aim, first.corners, iterations=60, parts=2)
+            near = polish(aim, first.corners, parts=2)
         except SolveError as error:
             refusal = error
             tried.append(float("nan"))
@@ -230,7 +232,7 @@ def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> Pla
     room, half = aim.limits.half_width, aim.limits.half_width
     for _ in range(_NARROWINGS if room is not None else 1):
         held = replace(aim, limits=replace(aim.limits, half_width=room))
-        best = _distinct(aim, polish(held, corners, iterations=60, parts=4).corners)
+        best = _distinct(aim, _steep(held, corners))
         design = _made_exact(aim, best, tried)
         if room is None or half is None:
             return design
@@ -243,6 +245,11 @@ def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> Pla
     raise SolveError(
         "the gait found leaves the passage between its corners", "write more corners, or more room"
     )
+
+
+def _steep(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
+    """Best corners near by, by friction as good as set-valued."""
+    return polish(aim, corners, parts=4, iterations=_LAST, widths=STEEP).corners
 
 
 def _made_exact(aim: PlanarAim, best: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
@@ -269,6 +276,8 @@ def _closed(
         if not miss.size or np.abs(miss).max() < CLOSED / 10:
             break
         by = task.equal_by(task.pack(corners))[:, : corners.size]
+        if not np.isfinite(by).all():
+            raise SolveError("the gait found has shapes whose motion is open", "write more starts")
         step = -np.linalg.lstsq(by @ ties, miss / task.units, rcond=None)[0]
         change = (ties @ step).reshape(corners.shape) * task.sizes
         corners = np.clip(corners + change, *aim.ranges.T)

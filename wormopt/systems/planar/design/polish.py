@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,8 +15,12 @@ from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.polygons import Sides, Steps
 from wormopt.systems.planar.design.room import Room
 
-_KEPT = 1e-5
+_KEPT = 1e-3
 """What a point may miss and still count."""
+_PRICE = 30.0
+"""Of a miss, in usual sizes of what is sought."""
+SEARCHED, STEEP = (1e-2, 1e-3, 1e-5), (1e-5, 1e-9)
+"""Widths of the potential, one after the other: where masses stop and start there is no slope."""
 
 
 # Parts of a side, at whose ends the body must be in a passage.
@@ -267,13 +272,30 @@ class Polished:
     miss: float  # largest of what should vanish
 
 
-def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) -> Polished:
-    """Best corners near by; `parts`: of a side, see `Steps`."""
+def polish(
+    aim: PlanarAim,
+    corners: np.ndarray,
+    *,
+    parts: int,
+    iterations: int = 60,
+    widths: Sequence[float] = SEARCHED,
+) -> Polished:
+    """Best corners near by, by ever steeper friction; `parts`: of a side, see `Steps`."""
     split = _SPLIT if aim.limits.half_width is not None else 1
     steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
-    task = Polish(aim, steps, len(corners), split)
+    for width in widths if isinstance(aim.ground, Dry) else widths[-1:]:
+        task = Polish(aim, replace(steps, width=width), len(corners), split)
+        best = _climbed(task, corners, iterations)
+        corners = best.corners
+    return best
+
+
+def _climbed(task: Polish, corners: np.ndarray, iterations: int) -> Polished:
+    """Where SciPy's sequential quadratic programs end, or the best point on the way there."""
+    aim = task.aim
     constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
-    if task.equal(task.pack(corners)).size:
+    first = task.pack(corners)
+    if task.equal(first).size:
         constraints.append({"type": "eq", "fun": task.equal, "jac": task.equal_by})
     best: list[Polished] = []
 
@@ -283,7 +305,6 @@ def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) 
         if not best or _merit(aim, one) < _merit(aim, best[0]):
             best[:] = [one]
 
-    first = task.pack(corners)
     seen(first)
     found = minimize(
         task.objective,
@@ -310,7 +331,8 @@ def _polished(task: Polish, w: np.ndarray) -> Polished:
 
 
 def _merit(aim: PlanarAim, one: Polished) -> tuple[bool, float]:
-    """Order: what keeps to its conditions first, then by value; else by what is missed."""
+    """Order: what nearly keeps to its conditions first, by value and miss; else by the miss."""
     if one.miss > _KEPT:
         return True, one.miss
-    return False, one.value if aim.purpose == "work" else -one.value
+    gain = -one.value if aim.purpose == "work" else one.value
+    return False, _PRICE * aim.usual * one.miss - gain
