@@ -23,6 +23,8 @@ SEARCHED, STEEP = (1e-2, 1e-3, 1e-5), (1e-5, 1e-9)
 """Widths of the potential, one after the other: where masses stop and start there is no slope."""
 
 
+# Gain, in usual sizes, below which a search ends: a tenth of this, or of the width.
+_ENOUGH = 1e-7
 # Parts of a side, at whose ends the body must be in a passage.
 _SPLIT = 4
 
@@ -285,12 +287,12 @@ def polish(
     steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
     for width in widths if isinstance(aim.ground, Dry) else widths[-1:]:
         task = Polish(aim, replace(steps, width=width), len(corners), split)
-        best = _climbed(task, corners, iterations)
+        best = _climbed(task, corners, iterations, 0.1 * max(width, _ENOUGH))
         corners = best.corners
     return best
 
 
-def _climbed(task: Polish, corners: np.ndarray, iterations: int) -> Polished:
+def _climbed(task: Polish, corners: np.ndarray, iterations: int, gain: float) -> Polished:
     """Where SciPy's sequential quadratic programs end, or the best point on the way there."""
     aim = task.aim
     constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
@@ -313,7 +315,7 @@ def _climbed(task: Polish, corners: np.ndarray, iterations: int) -> Polished:
         method="SLSQP",
         bounds=task.bounds(),
         constraints=constraints,
-        options={"maxiter": iterations, "ftol": 1e-9},
+        options={"maxiter": iterations, "ftol": gain},
         callback=seen,
     )
     seen(found.x)
