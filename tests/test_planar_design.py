@@ -160,6 +160,25 @@ def test_crossing_links_are_seen():
     assert not list(crossings(open_[None]))
 
 
+@settings(max_examples=6, deadline=None)
+@given(SEEDS, st.floats(1.05, 3.0))
+def test_a_mass_that_holds_what_all_others_pull_never_moves(seed: int, more: float):
+    noise = np.random.default_rng(seed)
+    ends = noise.uniform(0.5, 2.0, (2, 3))  # F+, F-, Fn of masses 0 and 2
+    grip = more * ends.max(axis=1).sum()
+    ground = Dry(tuple(Elliptic(*map(float, law)) for law in (ends[0], [grip] * 3, ends[1])))
+    assert ground.anchor(TWO) == 1
+    with pytest.raises(ArgumentError, match="mass 1 holds"):
+        PlanarAim(TWO, ground, PlanarLimits())
+    with pytest.raises(ArgumentError, match="mass 1 holds"):
+        PlanarAim(TWO, ground, PlanarLimits(), "work", pose=(0.1, 0.0, 0.0))
+    aim = aim_of(TWO, ground, purpose="turn")
+    corners = corners_of(aim, seed)
+    turned = Steps(TWO, ground, parts=4, points=6).sides(corners).total
+    head = np.asarray(TWO.kinematics(corners[0])[0])[:, 1]
+    assert compose(turned, np.append(head, 0.0))[:2] == pytest.approx(head, abs=1e-6)
+
+
 # -- designs ---------------------------------------------------------------------------------------
 
 
@@ -252,6 +271,20 @@ def test_straight_gaits_on_dry_ground(half_width: float | None):
     assert design.value > (0.31 if half_width is None else 0.30)
     if half_width is not None:
         assert widest(design) <= half_width
+
+
+@pytest.mark.slow
+def test_a_heavier_middle_crawls_on_ground_that_resists_alike_all_ways():
+    # below the sum of the others' grips two masses can hold while the third moves
+    ground = Dry(tuple(Elliptic(grip, grip, grip) for grip in (1.0, 1.5, 1.0)))
+    aim = PlanarAim(TWO, ground, PlanarLimits(), corners=8)
+    inchworm = np.array([[0.5, 0.5, 0.0], [1.0, 0.5, 0.0], [0.5, 1.0, 0.0]])
+    straight, _ = moved(aim, inchworm)
+    assert straight == pytest.approx([0.5, 0.0, 0.0], abs=1e-9)
+    assert side_times(aim, inchworm).sum() == pytest.approx(1.5)
+    design = design_stroke(aim, starts=1, seed=1)
+    assert np.abs(design.misses).max() < 1e-9
+    assert design.value > 0.45 > 0.5 / 1.5  # bent it gets farther than straight
 
 
 @pytest.mark.slow

@@ -144,6 +144,19 @@ class PlanarAim:
                 "takes the body back with it: let lengths vary, or take more joints"
             )
 
+        self._refuse_an_anchor()
+
+    def _refuse_an_anchor(self) -> None:
+        straight = self.pose is not None and self.pose[2] == 0 and self.pose != (0.0, 0.0, 0.0)
+        if not isinstance(self.ground, Dry) or not self.closed:
+            return
+        held = self.ground.anchor(self.shape)
+        if held is not None and (self.purpose == "speed" or straight):
+            raise ArgumentError(
+                f"mass {held} holds what all others together can pull, hence never moves, and a "
+                "closed gait without a turn gets nowhere: let it grip less than their sum"
+            )
+
     @property
     def ranges(self) -> np.ndarray:
         """Least and largest value of each shape variable, (n_s, 2)."""
