@@ -115,8 +115,8 @@ def _power(
 
     def power(xi: np.ndarray) -> tuple[float, np.ndarray]:
         v = velocities(xi)
-        pull = _ALONG**2 * v.real + 1j * _ACROSS**2 * v.imag
-        sizes = np.sqrt((pull.conj() * v).real + width**2)
-        return float(sizes.sum()), ((pull / sizes).conj() @ by_twist).real
+        pull = _ALONG**2 * np.real(v) + 1j * _ACROSS**2 * np.imag(v)
+        sizes = np.sqrt(np.real(pull.conj() * v) + width**2)
+        return float(sizes.sum()), np.real((pull / sizes).conj() @ by_twist)
 
     return velocities, power

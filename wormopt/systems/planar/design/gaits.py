@@ -179,11 +179,10 @@ def design_stroke(
     --------
     >>> from wormopt.systems.planar.body.shape import chain_shape
     >>> from wormopt.systems.planar.swimming.swimmer import Swimmer
-    >>> from wormopt.systems.planar.design.ground import Viscous
     >>> from wormopt.systems.planar.design.aim import PlanarLimits
     >>> shape = chain_shape(3, lengths=(1.0, 1.0, 1.0))
-    >>> ground = Viscous(Swimmer(shape, rods=(1.0, 2.0)))
-    >>> aim = PlanarAim(shape, ground, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
+    >>> swimmer = Swimmer(shape, rods=(1.0, 2.0))
+    >>> aim = PlanarAim(shape, swimmer, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
     >>> round(design_stroke(aim, starts=1).value, 6)
     0.02302
     """

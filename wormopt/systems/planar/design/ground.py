@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -196,6 +197,15 @@ class Viscous:
 
 
 Ground = Dry | Viscous
+
+
+def ground_of(given: Ground | Swimmer | Elliptic | Sequence[Elliptic]) -> Ground:
+    """Ground by a law for all masses, one for each, or a body with its drags."""
+    if isinstance(given, Dry | Viscous):
+        return given
+    if isinstance(given, Swimmer):
+        return Viscous(given)
+    return Dry((given,) if isinstance(given, Elliptic) else tuple(given))
 
 
 def _squared(law: Elliptic, v: ca.SX) -> ca.SX:

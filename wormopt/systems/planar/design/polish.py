@@ -285,10 +285,10 @@ def polish(
     """Best corners near by, by ever steeper friction; `parts`: of a side, see `Steps`."""
     split = _SPLIT if aim.limits.half_width is not None else 1
     steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
+    best = Polished(corners, 0.0, np.inf)
     for width in widths if isinstance(aim.ground, Dry) else widths[-1:]:
         task = Polish(aim, replace(steps, width=width), len(corners), split)
-        best = _climbed(task, corners, iterations, 0.1 * max(width, _ENOUGH))
-        corners = best.corners
+        best = _climbed(task, best.corners, iterations, 0.1 * max(width, _ENOUGH))
     return best
 
 
