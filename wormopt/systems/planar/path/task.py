@@ -111,7 +111,7 @@ class PathTask:
     Examples
     --------
     >>> task = PathTask((0, 0, 0), (2, 0, 0), (1e-6, 1e-6), via=[(1, 0)], via_radius=0.1)
-    >>> task.off([2.0, 0.5, 0.1]).tolist()
+    >>> task.off([2.0, 0.5, 0.1]).round(12).tolist()
     [0.0, 0.5, 0.1]
     """
 
