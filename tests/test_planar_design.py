@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import differential_evolution
@@ -91,7 +94,7 @@ def test_given_instants_and_exact_breaks_agree():
     assert sides.work.sum() == pytest.approx(exact.work, rel=3e-4)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=examples(8), deadline=None)
 @given(SEEDS, st.sampled_from(BODIES))
 def test_mirrors_and_paces(seed: int, body: tuple[Shape, Ground]):
     shape, ground = body
@@ -111,7 +114,7 @@ def test_mirrors_and_paces(seed: int, body: tuple[Shape, Ground]):
 # -- bounds ----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=examples(12), deadline=None)
 @given(SEEDS, st.sampled_from(BODIES[:2]), st.booleans())
 def test_no_course_takes_less_work_than_its_bound(seed: int, body: tuple[Shape, Dry], closed: bool):
     shape, ground = body
@@ -137,7 +140,7 @@ def test_the_bound_is_reached_by_a_shape_that_pulls_one_mass_the_easy_way():
     assert work == pytest.approx(1.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.tuples(*[st.floats(-2, 2)] * 2, st.floats(-3, 3)), st.integers(1, 7))
 def test_roots_of_poses_lead_there_when_repeated(pose: tuple[float, float, float], cycles: int):
     step, found = root(np.array(pose), cycles), np.zeros(3)
@@ -160,7 +163,7 @@ def test_crossing_links_are_seen():
     assert not list(crossings(open_[None]))
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=examples(6), deadline=None)
 @given(SEEDS, st.floats(1.05, 3.0))
 def test_a_mass_that_holds_what_all_others_pull_never_moves(seed: int, more: float):
     noise = np.random.default_rng(seed)
@@ -189,6 +192,7 @@ def swimmer_aim(size: float = 1.0, drag: float = 1.0, pace: float = 1.0, **more)
     return PlanarAim(shape, ground, limits, corners=4, **more)
 
 
+@pytest.mark.slow
 def test_designs_scale_with_their_units():
     one, other = (
         design_stroke(aim, starts=1) for aim in (swimmer_aim(), swimmer_aim(2.0, 4.0, 4.0))
@@ -299,3 +303,33 @@ def test_no_worse_than_differential_evolution():
 
     other = differential_evolution(cost, [(-1, 1)] * 12, rng=1, maxiter=60, popsize=5, polish=False)
     assert design_stroke(aim, starts=4).value >= -other.fun
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        pytest.param("P.driven_shape(", "[1.3707, 1.6572, 1.6572]", marks=pytest.mark.slow),
+        ("TurnInPlace(", "True -1.0 3.0"),
+        ("serpenoid_speed(", "viscous 0.2139"),
+        ("P.kinematic_motion(", "[0.98"),
+        pytest.param("P.crawl_velocity(", "17.01447", marks=pytest.mark.slow),
+        pytest.param("P.design_stroke(", "0.0276", marks=pytest.mark.slow),
+        pytest.param("P.best_stroke(", "0.0123641546", marks=pytest.mark.slow),
+    ],
+)
+def test_examples_of_the_page_run(call: str, says: str, capsys: pytest.CaptureFixture[str]):
+    page = Path(__file__).parents[1] / "docs" / "theory-planar.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (code,) = (block for block in blocks if call in block)
+    exec(code, {})
+    assert says in capsys.readouterr().out
+
+
+def test_the_page_shows_all_that_the_door_declares():
+    page = (Path(__file__).parents[1] / "docs" / "theory-planar.md").read_text(encoding="utf-8")
+    blocks = "".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL))
+    shown = set(re.findall(r"\b(?:P|wo\.planar)\.(\w+)", blocks))
+    assert {name for name in wo.planar.__all__ if name not in shown} <= {"Axes", "Block"}

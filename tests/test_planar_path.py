@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -149,7 +150,7 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
 
 
 def test_masses_stay_within_the_slack_of_the_instants_kept():
-    for step in (*ALL.steps, crawled("crawl", 0.6).make(1.0)):
+    for step in (ALL.steps[0], ALL.steps[-1], crawled("crawl", 0.6).make(1.0)):
         if isinstance(step.motion, KinematicMotion):
             motion = step.motion
             tau, places = simulate_held(
@@ -245,7 +246,7 @@ def mirrored(pose: np.ndarray) -> np.ndarray:
     return np.asarray(pose) * [1.0, -1.0, -1.0]
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=examples(6), deadline=None)
 @given(SEEDS)
 def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
     noise = np.random.default_rng(seed)
@@ -297,6 +298,7 @@ def test_panels_in_parts_lead_to_the_same_place():
     assert np.abs(whole.displacement - parts.displacement).max() < 1e-13
 
 
+@pytest.mark.slow
 def test_smoothed_crawls_come_to_the_same_place_at_order_two_across_breaks():
     worm = chain_shape(3, lengths=(1.0, 1.0, 1.0))
     snake = gait_family(
