@@ -19,7 +19,7 @@ _KEPT = 1e-3
 """What a point may miss and still count."""
 _PRICE = 30.0
 """Of a miss, in usual sizes of what is sought."""
-SEARCHED, STEEP = (1e-2, 1e-3, 1e-5), (1e-5, 1e-9)
+SEARCHED, STEEP = (1e-2, 1e-3, 1e-5), (1e-5, 1e-7)
 """Widths of the potential, one after the other: where masses stop and start there is no slope."""
 
 
