@@ -286,7 +286,7 @@ def test_a_heavier_middle_crawls_on_ground_that_resists_alike_all_ways():
     straight, _ = moved(aim, inchworm)
     assert straight == pytest.approx([0.5, 0.0, 0.0], abs=1e-9)
     assert side_times(aim, inchworm).sum() == pytest.approx(1.5)
-    design = design_stroke(aim, starts=1, seed=1)
+    design = design_stroke(aim, starts=1)
     assert np.abs(design.misses).max() < 1e-9
     assert design.value > 0.45 > 0.5 / 1.5  # bent it gets farther than straight
 

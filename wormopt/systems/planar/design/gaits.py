@@ -20,7 +20,7 @@ from wormopt.systems.planar.design.polish import STEEP, Polish, polish, side_tim
 from wormopt.systems.planar.design.polygons import Steps
 from wormopt.systems.planar.design.program import gait_problem
 from wormopt.systems.planar.design.search import relaxed
-from wormopt.systems.planar.design.starts import chance_corners
+from wormopt.systems.planar.design.starts import first_corners
 from wormopt.systems.planar.swimming.stroke import swim
 
 CLOSED = 1e-9
@@ -160,7 +160,8 @@ def design_stroke(
     aim : PlanarAim
         What is wanted.
     starts : int, optional
-        Strokes to begin with.
+        Strokes to begin with: on dry ground, where lengths vary, a wave of lengths first if the way
+        ahead counts; others by chance.
     seed : int, optional
         Of chance.
     report : callable, optional
@@ -191,9 +192,8 @@ def design_stroke(
     tried: list[float] = []
     refusal: SolveError | None = None
     for k in range(starts):
-        random = np.random.default_rng([seed, k])
         try:
-            first = relaxed(aim, problem, chance_corners(aim, random))
+            first = relaxed(aim, problem, first_corners(aim, seed, k))
             near = polish(aim, first.corners, parts=2)
         except SolveError as error:
             refusal = error
