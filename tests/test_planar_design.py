@@ -33,6 +33,7 @@ from wormopt.systems.planar.design.gaits import (
 from wormopt.systems.planar.design.ground import Dry, Ground, Viscous
 from wormopt.systems.planar.design.polish import Polish, side_times
 from wormopt.systems.planar.design.polygons import Steps
+from wormopt.systems.planar.design.starts import first_corners
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -154,6 +155,19 @@ def test_an_open_course_is_one_whose_shape_does_not_return():
     s, ds = course.at([0.0, 0.25, 0.75, 1.0])
     assert s.ravel() == pytest.approx([0.0, 0.5, 0.75, 0.5])
     assert ds.ravel() == pytest.approx([2.0, 2.0, -1.0, -1.0])
+
+
+def test_the_first_start_of_a_way_ahead_is_an_inchworm_within_its_limits():
+    ground = Dry(tuple(Elliptic(grip, grip, grip) for grip in (1.0, 1.5, 1.0)))
+    aim = aim_of(TWO, ground, corners=8)
+    corners = first_corners(aim, 0, 0)
+    assert corners.shape == (8, 3)
+    assert (aim.ranges[:, 0] <= corners).all()
+    assert (corners <= aim.ranges[:, 1]).all()
+    x, y, turn = Steps(TWO, ground, parts=2, points=6).sides(corners).total
+    assert x > 0.3
+    assert abs(y) + abs(turn) < 0.1
+    assert not np.array_equal(first_corners(aim, 0, 1), first_corners(aim, 1, 1))
 
 
 def test_crossing_links_are_seen():
@@ -332,4 +346,7 @@ def test_the_page_shows_all_that_the_door_declares():
     page = (Path(__file__).parents[1] / "docs" / "theory-planar.md").read_text(encoding="utf-8")
     blocks = "".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL))
     shown = set(re.findall(r"\b(?:P|wo\.planar)\.(\w+)", blocks))
-    assert {name for name in wo.planar.__all__ if name not in shown} <= {"Axes", "Block"}
+    assert {name for name in dir(wo.planar) if name[0] != "_" and name not in shown} <= {
+        "Axes",
+        "Block",
+    }

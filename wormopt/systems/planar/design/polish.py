@@ -23,8 +23,8 @@ SEARCHED, STEEP = (1e-2, 1e-3, 1e-5), (1e-5, 1e-7)
 """Widths of the potential, one after the other: where masses stop and start there is no slope."""
 
 
-# Gain, in usual sizes, below which a search ends: a tenth of this, or of the width.
-_ENOUGH = 1e-7
+# Gain, in usual sizes, below which a search ends: a tenth of this, or of the width; if smooth.
+_ENOUGH, _SMOOTH = 1e-7, 1e-9
 # Parts of a side, at whose ends the body must be in a passage.
 _SPLIT = 4
 
@@ -286,7 +286,9 @@ def polish(
     split = _SPLIT if aim.limits.half_width is not None else 1
     steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
     best = Polished(corners, 0.0, np.inf)
-    for width in widths if isinstance(aim.ground, Dry) else widths[-1:]:
+    if not isinstance(aim.ground, Dry):  # all smooth
+        return _climbed(Polish(aim, steps, len(corners), split), corners, iterations, _SMOOTH)
+    for width in widths:
         task = Polish(aim, replace(steps, width=width), len(corners), split)
         best = _climbed(task, best.corners, iterations, 0.1 * max(width, _ENOUGH))
     return best
