@@ -187,7 +187,7 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
     others = {"averaging", "chain_length", "smoothing", "ocp", "design"}
-    planar = {f"planar_{task}" for task in TASKS}
+    planar = {f"planar_{task}" for task in (*TASKS, "crawl")}
     assert set(CASES) == {*WORK_PRECISION, *others, *planar}
     for case in WORK_PRECISION.values():
         assert set(case.solvers) <= set(SOLVERS)

@@ -15,6 +15,7 @@ from wormopt import cli
 from wormopt.bench import planar as module
 from wormopt.bench import stress
 from wormopt.bench.planar_cells import planar_cells
+from wormopt.bench.planar_crawl import THREE_LINKS, by_minimize, by_phases
 from wormopt.bench.planar_loop import LOOSE, force_of, held, nearest, planar_flow
 from wormopt.bench.planar_mujoco import by_mujoco
 from wormopt.bench.planar_rivals import by_scipy, by_smoothing, tripod_by_events
@@ -196,6 +197,18 @@ def test_simulate_comes_to_the_stop(name: str):
     motion = simulate(model, task.span, tolerance=Tolerance(1e-10, 1e-11), route="python")
     assert motion.end[: len(task.end)] == pytest.approx(task.end, abs=2e-11)
     assert motion.events[-1].time == pytest.approx(task.stop, abs=1e-8)
+
+
+@pytest.mark.slow
+def test_a_crawl_by_minimisation_is_of_second_order_and_ends_where_exact_breaks_do():
+    run = by_minimize(THREE_LINKS, "BFGS")
+    steps = [64, 128, 256]
+    off = [abs(run(n)[0][0] - THREE_LINKS.end[0]) for n in steps]
+    assert -np.polyfit(np.log(steps), np.log(off), 1)[0] == pytest.approx(2.0, abs=0.3)
+    assert off[-1] < 4e-3
+    end, stop = by_phases(THREE_LINKS)(128)
+    assert end == pytest.approx(THREE_LINKS.end, abs=6e-9)
+    assert stop == pytest.approx(THREE_LINKS.stop, abs=1e-10)
 
 
 @pytest.mark.slow

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import differential_evolution
@@ -30,6 +33,7 @@ from wormopt.systems.planar.design.gaits import (
 from wormopt.systems.planar.design.ground import Dry, Ground, Viscous
 from wormopt.systems.planar.design.polish import Polish, side_times
 from wormopt.systems.planar.design.polygons import Steps
+from wormopt.systems.planar.design.starts import first_corners
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -91,7 +95,7 @@ def test_given_instants_and_exact_breaks_agree():
     assert sides.work.sum() == pytest.approx(exact.work, rel=3e-4)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=examples(8), deadline=None)
 @given(SEEDS, st.sampled_from(BODIES))
 def test_mirrors_and_paces(seed: int, body: tuple[Shape, Ground]):
     shape, ground = body
@@ -111,7 +115,7 @@ def test_mirrors_and_paces(seed: int, body: tuple[Shape, Ground]):
 # -- bounds ----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=examples(12), deadline=None)
 @given(SEEDS, st.sampled_from(BODIES[:2]), st.booleans())
 def test_no_course_takes_less_work_than_its_bound(seed: int, body: tuple[Shape, Dry], closed: bool):
     shape, ground = body
@@ -137,7 +141,7 @@ def test_the_bound_is_reached_by_a_shape_that_pulls_one_mass_the_easy_way():
     assert work == pytest.approx(1.0)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.tuples(*[st.floats(-2, 2)] * 2, st.floats(-3, 3)), st.integers(1, 7))
 def test_roots_of_poses_lead_there_when_repeated(pose: tuple[float, float, float], cycles: int):
     step, found = root(np.array(pose), cycles), np.zeros(3)
@@ -153,11 +157,43 @@ def test_an_open_course_is_one_whose_shape_does_not_return():
     assert ds.ravel() == pytest.approx([2.0, 2.0, -1.0, -1.0])
 
 
+def test_the_first_start_of_a_way_ahead_is_an_inchworm_within_its_limits():
+    ground = Dry(tuple(Elliptic(grip, grip, grip) for grip in (1.0, 1.5, 1.0)))
+    aim = aim_of(TWO, ground, corners=8)
+    corners = first_corners(aim, 0, 0)
+    assert corners.shape == (8, 3)
+    assert (aim.ranges[:, 0] <= corners).all()
+    assert (corners <= aim.ranges[:, 1]).all()
+    x, y, turn = Steps(TWO, ground, parts=2, points=6).sides(corners).total
+    assert x > 0.3
+    assert abs(y) + abs(turn) < 0.1
+    assert not np.array_equal(first_corners(aim, 0, 1), first_corners(aim, 1, 1))
+
+
 def test_crossing_links_are_seen():
     bent = np.asarray(THREE.kinematics([2.6, 2.6])[0]).T
     open_ = np.asarray(THREE.kinematics([1.0, 1.0])[0]).T
     assert list(crossings(np.stack([open_, bent]))) == [(0, 2)]
     assert not list(crossings(open_[None]))
+
+
+@settings(max_examples=examples(6), deadline=None)
+@given(SEEDS, st.floats(1.05, 3.0))
+def test_a_mass_that_holds_what_all_others_pull_never_moves(seed: int, more: float):
+    noise = np.random.default_rng(seed)
+    ends = noise.uniform(0.5, 2.0, (2, 3))  # F+, F-, Fn of masses 0 and 2
+    grip = more * ends.max(axis=1).sum()
+    ground = Dry(tuple(Elliptic(*map(float, law)) for law in (ends[0], [grip] * 3, ends[1])))
+    assert ground.anchor(TWO) == 1
+    with pytest.raises(ArgumentError, match="mass 1 holds"):
+        PlanarAim(TWO, ground, PlanarLimits())
+    with pytest.raises(ArgumentError, match="mass 1 holds"):
+        PlanarAim(TWO, ground, PlanarLimits(), "work", pose=(0.1, 0.0, 0.0))
+    aim = aim_of(TWO, ground, purpose="turn")
+    corners = corners_of(aim, seed)
+    turned = Steps(TWO, ground, parts=4, points=6).sides(corners).total
+    head = np.asarray(TWO.kinematics(corners[0])[0])[:, 1]
+    assert compose(turned, np.append(head, 0.0))[:2] == pytest.approx(head, abs=1e-6)
 
 
 # -- designs ---------------------------------------------------------------------------------------
@@ -170,6 +206,7 @@ def swimmer_aim(size: float = 1.0, drag: float = 1.0, pace: float = 1.0, **more)
     return PlanarAim(shape, ground, limits, corners=4, **more)
 
 
+@pytest.mark.slow
 def test_designs_scale_with_their_units():
     one, other = (
         design_stroke(aim, starts=1) for aim in (swimmer_aim(), swimmer_aim(2.0, 4.0, 4.0))
@@ -255,6 +292,20 @@ def test_straight_gaits_on_dry_ground(half_width: float | None):
 
 
 @pytest.mark.slow
+def test_a_heavier_middle_crawls_on_ground_that_resists_alike_all_ways():
+    # below the sum of the others' grips two masses can hold while the third moves
+    ground = Dry(tuple(Elliptic(grip, grip, grip) for grip in (1.0, 1.5, 1.0)))
+    aim = PlanarAim(TWO, ground, PlanarLimits(), corners=8)
+    inchworm = np.array([[0.5, 0.5, 0.0], [1.0, 0.5, 0.0], [0.5, 1.0, 0.0]])
+    straight, _ = moved(aim, inchworm)
+    assert straight == pytest.approx([0.5, 0.0, 0.0], abs=1e-9)
+    assert side_times(aim, inchworm).sum() == pytest.approx(1.5)
+    design = design_stroke(aim, starts=1)
+    assert np.abs(design.misses).max() < 1e-9
+    assert design.value > 0.45 > 0.5 / 1.5  # bent it gets farther than straight
+
+
+@pytest.mark.slow
 def test_no_worse_than_differential_evolution():
     aim = PlanarAim(THREE, WATER, PlanarLimits(angle=(-1.0, 1.0)), corners=6)
     steps = Steps(THREE, WATER, parts=1, points=5)
@@ -266,3 +317,36 @@ def test_no_worse_than_differential_evolution():
 
     other = differential_evolution(cost, [(-1, 1)] * 12, rng=1, maxiter=60, popsize=5, polish=False)
     assert design_stroke(aim, starts=4).value >= -other.fun
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        pytest.param("P.driven_shape(", "[1.3707, 1.6572, 1.6572]", marks=pytest.mark.slow),
+        ("TurnInPlace(", "True -1.0 3.0"),
+        ("serpenoid_speed(", "viscous 0.2139"),
+        ("P.kinematic_motion(", "[0.98"),
+        pytest.param("P.crawl_velocity(", "17.01447", marks=pytest.mark.slow),
+        pytest.param("P.design_stroke(", "0.0276", marks=pytest.mark.slow),
+        pytest.param("P.best_stroke(", "0.0123641546", marks=pytest.mark.slow),
+    ],
+)
+def test_examples_of_the_page_run(call: str, says: str, capsys: pytest.CaptureFixture[str]):
+    page = Path(__file__).parents[1] / "docs" / "theory-planar.md"
+    blocks = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (code,) = (block for block in blocks if call in block)
+    exec(code, {})
+    assert says in capsys.readouterr().out
+
+
+def test_the_page_shows_all_that_the_door_declares():
+    page = (Path(__file__).parents[1] / "docs" / "theory-planar.md").read_text(encoding="utf-8")
+    blocks = "".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL))
+    shown = set(re.findall(r"\b(?:P|wo\.planar)\.(\w+)", blocks))
+    assert {name for name in dir(wo.planar) if name[0] != "_" and name not in shown} <= {
+        "Axes",
+        "Block",
+    }

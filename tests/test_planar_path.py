@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -24,7 +25,7 @@ from wormopt.systems.planar.crawling.cartesian import simulate_crawled
 from wormopt.systems.planar.kinematic.cartesian import simulate_held
 from wormopt.systems.planar.kinematic.constraints import Constraints
 from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
-from wormopt.systems.planar.path.gaits import crawled_family, held_family
+from wormopt.systems.planar.path.gaits import gait_family
 from wormopt.systems.planar.path.plan import plan_path
 from wormopt.systems.planar.path.polish import Fitted, polished
 from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, routes
@@ -49,7 +50,7 @@ NEAR, FINE = Tolerance(0.3, 0.3), Tolerance(1e-8, 1e-8)
 def family(
     name: str, change: Sequence[float], phases: Sequence[Phase], amplitudes: Sequence[float]
 ) -> Family:
-    return held_family(name, WORM, REST, [change], phases, amplitudes, ground=LAW)
+    return gait_family(name, WORM, REST, [change], amplitudes, ground=LAW, held=phases)
 
 
 def library(radius: float = 0.05, amplitudes: tuple[float, ...] = (0.5, 1.0)) -> Library:
@@ -76,7 +77,7 @@ STRETCH, LAW_BACK = [[0.4, 0.0], [0.4, 0.4], [0.0, 0.4]], Elliptic(1.0, 3.0, 2.0
 def crawled(name: str, bend: float, amplitudes: tuple[float, ...] = (0.6, 1.0)) -> Family:
     """Links that stretch one after the other while the joint bends; friction alone tells."""
     changes = np.column_stack([STRETCH, np.full(3, bend)])
-    return crawled_family(name, WORM, (0.6, 0.6, 0.4), changes, LAW_BACK, amplitudes)
+    return gait_family(name, WORM, (0.6, 0.6, 0.4), changes, amplitudes, ground=LAW_BACK)
 
 
 def random_obstacle(noise: np.random.Generator, kind: int) -> Obstacle:
@@ -149,7 +150,7 @@ def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number
 
 
 def test_masses_stay_within_the_slack_of_the_instants_kept():
-    for step in (*ALL.steps, crawled("crawl", 0.6).make(1.0)):
+    for step in (ALL.steps[0], ALL.steps[-1], crawled("crawl", 0.6).make(1.0)):
         if isinstance(step.motion, KinematicMotion):
             motion = step.motion
             tau, places = simulate_held(
@@ -245,7 +246,7 @@ def mirrored(pose: np.ndarray) -> np.ndarray:
     return np.asarray(pose) * [1.0, -1.0, -1.0]
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=examples(6), deadline=None)
 @given(SEEDS)
 def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
     noise = np.random.default_rng(seed)
@@ -278,7 +279,7 @@ def test_the_path_does_not_hang_on_where_it_begins(seed: int):
     for base in (np.zeros(3), moved):
         centre = compose(base, [*disc, 0.0])[:2]
         task = PathTask(base, compose(base, goal), FINE, [Disc((centre[0], centre[1]), 0.3)])
-        found.append(plan_path(task, ALL, Tolerance(0.2, 0.2), SearchOptions("steps", most=2000)))
+        found.append(plan_path(task, ALL, Tolerance(0.2, 0.2), cost="steps", most=2000))
     one, other = found
     assert one.route.steps == other.route.steps
     back = compose(inverse(moved), other.poses)
@@ -297,11 +298,12 @@ def test_panels_in_parts_lead_to_the_same_place():
     assert np.abs(whole.displacement - parts.displacement).max() < 1e-13
 
 
+@pytest.mark.slow
 def test_smoothed_crawls_come_to_the_same_place_at_order_two_across_breaks():
     worm = chain_shape(3, lengths=(1.0, 1.0, 1.0))
-    snake = crawled_family(
-        "snake", worm, (0.7, -0.5), [(-1.0, 0.0), (-1.2, 1.0), (0.0, 1.1)],
-        Elliptic(1.0, 1.0, 3.0), (1.0,),
+    snake = gait_family(
+        "snake", worm, (0.7, -0.5), [(-1.0, 0.0), (-1.2, 1.0), (0.0, 1.1)], (1.0,),
+        ground=Elliptic(1.0, 1.0, 3.0),
     ).make(1.0)  # fmt: skip
     course, off = snake.motion.course, []
     assert len(snake.motion.phases) == 9
@@ -319,12 +321,12 @@ def test_smoothed_crawls_come_to_the_same_place_at_order_two_across_breaks():
 @pytest.mark.slow
 def test_a_path_of_crawls_and_held_steps_ends_in_its_pose_when_simulated():
     gaits = [crawled("ahead", 0.0), crawled("left", 0.6), crawled("right", -0.6)]
-    turn = held_family("turn", WORM, (0.6, 0.6, 0.4), [(0.0, 0.0, 0.8)], TURN, (0.5, 1.0),
-                       ground=LAW_BACK)  # fmt: skip
+    turn = gait_family("turn", WORM, (0.6, 0.6, 0.4), [(0.0, 0.0, 0.8)], (0.5, 1.0),
+                       ground=LAW_BACK, held=TURN)  # fmt: skip
     post = Disc((1.2, -0.7), 0.2)
     task = PathTask(np.zeros(3), np.array([2.6, 0.8, 0.3]), FINE, [post])
     path = plan_path(task, Library((*gaits, turn), 0.05), Tolerance(0.2, 0.2),
-                     SearchOptions("work", (0.05, 0.05)))  # fmt: skip
+                     cost="work", cell=(0.05, 0.05))  # fmt: skip
     assert np.abs(path.off).max() < 1e-9
     assert any(not isinstance(step.motion, KinematicMotion) for step in path.steps)
     course = simulate_path(path, looks=32)
@@ -356,7 +358,7 @@ def test_polish_ends_in_the_goal_and_costs_least_of_what_is_near():
 def test_a_path_past_a_disc_ends_in_its_pose_and_touches_nothing_when_simulated():
     obstacles = [Disc((1.2, 0.0), 0.35)]
     task = PathTask(np.zeros(3), np.array([3.0, 0.2, 0.0]), FINE, obstacles, clearance=0.01)
-    path = plan_path(task, ALL, NEAR, SearchOptions("steps", (0.1, 0.1)))
+    path = plan_path(task, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
     course = simulate_path(path, looks=16)
     assert FINE.met(task.off(course.pose))
     assert least_distance(course.places, obstacles) >= 0.05 + 0.01
@@ -367,11 +369,11 @@ def test_a_path_past_a_disc_ends_in_its_pose_and_touches_nothing_when_simulated(
 def test_places_on_the_way_and_corridors_are_kept():
     goal = np.array([1.6, 0.0, 0.0])
     via = PathTask(np.zeros(3), goal, FINE, via=[(0.9, 0.35)], via_radius=0.1)
-    path = plan_path(via, ALL, NEAR, SearchOptions("steps", (0.1, 0.1)))
+    path = plan_path(via, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
     assert np.hypot(*(path.poses[:, :2] - (0.9, 0.35)).T).min() <= 0.1
     line = np.array([[-1.3, 0.0], [1.7, 0.0]])
     straight = PathTask(np.zeros(3), goal, FINE, corridor=Corridor(line, 0.05))
-    path = plan_path(straight, ALL, NEAR, SearchOptions("steps", (0.1, 0.1)))
+    path = plan_path(straight, ALL, NEAR, cost="steps", cell=(0.1, 0.1))
     places = simulate_path(path, looks=8).places
     assert np.abs(places[..., 1]).max() <= 0.05
 
@@ -386,7 +388,7 @@ def test_no_path_is_told_from_no_end_of_the_search():
         plan_path(task, one, NEAR)
     assert refused.value.code == "no_path"
     with pytest.raises(SolveError, match="30 poses were looked at, none near"):
-        plan_path(task, ALL, NEAR, SearchOptions(most=30))
+        plan_path(task, ALL, NEAR, most=30)
 
 
 def test_ends_that_touch_are_refused_before_any_search():
@@ -400,14 +402,14 @@ def test_ends_that_touch_are_refused_before_any_search():
 
 
 def test_steps_of_other_shapes_do_not_share_a_library():
-    other = held_family("other", WORM, (0.5, 0.6, 0.0), [(0.4, 0.4, 0.0)], AHEAD, (1.0,))
+    other = gait_family("other", WORM, (0.5, 0.6, 0.0), [(0.4, 0.4, 0.0)], (1.0,), held=AHEAD)
     with pytest.raises(ArgumentError, match="'other' does not begin and end in the shape"):
         Library((ALL.families[0], other))
 
 
 def test_a_start_in_its_goal_needs_no_step():
     task = PathTask(np.zeros(3), np.array([0.0, 0.0, 2 * np.pi]), FINE)
-    path = plan_path(task, ALL, NEAR, SearchOptions(most=10))
+    path = plan_path(task, ALL, NEAR, most=10)
     assert path.steps == ()
 
 
@@ -495,15 +497,17 @@ def test_scenes_that_cannot_be_are_refused_by_key(changes: str | tuple[str, ...]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cost", ["time", "work", "steps"])
-def test_the_packaged_path_goes_through_the_gap(cost: str):
-    result = wo.run(load_scene("planar_path", ["want=[]", f"search.cost={cost}"]))
-    assert result.status == "ok"
-    assert result["room_simulated"].value >= 0
-    assert result["room"].value <= result["room_simulated"].value
-    # of the three, each is least by its own measure up to the polish
-    assert result["time"].value < 12.5
-    assert result["work"].value < 24.0
+def test_the_packaged_path_goes_through_the_gap_and_is_least_by_what_is_asked():
+    found = {}
+    for cost in ("time", "work", "steps"):
+        result = wo.run(load_scene("planar_path", ["want=[]", f"search.cost={cost}"]))
+        assert result.status == "ok"
+        assert result["room_simulated"].value >= 0
+        assert result["room"].value <= result["room_simulated"].value
+        found[cost] = result
+    for cost in ("time", "work", "steps"):  # up to the polish, and the cells of the search
+        least = min(result[cost].value for result in found.values())
+        assert found[cost][cost].value <= 1.03 * least
 
 
 def test_gait_steps_say_what_they_take():

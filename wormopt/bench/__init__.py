@@ -13,6 +13,7 @@ CASES = {
     "planar_elliptic": "the same on ground that resists more sideways",
     "planar_tripod": "a rigid tripod that pivots on a foot before it rests",
     "planar_triangle": "three driven masses that stick and slip in the plane",
+    "planar_crawl": "three links that crawl slowly, beside SciPy at even instants",
     "ocp": "the fastest smooth slide by optimal control, time to build and to solve",
     "design": "random gait-design problems, seconds to come near the bound on the speed",
 }

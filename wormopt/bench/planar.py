@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.bench import planar_crawl
 from wormopt.bench.planar_mujoco import by_mujoco
 from wormopt.bench.planar_rivals import Solver, by_scipy, by_smoothing
 from wormopt.bench.planar_tasks import TASKS, Task
@@ -29,6 +30,8 @@ _STEPS = (1e-2, 1e-3, 1e-4)
 _ROUNDS, _SLOW = 5, 3.0  # runs of each; seconds from which a solver is asked once, and no further
 _PREFIX = "planar_"
 _GOAL = 1e-6  # error in places at which times are compared
+_CRAWL = "crawl"
+Asked = Task | planar_crawl.CrawlTask
 
 
 @dataclass
@@ -42,7 +45,7 @@ class _Row:
     error: float = math.nan
     stop_error: float = math.nan
 
-    def ask(self, task: Task) -> float:
+    def ask(self, task: Asked) -> float:
         """Run it once more; the seconds it took."""
         time, (end, stop) = timed(self.run, self.setting)
         self.times.append(time)
@@ -87,9 +90,11 @@ def measured(name: str, quick: bool, report: Report) -> Iterator[Found]:
 
     `quick`: three settings, no repetition.
     """
-    task, rows, missing = TASKS[name.removeprefix(_PREFIX)], list[_Row](), list[str]()
+    crawls = name == _PREFIX + _CRAWL
+    task: Asked = planar_crawl.THREE_LINKS if crawls else TASKS[name.removeprefix(_PREFIX)]
+    rows, missing = list[_Row](), list[str]()
     told: Found = {"title": task.title, "source": task.source, "stop": finite(task.stop)}
-    solvers = _solvers(task)
+    solvers = _solvers(task) if isinstance(task, Task) else planar_crawl.solvers()
     for k, (solver, (make, settings)) in enumerate(solvers.items()):
         report(f"{name}: {solver}", k / len(solvers) / _ROUNDS)
         try:
@@ -126,13 +131,13 @@ def lines(found: Mapping[str, Any]) -> list[str]:
         off = "" if r["stop_error"] is None else f"{r['stop_error']:.0e}"
         error = "not a number" if r["error"] is None else f"{r['error']:.1e}"
         ratio = f"{min(own) / r['seconds']:.3g}" if own and _good(r) else ""
-        rows.append((r["solver"], f"{r['setting']:.0e}", error, off, seconds(r["seconds"]), ratio))
+        rows.append((r["solver"], f"{r['setting']:.4g}", error, off, seconds(r["seconds"]), ratio))
     told = [f"{found['case']}: {found['title']}", f"  reference: {found['source']}"]
     told += aligned(*rows)
-    told.append(
-        "  settings are relative tolerances, of MuJoCo time steps; ours/theirs: our fastest"
-    )
-    told.append(f"  run over theirs, of those with errors of at most {_GOAL:.0e}")
+    crawls = found["case"] == _PREFIX + _CRAWL
+    what = "instants in a stroke" if crawls else "relative tolerances, of MuJoCo time steps"
+    told.append(f"  settings are {what}; ours/theirs: our fastest run over theirs,")
+    told.append(f"  of those with errors of at most {_GOAL:.0e}")
     return told + [f"  {reason}" for reason in found["missing"]]
 
 

@@ -23,7 +23,9 @@ from wormopt.progress import Report
 _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
     name: name for name in ("averaging", "ocp", "design")
 }
-_MODULES |= {f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle")}
+_MODULES |= {
+    f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle", "crawl")
+}
 _PACKAGES = (
     *("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka"),
     *("rockit-meco", "yapss", "mujoco"),

@@ -13,7 +13,10 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.systems.planar.body.se2 import rotate
 
 Twists = Callable[[np.ndarray], np.ndarray]
-"""Velocities (m, 3) of the frame, in the frame, by the phase, at phases (m,)."""
+"""Velocities (m, 3) of the frame, in the frame, by the phase, at phases (m,).
+
+Further columns are summed up beside the pose: a length, a work.
+"""
 
 _DEGREE, _MOST_PANELS = 16, 2048
 
@@ -31,12 +34,19 @@ class Travel:
     weights: np.ndarray  # (K d,)
     twists: np.ndarray  # (K d, 3)
     node_poses: np.ndarray  # (K d, 3)
-    error: float  # of the displacement, about
+    sums: np.ndarray  # (K + 1, c) of c further rates, at the ends
+    node_sums: np.ndarray  # (K d, c)
+    error: float  # of displacement and sums, about
 
     @property
     def displacement(self) -> np.ndarray:
         """Pose at the end, (3,)."""
         return self.poses[-1]
+
+    @property
+    def reached(self) -> np.ndarray:
+        """Pose and sums at the end, (3 + c,)."""
+        return np.append(self.poses[-1], self.sums[-1])
 
     def fastest(self, velocities: np.ndarray) -> np.ndarray:
         """Bound (K,) of vectors over each panel, by those (K d, n, 2) at the nodes.
@@ -57,14 +67,15 @@ def travel(
     """Integrate velocities in the frame of the body over phases.
 
     Velocities must be smooth between `breaks`; so many `panels` stand between two to begin with.
-    They are halved until the displacement changes by less than `accuracy` of its size, or of 1.
+    They are halved until displacement and sums change by less than `accuracy` of their size, or
+    of 1.
     """
     coarse = _uniform(twists, breaks, panels)
     while True:
         panels *= 2
         fine = _uniform(twists, breaks, panels)
-        error = float(np.abs(fine.displacement - coarse.displacement).max())
-        scale = max(1.0, float(np.abs(fine.poses).max()))
+        error = float(np.abs(fine.reached - coarse.reached).max())
+        scale = max(1.0, float(np.abs(fine.poses).max()), float(np.abs(fine.reached).max()))
         if error <= accuracy * scale or panels >= _MOST_PANELS:
             return replace(fine, error=error)
         coarse = fine
@@ -74,28 +85,35 @@ def _uniform(twists: Twists, breaks: np.ndarray, panels: int) -> Travel:
     parts = [np.linspace(a, b, panels + 1) for a, b in pairwise(breaks)]
     ends = np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
     nodes = gauss_nodes(ends[:-1], ends[1:])
-    return travel_along(ends, twists(nodes.ravel()).reshape(*nodes.shape, 3), np.inf)
+    return travel_along(ends, twists(nodes.ravel()).reshape(*nodes.shape, -1), np.inf)
 
 
-def travel_along(ends: np.ndarray, twists: np.ndarray, error: float) -> Travel:
-    """Course of the pose by velocities (K, d, 3) at Gauss' nodes between `ends` (K + 1,)."""
-    rule, h = gauss(), np.diff(ends)
-    turns = np.append(0.0, np.cumsum(h * (twists[..., 2] @ rule.B)))
-    angle = turns[:-1, None] + h[:, None] * (twists[..., 2] @ rule.A.T)
-    velocity = rotate(angle, twists[..., :2])
-    way = h[:, None] * np.einsum("kdc,d->kc", velocity, rule.B)
-    places = np.vstack([np.zeros(2), np.cumsum(way, axis=0)])
-    within = places[:-1, None] + h[:, None, None] * np.einsum("ed,kdc->kec", rule.A, velocity)
-    node_poses = np.concatenate([within, angle[..., None]], axis=-1)
+def travel_along(ends: np.ndarray, rates: np.ndarray, error: float) -> Travel:
+    """Course of the pose by rates (K, d, 3 + c) at Gauss' nodes between `ends` (K + 1,)."""
+    twists, h = rates[..., :3], np.diff(ends)
+    turns, angle = _summed(h, twists[..., 2:])
+    places, within = _summed(h, rotate(angle[..., 0], twists[..., :2]))
+    sums, node_sums = _summed(h, rates[..., 3:])
+    nodes = len(h) * gauss().degree
     return Travel(
         ends,
-        np.column_stack([places, turns]),
+        np.hstack([places, turns]),
         gauss_nodes(ends[:-1], ends[1:]).ravel(),
-        (h[:, None] * rule.B).ravel(),
-        twists.reshape(-1, 3),
-        node_poses.reshape(-1, 3),
+        (h[:, None] * gauss().B).ravel(),
+        twists.reshape(nodes, 3),
+        np.concatenate([within, angle], axis=-1).reshape(nodes, 3),
+        sums,
+        node_sums.reshape(nodes, -1),
         error,
     )
+
+
+def _summed(h: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals (K + 1, c) from 0 to the ends of panels, and (K, d, c) to their nodes."""
+    rule = gauss()
+    whole = h[:, None] * np.einsum("kdc,d->kc", rates, rule.B)
+    ends = np.vstack([np.zeros(rates.shape[-1]), np.cumsum(whole, axis=0)])
+    return ends, ends[:-1, None] + h[:, None, None] * np.einsum("ed,kdc->kec", rule.A, rates)
 
 
 def gauss_nodes(start: np.ndarray, end: np.ndarray) -> np.ndarray:

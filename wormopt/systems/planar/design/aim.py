@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.shape import Shape
-from wormopt.systems.planar.design.ground import Dry, Ground
+from wormopt.systems.planar.design.ground import Dry, ground_of
 
 Purpose = Literal["speed", "turn", "work"]
 _STROKES = 20
@@ -78,8 +78,8 @@ class PlanarAim:
     ----------
     shape : Shape
         The body.
-    ground : Dry or Viscous
-        The ground.
+    ground : Elliptic, sequence of Elliptic, or Swimmer
+        Dry friction of all masses, or of each, head first; or the same body with its drags.
     limits : PlanarLimits
         What the gait must keep to.
     purpose : {"speed", "turn", "work"}
@@ -103,13 +103,13 @@ class PlanarAim:
     --------
     >>> from wormopt.model.planar_friction import Elliptic
     >>> from wormopt.systems.planar.body.shape import chain_shape
-    >>> aim = PlanarAim(chain_shape(2), Dry((Elliptic(1.0, 1.0, 1.0),)), PlanarLimits(), "turn")
+    >>> aim = PlanarAim(chain_shape(2), Elliptic(1.0, 1.0, 1.0), PlanarLimits(), "turn")
     >>> aim.duration_usual
     8.0
     """
 
     shape: Shape
-    ground: Ground
+    ground: Any  # kept as Dry or Viscous
     limits: PlanarLimits
     purpose: Purpose = "speed"
     pose: tuple[float, float, float] | None = None
@@ -121,6 +121,7 @@ class PlanarAim:
     time: float = 1.0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "ground", ground_of(self.ground))
         n_s = len(self.shape.names)
         if n_s == 0:
             raise ArgumentError("a rigid body has no gait")
@@ -142,6 +143,19 @@ class PlanarAim:
             raise ArgumentError(
                 "one shape variable goes there and back on the same way, and ground with F+ = F- "
                 "takes the body back with it: let lengths vary, or take more joints"
+            )
+
+        self._refuse_an_anchor()
+
+    def _refuse_an_anchor(self) -> None:
+        straight = self.pose is not None and self.pose[2] == 0 and self.pose != (0.0, 0.0, 0.0)
+        if not isinstance(self.ground, Dry) or not self.closed:
+            return
+        held = self.ground.anchor(self.shape)
+        if held is not None and (self.purpose == "speed" or straight):
+            raise ArgumentError(
+                f"mass {held} holds what all others together can pull, hence never moves, and a "
+                "closed gait without a turn gets nowhere: let it grip less than their sum"
             )
 
     @property

@@ -16,11 +16,11 @@ from wormopt.systems.planar.body.strokes import Polygon
 from wormopt.systems.planar.crawling.crawl import crawl
 from wormopt.systems.planar.design.aim import PlanarAim
 from wormopt.systems.planar.design.ground import Dry
-from wormopt.systems.planar.design.polish import Polish, polish, side_times
+from wormopt.systems.planar.design.polish import STEEP, Polish, polish, side_times
 from wormopt.systems.planar.design.polygons import Steps
 from wormopt.systems.planar.design.program import gait_problem
 from wormopt.systems.planar.design.search import relaxed
-from wormopt.systems.planar.design.starts import chance_corners
+from wormopt.systems.planar.design.starts import first_corners
 from wormopt.systems.planar.swimming.stroke import swim
 
 CLOSED = 1e-9
@@ -30,6 +30,8 @@ _SAME = 1e-7
 # Numbers so near to a limit or each other, over the ranges, are made equal: the first that will do.
 _NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
 _CORRECTIONS, _NARROWINGS = 12, 5
+# Steps of the last search, on friction as good as set-valued: each takes long, few gain anything.
+_LAST = 15
 # Part of what was found at given instants that the exact motion may lack.
 _LOST = 0.05
 
@@ -158,7 +160,8 @@ def design_stroke(
     aim : PlanarAim
         What is wanted.
     starts : int, optional
-        Strokes to begin with.
+        Strokes to begin with: on dry ground, where lengths vary, a wave of lengths first if the way
+        ahead counts; others by chance.
     seed : int, optional
         Of chance.
     report : callable, optional
@@ -177,11 +180,10 @@ def design_stroke(
     --------
     >>> from wormopt.systems.planar.body.shape import chain_shape
     >>> from wormopt.systems.planar.swimming.swimmer import Swimmer
-    >>> from wormopt.systems.planar.design.ground import Viscous
     >>> from wormopt.systems.planar.design.aim import PlanarLimits
     >>> shape = chain_shape(3, lengths=(1.0, 1.0, 1.0))
-    >>> ground = Viscous(Swimmer(shape, rods=(1.0, 2.0)))
-    >>> aim = PlanarAim(shape, ground, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
+    >>> swimmer = Swimmer(shape, rods=(1.0, 2.0))
+    >>> aim = PlanarAim(shape, swimmer, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
     >>> round(design_stroke(aim, starts=1).value, 6)
     0.02302
     """
@@ -190,10 +192,9 @@ def design_stroke(
     tried: list[float] = []
     refusal: SolveError | None = None
     for k in range(starts):
-        random = np.random.default_rng([seed, k])
         try:
-            first = relaxed(aim, problem, chance_corners(aim, random))
-            near = polish(aim, first.corners, iterations=60, parts=2)
+            first = relaxed(aim, problem, first_corners(aim, seed, k))
+            near = polish(aim, first.corners, parts=2)
         except SolveError as error:
             refusal = error
             tried.append(float("nan"))
@@ -230,7 +231,7 @@ def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> Pla
     room, half = aim.limits.half_width, aim.limits.half_width
     for _ in range(_NARROWINGS if room is not None else 1):
         held = replace(aim, limits=replace(aim.limits, half_width=room))
-        best = _distinct(aim, polish(held, corners, iterations=60, parts=4).corners)
+        best = _distinct(aim, _steep(held, corners))
         design = _made_exact(aim, best, tried)
         if room is None or half is None:
             return design
@@ -243,6 +244,11 @@ def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> Pla
     raise SolveError(
         "the gait found leaves the passage between its corners", "write more corners, or more room"
     )
+
+
+def _steep(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
+    """Best corners near by, by friction as good as set-valued."""
+    return polish(aim, corners, parts=4, iterations=_LAST, widths=STEEP).corners
 
 
 def _made_exact(aim: PlanarAim, best: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
@@ -269,6 +275,8 @@ def _closed(
         if not miss.size or np.abs(miss).max() < CLOSED / 10:
             break
         by = task.equal_by(task.pack(corners))[:, : corners.size]
+        if not np.isfinite(by).all():
+            raise SolveError("the gait found has shapes whose motion is open", "write more starts")
         step = -np.linalg.lstsq(by @ ties, miss / task.units, rcond=None)[0]
         change = (ties @ step).reshape(corners.shape) * task.sizes
         corners = np.clip(corners + change, *aim.ranges.T)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -98,6 +99,26 @@ class Dry:
         laws = self.each_law(shape)
         return np.array([min(_numbers(law)) for law in laws])
 
+    def anchor(self, shape: Shape) -> int | None:
+        """Mass that holds at least as much as all others together can pull: it never moves.
+
+        With it at rest the body turns about it so that moments balance, and it bears what the
+        others exert, which it can: that is of least power, whatever the shape does.
+
+        Parameters
+        ----------
+        shape : Shape
+            The body.
+
+        Returns
+        -------
+        int or None
+        """
+        laws = self.each_law(shape)
+        least, most = self.least_each(shape), np.array([max(_numbers(law)) for law in laws])
+        found = np.flatnonzero(least >= most.sum() - most)
+        return int(found[0]) if len(found) else None
+
     @property
     def most(self) -> float:
         """Largest resistance."""
@@ -176,6 +197,15 @@ class Viscous:
 
 
 Ground = Dry | Viscous
+
+
+def ground_of(given: Ground | Swimmer | Elliptic | Sequence[Elliptic]) -> Ground:
+    """Ground by a law for all masses, one for each, or a body with its drags."""
+    if isinstance(given, Dry | Viscous):
+        return given
+    if isinstance(given, Swimmer):
+        return Viscous(given)
+    return Dry((given,) if isinstance(given, Elliptic) else tuple(given))
 
 
 def _squared(law: Elliptic, v: ca.SX) -> ca.SX:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,10 +15,16 @@ from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.polygons import Sides, Steps
 from wormopt.systems.planar.design.room import Room
 
-_KEPT = 1e-5
+_KEPT = 1e-3
 """What a point may miss and still count."""
+_PRICE = 30.0
+"""Of a miss, in usual sizes of what is sought."""
+SEARCHED, STEEP = (1e-2, 1e-3, 1e-5), (1e-5, 1e-7)
+"""Widths of the potential, one after the other: where masses stop and start there is no slope."""
 
 
+# Gain, in usual sizes, below which a search ends: a tenth of this, or of the width; if smooth.
+_ENOUGH, _SMOOTH = 1e-7, 1e-9
 # Parts of a side, at whose ends the body must be in a passage.
 _SPLIT = 4
 
@@ -267,13 +274,32 @@ class Polished:
     miss: float  # largest of what should vanish
 
 
-def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) -> Polished:
-    """Best corners near by; `parts`: of a side, see `Steps`."""
+def polish(
+    aim: PlanarAim,
+    corners: np.ndarray,
+    *,
+    parts: int,
+    iterations: int = 60,
+    widths: Sequence[float] = SEARCHED,
+) -> Polished:
+    """Best corners near by, by ever steeper friction; `parts`: of a side, see `Steps`."""
     split = _SPLIT if aim.limits.half_width is not None else 1
     steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
-    task = Polish(aim, steps, len(corners), split)
+    best = Polished(corners, 0.0, np.inf)
+    if not isinstance(aim.ground, Dry):  # all smooth
+        return _climbed(Polish(aim, steps, len(corners), split), corners, iterations, _SMOOTH)
+    for width in widths:
+        task = Polish(aim, replace(steps, width=width), len(corners), split)
+        best = _climbed(task, best.corners, iterations, 0.1 * max(width, _ENOUGH))
+    return best
+
+
+def _climbed(task: Polish, corners: np.ndarray, iterations: int, gain: float) -> Polished:
+    """Where SciPy's sequential quadratic programs end, or the best point on the way there."""
+    aim = task.aim
     constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
-    if task.equal(task.pack(corners)).size:
+    first = task.pack(corners)
+    if task.equal(first).size:
         constraints.append({"type": "eq", "fun": task.equal, "jac": task.equal_by})
     best: list[Polished] = []
 
@@ -283,7 +309,6 @@ def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) 
         if not best or _merit(aim, one) < _merit(aim, best[0]):
             best[:] = [one]
 
-    first = task.pack(corners)
     seen(first)
     found = minimize(
         task.objective,
@@ -292,7 +317,7 @@ def polish(aim: PlanarAim, corners: np.ndarray, *, iterations: int, parts: int) 
         method="SLSQP",
         bounds=task.bounds(),
         constraints=constraints,
-        options={"maxiter": iterations, "ftol": 1e-9},
+        options={"maxiter": iterations, "ftol": gain},
         callback=seen,
     )
     seen(found.x)
@@ -310,7 +335,8 @@ def _polished(task: Polish, w: np.ndarray) -> Polished:
 
 
 def _merit(aim: PlanarAim, one: Polished) -> tuple[bool, float]:
-    """Order: what keeps to its conditions first, then by value; else by what is missed."""
+    """Order: what nearly keeps to its conditions first, by value and miss; else by the miss."""
     if one.miss > _KEPT:
         return True, one.miss
-    return False, one.value if aim.purpose == "work" else -one.value
+    gain = -one.value if aim.purpose == "work" else one.value
+    return False, _PRICE * aim.usual * one.miss - gain

@@ -19,7 +19,7 @@ from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.design.ground import Dry, Ground
 
 # Width of the potential from which derivatives come, in usual powers; steps of Newton's method.
-_ITERATIONS, _NEAR, _ROUGHLY, _OPEN = 60, 1e-9, 1e-2, 1e-15
+_ITERATIONS, _NEAR, _ROUGHLY, _OPEN, _SLOW = 60, 1e-9, 1e-2, 1e-15, 1e-3
 _WIDTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-7, 1e-9)
 
 
@@ -96,12 +96,15 @@ class Steps:
         Equal parts of a side, each with so many Gauss points as `points` says.
     points : int, optional
         See there.
+    width : float, optional
+        Of the potential at last, in usual powers.
     """
 
     shape: Shape
     ground: Ground
     parts: int = 4
     points: int = 8
+    width: float = _WIDTHS[-1]
 
     @cached_property
     def _functions(self) -> tuple[ca.Function, ca.Function]:
@@ -133,9 +136,10 @@ class Steps:
             xi = self._minimise(np.zeros((len(s), 3)), s, rates, 1.0, _NEAR)
             return xi, xi, 1.0
         pace = np.maximum(np.linalg.norm(rates, axis=1, keepdims=True), 1e-300)
-        xi, widths, memory = np.zeros((len(s), 3)), _WIDTHS, self._last
+        widths = [width for width in _WIDTHS if width >= self.width]
+        xi, memory = np.zeros((len(s), 3)), self._last
         if len(memory.get("xi", ())) == len(s):
-            xi, widths = memory["xi"], _WIDTHS[2:]
+            xi, widths = memory["xi"], widths[min(2, len(widths) - 1) :]
         before = None
         for k, width in enumerate(widths):
             near = _NEAR if width == widths[-1] else _ROUGHLY * width
@@ -160,6 +164,7 @@ class Steps:
     ) -> np.ndarray:
         newton, _ = self._functions
         xi, function = xi.copy(), newton.map(len(s))
+        slow = _SLOW * np.abs(rates).max(axis=1)  # where the head rests its twist is nothing
         value, slope, hessian = _mapped(function, xi, s, rates, width)
         for _ in range(_ITERATIONS):
             step = -np.linalg.solve(_regular(hessian), slope[..., None])[..., 0]
@@ -179,7 +184,7 @@ class Steps:
             if worse.any():
                 value, slope, hessian = _mapped(function, xi, s, rates, width)
             moved = np.abs(size[:, None] * step).max(axis=1)
-            if np.all(moved <= near * (np.abs(xi).max(axis=1) + 1e-12)):
+            if np.all(moved <= near * (np.abs(xi).max(axis=1) + slow)):
                 break
         return xi
 

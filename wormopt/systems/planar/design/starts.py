@@ -13,6 +13,8 @@ from wormopt.systems.planar.design.polygons import Steps
 
 _HARMONICS = 2
 _INSIDE = 0.9
+# Where in their ranges angles of an inchworm are: off the middle, straight bodies may be open.
+_BENT = 0.55
 
 
 def chance_corners(aim: PlanarAim, random: np.random.Generator) -> np.ndarray:
@@ -37,6 +39,30 @@ def chance_corners(aim: PlanarAim, random: np.random.Generator) -> np.ndarray:
     if aim.start is not None:
         corners[0] = aim.start
     return corners
+
+
+def first_corners(aim: PlanarAim, seed: int, k: int) -> np.ndarray:
+    """Corners (k, n_s) of the start of that number: a wave of lengths first where it leads ahead.
+
+    Then by chance, of a seed.
+    """
+    lengths = np.char.startswith(np.array(aim.shape.names), "length")
+    ahead = aim.purpose == "speed" and isinstance(aim.ground, Dry) and aim.start is None
+    if k == 0 and ahead and lengths.sum() > 1 and aim.corners > lengths.sum():
+        return _wave(aim, np.flatnonzero(lengths))
+    return chance_corners(aim, np.random.default_rng([seed, k]))
+
+
+def _wave(aim: PlanarAim, lengths: np.ndarray) -> np.ndarray:
+    """All links short but one, which runs from the head to the tail: an inchworm, a little bent."""
+    low, high = aim.ranges.T
+    middle = low + _BENT * (high - low)
+    table = np.tile(middle, (len(lengths) + 2, 1))
+    table[:, lengths] = low[lengths]
+    table[1 + np.arange(len(lengths)), lengths] = high[lengths]
+    at = np.linspace(0, len(table) - 1, aim.corners, endpoint=False)
+    rows = np.arange(len(table))
+    return np.stack([np.interp(at, rows, column) for column in table.T], axis=1)
 
 
 def guess_from(aim: PlanarAim, corners: np.ndarray) -> Guess:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError
 from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.body.strokes import Polygon
@@ -17,18 +19,21 @@ from wormopt.systems.planar.kinematic.motion import Phase, kinematic_motion
 from wormopt.systems.planar.path.steps import Family, GaitStep, crawl_step, kinematic_step
 
 
-def held_family(
+def gait_family(
     name: str,
     shape: Shape,
     rest: ArrayLike,
     changes: ArrayLike,
-    phases: Constraints | Sequence[Phase],
     amplitudes: Sequence[float],
     *,
     ground: Ground = None,
+    held: Constraints | Sequence[Phase] | None = None,
     rates: Sequence[float] | float = 1.0,
 ) -> Family:
-    """Family of strokes from rest through shapes and back, held by pins and skids.
+    """Family of strokes from a shape at rest through others and back, by an amplitude.
+
+    What pins and skids hold moves as its shape tells; what nothing holds crawls, so slowly that
+    friction tells how.
 
     Parameters
     ----------
@@ -40,60 +45,24 @@ def held_family(
         Shape that the stroke begins and ends with.
     changes : array_like, shape (k, n_s)
         Shapes in between, less that at rest, at amplitude 1.
-    phases : Constraints or sequence of Phase
-        What holds.
     amplitudes : sequence of float
         Those that a search may use, ascending.
     ground : law, sequence of laws or None, optional
-        What resists sliding, for the work.
+        Friction of all masses, or of each: `Elliptic` where nothing is held; else what resists
+        sliding, for the work.
+    held : Constraints or sequence of Phase, optional
+        What holds; if left out, nothing does.
     rates : float or sequence of float, optional
         Largest rates of the shape variables, for the time.
 
     Returns
     -------
     Family
-    """
-    stroke = _strokes(rest, changes)
 
-    def make(amplitude: float) -> GaitStep:
-        motion = kinematic_motion(shape, stroke(amplitude), phases)
-        return kinematic_step(name, motion, amplitude=amplitude, ground=ground, rates=rates)
-
-    return Family(name, make, tuple(amplitudes))
-
-
-def crawled_family(
-    name: str,
-    shape: Shape,
-    rest: ArrayLike,
-    changes: ArrayLike,
-    ground: PlanarLaw | Sequence[PlanarLaw],
-    amplitudes: Sequence[float],
-    *,
-    rates: Sequence[float] | float = 1.0,
-) -> Family:
-    """Family of strokes from rest through shapes and back, crawled so slowly that friction tells.
-
-    Parameters
-    ----------
-    name : str
-        Of the gait.
-    shape : Shape
-        The body.
-    rest : array_like, shape (n_s,)
-        Shape that the stroke begins and ends with.
-    changes : array_like, shape (k, n_s)
-        Shapes in between, less that at rest, at amplitude 1.
-    ground : Elliptic, or sequence of Elliptic
-        Friction of all masses, or of each.
-    amplitudes : sequence of float
-        Those that a search may use, ascending.
-    rates : float or sequence of float, optional
-        Largest rates of the shape variables, for the time.
-
-    Returns
-    -------
-    Family
+    Raises
+    ------
+    ArgumentError
+        If nothing is held and no ground resists.
 
     Examples
     --------
@@ -102,16 +71,23 @@ def crawled_family(
     >>> import wormopt as wo
     >>> worm, law = wo.planar.chain_shape(2), wo.Elliptic(1.0, 3.0, 2.0)
     >>> pull = [[0.4, 0.0, 0.0], [0.4, 0.4, 0.0], [0.0, 0.4, 0.0]]
-    >>> ahead = wo.planar.crawled_family("ahead", worm, (0.6, 0.6, 0.4), pull, law, (0.5, 1.0))
+    >>> ahead = wo.planar.gait_family("ahead", worm, (0.6, 0.6, 0.4), pull, (0.5, 1.0), ground=law)
     >>> bool(ahead.make(1.0).displacement[0] > 0.1)
     True
     """
     stroke = _strokes(rest, changes)
+    if held is None and ground is None:
+        raise ArgumentError("what nothing holds and no ground resists does not move: give a ground")
 
     def make(amplitude: float) -> GaitStep:
-        found = crawl(shape, ground, stroke(amplitude))
+        if held is not None:
+            motion = kinematic_motion(shape, stroke(amplitude), held)
+            return kinematic_step(name, motion, amplitude=amplitude, ground=ground, rates=rates)
+        found = crawl(shape, cast("PlanarLaw", ground), stroke(amplitude))
         return crawl_step(name, found, amplitude=amplitude, rates=rates)
 
+    if held is not None:
+        return Family(name, make, tuple(amplitudes))
     # phases come and go with the amplitude: a polynomial is no better of many points
     return Family(name, make, tuple(amplitudes), degree=6)
 

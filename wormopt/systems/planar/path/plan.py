@@ -62,9 +62,11 @@ class PlannedPath:
 def plan_path(
     task: PathTask,
     library: Library,
-    capture: Tolerance,
-    options: SearchOptions | None = None,
+    capture: Tolerance | tuple[float, float],
     *,
+    cost: Cost = "steps",
+    cell: tuple[float, float] = (0.0, 0.0),
+    most: int = 200_000,
     accuracy: float = 1e-10,
     report: Report | None = None,
 ) -> PlannedPath:
@@ -76,11 +78,16 @@ def plan_path(
         Start, goal, obstacles, places on the way.
     library : Library
         Gaits, each with a few amplitudes.
-    capture : Tolerance
-        How near to the goal the search must come with the amplitudes of the library; from there
-        amplitudes are changed until the goal is met.
-    options : SearchOptions, optional
-        What is least, and how much the search keeps.
+    capture : Tolerance or (float, float)
+        How near to the goal, a distance and an angle, the search must come with the amplitudes of
+        the library; from there amplitudes are changed until the goal is met.
+    cost : {"steps", "work", "time"}, optional
+        What is least.
+    cell : (float, float), optional
+        Length and angle of cells of which only the cheapest pose is kept; with (0, 0) nothing is
+        lost, and long searches do not end.
+    most : int, optional
+        Number of poses after which the search gives up.
     accuracy : float, optional
         To what the pose is met, in x, y and angle.
     report : callable, optional
@@ -100,10 +107,26 @@ def plan_path(
     A* over exact poses; its bound of the cost to go is that no mass gets farther for its cost than
     with the step that takes it farthest. Without cells the route is the best of the library within
     `capture`; with them it may lose. The amplitudes that follow are a local optimum.
+
+    Examples
+    --------
+    A pinned tail, a pinned head: links that stretch in between push the worm ahead.
+
+    >>> import wormopt as wo
+    >>> P, worm = wo.planar, wo.planar.chain_shape(2)
+    >>> push = P.Phase(0.5, P.Constraints(pins=(2,), skids=(0,)))
+    >>> pull = P.Phase(1.0, P.Constraints(pins=(0,), skids=(2,)))
+    >>> ahead = P.gait_family(
+    ...     "ahead", worm, (0.6, 0.6, 0.0), [(0.4, 0.4, 0.0)], (0.5, 1.0), held=[push, pull]
+    ... )
+    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
+    >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
+    >>> [round(step.amplitude, 6) for step in path.steps], path.poses[-1].round(9).tolist()
+    ([0.625, 0.625, 0.625], [1.5, 0.0, 0.0])
     """
     if fault := rest_fault(task, library):
         raise SolveError(fault, "move the pose or the obstacle", code="touching")
-    options, looked = options or SearchOptions(), Looked()
+    options, looked, capture = SearchOptions(cost, cell, most), Looked(), Tolerance.of(capture)
     fits = [Fitted(family, options.cost) for family in library.families]
     tried, short = 0, set()
     for route in routes(task, library, capture, options, looked, report):

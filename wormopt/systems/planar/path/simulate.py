@@ -49,7 +49,7 @@ def simulate_path(
     Parameters
     ----------
     path : PlannedPath
-        Its steps must come from `held_family` or `crawled_family`.
+        Its steps must come from `gait_family`.
     lengths : sequence of float, optional
         Of the links, where they are no shape variables.
     heading : {"bisector", "front", "rear"}, optional

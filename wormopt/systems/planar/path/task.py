@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.path.steps import GaitStep, Library
 
 Cost = Literal["steps", "work", "time"]
+Near: TypeAlias = "Tolerance | tuple[float, float]"
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,11 @@ class Tolerance:
 
     place: float
     angle: float
+
+    @classmethod
+    def of(cls, given: Near) -> Tolerance:
+        """Make one of a distance and an angle."""
+        return given if isinstance(given, Tolerance) else cls(*given)
 
     def __post_init__(self) -> None:
         if not (0 < self.place < np.inf and 0 < self.angle < np.inf):
@@ -89,8 +95,8 @@ class PathTask:
     ----------
     start, goal : array_like, shape (3,)
         Poses of the frame at the head: x, y, heading. A goal holds modulo 2 pi.
-    tolerance : Tolerance
-        How near the goal must be met.
+    tolerance : Tolerance or (float, float)
+        How near the goal must be met: a distance and an angle.
     obstacles : sequence of Obstacle, optional
         What the body must not touch.
     clearance : float, optional
@@ -99,18 +105,24 @@ class PathTask:
         Places that the head must come near to in this order, between two steps.
     via_radius : float, optional
         How near.
-    corridor : Corridor, optional
-        What the masses must stay in.
+    corridor : Corridor or (array_like, float), optional
+        What the masses must stay in: corners (m, 2) of a line, and how far from it they may be.
+
+    Examples
+    --------
+    >>> task = PathTask((0, 0, 0), (2, 0, 0), (1e-6, 1e-6), via=[(1, 0)], via_radius=0.1)
+    >>> task.off([2.0, 0.5, 0.1]).round(12).tolist()
+    [0.0, 0.5, 0.1]
     """
 
     start: np.ndarray
     goal: np.ndarray
-    tolerance: Tolerance
+    tolerance: Any  # kept as a Tolerance
     obstacles: Sequence[Obstacle] = ()
     clearance: float = 0.0
     via: Sequence[tuple[float, float]] = ()
     via_radius: float = 0.0
-    corridor: Corridor | None = None
+    corridor: Any = None  # kept as a Corridor
 
     def __post_init__(self) -> None:
         for name in ("start", "goal"):
@@ -118,6 +130,9 @@ class PathTask:
             if pose.shape != (3,) or not np.isfinite(pose).all():
                 raise ArgumentError(f"{name} must be x, y and an angle, not {pose.tolist()}")
             object.__setattr__(self, name, pose)
+        object.__setattr__(self, "tolerance", Tolerance.of(self.tolerance))
+        if self.corridor is not None and not isinstance(self.corridor, Corridor):
+            object.__setattr__(self, "corridor", Corridor(*self.corridor))
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         object.__setattr__(self, "via", tuple((float(x), float(y)) for x, y in self.via))
         if self.via and not self.via_radius > 0:

@@ -19,9 +19,8 @@ from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.kinematic.constraints import Constraints
 from wormopt.systems.planar.kinematic.loads import loads
 from wormopt.systems.planar.kinematic.motion import KinematicMotion, Phase
-from wormopt.systems.planar.path.gaits import crawled_family, held_family
+from wormopt.systems.planar.path.gaits import gait_family
 from wormopt.systems.planar.path.plan import PlannedPath, plan_path
-from wormopt.systems.planar.path.search import SearchOptions
 from wormopt.systems.planar.path.simulate import Course, least_distance, simulate_path
 from wormopt.systems.planar.path.steps import Family, GaitStep, Library
 from wormopt.systems.planar.path.task import Corridor, PathTask, Tolerance, wrapped
@@ -52,7 +51,6 @@ def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
     assert library.steps
     made, search = time.perf_counter(), table.search
     capture = Tolerance(search.capture.place, search.capture.angle)
-    options = SearchOptions(search.cost, (search.cell.place, search.cell.angle), search.poses)
     last = ["before the search began"]
 
     def told(text: str, fraction: float | None = None) -> None:
@@ -60,7 +58,10 @@ def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
         report(text, fraction)
 
     try:
-        path = plan_path(_task(table), library, capture, options, report=told)
+        path = plan_path(
+            _task(table), library, capture, cost=search.cost,
+            cell=(search.cell.place, search.cell.angle), most=search.poses, report=told,
+        )  # fmt: skip
     except SolveError as error:
         partial = _unplanned(scene, error.reason)
         raise SolveError(error.reason, error.suggestion, partial, error.code) from None
@@ -102,14 +103,11 @@ def _family(table: PlanarPathScene, gait: GaitTable, name: str, side: float) -> 
     sides = np.ones(len(rest))
     sides[len(rest) - (table.body.links - 1) :] = side
     changes, ground = sides * np.array(gait.changes), table.ground.friction()
-    if not gait.held:
-        return crawled_family(
-            name, shape, sides * rest, changes, ground, gait.amplitudes, rates=rates
-        )
     phases = [Phase(held.until, Constraints(held.pins, held.skids)) for held in gait.held]
-    return held_family(
-        name, shape, sides * rest, changes, phases, gait.amplitudes, ground=ground, rates=rates
-    )
+    return gait_family(
+        name, shape, sides * rest, changes, gait.amplitudes,
+        ground=ground, held=phases or None, rates=rates,
+    )  # fmt: skip
 
 
 def _task(table: PlanarPathScene) -> PathTask:

@@ -12,13 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.numerics.collocation import Collocation
-from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.strokes import Stroke
+from wormopt.systems.planar.body.travel import travel
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
-# Points of Gauss on a panel; panels are halved until nothing changes, or there are too many.
-_POINTS, _MOST, _ROUNDING, _LOOSE = 16, 1024, 3e-15, 1e-6
+# Panels of the quadrature to begin with, what it shall meet, and what it must.
+_PANELS, _ROUNDING, _LOOSE = 2, 1e-14, 1e-6
 STRAIGHT = 1e-9
 """Turn below which a stroke counts as straight: its distance then is free of the frame."""
 
@@ -136,58 +135,29 @@ def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
     if stroke.n_s != swimmer.shape.s.numel():
         names = ", ".join(swimmer.shape.names) or "none"
         raise ArgumentError(f"the stroke has {stroke.n_s} shape variables, the body has: {names}")
-    panels, last = 2, None
-    while True:
-        found = _integrated(swimmer, stroke, panels)
-        if not np.all(np.isfinite(found.poses)):
+
+    def rates(phase: np.ndarray) -> np.ndarray:
+        shapes, ds = stroke.at(phase)
+        A, G = swimmer.local(shapes)
+        power = np.einsum("mi,mij,mj->m", ds, G, ds)
+        found = np.column_stack([np.einsum("mij,mj->mi", A, ds), np.sqrt(np.maximum(power, 0.0))])
+        if not np.all(np.isfinite(found)):
             raise ArgumentError("the stroke leads through a shape at which drag is not finite")
-        now = np.append(found.displacement, found.length)
-        error = np.inf if last is None else float(np.abs(now - last).max())
-        if error <= _ROUNDING * panels * (1 + found.length) or 2 * panels > _MOST:
-            break
-        panels, last = 2 * panels, now
-    if not error <= _LOOSE * (1 + found.length):
+        return found
+
+    course = travel(rates, stroke.breaks, panels=_PANELS, accuracy=_ROUNDING)
+    length = float(course.sums[-1, 0])
+    if not course.error <= _LOOSE * (1 + length):
         raise ArgumentError("the stroke leads too near a shape at which a link has no length")
-    return Swim(**{**vars(found), "error": error})
-
-
-def _integrated(swimmer: Swimmer, stroke: Stroke, panels: int) -> Swim:
-    """Gauss's rule on so many panels of every smooth stretch."""
-    rule = Collocation(_POINTS, "legendre")
-    edges = np.concatenate(
-        [
-            np.linspace(a, b, panels, endpoint=False)
-            for a, b in zip(stroke.breaks, stroke.breaks[1:], strict=False)
-        ]
-        + [[1.0]]
-    )
-    widths = np.diff(edges)
-    phase = (edges[:-1, None] + widths[:, None] * rule.tau).ravel()
-    shapes, rates = stroke.at(phase)
-    A, G = swimmer.local(shapes)
-    twist = np.einsum("mij,mj->mi", A, rates).reshape(len(widths), _POINTS, 3)
-    power = np.einsum("mi,mij,mj->m", rates, G, rates).reshape(len(widths), _POINTS)
-    pace = np.sqrt(np.maximum(power, 0.0))
-    angle, turn = _running(rule, widths, twist[..., 2])
-    velocity = rotate(angle, twist[..., :2])
-    x, way_x = _running(rule, widths, velocity[..., 0])
-    y, way_y = _running(rule, widths, velocity[..., 1])
-    travelled, length = _running(rule, widths, pace)
-    poses = np.stack([x, y, angle], axis=-1).reshape(-1, 3)
-    end = np.array([way_x, way_y, turn])
-    first, last = stroke.at(np.array([0.0, 1.0]))[0]
+    phase = np.concatenate([[0.0], course.nodes, [1.0]])
+    shapes = stroke.at(phase)[0]
     return Swim(
-        end, length,
-        np.concatenate([[0.0], phase, [1.0]]),
-        np.vstack([first, shapes, last]),
-        np.vstack([np.zeros(3), poses, end]),
-        np.concatenate([[0.0], travelled.ravel(), [length]]),
-        swimmer.towing_drag(shapes), np.inf,
-    )  # fmt: skip
-
-
-def _running(rule: Collocation, widths: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, float]:
-    """Integral of a rate (panels, points) from 0 to each point, and to the end."""
-    whole = widths * (rate @ rule.B)
-    before = np.concatenate([[0.0], np.cumsum(whole)])
-    return before[:-1, None] + widths[:, None] * (rate @ rule.A.T), float(before[-1])
+        course.displacement,
+        length,
+        phase,
+        shapes,
+        np.vstack([np.zeros(3), course.node_poses, course.displacement]),
+        np.concatenate([[0.0], course.node_sums[:, 0], [length]]),
+        swimmer.towing_drag(shapes),
+        course.error,
+    )
