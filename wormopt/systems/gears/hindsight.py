@@ -20,12 +20,13 @@ from wormopt.progress import Report, silent
 from wormopt.systems.gears.box import GearBox
 from wormopt.systems.gears.gear import Limits
 from wormopt.systems.gears.ground import Ground
-from wormopt.systems.gears.stroke import loads
 
 # Instants of a stroke at which forces are looked at.
 _LOOKS = np.linspace(0.0, 1.0, 9)
 # Limits may be exceeded by this share between the looks.
 _EXCEEDED = 1e-9
+# Places in a bin at which it is known what an edge loads.
+_KNOWN = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +57,17 @@ def best_schedule(
     goal: float,
     gear: int,
     *,
-    bins: int = 2000,
+    fineness: int = 3,
     report: Report = silent,
 ) -> Schedule:
     """Find the schedule that brings the mean of the masses from `start` to `goal` first.
 
-    It begins with a cycle of `gear`. Raises SolveError if none keeps the limits.
+    It begins with a cycle of `gear`. Bins are so narrow that a cycle crosses `fineness` of them at
+    least. Raises SolveError if none keeps the limits.
     """
-    places = np.linspace(start, goal, 4 * bins + 1)
+    least = min(gear.advance for gear in box.gears)  # from one visit of a node to the next
+    bins = int(np.ceil(fineness * (goal - start) / least))
+    places = np.linspace(start, goal, _KNOWN * bins + 1)
     edges = _edges(box, ground, limits, places)
     step = (goal - start) / bins
     begin = box.first_row(gear)
@@ -83,10 +87,10 @@ def best_schedule(
         if place > furthest and looked % 1000 == 0:
             furthest = place
             report("looking back", (place - start) / (goal - start))
-        near = 4 * (place - start) / step
+        near = min(int(_KNOWN * (place - start) / step), len(places) - 2)
         for edge in edges[node]:
             # allowed at both neighbours: forces vary by little from one to the other
-            if not (edge.allowed[int(near)] and edge.allowed[min(int(near) + 1, 4 * bins)]):
+            if not edge.allowed[near : near + 2].all():
                 continue
             came.append((label, edge))
             there, then = place + edge.way, time + edge.duration
@@ -99,6 +103,14 @@ def best_schedule(
         "no schedule of the gears passes within the limits",
         "give spikes and actuators more load, or add a gear in which more masses rest",
     )
+
+
+def _edge_rows(box: GearBox, first: int, nodes: set[int]) -> tuple[int, ...]:
+    """Rows from one on to the next node."""
+    rows = [first]
+    while box.rows[rows[-1]].follows not in nodes:
+        rows.append(box.rows[rows[-1]].follows)
+    return tuple(rows)
 
 
 def _rows(came: list[tuple[int, Edge | None]], label: int) -> tuple[int, ...]:
@@ -165,45 +177,37 @@ def _edge(
     first: int,
     nodes: set[int],
 ) -> Edge:
-    rows = [first]
-    while box.rows[rows[-1]].follows not in nodes:
-        rows.append(box.rows[rows[-1]].follows)
+    rows = _edge_rows(box, first, nodes)
     allowed = np.ones(len(places), dtype=bool)
     now = shape.copy()
     for number in rows:
-        stroke = box.rows[number].stroke
-        s = stroke.duration * _LOOKS
-        for look in s:
-            spike, force, least = _peaks(box, ground, number, look, now, places)
-            allowed &= spike <= limits.spike * (1 + _EXCEEDED)
-            allowed &= force <= limits.actuator * (1 + _EXCEEDED)
-            allowed &= least >= 0
-        now = now + stroke.way
+        spike, force, least = _peaks(box, ground, number, now, places)
+        allowed &= spike <= limits.spike * (1 + _EXCEEDED)
+        allowed &= force <= limits.actuator * (1 + _EXCEEDED)
+        allowed &= least >= 0
+        now = now + box.rows[number].stroke.way
     duration = sum(box.rows[number].stroke.duration for number in rows)
     way = float(now.mean() - shape.mean())
-    return Edge(tuple(rows), box.rows[rows[-1]].follows, float(duration), way, allowed)
+    return Edge(rows, box.rows[rows[-1]].follows, float(duration), way, allowed)
 
 
 def _peaks(
-    box: GearBox,
-    ground: Ground,
-    number: int,
-    look: float,
-    shape: np.ndarray,
-    places: np.ndarray,
+    box: GearBox, ground: Ground, number: int, shape: np.ndarray, places: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Largest loads of spikes and actuators, and their total, at one instant for all places."""
-    stroke, one = box.rows[number].stroke, np.array([look])
-    velocity, acceleration = stroke.at(one), stroke.at(one, 1)
-    at = (shape + stroke.at(one, -1)[:, 0])[:, None] + places
-    need = box.mass[:, None] * acceleration + ground.at("load", at)
-    need = need + ground.at("drag", at) * velocity
+    """Largest loads of a spike and an actuator in a stroke, and least of all spikes, by place."""
+    stroke = box.rows[number].stroke
+    s = stroke.duration * _LOOKS
+    begin = (shape[:, None] + places)[:, :, None]  # (masses, places, 1)
+    at = begin + stroke.at(s, -1)[:, None, :]
+    need = ground.at("load", at) + ground.at("drag", at) * stroke.at(s)[:, None, :]
+    need += (box.mass[:, None] * stroke.at(s, 1))[:, None, :]
     need[-1] += ground.at("towed", at[-1])
     total = need.sum(axis=0)
-    spike = np.zeros_like(need)
-    spike[list(stroke.resting)] = total / len(stroke.resting)
-    force = np.abs(np.cumsum(spike - need, axis=0)[:-1]).max(axis=0)
-    return spike.max(axis=0), force, total
+    share = total / len(stroke.resting)
+    carried = np.zeros(len(shape))
+    carried[list(stroke.resting)] = 1.0
+    force = np.cumsum(carried[:, None, None] * share - need, axis=0)[:-1]
+    return share.max(axis=1), np.abs(force).max(axis=(0, 2)), total.min(axis=1)
 
 
 def _shapes(box: GearBox) -> dict[int, np.ndarray]:

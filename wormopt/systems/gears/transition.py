@@ -10,7 +10,7 @@ from below.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -280,27 +280,3 @@ def _strokes(task: _Task, nodes: np.ndarray, duration: float) -> Iterator[Stroke
             np.stack([nodes[begin], (nodes[end] - nodes[begin]) / ((end - begin) * step)], axis=1),
             task.resting,
         )
-
-
-def round_trip(
-    gears: tuple[Gear, Gear], there: Transition, back: Transition
-) -> Sequence[tuple[str, Stroke]]:
-    """Strokes of a cycle in one gear, a transition, a cycle in the other and the way back.
-
-    Each with its part of the trip: "first", "there", "second" or "back".
-    """
-    first, second = gears
-    parts = {
-        "first": _around(first, back.enters, there.leaves),
-        "there": there.strokes,
-        "second": _around(second, there.enters, back.leaves),
-        "back": back.strokes,
-    }
-    return [(name, stroke) for name, strokes in parts.items() for stroke in strokes]
-
-
-def _around(gear: Gear, begin: int, end: int) -> tuple[Stroke, ...]:
-    """Strokes from one phase on to another, once around at least."""
-    count = len(gear.strokes)
-    last = end + count if end > begin else end + 2 * count if end < begin else begin + count
-    return tuple(gear.strokes[k % count] for k in range(begin, last))
