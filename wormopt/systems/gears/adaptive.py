@@ -117,9 +117,7 @@ def _on_ground(worm: Model, ground: Ground, wanted: ca.SX, rate: ca.SX) -> Model
         "input": worm["input"] + hold,
     }
     expressions = [worm.ode, *(output.expression for output in worm.outputs)]
-    ode, *shown = ca.substitute(
-        expressions, [worm[name] for name in known], [*known.values()]
-    )
+    ode, *shown = ca.substitute(expressions, [worm[name] for name in known], [*known.values()])
     return replace(
         worm,
         ode=ode,

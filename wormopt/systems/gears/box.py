@@ -1,4 +1,4 @@
-"""A gear box: gears from slow to fast, the ways between neighbours, and all strokes in one table."""
+"""A gear box: gears from slow to fast, ways between neighbours, all strokes in one table."""
 
 from __future__ import annotations
 
@@ -77,9 +77,7 @@ class GearBox:
                 for q, stroke in enumerate(transition.strokes):
                     last = q + 1 == len(transition.strokes)
                     follows = after[name, k] if last else len(rows) + 1
-                    rows.append(
-                        Row(stroke, into, shifting=True, ends_cycle=False, follows=follows)
-                    )
+                    rows.append(Row(stroke, into, shifting=True, ends_cycle=False, follows=follows))
         return tuple(rows)
 
     def first_row(self, gear: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,11 +10,10 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
+from wormopt.numerics.chebyshev import resolve
 from wormopt.systems.gears.ground import Ground
-from wormopt.systems.gears.stroke import Loads, Stroke, loads, strokes_of
+from wormopt.systems.gears.stroke import Stroke, loads, strokes_of
 
-# Within a stroke forces are polynomials of low degree; their extremes are looked for here.
-_LOOKS = np.sort(np.append((1 - np.cos(np.pi * np.arange(33) / 32)) / 2, [1 / 3, 2 / 3]))
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
@@ -52,7 +52,8 @@ class Gear:
             raise ArgumentError(f"{self.name}: a gear needs a gait of polynomials, no harmonics")
         widths = np.diff(self.gait.breaks)
         jumps = [
-            self.gait.on_piece(q, np.zeros(1), 1) - self.gait.on_piece(q - 1, widths[q - 1 :][:1], 1)
+            self.gait.on_piece(q, np.zeros(1), 1)
+            - self.gait.on_piece(q - 1, widths[q - 1 :][:1], 1)
             for q in range(self.gait.pieces)
         ]
         size = float(np.abs(self.gait.polynomial[:, :, 0]).max()) / self.gait.period
@@ -91,44 +92,40 @@ class Gear:
         return self.advance / self.period
 
     @cached_property
-    def _ends(self) -> tuple[tuple[Loads, Loads], ...]:
-        """Forces at the looks of every stroke at loads 0 and 1."""
-        still = np.zeros(len(self.mass))
-        one, none = np.ones(1), np.zeros(1)
-        return tuple(
-            (
-                loads(self.mass, Ground(none, none, self.drag * one, none), q, s, still),
-                loads(self.mass, Ground(none, one, self.drag * one, none), q, s, still),
-            )
-            for q in self.strokes
-            for s in [_LOOKS * q.duration]
-        )
+    def _forces(self) -> tuple[_Forces, ...]:
+        """Forces in every stroke."""
+        return tuple(_forces(self.mass, self.drag, stroke) for stroke in self.strokes)
 
     def spike_peak(self, load: float) -> float:
         """Largest load of a spike."""
-        return max(float(_between(a.spike, b.spike, load).max()) for a, b in self._ends)
+        return max((q.high[0] + q.slope[0] * load) / q.resting for q in self._forces)
 
     def actuator_peak(self, load: float) -> float:
         """Largest force of an actuator, either way."""
-        return max(float(np.abs(_between(a.actuator, b.actuator, load)).max()) for a, b in self._ends)
+        return max(
+            float(np.max(np.maximum(q.high + q.slope * load, -q.low - q.slope * load)[1:]))
+            for q in self._forces
+        )
 
     @cached_property
     def least(self) -> float:
         """Least load on each mass at which none glides."""
-        return max(0.0, *(float(np.max(-a.total / (b.total - a.total))) for a, b in self._ends))
+        return max(0.0, *(-q.low[0] / q.slope[0] for q in self._forces))
 
     def bears(self, limits: Limits) -> tuple[float, float]:
         """Largest load on each mass that spikes bear, and that actuators bear.
 
-        Negative infinity where the limit is broken at any load.
+        Negative infinity for actuators that break their limit at the least load already.
         """
-        spike = min(_highest(a.spike, b.spike, limits.spike) for a, b in self._ends)
-        actuator = min(_highest(a.actuator, b.actuator, limits.actuator) for a, b in self._ends)
-        low = min(_highest(-a.actuator, -b.actuator, limits.actuator) for a, b in self._ends)
-        borne = min(actuator, low)
-        start = max(self.least, 0.0)
-        fine = borne >= start and self.actuator_peak(start) <= limits.actuator * (1 + 1e-12)
-        return spike, borne if fine else -np.inf
+        spike = min((limits.spike * q.resting - q.high[0]) / q.slope[0] for q in self._forces)
+        actuator = math.inf
+        for q in self._forces:
+            for most, slope in ((q.high[1:], q.slope[1:]), (-q.low[1:], -q.slope[1:])):
+                grows = slope > 1e-12
+                room = (limits.actuator - most[grows]) / slope[grows]
+                actuator = min(actuator, float(np.min(room, initial=math.inf)))
+        fine = self.actuator_peak(self.least) <= limits.actuator * (1 + 1e-12)
+        return float(spike), actuator if fine else -math.inf
 
     def spike_mean(self, load: float) -> float:
         """Mean over a cycle of the load of all spikes together: the balance of impulses."""
@@ -146,14 +143,28 @@ class Gear:
         return found / self.period
 
 
-def _between(at_0: np.ndarray, at_1: np.ndarray, load: float) -> np.ndarray:
-    return at_0 + load * (at_1 - at_0)
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """Extremes in a stroke at no load, and by how much they grow with the load on each mass.
+
+    Rows are the load of all spikes together, then the actuators.
+    """
+
+    low: np.ndarray  # (1 + n,)
+    high: np.ndarray  # (1 + n,)
+    slope: np.ndarray  # (1 + n,)
+    resting: int
 
 
-def _highest(at_0: np.ndarray, at_1: np.ndarray, limit: float) -> float:
-    """Largest load at which values that grow with it stay below a limit."""
-    if not np.isfinite(limit):
-        return np.inf
-    slope = at_1 - at_0
-    grows = slope > 1e-12
-    return float(np.min((limit - at_0[grows]) / slope[grows], initial=np.inf))
+def _forces(mass: np.ndarray, drag: float, stroke: Stroke) -> _Forces:
+    still, one, none = np.zeros(len(mass)), np.ones(1), np.zeros(1)
+
+    def at(load: float, s: np.ndarray) -> np.ndarray:
+        ground = Ground(none, load * one, drag * one, none)
+        found = loads(mass, ground, stroke, s, still)
+        return np.vstack([found.total, found.actuator])
+
+    degree = max(stroke.velocity.shape[1] - 1, 1)
+    low, high = resolve(lambda s: at(0.0, s), 0.0, stroke.duration, degree).extremes()
+    slope = (at(1.0, none) - at(0.0, none))[:, 0]
+    return _Forces(low, high, slope, len(stroke.resting))

@@ -220,10 +220,11 @@ def _shapes(box: GearBox) -> dict[int, np.ndarray]:
     return found
 
 
-def least_time(box: GearBox, ground: Ground, limits: Limits, start: float, goal: float) -> float:
-    """No schedule is faster: everywhere the fastest gear that bears the lightest load nearby.
+def ideal_time(box: GearBox, ground: Ground, limits: Limits, start: float, goal: float) -> float:
+    """Time if shifts were free, and the lightest place nearby told which gear is fast enough.
 
-    Shifts cost nothing here, and within a worm's length and a cycle the lightest place counts.
+    Nearby is within a worm's length and a cycle; infinite where no gear bears even that. What a
+    schedule loses by shifting shows against it; a bound it is up to parts of cycles.
     """
     places = np.linspace(start, goal, 4001)
     reach = max(float(np.ptp(shape)) for shape in _shapes(box).values())

@@ -183,9 +183,9 @@ def geared_worm(
     place = ca.SX.sym("position", masses)
     pull = ground.expression("load", place)
     pull[masses - 1] += ground.expression("towed", place[masses - 1])
-    need = box.mass * shifted.acceleration + pull
+    need = ca.DM(box.mass) * shifted.acceleration + pull
     need += ground.expression("drag", place) * shifted.velocity
-    total = ca.sum1(need)
+    total = ca.SX(ca.sum1(need))
     spike = shifted.resting * total / ca.sum1(shifted.resting)
     force = ca.cumsum(spike - need)[:-1]
     states = shifted.states(gear, supervisor.dwell)

@@ -30,12 +30,13 @@ def shift(result: Result) -> Figure:
     time = result["stroke_time"].values
     for upper in (gear, spike, force):
         upper.sharex(way)
+        upper.tick_params(labelbottom=False)
     _draw_gears(result, gear)
     for axes, name, limit, what in (
         (spike, "stroke_spike_load", "spike_load_limit", "spike load"),
         (force, "stroke_actuator_force", "actuator_force_limit", "actuator\nforce"),
     ):
-        axes.plot(time, result[name].values, color=LINKS[0], drawstyle="steps-post", linewidth=0.5)
+        axes.plot(time, result[name].values, color=LINKS[0], drawstyle="steps-post", linewidth=0.4)
         most, entries = scalar(result, limit), [line("largest in a stroke", LINKS[0])]
         if most is not None:
             axes.axhline(most, color=RED, linestyle=LIMIT, linewidth=1)
@@ -96,7 +97,10 @@ def _draw_way(result: Result, way: Axes, ground: Axes) -> None:
         entries.append(line("best gear alone", GREY, "-", 0.8))
     way.set_ylabel(label("mean place $x$", result["stroke_place"].unit))
     way.set_xlabel(label("time $t$", result["stroke_time"].unit))
-    way.margins(x=0)
+    ends = [
+        result[name].values[-1] for name in ("stroke_time", "adaptive_sample") if name in result
+    ]
+    way.set_xlim(0.0, 1.02 * max(ends))
     legend(way, entries)
     ground.plot(place, result["stroke_load"].values, color="black")
     loads = np.array(needed(result, "gear_loads"), dtype=float)
@@ -127,25 +131,27 @@ def transitions(result: Result) -> Figure:
         axes.plot([low, high], [speed, speed], color=colour, linewidth=4)
         axes.annotate(
             f"gear {k}, {resting[k]} at rest",
-            (low, speed),
+            (high, speed),
             (0, 5),
             textcoords="offset points",
             fontsize="small",
+            ha="right",
         )
     for k, (up, down) in enumerate(
         zip(needed(result, "up_durations"), needed(result, "down_durations"), strict=True)
     ):
         both = max(loads[k][0], loads[k + 1][0]), min(loads[k][1], loads[k + 1][1])
-        at = sum(both) / 2
+        at = both[0] + (both[1] - both[0]) / 4
         axes.annotate(
-            "", (at, speeds[k + 1]), (at, speeds[k]), arrowprops={"arrowstyle": "<->", "color": GREY}
+            "",
+            (at, speeds[k + 1]),
+            (at, speeds[k]),
+            arrowprops={"arrowstyle": "<->", "color": GREY},
         )
-        axes.annotate(
-            f"  {up:.3g} up, {down:.3g} down",
-            (at, (speeds[k] + speeds[k + 1]) / 2),
-            fontsize="small",
-            va="center",
+        told = (
+            f"  shifts take {up:.3g} up, {down:.3g} down" if up + down else "  shifts take no time"
         )
+        axes.annotate(told, (at, (speeds[k] + speeds[k + 1]) / 2), fontsize="small", va="center")
     axes.set_ylim(0, 1.2 * max(speeds))
     axes.set_xlim(left=0)
     axes.set_xlabel(label("load on each mass that it bears", result.scalars["gear_loads"].unit))

@@ -101,9 +101,7 @@ class ShiftLimitsTable(Table, frozen=True, kw_only=True):
     rate: Annotated[Positive, says("speed", "of each link length, both ways")]
     acceleration: Annotated[Positive, says("acceleration", "of each link length, both ways")]
     length: Annotated[Pair, says("length", "shortest and longest link length")]
-    resting: Annotated[
-        Few, says("count", "masses that rest throughout a transition, at least")
-    ] = 1
+    resting: Annotated[Few, says("count", "masses that rest throughout a transition, at least")] = 1
 
 
 class SupervisorTable(Table, frozen=True, kw_only=True):
@@ -162,7 +160,10 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
         "time": ("time", "that the supervised worm takes"),
         "best_time": ("time", "of the best schedule of gears, which knows the way"),
         "efficiency": ("share", "`best_time` by `time`"),
-        "least_time": ("time", "that no schedule can beat, were shifts free"),
+        "ideal_time": (
+            "time",
+            "were shifts free, with the fastest gear that bears the lightest load nearby",
+        ),
         "fixed_time": ("time", "of the fastest gear that alone keeps all limits; unknown if none"),
         "fixed_times": ("time", "of each gear alone; unknown where it breaks a limit"),
         "fixed_spike_loads": ("force", "largest load of a spike in each gear alone"),
@@ -239,7 +240,9 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
     )
     adaptive: Annotated[
         AdaptiveTable | None,
-        says("", "a chain that follows by a tracker and shifts by its own forces; none if left out"),
+        says(
+            "", "a chain that follows by a tracker and shifts by its own forces; none if left out"
+        ),
     ] = None
 
     @property
@@ -280,7 +283,7 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
                 'missing; ground.slope needs it where units are not "SI": write the acceleration '
                 "of the fall in units of the scene",
             )
-        if len(set(per(self.worm.mass, 1) if isinstance(self.worm.mass, float) else self.worm.mass)) > 1:
+        if isinstance(self.worm.mass, tuple) and len(set(self.worm.mass)) > 1:
             yield "ground.slope", "pulls unequal masses back unequally; write one worm.mass for all"
 
     def _faults_of_gear(self, k: int, gear: GearTable, folder: Path) -> Iterator[Fault]:

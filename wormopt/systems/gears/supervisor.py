@@ -38,9 +38,7 @@ class Supervisor:
         return gear
 
 
-def supervise(
-    box: GearBox, limits: Limits, *, down: float, up: float, dwell: float
-) -> Supervisor:
+def supervise(box: GearBox, limits: Limits, *, down: float, up: float, dwell: float) -> Supervisor:
     """Thresholds by which peaks in a gear reach no more than a share `down` of the limits.
 
     The next faster gear is taken where its peaks would stay below a share `up`, less than `down`:

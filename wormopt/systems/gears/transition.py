@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linprog
@@ -20,6 +21,8 @@ from scipy.sparse import csr_matrix, eye_array, hstack, kron, vstack
 from wormopt.errors import SolveError
 from wormopt.systems.gears.gear import Gear, Limits
 from wormopt.systems.gears.stroke import Stroke
+
+Matrix = Any  # a sparse one, of which the stubs know too little
 
 # Masses whose ways or velocities differ by less, in units of the links' own, go alike.
 _ALIKE = 1e-9
@@ -71,7 +74,7 @@ def shortest_transition(
     Limits hold at every load on each mass in the range `load`; at least `resting` masses rest.
     Raises SolveError if there is none.
     """
-    tasks = sorted(_tasks(before, after, limits, resting), key=lambda task: task.bound)
+    tasks = sorted(_tasks(before, after, limits, load[1], resting), key=lambda task: task.bound)
     best: tuple[float, _Task, np.ndarray] | None = None
     tried = 0
     for task in tasks:
@@ -84,7 +87,7 @@ def shortest_transition(
         found = program.solve(high)
         tried += 1
         while found is None and best is None and high < 64 * task.bound:
-            high *= 2
+            high *= 4
             found = program.solve(high)
             tried += 1
         if found is None:
@@ -110,7 +113,7 @@ def shortest_transition(
     )
 
 
-def _tasks(before: Gear, after: Gear, limits: Limits, least: int) -> Iterator[_Task]:
+def _tasks(before: Gear, after: Gear, limits: Limits, load: float, least: int) -> Iterator[_Task]:
     """Pairs of phases by which enough masses can rest throughout."""
     begins = [np.array([gear.strokes[k].velocity[:, 0] for k in range(len(gear.strokes))])
               for gear in (before, after)]  # fmt: skip
@@ -122,7 +125,11 @@ def _tasks(before: Gear, after: Gear, limits: Limits, least: int) -> Iterator[_T
             way[way < _ALIKE * stroke] = 0.0
             still = _ALIKE * limits.rate
             rests = (way == 0) & (np.abs(first) <= still) & (np.abs(last) <= still)
-            if rests.sum() < least:
+            # where momentum does not fall, spikes carry the load on all masses in the mean
+            heavy = (
+                len(way) * load > limits.spike * rests.sum() and before.mass @ (last - first) >= 0
+            )
+            if rests.sum() < least or heavy:
                 continue
             resting = tuple(np.flatnonzero(rests).tolist())
             bound = _bound(way, first, last, limits)
@@ -134,7 +141,9 @@ def _bound(way: np.ndarray, first: np.ndarray, last: np.ndarray, limits: Limits)
     change, r0, r1 = -np.diff(way), -np.diff(first), -np.diff(last)
     most = limits.acceleration
     surplus = change - (r0 + r1) * np.abs(r1 - r0) / (2 * most)
-    sign = np.sign(np.where(np.abs(surplus) < _ALIKE * (limits.length[1] - limits.length[0]), 0, surplus))
+    sign = np.sign(
+        np.where(np.abs(surplus) < _ALIKE * (limits.length[1] - limits.length[0]), 0, surplus)
+    )
     top = sign * np.sqrt(np.maximum(sign * most * change + (r0**2 + r1**2) / 2, 0.0))
     quick = np.where(sign == 0, np.abs(r1 - r0) / most, sign * (2 * top - r0 - r1) / most)
     bound = max(float(np.max(quick)), float(np.max(np.abs(change))) / limits.rate)
@@ -169,7 +178,7 @@ class _Program:
             (np.ones(self.inner), (np.arange(1, arcs), np.arange(self.inner))),
             (arcs + 1, self.inner),
         )
-        self.lift = csr_matrix(kron(place, pick))
+        self.lift: Matrix = csr_matrix(kron(place, pick))
         ends = np.zeros((arcs + 1, len(mass)))
         ends[0], ends[-1] = task.first, task.last
         self.ends = ends.ravel()
@@ -177,19 +186,17 @@ class _Program:
     def solve(self, duration: float) -> np.ndarray | None:
         """Velocities (arcs + 1, n+1) at all nodes; None if there are none of this duration."""
         rows, sides = zip(*self._rows(duration), strict=True)
-        whole = vstack(rows)
-        lifted = csr_matrix(whole @ self.lift)
-        side = np.concatenate(sides) - whole @ self.ends
+        whole: Matrix = csr_matrix(vstack(rows))
         peak, peaks = self._peaks(duration)
-        last = np.zeros(lifted.shape[0])
-        blocks = [hstack([lifted, csr_matrix(last[:, None])]),
-                  hstack([csr_matrix(peak @ self.lift), csr_matrix(-np.ones((len(peaks), 1)))])]  # fmt: skip
         way, goals = self._ways(duration)
+        free = csr_matrix((whole.shape[0] + way.shape[0], 1))  # the peak stands in none of these
+        limits = hstack([whole @ self.lift, free[: whole.shape[0]]])
+        loads = hstack([peak @ self.lift, csr_matrix(-np.ones((len(peaks), 1)))])
         found = linprog(
             np.append(np.zeros(self.lift.shape[1]), 1.0),
-            A_ub=csr_matrix(vstack(blocks)),
-            b_ub=np.concatenate([side, peaks - peak @ self.ends]),
-            A_eq=hstack([csr_matrix(way @ self.lift), csr_matrix((way.shape[0], 1))]),
+            A_ub=vstack([limits, loads]),
+            b_ub=np.concatenate([*sides, peaks]) - vstack([whole, peak]) @ self.ends,
+            A_eq=hstack([way @ self.lift, free[whole.shape[0] :]]),
             b_eq=goals - way @ self.ends,
             bounds=[*[(0.0, None)] * self.lift.shape[1], (None, self.limits.spike)],
             method="highs-ds",
@@ -199,7 +206,7 @@ class _Program:
         nodes = self.lift @ found.x[:-1] + self.ends
         return nodes.reshape(self.arcs + 1, -1)
 
-    def _ways(self, duration: float) -> tuple[csr_matrix, np.ndarray]:
+    def _ways(self, duration: float) -> tuple[Matrix, np.ndarray]:
         """Ways of the masses that move, by the rule of trapezoids, which is exact here."""
         weights = np.full(self.arcs + 1, duration / self.arcs)
         weights[[0, -1]] /= 2
@@ -207,14 +214,14 @@ class _Program:
         pick = csr_matrix(np.eye(len(self.mass))[moving])
         return csr_matrix(kron(weights[None], pick)), self.task.way[moving]
 
-    def _rows(self, duration: float) -> Iterator[tuple[csr_matrix, np.ndarray]]:
+    def _rows(self, duration: float) -> Iterator[tuple[Matrix, np.ndarray]]:
         """Limits as rows @ nodes <= side."""
         masses, arcs, limits = len(self.mass), self.arcs, self.limits
         step, links = duration / arcs, masses - 1
         link = csr_matrix(eye_array(links, masses) - eye_array(links, masses, k=1))
         change = csr_matrix(eye_array(arcs, arcs + 1, k=1) - eye_array(arcs, arcs + 1))
-        rate = csr_matrix(kron(eye_array(arcs + 1), link))
-        bend = csr_matrix(kron(change / step, link))
+        rate: Matrix = csr_matrix(kron(eye_array(arcs + 1), link))
+        bend: Matrix = csr_matrix(kron(change / step, link))
         for rows, most in ((rate, limits.rate), (bend, limits.acceleration)):
             yield rows, np.full(rows.shape[0], most)
             yield -rows, np.full(rows.shape[0], most)
@@ -229,7 +236,7 @@ class _Program:
             yield -rows, start - limits.length[0]
         yield from self._forces(step)
 
-    def _forces(self, step: float) -> Iterator[tuple[csr_matrix, np.ndarray]]:
+    def _forces(self, step: float) -> Iterator[tuple[Matrix, np.ndarray]]:
         """The worm does not glide at the least load; actuators bear the largest and the least."""
         low, high = self.load
         for end in (0, 1):
@@ -248,7 +255,7 @@ class _Program:
                 yield force, self.limits.actuator - known
                 yield -force, self.limits.actuator + known
 
-    def _need(self, step: float, end: int) -> csr_matrix:
+    def _need(self, step: float, end: int) -> Matrix:
         """Inertia and drag of every mass at one end of every arc, (arcs (n+1), nodes)."""
         change = csr_matrix(
             eye_array(self.arcs, self.arcs + 1, k=1) - eye_array(self.arcs, self.arcs + 1)
@@ -257,7 +264,7 @@ class _Program:
         drag = kron(eye_array(self.arcs, self.arcs + 1, k=end), self.drag * np.eye(len(self.mass)))
         return csr_matrix(inertia + drag)
 
-    def _peaks(self, duration: float) -> tuple[csr_matrix, np.ndarray]:
+    def _peaks(self, duration: float) -> tuple[Matrix, np.ndarray]:
         """Loads of a spike at both ends of every arc, at the largest load."""
         sum_ = csr_matrix(kron(eye_array(self.arcs), np.ones((1, len(self.mass)))))
         count = len(self.task.resting)

@@ -31,9 +31,18 @@ class Walk:
     arrival: float  # when the mean of the masses reaches the goal; inf if it does not
 
 
-Choose = Callable[[int, Row, float, float, float], int]
-"""Next row at the end of one: by its number, its entry, the time, and the integrals over it of the
-spikes' total load and of the squared actuator forces."""
+@dataclass(frozen=True, eq=False)
+class Done:
+    """A stroke that is done, and what was measured in it."""
+
+    row: Row
+    time: float  # now
+    spike: float  # integral over it of the load of all spikes
+    actuator: float  # and of the squared actuator forces
+
+
+Choose = Callable[[Done], int]
+"""Next row of the table, at the end of a stroke."""
 
 
 def walk(
@@ -63,7 +72,7 @@ def walk(
         now += row.stroke.duration
         times.append(now)
         places.append(places[-1] + row.stroke.way)
-        number = choose(number, row, now, float(spike), float(force))
+        number = choose(Done(row, now, float(spike), float(force)))
     arrival = _arrival(box.rows[rows[-1]], times, places, goal) if rows else 0.0
     return Walk(
         np.array(rows, dtype=int),
@@ -93,9 +102,10 @@ class Supervised:
         self._shifted = -np.inf
         self._sums = np.zeros(2)
 
-    def __call__(self, number: int, row: Row, now: float, spike: float, force: float) -> int:
+    def __call__(self, done: Done) -> int:
         """Next row; decides at the end of a cycle."""
-        self._sums += spike, force
+        row, now = done.row, done.time
+        self._sums += done.spike, done.actuator
         wanted = row.gear if self._wanted is None else self._wanted
         if row.ends_cycle:
             gear: Gear = self._box.gears[row.gear]
@@ -114,16 +124,12 @@ class Supervised:
         return following
 
 
-def kept(number: int, row: Row, now: float, spike: float, force: float) -> int:
+def kept(done: Done) -> int:
     """Choose as who never shifts."""
-    return row.follows
+    return done.row.follows
 
 
 def by_schedule(rows: tuple[int, ...]) -> Choose:
     """Choose as a schedule says, and keep the gear where it ends."""
     left = iter(rows[1:])
-
-    def choose(number: int, row: Row, now: float, spike: float, force: float) -> int:
-        return next(left, row.follows)
-
-    return choose
+    return lambda done: next(left, done.row.follows)
