@@ -249,6 +249,8 @@ def _warnings(case: Case, chain: Chained | None) -> Iterator[str]:
     for k, gear in enumerate(case.box.gears):
         if min(gear.bears(case.limits)) <= gear.least:
             yield f"gear {k} ({gear.name}) bears no load without gliding"
+    if not all(each.complete for each in (*case.box.up, *case.box.down)):
+        yield "not all pairs of phases were looked at: a transition may be longer than need be"
     if chain and chain.over:
         yield (
             "a spike of the tracked chain carries more than limits.spike_load: springs share the "

@@ -26,8 +26,9 @@ Matrix = Any  # a sparse one, of which the stubs know too little
 
 # Masses whose ways or velocities differ by less, in units of the links' own, go alike.
 _ALIKE = 1e-9
-# Relative width at which the duration counts as found.
-_FOUND = 1e-4
+# Relative width at which the duration counts as found; factor from one that is tried to the next,
+# and longest that is tried, by the bound.
+_FOUND, _STEP, _LONGEST = 1e-4, 1.3, 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class Transition:
     enters: int
     resting: tuple[int, ...]  # throughout
     strokes: tuple[Stroke, ...]  # none where both gears meet
-    tried: int  # linear programs solved
+    complete: bool  # whether no pair of phases was left out
 
     @property
     def duration(self) -> float:
@@ -68,49 +69,58 @@ def shortest_transition(
     *,
     resting: int = 1,
     arcs: int = 12,
+    most: int = 400,
 ) -> Transition:
     """Find the shortest transition from one gear into another.
 
     Limits hold at every load on each mass in the range `load`; at least `resting` masses rest.
-    Raises SolveError if there is none.
+    After `most` linear programs no further pair of phases is looked at. Raises SolveError if there
+    is none.
     """
     tasks = sorted(_tasks(before, after, limits, load[1], resting), key=lambda task: task.bound)
     best: tuple[float, _Task, np.ndarray] | None = None
     tried = 0
     for task in tasks:
-        if best is not None and task.bound >= best[0] * (1 - _FOUND):
-            break
         if task.bound == 0.0:
-            return Transition(task.leaves, task.enters, task.resting, (), tried)
+            return Transition(task.leaves, task.enters, task.resting, (), complete=True)
+        longest = _LONGEST * task.bound if best is None else best[0] * (1 - _FOUND)
+        if task.bound >= longest or tried >= most:
+            break
         program = _Program(task, before.mass, before.drag, limits, load, arcs)
-        high = task.bound if best is None else best[0] * (1 - _FOUND)
-        found = program.solve(high)
-        tried += 1
-        while found is None and best is None and high < 64 * task.bound:
-            high *= 4
-            found = program.solve(high)
-            tried += 1
-        if found is None:
-            continue
-        low = task.bound
-        while high - low > _FOUND * high:
-            middle = (low + high) / 2
-            better = program.solve(middle)
-            tried += 1
-            if better is None:
-                low = middle
-            else:
-                high, found = middle, better
-        best = high, task, found
+        duration, nodes, looks = _least_duration(program, task.bound, longest)
+        tried += looks
+        if nodes is not None:
+            best = duration, task, nodes
     if best is None:
         raise SolveError(
             f"there is no transition from {before.name} to {after.name} within the limits",
             "give links more rate, acceleration or length, or leave one of the gears out",
         )
     duration, task, nodes = best
-    return Transition(
-        task.leaves, task.enters, task.resting, tuple(_strokes(task, nodes, duration)), tried
-    )
+    strokes = tuple(_strokes(task, nodes, duration))
+    return Transition(task.leaves, task.enters, task.resting, strokes, complete=tried < most)
+
+
+def _least_duration(
+    program: _Program, bound: float, longest: float
+) -> tuple[float, np.ndarray | None, int]:
+    """Least duration of which there is a solution, that solution, and how many programs it took.
+
+    Longer is not always possible: a mass that moves at an end may have no room to slow down. So
+    durations are tried in steps, until one does, and the step halved.
+    """
+    low, high, looks = bound, bound, 0
+    found = None
+    while found is None and low < longest:
+        low, high = high, min(max(_STEP * high, bound * (1 + _FOUND)), longest)
+        found, looks = program.solve(high), looks + 1
+        if high >= longest:
+            break
+    while found is not None and high - low > _FOUND * high:
+        middle = (low + high) / 2
+        better, looks = program.solve(middle), looks + 1
+        low, high, found = (low, middle, better) if better is not None else (middle, high, found)
+    return high, found, looks
 
 
 def _tasks(before: Gear, after: Gear, limits: Limits, load: float, least: int) -> Iterator[_Task]:
@@ -154,7 +164,7 @@ class _Program:
     """The linear program of a pair of phases, once its duration is given.
 
     Unknowns are velocities of the masses that move at the inner nodes of arcs of equal length,
-    and the largest load of a spike, which is made small.
+    and the largest load of a spike, which is made small. Rows are A / step + B + C step.
     """
 
     def __init__(
@@ -166,111 +176,127 @@ class _Program:
         load: tuple[float, float],
         arcs: int,
     ) -> None:
-        self.task, self.mass, self.drag, self.limits = task, mass, drag, limits
-        self.load, self.arcs = load, arcs
-        moving = np.setdiff1d(np.arange(len(mass)), task.resting)
-        self.inner = arcs - 1
-        pick = csr_matrix(
-            (np.ones(len(moving)), (moving, np.arange(len(moving)))), (len(mass), len(moving))
-        )
-        # nodes (n+1, arcs + 1), stacked node by node, are lift @ unknowns + ends
-        place = csr_matrix(
-            (np.ones(self.inner), (np.arange(1, arcs), np.arange(self.inner))),
-            (arcs + 1, self.inner),
-        )
-        self.lift: Matrix = csr_matrix(kron(place, pick))
-        ends = np.zeros((arcs + 1, len(mass)))
+        self.arcs, self.limits = arcs, limits
+        masses, moving = len(mass), np.setdiff1d(np.arange(len(mass)), task.resting)
+        # velocities at all nodes, stacked node by node, are lift @ unknowns + ends
+        inner = eye_array(arcs + 1, arcs - 1, k=-1)
+        self.lift: Matrix = csr_matrix(kron(inner, csr_matrix(np.eye(masses)[:, moving])))
+        ends = np.zeros((arcs + 1, masses))
         ends[0], ends[-1] = task.first, task.last
         self.ends = ends.ravel()
+        blocks = [
+            *_link_rows(task, limits, arcs),
+            *_force_rows(task, mass, drag, limits, load, arcs),
+        ]
+        peaks = _peak_rows(task, mass, drag, load, arcs)
+        self.side = np.concatenate([*(side for *_, side in blocks), *(side for *_, side in peaks)])
+        matrices = [*zip(*blocks, *peaks, strict=True)][:3]
+        self.parts = [(m @ self.lift, m @ self.ends) for m in map(_stacked, matrices)]
+        # every row of `peaks` is to be below the last unknown
+        counted = [len(side) for *_, side in (*blocks, *peaks)]
+        last = np.repeat([0.0] * len(blocks) + [-1.0] * len(peaks), counted)
+        self.last = csr_matrix(last[:, None])
+        weights = np.ones(arcs + 1)
+        weights[[0, -1]] = 0.5  # the rule of trapezoids, which is exact here
+        ways: Matrix = csr_matrix(kron(weights[None], csr_matrix(np.eye(masses)[moving])))
+        self.ways, self.goals = (ways @ self.lift, ways @ self.ends), task.way[moving]
 
     def solve(self, duration: float) -> np.ndarray | None:
         """Velocities (arcs + 1, n+1) at all nodes; None if there are none of this duration."""
-        rows, sides = zip(*self._rows(duration), strict=True)
-        whole: Matrix = csr_matrix(vstack(rows))
-        peak, peaks = self._peaks(duration)
-        way, goals = self._ways(duration)
-        free = csr_matrix((whole.shape[0] + way.shape[0], 1))  # the peak stands in none of these
-        limits = hstack([whole @ self.lift, free[: whole.shape[0]]])
-        loads = hstack([peak @ self.lift, csr_matrix(-np.ones((len(peaks), 1)))])
+        step = duration / self.arcs
+        (a, at), (b, bt), (c, ct) = self.parts
+        count = self.lift.shape[1]
         found = linprog(
-            np.append(np.zeros(self.lift.shape[1]), 1.0),
-            A_ub=vstack([limits, loads]),
-            b_ub=np.concatenate([*sides, peaks]) - vstack([whole, peak]) @ self.ends,
-            A_eq=hstack([way @ self.lift, free[whole.shape[0] :]]),
-            b_eq=goals - way @ self.ends,
-            bounds=[*[(0.0, None)] * self.lift.shape[1], (None, self.limits.spike)],
+            np.append(np.zeros(count), 1.0),
+            A_ub=hstack([a / step + b + c * step, self.last]),
+            b_ub=self.side - (at / step + bt + ct * step),
+            A_eq=hstack([step * self.ways[0], csr_matrix((len(self.goals), 1))]),
+            b_eq=self.goals - step * self.ways[1],
+            bounds=[*[(0.0, None)] * count, (None, self.limits.spike)],
             method="highs-ds",
         )
         if not found.success:
             return None
-        nodes = self.lift @ found.x[:-1] + self.ends
-        return nodes.reshape(self.arcs + 1, -1)
+        return (self.lift @ found.x[:-1] + self.ends).reshape(self.arcs + 1, -1)
 
-    def _ways(self, duration: float) -> tuple[Matrix, np.ndarray]:
-        """Ways of the masses that move, by the rule of trapezoids, which is exact here."""
-        weights = np.full(self.arcs + 1, duration / self.arcs)
-        weights[[0, -1]] /= 2
-        moving = np.setdiff1d(np.arange(len(self.mass)), self.task.resting)
-        pick = csr_matrix(np.eye(len(self.mass))[moving])
-        return csr_matrix(kron(weights[None], pick)), self.task.way[moving]
 
-    def _rows(self, duration: float) -> Iterator[tuple[Matrix, np.ndarray]]:
-        """Limits as rows @ nodes <= side."""
-        masses, arcs, limits = len(self.mass), self.arcs, self.limits
-        step, links = duration / arcs, masses - 1
-        link = csr_matrix(eye_array(links, masses) - eye_array(links, masses, k=1))
-        change = csr_matrix(eye_array(arcs, arcs + 1, k=1) - eye_array(arcs, arcs + 1))
-        rate: Matrix = csr_matrix(kron(eye_array(arcs + 1), link))
-        bend: Matrix = csr_matrix(kron(change / step, link))
-        for rows, most in ((rate, limits.rate), (bend, limits.acceleration)):
-            yield rows, np.full(rows.shape[0], most)
-            yield -rows, np.full(rows.shape[0], most)
-        # lengths are quadratics on an arc: within their Bernstein coefficients
-        below = np.tril(np.ones((arcs, arcs)), -1)
-        grown = step / 2 * (below @ (np.eye(arcs, arcs + 1) + np.eye(arcs, arcs + 1, k=1)))
-        middle = grown + step / 2 * np.eye(arcs, arcs + 1)
-        for part in (grown[1:], middle):
-            rows = csr_matrix(kron(part, link))
-            start = np.tile(self.task.length, len(part))
-            yield rows, limits.length[1] - start
-            yield -rows, start - limits.length[0]
-        yield from self._forces(step)
+Block = tuple[Matrix, Matrix, Matrix, np.ndarray]
+"""Rows A / step + B + C step and the side that they stay below."""
 
-    def _forces(self, step: float) -> Iterator[tuple[Matrix, np.ndarray]]:
-        """The worm does not glide at the least load; actuators bear the largest and the least."""
-        low, high = self.load
-        for end in (0, 1):
-            need = self._need(step, end)
-            total = csr_matrix(kron(eye_array(self.arcs), np.ones((1, len(self.mass))))) @ need
-            yield -total, np.full(self.arcs, len(self.mass) * low)
-            if not np.isfinite(self.limits.actuator):
-                continue
-            share = np.zeros(len(self.mass))
-            share[list(self.task.resting)] = 1 / len(self.task.resting)
-            # mu_j is what spikes ahead of the link carry, less what masses there need
-            split = np.cumsum(share[:, None] - np.eye(len(self.mass)), axis=0)[:-1]
-            force = csr_matrix(kron(eye_array(self.arcs), split)) @ need
-            for load in (low, high):
-                known = np.tile(split.sum(axis=1) * load, self.arcs)
-                yield force, self.limits.actuator - known
-                yield -force, self.limits.actuator + known
 
-    def _need(self, step: float, end: int) -> Matrix:
-        """Inertia and drag of every mass at one end of every arc, (arcs (n+1), nodes)."""
-        change = csr_matrix(
-            eye_array(self.arcs, self.arcs + 1, k=1) - eye_array(self.arcs, self.arcs + 1)
-        )
-        inertia = kron(change / step, np.diag(self.mass))
-        drag = kron(eye_array(self.arcs, self.arcs + 1, k=end), self.drag * np.eye(len(self.mass)))
-        return csr_matrix(inertia + drag)
+def _link_rows(task: _Task, limits: Limits, arcs: int) -> Iterator[Block]:
+    """Rates, accelerations and lengths of the links."""
+    links = len(task.length)
+    link = eye_array(links, links + 1) - eye_array(links, links + 1, k=1)
+    rate: Matrix = csr_matrix(kron(eye_array(arcs + 1), link))
+    bend: Matrix = csr_matrix(kron(_change(arcs), link))
+    for sign in (1.0, -1.0):
+        none = csr_matrix(rate.shape)
+        yield none, sign * rate, none, np.full(rate.shape[0], limits.rate)
+        none = csr_matrix(bend.shape)
+        yield sign * bend, none, none, np.full(bend.shape[0], limits.acceleration)
+    # lengths are quadratics on an arc: within their Bernstein coefficients
+    below = np.tril(np.ones((arcs, arcs)), -1)
+    grown = below @ (np.eye(arcs, arcs + 1) + np.eye(arcs, arcs + 1, k=1)) / 2
+    for part in (grown[1:], grown + np.eye(arcs, arcs + 1) / 2):
+        rows: Matrix = csr_matrix(kron(part, link))
+        start, none = np.tile(task.length, len(part)), csr_matrix(rows.shape)
+        yield none, none, rows, limits.length[1] - start
+        yield none, none, -rows, start - limits.length[0]
 
-    def _peaks(self, duration: float) -> tuple[Matrix, np.ndarray]:
-        """Loads of a spike at both ends of every arc, at the largest load."""
-        sum_ = csr_matrix(kron(eye_array(self.arcs), np.ones((1, len(self.mass)))))
-        count = len(self.task.resting)
-        rows = [sum_ @ self._need(duration / self.arcs, end) / count for end in (0, 1)]
-        known = np.full(2 * self.arcs, -len(self.mass) * self.load[1] / count)
-        return csr_matrix(vstack(rows)), known
+
+def _force_rows(
+    task: _Task,
+    mass: np.ndarray,
+    drag: float,
+    limits: Limits,
+    load: tuple[float, float],
+    arcs: int,
+) -> Iterator[Block]:
+    """The worm does not glide at the least load; actuators bear the largest and the least."""
+    share = np.zeros(len(mass))
+    share[list(task.resting)] = 1 / len(task.resting)
+    # mu_j is what spikes ahead of the link carry, less what masses there need
+    split = np.cumsum(share[:, None] - np.eye(len(mass)), axis=0)[:-1]
+    every, each = kron(eye_array(arcs), np.ones((1, len(mass)))), kron(eye_array(arcs), split)
+    for inertia, slowing in _needs(mass, drag, arcs):
+        rows = -(every @ inertia), -(every @ slowing)
+        yield *rows, csr_matrix(rows[0].shape), np.full(arcs, len(mass) * load[0])
+        if not np.isfinite(limits.actuator):
+            continue
+        rows = each @ inertia, each @ slowing
+        none = csr_matrix(rows[0].shape)
+        for known in (np.tile(split.sum(axis=1) * given, arcs) for given in load):
+            yield *rows, none, limits.actuator - known
+            yield -rows[0], -rows[1], none, limits.actuator + known
+
+
+def _peak_rows(
+    task: _Task, mass: np.ndarray, drag: float, load: tuple[float, float], arcs: int
+) -> list[Block]:
+    """Loads of a spike at both ends of every arc, at the largest load."""
+    count = len(task.resting)
+    every = kron(eye_array(arcs), np.ones((1, len(mass)))) / count
+    known = np.full(arcs, -len(mass) * load[1] / count)
+    return [
+        (every @ inertia, every @ slowing, csr_matrix((arcs, inertia.shape[1])), known)
+        for inertia, slowing in _needs(mass, drag, arcs)
+    ]
+
+
+def _needs(mass: np.ndarray, drag: float, arcs: int) -> Iterator[tuple[Matrix, Matrix]]:
+    """Inertia (by the step) and drag of every mass at the begin and at the end of every arc."""
+    for end in (0, 1):
+        slowing = kron(eye_array(arcs, arcs + 1, k=end), drag * eye_array(len(mass)))
+        yield csr_matrix(kron(_change(arcs), np.diag(mass))), csr_matrix(slowing)
+
+
+def _stacked(parts: Any) -> Matrix:
+    return csr_matrix(vstack(parts))
+
+
+def _change(arcs: int) -> Matrix:
+    return eye_array(arcs, arcs + 1, k=1) - eye_array(arcs, arcs + 1)
 
 
 def _strokes(task: _Task, nodes: np.ndarray, duration: float) -> Iterator[Stroke]:
