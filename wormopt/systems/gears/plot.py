@@ -16,6 +16,7 @@ from wormopt.plotting.parts import (
     legend,
     line,
     needed,
+    raised,
     scalar,
     sheet,
     tell,
@@ -148,9 +149,9 @@ def transitions(result: Result) -> Figure:
             (at, speeds[k]),
             arrowprops={"arrowstyle": "<->", "color": GREY},
         )
-        told = (
-            f"  shifts take {up:.3g} up, {down:.3g} down" if up + down else "  shifts take no time"
-        )
+        unit = raised(result.scalars["up_durations"].unit)
+        told = f"  shifts take {up:.3g} up, {down:.3g} down {unit}".rstrip()
+        told = told if up + down else "  shifts take no time"
         axes.annotate(told, (at, (speeds[k] + speeds[k + 1]) / 2), fontsize="small", va="center")
     axes.set_ylim(0, 1.2 * max(speeds))
     axes.set_xlim(left=0)
