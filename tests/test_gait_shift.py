@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -16,13 +17,17 @@ import wormopt as wo
 from wormopt.control.lambda_tracker import lambda_tracker
 from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.model.model import Switch
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.scene import load_scene, packaged_scenes
+from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
+from wormopt.systems.gears.adaptive import Body, geared_chain
 from wormopt.systems.gears.box import GearBox, gear_box
+from wormopt.systems.gears.case import Case
 from wormopt.systems.gears.gear import Gear, Limits
 from wormopt.systems.gears.ground import Ground
 from wormopt.systems.gears.hindsight import best_schedule, ideal_time
@@ -445,6 +450,21 @@ def test_the_model_with_switches_does_what_the_walk_does(route: Any):
     assert len(strokes) == len(again.row) - 1
 
 
+@pytest.mark.parametrize("law", [Spike(), Coulomb(0.4, 50.0)])
+def test_what_the_chain_measures_balances_its_momentum(law: Law):
+    """Ground forces, summed over time, are momentum gained, load and drag; nothing resets yet."""
+    load, end = 1.5, 4.9
+    body = Body(200.0, 10.0, law, 0.02, 10.0, 10.0)
+    place = begin(box(), 0)
+    loop = geared_chain(box(), even(load), supervisor(), body, gear=0, begin=place, goal=99.0)
+    motion = simulate(loop, end, route="python", tolerance=Tolerance(1e-9, 1e-10))
+    gained = motion["velocity"][:, -1].sum()
+    way = (motion["position"][:, -1] - place).sum()
+    pushed = motion["spike_sum"][0, -1]
+    assert pushed == pytest.approx(gained + 5 * load * end + DRAG * way, rel=1e-7)
+    assert motion["error_norm"][0, -1] < 0.1
+
+
 def test_closing_a_loop_keeps_what_ends_the_motion():
     """A terminal switch of the plant is one of the loop too."""
     worm = chain(1, mass=1.0, stiffness=10.0, damping=5.0, rest_length=1.0, drag=0.5)
@@ -495,6 +515,33 @@ def test_scenes_that_cannot_be_are_refused_by_key(change: str, key: str):
 def test_gears_that_do_not_fit_are_refused(change: str, message: str):
     with pytest.raises(SceneError, match=message):
         wo.run(load_scene("gait_shift", [change]))
+
+
+TEXT = packaged_scenes()["gait_shift"].read_text(encoding="utf-8").partition("[adaptive]")[0]
+
+
+def test_a_table_can_be_a_gear(tmp_path: Path):
+    wave(4, 3, 7.0, profile="quintic").gait.to_csv(tmp_path / "slow.csv", 401)
+    first, second, third = TEXT.split("[[gears]]")[1:]
+    table = '\nshape = "file"\nfile = "slow.csv"\n' + third[third.index("[limits]") :]
+    scene = tmp_path / "own.toml"
+    parts = [TEXT.partition("[[gears]]")[0], first, second, table]
+    scene.write_text("[[gears]]".join(parts), encoding="utf-8")
+    slow = Case(load_scene(scene)).gears[0]
+    exact = wave(4, 3, 7.0, profile="quintic")
+    assert slow.speed == pytest.approx(exact.speed, rel=1e-4)
+    spike, force = slow.bears(LIMITS)
+    assert np.isfinite(spike + force)
+
+
+@pytest.mark.slow
+def test_a_hill_that_rises_too_fast_breaks_a_limit_and_the_result_says_so(tmp_path: Path):
+    scene = tmp_path / "steep.toml"
+    steep = TEXT.replace("place = [60.0, 120.0, 150.0, 210.0]", "place = [9.0, 12.0, 20.0, 60.0]")
+    scene.write_text(steep.replace("goal = 270.0", "goal = 30.0"), encoding="utf-8")
+    found = wo.run(load_scene(scene))
+    assert found.status == "failed"
+    assert "supervisor.down" in found.reason
 
 
 @pytest.mark.slow

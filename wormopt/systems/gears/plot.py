@@ -155,6 +155,7 @@ def transitions(result: Result) -> Figure:
         axes.annotate(told, (at, (speeds[k] + speeds[k + 1]) / 2), fontsize="small", va="center")
     axes.set_ylim(0, 1.2 * max(speeds))
     axes.set_xlim(left=0)
-    axes.set_xlabel(label("load on each mass that it bears", result.scalars["gear_loads"].unit))
+    unit = result.scalars["gear_loads"].unit
+    axes.set_xlabel(label("load $\\Gamma$ on each mass that it bears", unit))
     axes.set_ylabel(label("mean speed", result.scalars["gear_speeds"].unit))
     return drawn
