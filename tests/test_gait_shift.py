@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.control.lambda_tracker import lambda_tracker
 from wormopt.control.reference import gait_reference
-from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.model.model import Switch
@@ -295,9 +295,9 @@ def test_a_mass_that_moves_or_a_corner_would_be_seen():
 def test_transitions_that_cannot_be_are_refused():
     narrow = replace(LIMITS, spike=0.01)
     with pytest.raises(SolveError, match="no transition"):
-        shortest_transition(wave(4, 1), wave(4, 3), narrow, (1.0, 2.0), arcs=4)
+        shortest_transition(wave(4, 1), wave(4, 3), narrow, (1.0, 2.0), arcs=4, most=9)
     with pytest.raises(SolveError, match="no transition"):
-        shortest_transition(squeeze(), wave(4, 2), LIMITS, (1.3, 1.5), resting=3, arcs=4)
+        shortest_transition(squeeze(), wave(4, 2), LIMITS, (1.3, 1.5), resting=3, arcs=4, most=9)
     with pytest.raises(ArgumentError, match="equally fast"):
         gear_box([wave(4, 2), wave(4, 2)], LIMITS)
     with pytest.raises(ArgumentError, match="no load together"):
@@ -376,10 +376,10 @@ def test_the_supervised_worm_takes_the_hill_as_nobody_in_one_gear_can():
 
 
 def test_only_the_slow_gear_passes_the_hill_alone():
-    slow, middle, fast = (walked(hill(), 270.0, gear, kept) for gear in range(3))
+    slow, middle, fast = (walked(hill(), 150.0, gear, kept) for gear in range(3))
     assert slow.spike.max() <= 12.0 < min(middle.spike.max(), fast.spike.max())
     assert box().gears[0].speed <= box().gears[2].speed / 2
-    assert slow.arrival == pytest.approx(270.0 / box().gears[0].speed, rel=5e-3)
+    assert slow.arrival == pytest.approx(150.0 / box().gears[0].speed, rel=5e-3)
 
 
 def test_what_is_best_in_hindsight_can_be_walked_and_no_less_time_will_do():
@@ -521,7 +521,7 @@ TEXT = packaged_scenes()["gait_shift"].read_text(encoding="utf-8").partition("[a
 
 
 def test_a_table_can_be_a_gear(tmp_path: Path):
-    wave(4, 3, 7.0, profile="quintic").gait.to_csv(tmp_path / "slow.csv", 401)
+    wave(4, 3, 7.0, profile="quintic").gait.to_csv(tmp_path / "slow.csv", 61)
     first, second, third = TEXT.split("[[gears]]")[1:]
     table = '\nshape = "file"\nfile = "slow.csv"\n' + third[third.index("[limits]") :]
     scene = tmp_path / "own.toml"
@@ -529,7 +529,7 @@ def test_a_table_can_be_a_gear(tmp_path: Path):
     scene.write_text("[[gears]]".join(parts), encoding="utf-8")
     slow = Case(load_scene(scene)).gears[0]
     exact = wave(4, 3, 7.0, profile="quintic")
-    assert slow.speed == pytest.approx(exact.speed, rel=1e-4)
+    assert slow.speed == pytest.approx(exact.speed, rel=1e-2)
     spike, force = slow.bears(LIMITS)
     assert np.isfinite(spike + force)
 
@@ -542,6 +542,27 @@ def test_a_hill_that_rises_too_fast_breaks_a_limit_and_the_result_says_so(tmp_pa
     found = wo.run(load_scene(scene))
     assert found.status == "failed"
     assert "supervisor.down" in found.reason
+
+
+@pytest.mark.slow
+def test_what_is_done_is_kept_where_no_schedule_passes_or_the_user_stops(tmp_path: Path):
+    scene = tmp_path / "high.toml"
+    high = TEXT.replace("slope = [0.0, 0.26, 0.26, 0.0]", "slope = [0.0, 0.6, 0.6, 0.0]")
+    scene.write_text(high.replace("goal = 270.0", "goal = 140.0"), encoding="utf-8")
+    with pytest.raises(SolveError, match="no schedule") as refused:
+        wo.run(load_scene(scene))
+    assert refused.value.partial.scalars["shifts"].value == 2
+
+    def stop(what: str, _: float | None) -> None:
+        if what == "rechecking":
+            raise KeyboardInterrupt
+
+    scene.write_text(TEXT.replace("goal = 270.0", "goal = 12.0"), encoding="utf-8")
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        wo.run(load_scene(scene), report=stop)
+    assert isinstance(stopped.value, Interrupted)
+    assert stopped.value.partial.status == "failed"
+    assert "stroke_gear" in stopped.value.partial
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
@@ -36,46 +36,48 @@ def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
     """Shift along the way; "failed" where a limit is broken or two routes disagree.
 
     Raises SceneError for gears that do not fit, SolveError where there is no transition or the
-    worm does not arrive.
+    worm does not arrive, Interrupted by the user; these two with the supervised worm if it has
+    arrived.
     """
     case, clocks = Case(scene), [perf_counter()]
-    report("transitions", None)
-    box = case.box
-    clocks.append(perf_counter())
-    motion = _simulated(case, report)
-    again = case.walk(case.first, Supervised(box, case.supervisor))
-    clocks.append(perf_counter())
-    fixed = [case.walk(k, kept) for k in range(len(box.gears))]
-    way = case.table.way
-    best = best_schedule(
-        box, case.ground, case.limits, way.start, way.goal, case.first, report=report
-    )
-    looked_back = case.walk(case.first, by_schedule(best.rows))
-    clocks.append(perf_counter())
-    chain = None if case.table.adaptive is None else _chained(case, case.table.adaptive, report)
-    clocks.append(perf_counter())
-    checks = [
-        *limits_kept(case, motion),
-        *agreement(motion, again),
-        *transitions(case),
-        *hindsight(case, best, looked_back),
-        *(_chain_checks(chain) if chain else ()),
-    ]
-    clocks.append(perf_counter())
+    partial: Result | None = None
+    try:
+        report("transitions", None)
+        box = case.box
+        clocks.append(perf_counter())
+        motion = _simulated(case, report)
+        again = case.walk(case.first, Supervised(box, case.supervisor))
+        scalars, variables = _supervised(case, motion, again)
+        partial = conclude(scene, scalars, variables, attributes=_attributes(case))
+        clocks.append(perf_counter())
+        compared = _compared(case, motion, report)
+        clocks.append(perf_counter())
+        chain = _chained(case, case.table.adaptive, report) if case.table.adaptive else None
+        clocks.append(perf_counter())
+        report("rechecking", None)
+        checks = [
+            *limits_kept(case, motion),
+            *agreement(motion, again),
+            *transitions(case),
+            *hindsight(case, compared.best, compared.walked),
+            *(_chain_checks(chain) if chain else ()),
+        ]
+        clocks.append(perf_counter())
+    except SolveError as error:
+        raise SolveError(error.reason, error.suggestion, partial, error.code) from None
+    except KeyboardInterrupt:
+        why = "interrupted before the comparison was done"
+        raise Interrupted(partial and partial.failed(why)) from None
     stages = ("transitions", "simulate", "hindsight", "adaptive", "recheck")
     return conclude(
         scene,
-        _scalars(case, motion, again, best, looked_back, fixed) | (chain.scalars if chain else {}),
-        _variables(case, again, looked_back) | (chain.variables if chain else {}),
+        scalars | compared.scalars | (chain.scalars if chain else {}),
+        variables | compared.variables | (chain.variables if chain else {}),
         checks=checks,
         facts={"assumptions": ["resting masses share the load alike", "spikes never slip back"]},
         warnings=_warnings(case, chain),
         timings=dict(zip(stages, np.diff(clocks).tolist(), strict=True)),
-        attributes={
-            "gears": [gear.name for gear in box.gears],
-            "spike_load_limit": case.table.limits.spike_load,
-            "actuator_force_limit": case.table.limits.actuator_force,
-        },
+        attributes=_attributes(case),
     )
 
 
@@ -179,44 +181,34 @@ def _chain_checks(chain: Chained) -> Iterator[Check]:
 # -- what is told --------------------------------------------------------------------------------
 
 
+def _attributes(case: Case) -> dict[str, Any]:
+    return {
+        "gears": [gear.name for gear in case.box.gears],
+        "spike_load_limit": case.table.limits.spike_load,
+        "actuator_force_limit": case.table.limits.actuator_force,
+    }
+
+
 def _gears_of(case: Case, walked: Walk) -> np.ndarray:
     return np.array([case.box.rows[number].gear for number in walked.row], dtype=np.int32)
 
 
-def _scalars(
-    case: Case,
-    motion: Trajectory,
-    again: Walk,
-    best: Schedule,
-    looked_back: Walk,
-    fixed: list[Walk],
-) -> dict[str, Any]:
-    box, limits, way = case.box, case.limits, case.table.way
-    gear = _gears_of(case, again)
+def _supervised(
+    case: Case, motion: Trajectory, again: Walk
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Scalars and variables of the gear box and of the worm under its supervisor."""
+    box, gear = case.box, _gears_of(case, again)
     changes = 1 + np.flatnonzero(np.diff(gear))
-    fine = [
-        bool(w.spike.max() <= limits.spike * (1 + KEPT))
-        and bool(w.actuator.max() <= limits.actuator * (1 + KEPT))
-        and bool(w.total.min() >= 0)
-        for w in fixed
-    ]
-    alone = [w.arrival if good else None for w, good in zip(fixed, fine, strict=True)]
-    return {
+    place = again.place[:-1].mean(axis=1)
+    scalars = {
         "time": motion.end_time,
-        "best_time": best.time,
-        "efficiency": best.time / motion.end_time,
-        "ideal_time": ideal_time(box, case.ground, limits, way.start, way.goal),
-        "fixed_time": min((each for each in alone if each is not None), default=None),
-        "fixed_times": alone,
-        "fixed_spike_loads": [w.spike.max() for w in fixed],
         "shifts": len(changes),
-        "best_shifts": int(np.count_nonzero(np.diff(_gears_of(case, looked_back)))),
         "shift_times": again.time[changes],
         "shift_places": again.place[changes].mean(axis=1),
         "shift_gears": gear[changes],
         "gear_speeds": [each.speed for each in box.gears],
         "gear_resting": [each.resting for each in box.gears],
-        "gear_loads": [[each.least, min(each.bears(limits))] for each in box.gears],
+        "gear_loads": [[each.least, min(each.bears(case.limits))] for each in box.gears],
         "up_durations": [each.duration for each in box.up],
         "down_durations": [each.duration for each in box.down],
         "up_resting": [list(each.resting) for each in box.up],
@@ -225,24 +217,61 @@ def _scalars(
         "actuator_force_max": motion.largest("actuator_force"),
         "spike_total_min": again.total.min(),
     }
-
-
-def _variables(case: Case, again: Walk, best: Walk) -> dict[str, np.ndarray]:
-    place, best_place = again.place[:-1].mean(axis=1), best.place[:-1].mean(axis=1)
-    shifting = [case.box.rows[number].shifting for number in again.row]
-    return {
+    shifting = [box.rows[number].shifting for number in again.row]
+    return scalars, {
         "stroke_time": again.time[:-1],
         "stroke_place": place,
-        "stroke_gear": _gears_of(case, again),
+        "stroke_gear": gear,
         "stroke_shifting": np.array(shifting, dtype=np.int32),
         "stroke_load": case.load(place),
         "stroke_spike_load": again.spike,
         "stroke_actuator_force": again.actuator,
-        "best_stroke_time": best.time[:-1],
-        "best_stroke_place": best_place,
-        "best_stroke_gear": _gears_of(case, best),
-        "best_stroke_spike_load": best.spike,
     }
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What the supervised worm is set against."""
+
+    best: Schedule
+    walked: Walk  # by the best schedule
+    scalars: dict[str, Any]
+    variables: dict[str, np.ndarray]
+
+
+def _compared(case: Case, motion: Trajectory, report: Report) -> Compared:
+    """Walk in each gear alone, and by the best schedule."""
+    box, way, limits = case.box, case.table.way, case.limits
+    fixed = [case.walk(k, kept) for k in range(len(box.gears))]
+    best = best_schedule(box, case.ground, limits, way.start, way.goal, case.first, report=report)
+    walked = case.walk(case.first, by_schedule(best.rows))
+    fine = [
+        bool(w.spike.max() <= limits.spike * (1 + KEPT))
+        and bool(w.actuator.max() <= limits.actuator * (1 + KEPT))
+        and bool(w.total.min() >= 0)
+        for w in fixed
+    ]
+    alone = [w.arrival if good else None for w, good in zip(fixed, fine, strict=True)]
+    gear = _gears_of(case, walked)
+    return Compared(
+        best,
+        walked,
+        {
+            "best_time": best.time,
+            "efficiency": best.time / motion.end_time,
+            "ideal_time": ideal_time(box, case.ground, limits, way.start, way.goal),
+            "fixed_time": min((each for each in alone if each is not None), default=None),
+            "fixed_times": alone,
+            "fixed_spike_loads": [w.spike.max() for w in fixed],
+            "best_shifts": int(np.count_nonzero(np.diff(gear))),
+        },
+        {
+            "best_stroke_time": walked.time[:-1],
+            "best_stroke_place": walked.place[:-1].mean(axis=1),
+            "best_stroke_gear": gear,
+            "best_stroke_spike_load": walked.spike,
+        },
+    )
 
 
 def _warnings(case: Case, chain: Chained | None) -> Iterator[str]:
