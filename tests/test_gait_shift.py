@@ -427,6 +427,22 @@ def test_hindsight_is_as_good_as_trying_all_schedules(height: float):
     assert found.time == pytest.approx(exact, rel=1e-9)
 
 
+@pytest.mark.parametrize("period", [4.1, 4.63])
+def test_hindsight_does_not_hang_on_its_bins(period: float):
+    """Gears of which the advances have no common measure."""
+    pair = gear_box([wave(4, 3), wave(4, 2, period)], LIMITS)
+    rising = Ground(np.array([5.0, 60.0]), np.array([2.2, 4.4]), np.full(2, DRAG), np.zeros(2))
+    found = [
+        best_schedule(pair, rising, LIMITS, 0.0, 50.0, 1, fineness=fineness).time
+        for fineness in (1, 3, 9)
+    ]
+    assert found == pytest.approx([found[0]] * 3, rel=1e-12)
+    choose = Supervised(pair, supervise(pair, LIMITS, down=0.95, up=0.9, dwell=0.0))
+    own = walk(pair, rising, begin(pair, 1), pair.first_row(1), choose, 50.0, 1e4)
+    assert own.spike.max() <= 12.0
+    assert found[0] <= own.arrival
+
+
 def test_a_hill_too_high_has_no_schedule():
     with pytest.raises(SolveError, match="no schedule"):
         best_schedule(box(), hill(9.0, 0.1), LIMITS, 0.0, 30.0, 2)

@@ -68,8 +68,11 @@ def transitions(case: Case) -> Iterator[Check]:
     yield Check("way through transitions, second route", way, KEPT, advice)
 
 
-def hindsight(case: Case, best: Schedule, walked: Walk) -> Iterator[Check]:
-    """Whether the best schedule can be walked as it stands, within the limits."""
+def hindsight(case: Case, best: Schedule, walked: Walk, again: Walk) -> Iterator[Check]:
+    """Whether the best schedule can be walked as it stands, within the limits, and is the best.
+
+    `walked` is the walk by the schedule, `again` that of the supervised worm.
+    """
     off = abs(walked.arrival / best.time - 1)
     advice = f"the best schedule arrives at {walked.arrival:.9g} when it is walked"
     yield Check("best schedule, walked", off, _AGREED, advice)
@@ -79,3 +82,8 @@ def hindsight(case: Case, best: Schedule, walked: Walk) -> Iterator[Check]:
     )
     advice = "the best schedule breaks a limit between the looks at it"
     yield Check("best schedule, loads by limits", over, 1 + _PEAKS, advice)
+    kept = again.spike.max() <= case.limits.spike and again.total.min() >= 0
+    if kept and again.actuator.max() <= case.limits.actuator:
+        faster = best.time / again.arrival
+        advice = "the supervised worm is faster than the best schedule, which thus is not the best"
+        yield Check("best schedule, time by the supervisor's", faster, 1 + _AGREED, advice)

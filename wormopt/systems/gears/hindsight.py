@@ -3,8 +3,9 @@
 Time passes from node to node: begins of strokes at which a gear may be left or is entered. What
 an edge between two of them loads is a function of the place alone, since the worm's shape at a
 node is always the same. The search goes by time (Dijkstra), every node apart in bins of place; of
-what falls into one bin the earliest counts, at its own place and not the bin's. So what is found
-can be walked as it stands, and is the best as the bins become narrow.
+what falls into one bin only that counts which is further than all that came earlier, at its own
+place and not the bin's. So what is found can be walked as it stands, and is the best as the bins
+become narrow: within a bin it is taken for granted that being ahead does no harm.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from wormopt.systems.gears.ground import Ground
 _LOOKS = np.linspace(0.0, 1.0, 9)
 # Limits may be exceeded by this share between the looks.
 _EXCEEDED = 1e-9
+# Places that differ by less, in bins, are one.
+_ROUNDING = 1e-6
 # Places in a bin at which it is known what an edge loads.
 _KNOWN = 2
 
@@ -73,16 +76,16 @@ def best_schedule(
     begin = box.first_row(gear)
     queue: list[tuple[float, int, int, float]] = [(0.0, 0, begin, start)]
     came: list[tuple[int, Edge | None]] = [(-1, None)]
-    closed: set[tuple[int, int]] = set()
+    reached: dict[tuple[int, int], float] = {}
     looked, furthest = 0, start
     while queue:
         time, label, node, place = heappop(queue)
         if node < 0:
             return Schedule(_rows(came, label), time, looked)
         key = node, int((place - start) / step)
-        if key in closed:
+        if place <= reached.get(key, -np.inf) + _ROUNDING * step:
             continue
-        closed.add(key)
+        reached[key] = place
         looked += 1
         if place > furthest and looked % 1000 == 0:
             furthest = place

@@ -59,7 +59,7 @@ def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
             *limits_kept(case, motion),
             *agreement(motion, again),
             *transitions(case),
-            *hindsight(case, compared.best, compared.walked),
+            *hindsight(case, compared.best, compared.walked, again),
             *(_chain_checks(chain) if chain else ()),
         ]
         clocks.append(perf_counter())
