@@ -43,6 +43,7 @@ USES: dict[str, set[str]] = {
     "swinging": {"chain"},
     "pair": {"chain"},
     "film": {"spiked"},
+    "gears": {"chain", "spiked"},
     "coils": {"film"},
     "channel": {"coils"},
     "peristaltic": {"coils"},

@@ -104,6 +104,8 @@ SCENES: dict[str, tuple[str, ...]] = {
     "turning": ("planar_turn_in_place", SI),
     "path": ("planar_path",),
     "rod_frequency": ("fig22_frequency_response",),
+    "shift": ("gait_shift", SI, "way.goal=12.0"),
+    "transitions": ("gait_shift", SI, "way.goal=12.0"),
 }
 THREE = (
     'tracker=[{feedback="filter", tube_radius=0.2, growth=1e4, filter_start=0.0}, '

@@ -290,6 +290,7 @@ def test_units_of_si_scenes(tmp_path: Path):
             "segment-shapes",
             "rod-motion",
             "rod-frequency",
+            "gait-shift",
             "peristaltic-segment",
             "peristaltic-worm",
             "peristaltic-drag",

@@ -82,6 +82,15 @@ KINDS: dict[str, Kind] = {
         },
         table_file=True,
     ),
+    "gait-shift": Kind(
+        summary="a worm that shifts gears by its loads on a way that rises, and the best schedule",
+        table="wormopt.systems.gears.scenes:GaitShiftScene",
+        study="wormopt.systems.gears.run",
+        pictures={
+            "shift": "wormopt.systems.gears.plot:shift",
+            "transitions": "wormopt.systems.gears.plot:transitions",
+        },
+    ),
     "stepper": Kind(
         summary="a gait as commands for stepping motors, and how the worm moves by them",
         table="wormopt.systems.spiked.scenes.stepper:StepperScene",

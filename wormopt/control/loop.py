@@ -218,7 +218,7 @@ def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:
         u=[signal for signal in plant.u if signal not in inputs],
         outputs=[replace(o, expression=e) for o, e in zip(plant.outputs, shown, strict=True)],
         switches=[
-            Switch(s.name, guard, reset)
+            replace(s, guard=guard, reset=reset)
             for s, guard, reset in zip(plant.switches, left[::2], left[1::2], strict=True)
         ],
     )

@@ -1,3 +1,4 @@
+from wormopt.systems.chain.build import chain as chain
 from wormopt.systems.chain.runs.chains import law_of as law_of
 from wormopt.systems.chain.runs.chains import laws_of as laws_of
 from wormopt.systems.chain.scenes.chain import CoulombFriction as CoulombFriction

@@ -1,8 +1,15 @@
+from wormopt.systems.spiked.bimodal import integrate as integrate
 from wormopt.systems.spiked.design.optimize import designed as designed
 from wormopt.systems.spiked.limits import Limits as Limits
 from wormopt.systems.spiked.runs.reference import gait_of_shape as gait_of_shape
+from wormopt.systems.spiked.scenes.gait import Links as Links
+from wormopt.systems.spiked.scenes.shapes import AccordionShape as AccordionShape
+from wormopt.systems.spiked.scenes.shapes import BlockWaveShape as BlockWaveShape
+from wormopt.systems.spiked.scenes.shapes import FileShape as FileShape
 from wormopt.systems.spiked.scenes.shapes import Shape as Shape
 from wormopt.systems.spiked.scenes.shapes import why_unreadable as why_unreadable
+from wormopt.systems.spiked.stretches import Drive as Drive
+from wormopt.systems.spiked.stretches import periodic_stretches as periodic_stretches
 from wormopt.systems.spiked.task import GaitProblem as GaitProblem
 from wormopt.systems.spiked.task import Objective as Objective
 from wormopt.systems.spiked.task import Search as Search

@@ -1,0 +1,55 @@
+"""Ground that changes along the way: load, drag and towed load by place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What a mass meets by its place: linear between knots, constant beyond the ends.
+
+    `load` and `drag` act on every mass where it is, `towed` on the tail where it is. Raises
+    ArgumentError if places do not ascend or shapes differ.
+    """
+
+    place: np.ndarray  # (k,) knots, ascending
+    load: np.ndarray  # (k,) force against forward motion on each mass
+    drag: np.ndarray  # (k,) viscous drag of each mass
+    towed: np.ndarray  # (k,) force against forward motion on the tail alone
+
+    def __post_init__(self) -> None:
+        for name in ("place", "load", "drag", "towed"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        if self.place.ndim != 1 or not len(self.place) or np.any(np.diff(self.place) <= 0):
+            raise ArgumentError("places must ascend, and there must be one at least")
+        if any(len(getattr(self, name)) != len(self.place) for name in ("load", "drag", "towed")):
+            raise ArgumentError("load, drag and towed need one number for each place")
+
+    def at(self, name: str, place: np.ndarray) -> np.ndarray:
+        """Value of "load", "drag" or "towed" at places of any shape."""
+        return np.interp(place, self.place, getattr(self, name))
+
+    def expression(self, name: str, place: ca.SX) -> ca.SX:
+        """The same of a column of symbols."""
+        values = getattr(self, name)
+        slopes = np.diff(values) / np.diff(self.place) if len(values) > 1 else np.zeros(0)
+        changes = np.diff(slopes, prepend=0.0, append=0.0)
+        found = ca.SX(place.shape[0], 1) + float(values[0])
+        for knot, change in zip(self.place.tolist(), changes.tolist(), strict=True):
+            if change:
+                found += change * ca.fmax(place - knot, 0)
+        return found
+
+    def lightest(self, masses: int) -> float:
+        """Least load on each mass that is met, with an even part of what is towed."""
+        return float(np.min(self.load + self.towed / masses))
+
+    def heaviest(self, masses: int) -> float:
+        """Largest, likewise."""
+        return float(np.max(self.load + self.towed / masses))

@@ -1,0 +1,218 @@
+"""A gear box as part of a Model: a reference worm that is shifted by what is measured.
+
+Which stroke is on, its coefficients, gear, timer and sums are discrete or simply growing states;
+the one Switch is the end of a stroke, at which the next is taken from the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from wormopt.model.model import Model, Output, Signal, Switch
+from wormopt.systems.gears.box import GearBox
+from wormopt.systems.gears.ground import Ground
+from wormopt.systems.gears.supervisor import Supervisor
+
+# Stands for a threshold that is never reached, and for one that always is.
+_FAR = 1e30
+# By so much of the dwell a timer may fall short by rounding.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Shifted:
+    """Symbols of a reference worm that runs through strokes, and what they say."""
+
+    box: GearBox
+    velocity: ca.SX  # (n+1, 1) of its masses
+    acceleration: ca.SX  # (n+1, 1)
+    resting: ca.SX  # (n+1, 1) 1 where its mass rests
+    coefficient: ca.SX  # of the stroke, power by power
+    row: ca.SX
+    clock: ca.SX  # time since the stroke began
+    duration: ca.SX
+    gear: ca.SX
+    wanted: ca.SX
+    whole: ca.SX  # 1 if the gear has been on since its cycle began
+    since: ca.SX  # time since the last shift
+    spike_sum: ca.SX
+    actuator_sum: ca.SX
+
+    @classmethod
+    def of(cls, box: GearBox) -> Shifted:
+        """Make the symbols."""
+        masses, powers = len(box.mass), box.degree + 1
+        coefficient = ca.SX.sym("stroke", masses * powers)
+        clock = ca.SX.sym("clock")
+        velocity = acceleration = ca.SX(masses, 1)
+        for power, part in enumerate(ca.vertsplit(coefficient, masses)):
+            velocity += part * clock**power
+            acceleration += power * part * clock ** max(power - 1, 0)
+        names = ("row", "duration", "gear", "wanted", "whole", "since")
+        return cls(
+            box,
+            velocity,
+            acceleration,
+            ca.SX.sym("stroke_resting", masses),
+            coefficient,
+            clock=clock,
+            spike_sum=ca.SX.sym("spike_sum"),
+            actuator_sum=ca.SX.sym("actuator_sum"),
+            **{name: ca.SX.sym(name) for name in names},
+        )
+
+    def states(self, gear: int, dwell: float) -> list[Signal]:
+        """Its states, with the begin of a cycle as their start."""
+        box, number = self.box, self.box.first_row(gear)
+        table = _table(box)[number]
+        size, masses = self.coefficient.numel(), len(box.mass)
+        period = box.gears[gear].period
+        return [
+            Signal("stroke", self.coefficient, value=tuple(table[:size])),
+            Signal("stroke_resting", self.resting, value=tuple(table[size : size + masses])),
+            Signal("row", self.row, value=float(number)),
+            Signal("clock", self.clock, "time", period, value=0.0),
+            Signal("duration", self.duration, "time", period, value=float(table[size + masses])),
+            Signal("gear", self.gear, value=float(gear)),
+            Signal("wanted", self.wanted, value=float(gear)),
+            Signal("whole", self.whole, value=1.0),
+            Signal("since", self.since, "time", period, value=dwell),
+            Signal("spike_sum", self.spike_sum, "impulse", value=0.0),
+            Signal("actuator_sum", self.actuator_sum, "effort", value=0.0),
+        ]
+
+    def rates(self, spike: ca.SX, actuator: ca.SX) -> ca.SX:
+        """Time derivatives of the states.
+
+        `spike` is the measured load of all spikes, `actuator` the measured sum of squared forces.
+        """
+        held = ca.SX(self.coefficient.numel() + self.resting.numel(), 1)
+        none, one = ca.SX(1, 1), ca.SX(1)
+        return ca.vertcat(held, none, one, none, none, none, none, one, spike, actuator)
+
+    def reset(self, supervisor: Supervisor) -> ca.SX:
+        """The states after the end of a stroke."""
+        box = self.box
+        rows = box.rows
+        now = _one_hot(self.row, len(rows))
+        ends = ca.dot(now, ca.DM([row.ends_cycle for row in rows]))
+        wanted = self._wanted(supervisor, ends)
+        kept, slower, faster = (
+            ca.dot(now, ca.DM([_number(getattr(row, name)) for row in rows]))
+            for name in ("follows", "slower", "faster")
+        )
+        leaves = ca.logic_and(wanted < self.gear, slower >= 0)
+        climbs = ca.logic_and(wanted > self.gear, faster >= 0)
+        following = ca.if_else(leaves, slower, ca.if_else(climbs, faster, kept))
+        then = _one_hot(following, len(rows))
+        stroke = ca.mtimes(ca.sparsify(ca.DM(_table(box))).T, then)
+        gear = ca.dot(then, ca.DM([row.gear for row in rows]))
+        same = ca.eq(gear, self.gear)
+        goes_on = ca.if_else(ends, 0, same)  # whether the sums go on
+        whole = ca.if_else(same, ca.fmax(self.whole, ends), 0)
+        return ca.vertcat(
+            stroke[:-1],
+            following,
+            0,
+            stroke[-1],
+            gear,
+            wanted,
+            whole,
+            same * self.since,
+            goes_on * self.spike_sum,
+            goes_on * self.actuator_sum,
+        )
+
+    def _wanted(self, supervisor: Supervisor, ends: ca.SX) -> ca.SX:
+        """Gear that is wanted from now on; decided anew at the end of a whole cycle."""
+        gears = self.box.gears
+        now = _one_hot(self.gear, len(gears))
+        period = ca.dot(now, ca.DM([gear.period for gear in gears]))
+        limits = {
+            name: ca.dot(now, ca.DM(np.clip(getattr(supervisor, name), -_FAR, _FAR)))
+            for name in ("spike_down", "spike_up", "actuator_down", "actuator_up")
+        }
+        spike, actuator = self.spike_sum / period, self.actuator_sum / period
+        high = ca.logic_or(spike > limits["spike_down"], actuator > limits["actuator_down"])
+        low = ca.logic_and(spike < limits["spike_up"], actuator < limits["actuator_up"])
+        decided = self.gear + ca.if_else(high, -1, ca.if_else(low, 1, 0))
+        ripe = self.since >= supervisor.dwell * (1 - _ROUNDING)
+        return ca.if_else(ends * self.whole * ripe, decided, self.wanted)
+
+
+def _one_hot(symbol: ca.SX, count: int) -> ca.SX:
+    return ca.vertcat(*(ca.eq(symbol, k) for k in range(count)))
+
+
+def _number(row: int | None) -> float:
+    return -1.0 if row is None else float(row)
+
+
+def _table(box: GearBox) -> np.ndarray:
+    """Coefficients, resting masses and duration of every row, (rows, numbers)."""
+    masses, powers = len(box.mass), box.degree + 1
+    table = np.zeros((len(box.rows), masses * powers + masses + 1))
+    for number, row in enumerate(box.rows):
+        velocity = row.stroke.velocity
+        table[number, : velocity.size] = velocity.T.ravel()
+        table[number, [masses * powers + i for i in row.stroke.resting]] = 1.0
+        table[number, -1] = row.stroke.duration
+    return table
+
+
+def geared_worm(
+    box: GearBox,
+    ground: Ground,
+    supervisor: Supervisor,
+    *,
+    gear: int,
+    begin: np.ndarray,
+    goal: float,
+) -> Model:
+    """A worm with spikes whose lengths follow the strokes exactly: kinematic theory with gears.
+
+    It begins a cycle of `gear` at places `begin` (n+1,), and the motion ends where the mean of
+    the masses reaches `goal`. Outputs ``velocity``, ``spike_total`` (below 0 the worm would
+    glide), ``spike_load``, ``actuator_force``.
+    """
+    shifted, masses = Shifted.of(box), len(box.mass)
+    place = ca.SX.sym("position", masses)
+    pull = ground.expression("load", place)
+    pull[masses - 1] += ground.expression("towed", place[masses - 1])
+    need = ca.DM(box.mass) * shifted.acceleration + pull
+    need += ground.expression("drag", place) * shifted.velocity
+    total = ca.SX(ca.sum1(need))
+    spike = shifted.resting * total / ca.sum1(shifted.resting)
+    force = ca.cumsum(spike - need)[:-1]
+    states = shifted.states(gear, supervisor.dwell)
+    x = [Signal("position", place, "length", value=tuple(begin.tolist())), *states]
+    return Model(
+        name=f"worm of {masses} masses with {len(box.gears)} gears",
+        x=x,
+        ode=ca.vertcat(shifted.velocity, shifted.rates(total, ca.sumsqr(force))),
+        outputs=[
+            Output("velocity", shifted.velocity, "speed"),
+            Output("spike_total", total, "force"),
+            Output("spike_load", spike, "force"),
+            Output("actuator_force", force, "force"),
+            Output("length", place[:-1] - place[1:], "length"),
+        ],
+        switches=[
+            Switch(
+                "a stroke ends",
+                shifted.clock - shifted.duration,
+                ca.vertcat(place, shifted.reset(supervisor)),
+            ),
+            arrives(place, x, goal),
+        ],
+    )
+
+
+def arrives(place: ca.SX, states: Sequence[Signal], goal: float) -> Switch:
+    """The end of the motion: the mean place reaches the goal."""
+    own = ca.vertcat(*(signal.symbol for signal in states))
+    return Switch("arrives", ca.sum1(place) / place.numel() - goal, own, terminal=True)

@@ -1,0 +1,287 @@
+"""Scenes of kind ``gait-shift``: build the gear box, walk, look back, compare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import Interrupted, SolveError
+from wormopt.progress import Report
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
+from wormopt.scene.scene import Scene
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain import law_of
+from wormopt.systems.gears.adaptive import Body, geared_chain
+from wormopt.systems.gears.case import Case
+from wormopt.systems.gears.checks import KEPT, agreement, hindsight, limits_kept, transitions
+from wormopt.systems.gears.hindsight import Schedule, best_schedule, ideal_time
+from wormopt.systems.gears.model import geared_worm
+from wormopt.systems.gears.scenes import AdaptiveTable, GaitShiftScene
+from wormopt.systems.gears.walk import Supervised, Walk, by_schedule, kept
+
+# Chains: tolerance of the simulation, and how near arrivals are under a hundredth of it.
+_CHAIN, _CHAIN_AGREED = Tolerance(1e-8, 1e-9), 1e-5
+_SAMPLES = 2000
+
+
+def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
+    """Shift along the way; "failed" where a limit is broken or two routes disagree.
+
+    Raises SceneError for gears that do not fit, SolveError where there is no transition or the
+    worm does not arrive, Interrupted by the user; these two with the supervised worm if it has
+    arrived.
+    """
+    case, clocks = Case(scene), [perf_counter()]
+    partial: Result | None = None
+    try:
+        report("transitions", None)
+        box = case.box
+        clocks.append(perf_counter())
+        motion = _simulated(case, report)
+        again = case.walk(case.first, Supervised(box, case.supervisor))
+        scalars, variables = _supervised(case, motion, again)
+        partial = conclude(scene, scalars, variables, attributes=_attributes(case))
+        clocks.append(perf_counter())
+        compared = _compared(case, motion, report)
+        clocks.append(perf_counter())
+        chain = _chained(case, case.table.adaptive, report) if case.table.adaptive else None
+        clocks.append(perf_counter())
+        report("rechecking", None)
+        checks = [
+            *limits_kept(case, motion),
+            *agreement(motion, again),
+            *transitions(case),
+            *hindsight(case, compared.best, compared.walked, again),
+            *(_chain_checks(chain) if chain else ()),
+        ]
+        clocks.append(perf_counter())
+    except SolveError as error:
+        raise SolveError(error.reason, error.suggestion, partial, error.code) from None
+    except KeyboardInterrupt:
+        why = "interrupted before the comparison was done"
+        raise Interrupted(partial and partial.failed(why)) from None
+    stages = ("transitions", "simulate", "hindsight", "adaptive", "recheck")
+    return conclude(
+        scene,
+        scalars | compared.scalars | (chain.scalars if chain else {}),
+        variables | compared.variables | (chain.variables if chain else {}),
+        checks=checks,
+        facts={"assumptions": ["resting masses share the load alike", "spikes never slip back"]},
+        warnings=_warnings(case, chain),
+        timings=dict(zip(stages, np.diff(clocks).tolist(), strict=True)),
+        attributes=_attributes(case),
+    )
+
+
+def _simulated(case: Case, report: Report) -> Trajectory:
+    """The supervised worm, simulated as a Model with events."""
+    model = geared_worm(
+        case.box,
+        case.ground,
+        case.supervisor,
+        gear=case.first,
+        begin=case.begin(case.first),
+        goal=case.table.way.goal,
+    )
+    motion = simulate(
+        model, case.longest, dense=True, report=lambda _, share: report("walking", share)
+    )
+    if motion.end_time >= case.longest:
+        raise SolveError(
+            f"the worm does not arrive by t = {case.longest:.6g}",
+            "look whether the slowest gear bears the way, or shorten supervisor.dwell",
+        )
+    return motion
+
+
+# -- the tracked chain ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Chained:
+    """What is told of the tracked chain."""
+
+    scalars: dict[str, Any]
+    variables: dict[str, np.ndarray]
+    again: float  # when it arrives under a hundredth of the tolerance
+    over: bool  # whether a spike carries more than its limit
+
+
+def _chained(case: Case, table: AdaptiveTable, report: Report) -> Chained:
+    model = geared_chain(
+        case.box,
+        case.ground,
+        case.supervisor,
+        Body(
+            table.stiffness,
+            table.damping,
+            law_of(table.friction),
+            table.tube_radius,
+            table.gain_start,
+            table.growth,
+        ),
+        gear=case.first,
+        begin=case.begin(case.first),
+        goal=case.table.way.goal,
+    )
+
+    def simulated(tolerance: Tolerance) -> Trajectory:
+        return simulate(
+            model,
+            case.longest,
+            dense=True,
+            tolerance=tolerance,
+            report=lambda _, share: report("following", share),
+        )
+
+    motion = simulated(_CHAIN)
+    if motion.end_time >= case.longest:
+        raise SolveError(
+            f"the tracked chain does not arrive by t = {case.longest:.6g}",
+            "write a larger adaptive.gain_start or adaptive.stiffness",
+        )
+    finer = Tolerance(_CHAIN.relative / 100, _CHAIN.absolute / 100)
+    sampled = motion.at(np.linspace(0.0, motion.end_time, _SAMPLES))
+    gear = sampled["gear"][0]
+    spike = motion.largest(model.forces)
+    return Chained(
+        {
+            "adaptive_time": motion.end_time,
+            "adaptive_shifts": int(np.count_nonzero(np.diff(gear))),
+            "adaptive_spike_load_max": spike,
+            "adaptive_total_max": motion.largest(ca.SX(ca.sum1(model.forces))),
+            "adaptive_error_max": motion.largest("error_norm"),
+            "adaptive_gain": float(sampled["gain"][0, -1]),
+        },
+        {
+            "adaptive_sample": sampled.time,
+            "adaptive_place": sampled["position"].mean(axis=0),
+            "adaptive_gear": gear.astype(np.int32),
+            "adaptive_error": sampled["error_norm"][0],
+        },
+        simulated(finer).end_time,
+        spike > case.limits.spike,
+    )
+
+
+def _chain_checks(chain: Chained) -> Iterator[Check]:
+    off = abs(chain.scalars["adaptive_time"] / chain.again - 1)
+    advice = f"under a hundredth of the tolerance the chain arrives at {chain.again:.9g}"
+    yield Check("arrival of the chain, finer", off, _CHAIN_AGREED, advice)
+
+
+# -- what is told --------------------------------------------------------------------------------
+
+
+def _attributes(case: Case) -> dict[str, Any]:
+    return {
+        "gears": [gear.name for gear in case.box.gears],
+        "spike_load_limit": case.table.limits.spike_load,
+        "actuator_force_limit": case.table.limits.actuator_force,
+    }
+
+
+def _gears_of(case: Case, walked: Walk) -> np.ndarray:
+    return np.array([case.box.rows[number].gear for number in walked.row], dtype=np.int32)
+
+
+def _supervised(
+    case: Case, motion: Trajectory, again: Walk
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Scalars and variables of the gear box and of the worm under its supervisor."""
+    box, gear = case.box, _gears_of(case, again)
+    changes = 1 + np.flatnonzero(np.diff(gear))
+    place = again.place[:-1].mean(axis=1)
+    scalars = {
+        "time": motion.end_time,
+        "shifts": len(changes),
+        "shift_times": again.time[changes],
+        "shift_places": again.place[changes].mean(axis=1),
+        "shift_gears": gear[changes],
+        "gear_speeds": [each.speed for each in box.gears],
+        "gear_resting": [each.resting for each in box.gears],
+        "gear_loads": [[each.least, min(each.bears(case.limits))] for each in box.gears],
+        "up_durations": [each.duration for each in box.up],
+        "down_durations": [each.duration for each in box.down],
+        "up_resting": [list(each.resting) for each in box.up],
+        "down_resting": [list(each.resting) for each in box.down],
+        "spike_load_max": motion.largest("spike_load"),
+        "actuator_force_max": motion.largest("actuator_force"),
+        "spike_total_min": again.total.min(),
+    }
+    shifting = [box.rows[number].shifting for number in again.row]
+    return scalars, {
+        "stroke_time": again.time[:-1],
+        "stroke_place": place,
+        "stroke_gear": gear,
+        "stroke_shifting": np.array(shifting, dtype=np.int32),
+        "stroke_load": case.load(place),
+        "stroke_spike_load": again.spike,
+        "stroke_actuator_force": again.actuator,
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What the supervised worm is set against."""
+
+    best: Schedule
+    walked: Walk  # by the best schedule
+    scalars: dict[str, Any]
+    variables: dict[str, np.ndarray]
+
+
+def _compared(case: Case, motion: Trajectory, report: Report) -> Compared:
+    """Walk in each gear alone, and by the best schedule."""
+    box, way, limits = case.box, case.table.way, case.limits
+    fixed = [case.walk(k, kept) for k in range(len(box.gears))]
+    best = best_schedule(box, case.ground, limits, way.start, way.goal, case.first, report=report)
+    walked = case.walk(case.first, by_schedule(best.rows))
+    fine = [
+        bool(w.spike.max() <= limits.spike * (1 + KEPT))
+        and bool(w.actuator.max() <= limits.actuator * (1 + KEPT))
+        and bool(w.total.min() >= 0)
+        for w in fixed
+    ]
+    alone = [w.arrival if good else None for w, good in zip(fixed, fine, strict=True)]
+    gear = _gears_of(case, walked)
+    return Compared(
+        best,
+        walked,
+        {
+            "best_time": best.time,
+            "efficiency": best.time / motion.end_time,
+            "ideal_time": ideal_time(box, case.ground, limits, way.start, way.goal),
+            "fixed_time": min((each for each in alone if each is not None), default=None),
+            "fixed_times": alone,
+            "fixed_spike_loads": [w.spike.max() for w in fixed],
+            "best_shifts": int(np.count_nonzero(np.diff(gear))),
+        },
+        {
+            "best_stroke_time": walked.time[:-1],
+            "best_stroke_place": walked.place[:-1].mean(axis=1),
+            "best_stroke_gear": gear,
+            "best_stroke_spike_load": walked.spike,
+        },
+    )
+
+
+def _warnings(case: Case, chain: Chained | None) -> Iterator[str]:
+    for k, gear in enumerate(case.box.gears):
+        if min(gear.bears(case.limits)) <= gear.least:
+            yield f"gear {k} ({gear.name}) bears no load without gliding"
+    if not all(each.complete for each in (*case.box.up, *case.box.down)):
+        yield "not all pairs of phases were looked at: a transition may be longer than need be"
+    if chain and chain.over:
+        yield (
+            "a spike of the tracked chain carries more than limits.spike_load: springs share the "
+            "load otherwise than alike, and its masses come to rest with a jolt"
+        )

@@ -1,0 +1,135 @@
+"""Walk by a table of strokes: places by their polynomials, loads by looking closely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from wormopt.systems.gears.box import GearBox, Row
+from wormopt.systems.gears.gear import Gear
+from wormopt.systems.gears.ground import Ground
+from wormopt.systems.gears.stroke import loads
+from wormopt.systems.gears.supervisor import Supervisor
+
+# Instants of a stroke at which forces are looked at, among them Gauss' for the means.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+_LOOKS = np.concatenate([(_NODES + 1) / 2, np.linspace(0, 1, 33)])
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """A way over the ground, stroke by stroke; peaks are of each stroke."""
+
+    row: np.ndarray  # (strokes,) rows of the table
+    time: np.ndarray  # (strokes + 1,) when they begin, and the end
+    place: np.ndarray  # (strokes + 1, n+1) of the masses then
+    total: np.ndarray  # (strokes,) least load of all spikes together
+    spike: np.ndarray  # (strokes,) largest load of a spike
+    actuator: np.ndarray  # (strokes,) largest force of an actuator, either way
+    arrival: float  # when the mean of the masses reaches the goal; inf if it does not
+
+
+@dataclass(frozen=True, eq=False)
+class Done:
+    """A stroke that is done, and what was measured in it."""
+
+    row: Row
+    time: float  # now
+    spike: float  # integral over it of the load of all spikes
+    actuator: float  # and of the squared actuator forces
+
+
+Choose = Callable[[Done], int]
+"""Next row of the table, at the end of a stroke."""
+
+
+def walk(
+    box: GearBox,
+    ground: Ground,
+    begin: np.ndarray,
+    first: int,
+    choose: Choose,
+    goal: float,
+    longest: float,
+) -> Walk:
+    """Walk from places `begin` (n+1,) until the mean place reaches `goal`, or time `longest`."""
+    rows, times, places = [], [0.0], [begin]
+    least, spikes, forces = [], [], []
+    number, now = first, 0.0
+    while places[-1].mean() < goal and now < longest:
+        row = box.rows[number]
+        s = row.stroke.duration * _LOOKS
+        found = loads(box.mass, ground, row.stroke, s, places[-1])
+        least.append(found.total.min())
+        spikes.append(found.spike.max())
+        forces.append(np.abs(found.actuator).max())
+        count = len(_NODES)
+        measured = np.array([found.total[:count], (found.actuator[:, :count] ** 2).sum(axis=0)])
+        spike, force = row.stroke.duration / 2 * measured @ _WEIGHTS
+        rows.append(number)
+        now += row.stroke.duration
+        times.append(now)
+        places.append(places[-1] + row.stroke.way)
+        number = choose(Done(row, now, float(spike), float(force)))
+    arrival = _arrival(box.rows[rows[-1]], times, places, goal) if rows else 0.0
+    return Walk(
+        np.array(rows, dtype=int),
+        np.array(times),
+        np.array(places),
+        np.array(least),
+        np.array(spikes),
+        np.array(forces),
+        arrival,
+    )
+
+
+def _arrival(last: Row, times: list[float], places: list[np.ndarray], goal: float) -> float:
+    """When the goal is reached within the last stroke."""
+    if places[-1].mean() < goal:
+        return np.inf
+    return times[-2] + last.stroke.until(goal - float(places[-2].mean()))
+
+
+class Supervised:
+    """Chooses rows as a supervisor does; a second writing of what `model` says as a Model."""
+
+    def __init__(self, box: GearBox, supervisor: Supervisor) -> None:
+        self._box, self._supervisor = box, supervisor
+        self._wanted: int | None = None
+        self._whole = True
+        self._shifted = -np.inf
+        self._sums = np.zeros(2)
+
+    def __call__(self, done: Done) -> int:
+        """Next row; decides at the end of a cycle."""
+        row, now = done.row, done.time
+        self._sums += done.spike, done.actuator
+        wanted = row.gear if self._wanted is None else self._wanted
+        if row.ends_cycle:
+            gear: Gear = self._box.gears[row.gear]
+            ripe = now - self._shifted >= self._supervisor.dwell * (1 - 1e-12)
+            if self._whole and ripe:
+                wanted = self._supervisor.decide(row.gear, *(self._sums / gear.period))
+            self._whole, self._sums = True, np.zeros(2)
+        following = row.follows
+        if wanted < row.gear and row.slower is not None:
+            following = row.slower
+        elif wanted > row.gear and row.faster is not None:
+            following = row.faster
+        self._wanted = wanted
+        if self._box.rows[following].gear != row.gear:
+            self._whole, self._shifted, self._sums = False, now, np.zeros(2)
+        return following
+
+
+def kept(done: Done) -> int:
+    """Choose as who never shifts."""
+    return done.row.follows
+
+
+def by_schedule(rows: tuple[int, ...]) -> Choose:
+    """Choose as a schedule says, and keep the gear where it ends."""
+    left = iter(rows[1:])
+    return lambda done: next(left, done.row.follows)
