@@ -15,6 +15,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.ocp.arc import limits_of
+from wormopt.ocp.buffered import Buffered
 from wormopt.ocp.nlp import Bounds
 from wormopt.ocp.transcription import Transcription
 
@@ -74,7 +75,7 @@ class Stages:
         self.inner = [row for block in inner for row in block]
         self.v = [*self.start, *self.inputs]
         self.n_x, self.n_u, self.n_v = len(self.start), len(self.inputs), len(self.v)
-        self._maps: dict[tuple[str, int], ca.Function] = {}
+        self._maps: dict[tuple[str, int], Buffered] = {}
 
     @property
     def input_limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -127,13 +128,13 @@ class Stages:
         n = len(rows)
         key = function.name(), n
         if key not in self._maps:
-            self._maps[key] = function.map(n)
-        p = np.repeat(given.p[:, None], n, axis=1)
-        found = self._maps[key](rows.T, given.levels.T, given.schedules.T, p)
-        shapes = [(function.size1_out(k), function.size2_out(k)) for k in range(len(found))]
+            self._maps[key] = Buffered(function.map(n))
+        p = np.tile(given.p, n)
+        found = self._maps[key](rows.ravel(), given.levels.ravel(), given.schedules.ravel(), p)
+        shapes = [(n, function.size2_out(k), function.size1_out(k)) for k in range(len(found))]
         return [
-            np.asarray(part).reshape(high, n, wide).transpose(1, 0, 2)
-            for part, (high, wide) in zip(found, shapes, strict=True)
+            part.reshape(shape).transpose(0, 2, 1).copy()
+            for part, shape in zip(found, shapes, strict=True)
         ]
 
     # -- many arcs ---------------------------------------------------------------------------
