@@ -31,9 +31,9 @@ class Estimation:
 
     names: tuple[str, ...] = ("mass", "friction_forward", "friction_backward")
     window: int = 25  # arcs
-    noise: float = 1e-3  # what a measured state may miss, in nominal sizes
-    spread: float = 0.3  # what a parameter may be off beforehand, as a share of it
-    memory: float = 500.0  # arcs after which what slid out of the window counts 1/e
+    noise: float = 1e-2  # what a measured state may miss, in nominal sizes
+    spread: float = 0.2  # what a parameter may be off beforehand, as a share of it
+    memory: float = np.inf  # arcs after which what slid out of the window counts 1/e
     steps: int = 1  # of Gauss and Newton for each new state
 
     def __post_init__(self) -> None:

@@ -34,6 +34,8 @@ from wormopt.ocp.transcription import Transcription
 
 # A plan is found when no scaled variable moves by more, in at most so many steps a level.
 _PLANNED, _MOST_STEPS = 1e-8, 100
+# Inputs that are so near to a limit, in nominal sizes, are at it.
+_AT_LIMIT = 1e-5
 
 
 @dataclass(frozen=True)
@@ -74,9 +76,20 @@ class Plan:
 
     @cached_property
     def beyond(self) -> CostToGo:
-        """Cost from every node to the end, to second order."""
-        arcs = self.stages.linearise(self.course.rows, self.given)
-        return cost_to_go(arcs.dynamics, arcs.gradient, arcs.hessian, self.stages.n_x)
+        """Cost from every node to the end, to second order; inputs at a limit stay there."""
+        stages, rows = self.stages, self.course.rows
+        arcs = stages.linearise(rows, self.given)
+        low, high = stages.input_limits
+        inputs = rows[:, stages.inputs]
+        held = np.zeros((len(rows), stages.n_v), dtype=bool)
+        held[:, stages.n_x :] = (inputs - low < _AT_LIMIT) | (high - inputs < _AT_LIMIT)
+        either = held[:, :, None] | held[:, None, :]
+        return cost_to_go(
+            np.where(held[:, None, :], 0.0, arcs.dynamics),
+            np.where(held, 0.0, arcs.gradient),
+            np.where(either, np.eye(stages.n_v), arcs.hessian),
+            stages.n_x,
+        )
 
     @property
     def times(self) -> np.ndarray:

@@ -10,8 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
 from wormopt.control.lqr import lqr
@@ -24,16 +22,12 @@ from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.ocp.switching import optimise_switching_times
-from wormopt.systems.chain.copies import draw_factors, numbers_of
+from wormopt.systems.chain.copies import Draw, drawn_plants
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
 from wormopt.systems.chain.optimal_tracking import knowing, lengths_of, optimal_input
 from wormopt.systems.chain.runs.chains import chain_for, close_loop, draw_links, labels
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
-
-Draw = Mapping[str, np.ndarray]
-"""Parameters of a plant by name."""
-
 
 LQR = "LQR, feed-forward"
 PLANS = ("optimal tracking", "optimal tube", "fastest crawl")
@@ -197,18 +191,6 @@ def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
 
 
 def draw_plants(table: CompareScene, gait: Gait) -> list[Draw]:
-    """Parameters of plants that are not as believed, one draw per member.
-
-    They depend neither on `gait` nor on how many members there are. Stiction varies with the
-    sliding force of its direction.
-    """
-    own, draws, found = numbers_of(plant_of(table, gait)), table.draws, []
-    for member in range(draws.members):
-        factors = draw_factors(own, draws.spread, np.random.default_rng([draws.seed, member]))
-        factors |= {
-            f"friction_stick_{side}": factors[f"friction_{side}"]
-            for side in ("forward", "backward")
-            if f"friction_stick_{side}" in own
-        }
-        found.append({name: own[name] * factor for name, factor in factors.items()})
-    return found
+    """Parameters of plants that are not as believed, which do not depend on `gait`."""
+    draws = table.draws
+    return drawn_plants(plant_of(table, gait), draws.spread, draws.seed, draws.members)

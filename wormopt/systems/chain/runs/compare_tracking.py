@@ -21,11 +21,11 @@ from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.copies import Draw
 from wormopt.systems.chain.measured import balance, chain_checks, judged, judged_numbers
 from wormopt.systems.chain.rivals import (
     PLANS,
     Answer,
-    Draw,
     Job,
     Rival,
     draw_plants,
