@@ -30,10 +30,8 @@ def table_of(
     lines = [*_believed(names, scalars), "", *_right(scalars)]
     if table.plants is not None:
         lines += ["", *_plants(table, drawn)]
-        if scalars["parameter_error"] is not None:
-            before, after = scalars["parameter_error"]
-            told = f"Estimated parameters are off by {before:.1%} as believed"
-            lines += ["", f"{told}, by {after:.1%} at the end (root of the mean square)."]
+        if scalars["parameter_error"] is not None and table.estimation is not None:
+            lines += ["", *_learnt(table.estimation.parameters, scalars["parameter_error"])]
     return "\n".join([*lines, ""])
 
 
@@ -80,6 +78,14 @@ def _plants(
         yield line_of(
             [name, *map(_digits, (cost.mean(), cost.min(), cost.max(), peak.max(), way.mean()))]
         )
+
+
+def _learnt(names: Sequence[str], errors: Sequence[Sequence[float]]) -> Iterator[str]:
+    yield from head_of(["estimated", "off as believed", "off at the end"])
+    for name, (before, after) in zip(names, errors, strict=True):
+        yield line_of([name.replace("_", " "), f"{before:.1%}", f"{after:.1%}"])
+    yield ""
+    yield "Root of the mean square of logarithms, over plants, and masses or links."
 
 
 def _digits(value: float | None) -> str:

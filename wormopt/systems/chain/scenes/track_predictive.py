@@ -51,7 +51,7 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
     and told against their period.
 
     Each controller moves the worm as it is believed, and with `[plants]` others that it does not
-    know; `[estimation]` lets the one in real time learn their parameters on the way. "plant known"
+    know, but the converged one; `[estimation]` lets the one in real time learn their parameters on the way. "plant known"
     is planned by somebody who knows.
 
     Where the worm obeys the smooth law that the controller believes, it must be as good as the open
@@ -64,6 +64,7 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
 
     headline: ClassVar = ("cost", "excess", "decision_median", "decision_period", "distance")
     scalars: ClassVar = JUDGED | {
+        "tube_radius": ("length", "*λ*"),
         "cost": ("length_squared_time", "∫(|*e*|² + *ρ*|*u*|²) d*t*, of the exact simulation"),
         "objective_found": ("length_squared_time", "the same, of the plan"),
         "plan_steps": ("count", "steps of sequential quadratic programming for the plan"),
@@ -90,7 +91,7 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
         "parameter_error": (
             "share",
             "how far estimated parameters of the plants are off, root of the mean square of "
-            "logarithms: as believed, and at the end",
+            "logarithms: a list for each of `estimation.parameters`, as believed and at the end",
         ),
         "recheck_error": ("share", "of the second route, largest over controllers without gains"),
     }
