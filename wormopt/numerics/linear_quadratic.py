@@ -9,9 +9,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class CostToGo:
-    """Least cost from each node on by the change dx of its state: g dx + dx P dx / 2, constants
-    left out.
-    """
+    """Least cost from each node on by the change dx of its state, g dx + dx P dx / 2 + const."""
 
     gradient: np.ndarray  # (N + 1, n_x) g, 0 at the end
     hessian: np.ndarray  # (N + 1, n_x, n_x) P, 0 at the end

@@ -11,7 +11,8 @@ from wormopt.errors import ArgumentError
 from wormopt.ocp.stages import Linearised
 
 _SOLVER = "hpipm"
-_OPTIONS = {"mode": "speed", "iter_max": 50}
+_EXACT = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max", "res_m_max"), 1e-9)
+_OPTIONS = {"mode": "balance", "iter_max": 50, **_EXACT}
 # HPIPM knows no missing bound: changes, in nominal sizes, are kept within so much instead. The
 # usual 1e8 would cost it all its iterations.
 _FAR = 1e4
@@ -115,6 +116,7 @@ class StageProgram:
         )
         found = np.append(first, np.asarray(answer["x"]).ravel())
         v, end = found[: n * n_v].reshape(n, n_v), found[n * n_v :]
+        v[:, n_x:] = np.clip(v[:, n_x:], *box)  # to the last digit
         return v, end, _holds(v, end, arcs, gaps, box)
 
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.ocp.arc import limits_of
-from wormopt.ocp.buffered import Buffered
 from wormopt.ocp.nlp import Bounds
 from wormopt.ocp.transcription import Transcription
+from wormopt.simulation.steps import Call
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class Stages:
         self.inner = [row for block in inner for row in block]
         self.v = [*self.start, *self.inputs]
         self.n_x, self.n_u, self.n_v = len(self.start), len(self.inputs), len(self.v)
-        self._maps: dict[tuple[str, int], Buffered] = {}
+        self._maps: dict[tuple[str, int], Call] = {}
 
     @property
     def input_limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -100,9 +100,7 @@ class Stages:
     def _symbols(self) -> tuple[list[ca.SX], list[ca.SX]]:
         """Variables, level, schedules and p; what vanishes, the arc's end, its cost."""
         function = self.arc.function
-        y, level, schedules, p = (
-            ca.SX.sym(f"arc_{k}", function.size1_in(k)) for k in (0, 1, 2, 4)
-        )
+        y, level, schedules, p = (ca.SX.sym(f"arc_{k}", function.size1_in(k)) for k in (0, 1, 2, 4))
         equal, _, _, _, _, end, integrals = function(y, level, schedules, ca.SX(0, 1), p)
         cost = ca.dot(ca.DM(self.weights), integrals)
         return [y, level, schedules, p], [equal, end, cost]
@@ -128,7 +126,7 @@ class Stages:
         n = len(rows)
         key = function.name(), n
         if key not in self._maps:
-            self._maps[key] = Buffered(function.map(n))
+            self._maps[key] = Call(function.map(n))
         p = np.tile(given.p, n)
         found = self._maps[key](rows.ravel(), given.levels.ravel(), given.schedules.ravel(), p)
         shapes = [(n, function.size2_out(k), function.size1_out(k)) for k in range(len(found))]
@@ -172,9 +170,7 @@ def _weights(program: Transcription) -> np.ndarray:
     ends = problem.ends
     slope = ca.gradient(problem.minimise, ends.integrals)
     others = ca.vertcat(ends.start, ends.end, ends.duration, problem.model.t)
-    plain = not (
-        ca.symvar(slope) or ca.depends_on(problem.minimise, others) or len(problem.design)
-    )
+    plain = not (ca.symvar(slope) or ca.depends_on(problem.minimise, others) or len(problem.design))
     if not (plain and arc.fixed_grid):
         raise ArgumentError(
             "stages are of a problem of given duration on a mesh with shares, whose objective is "
@@ -183,8 +179,11 @@ def _weights(program: Transcription) -> np.ndarray:
     equal, small, _, rows = (arc.function.size1_out(k) for k in range(4))
     inner = arc.layout.unknowns.stop - arc.layout.points.start
     inner -= arc.layout.inputs.stop - arc.layout.inputs.start
-    if arc.modal and problem.model.contacts or small or rows or arc.layout.slacks.stop > (
-        arc.layout.slacks.start
+    if (
+        (arc.modal and problem.model.contacts)
+        or small
+        or rows
+        or arc.layout.slacks.stop > (arc.layout.slacks.start)
     ):
         raise ArgumentError(
             "stages take smooth contact, Regularised(v_reg), and no limits along the way but "

@@ -15,7 +15,6 @@ from wormopt.model.friction import Law
 from wormopt.model.model import Contact, Model, Output, pack
 from wormopt.model.values import signal_values
 
-
 Draw = Mapping[str, np.ndarray]
 """Parameters of a plant by name."""
 

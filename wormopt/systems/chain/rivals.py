@@ -147,6 +147,8 @@ class Rival:
 
     name: str  # for tables and pictures
     model: Model  # without inputs; output ``error`` against the reference
+    # its inputs on the other plants, where they are not those of the model; None: there are none
+    others: tuple[Gait | None, ...] | None = None
 
 
 def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) -> Iterator[Rival]:
@@ -160,16 +162,16 @@ def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) ->
     yield Rival(LQR, _lqr(table, gait, None))
     found = {name: plan for name, plan in plans.items() if plan is not None}
     for name, plan in found.items():
-        yield Rival(name, driven(table, gait, plan))
+        yield Rival(name, driven(table, gait, plan.inputs, periodic=plan.periodic))
     for name, plan in found.items():
         yield Rival(f"{name} + LQR", _lqr(table, gait, plan))
 
 
-def driven(table: CompareScene, gait: Gait, plan: Plan) -> Model:
-    """Plant under a plan, open loop, judged by the reference `gait`."""
+def driven(table: CompareScene, gait: Gait, inputs: Gait, *, periodic: bool = False) -> Model:
+    """Plant under a course of inputs, judged by the reference `gait`."""
     plant = plant_of(table, gait)
     compared = with_reference(plant, gait_reference(gait, plant.t))
-    return drive(compared, plan.inputs, periodic=plan.periodic)
+    return drive(compared, inputs, periodic=periodic)
 
 
 def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:

@@ -237,9 +237,7 @@ def _known(task: Task, draw: Draw) -> list[dict[str, Any]]:
     """Open loop and in real time by somebody who knows the plant."""
     table = task.scene.table
     with suppress(SolveError):
-        plan = plan_tracking(
-            task.plant, task.reference, table.time.end, table.predictive, p=draw
-        )
+        plan = plan_tracking(task.plant, task.reference, table.time.end, table.predictive, p=draw)
         receded = _decided(task, real_time(table.predictive), p=draw, plan=plan)
         return [_simulated(task, course, draw) for course in (course_of(plan), receded.inputs)]
     return [_LOST, _LOST]
@@ -318,7 +316,9 @@ def _names(task: Task) -> list[str]:
     estimation = task.scene.table.estimation
     sizes = {s.name: s.size for s in task.plant.p}
     names = () if estimation is None else estimation.parameters
-    return [f"{name} {k}" if sizes[name] > 1 else name for name in names for k in range(sizes[name])]
+    return [
+        f"{name} {k}" if sizes[name] > 1 else name for name in names for k in range(sizes[name])
+    ]
 
 
 def _estimates(task: Task, rows: Sequence[Row], draws: Sequence[Draw]) -> np.ndarray:
@@ -329,7 +329,10 @@ def _estimates(task: Task, rows: Sequence[Row], draws: Sequence[Draw]) -> np.nda
         return np.zeros((0, 0, 0))
     own = numbers_of(task.plant)
     chosen = places(task.plan.stages, estimation.parameters)
-    true = [np.concatenate([(own | draw)[n] for n in estimation.parameters]) for draw in draws]
+    true = [
+        np.concatenate([draw.get(name, own[name]) for name in estimation.parameters])
+        for draw in draws
+    ]
     found = [
         each.parameters[chosen] / numbers[:, None]
         for each, numbers in zip(learnt, true, strict=True)
@@ -411,8 +414,8 @@ def _warnings(task: Task, rows: Sequence[Row]) -> Iterator[str]:
         median = float(np.median(row.receded.seconds))
         if median > period:
             yield (
-                f"{row.name}: the median decision takes {median:.3g} s on this machine, longer than "
-                f"the {period:.3g} s between decisions"
+                f"{row.name}: the median decision takes {median:.3g} s on this machine, longer "
+                f"than the {period:.3g} s between decisions"
             )
         if row.receded.unsolved:
             yield f"{row.name}: {row.receded.unsolved} decisions were not solved"

@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import Positive, Table, says
+from wormopt.systems.chain.scenes.chain import ChainTable
 
 Estimated = Literal["mass", "stiffness", "damping", "friction_forward", "friction_backward"]
 ESTIMATED: tuple[Estimated, ...] = ("mass", "friction_forward", "friction_backward")
@@ -89,9 +90,20 @@ class EstimationTable(Table, frozen=True, kw_only=True):
         says("time", "after which what left the window counts 1/e; for ever if left out"),
     ] = None
 
-    def faults(self) -> Iterator[Fault]:
-        """Yield what is wrong between the keys."""
+    def faults(self, worm: ChainTable) -> Iterator[Fault]:
+        """Yield what is wrong between the keys, or cannot be learnt of a worm."""
         if not self.parameters:
             yield "estimation.parameters", "names none; leave [estimation] out"
         if len(set(self.parameters)) < len(self.parameters):
             yield "estimation.parameters", "names one twice; write each once"
+        for name in self.parameters:  # logarithms are estimated
+            if not all(value > 0 for value in _values(worm, name)):
+                yield "estimation.parameters", f"{name} is not above 0; leave it out"
+
+
+def _values(worm: ChainTable, name: str) -> Iterator[float]:
+    """Values of a parameter, one 0 where the worm has none."""
+    side = name.removeprefix("friction_")
+    given = [getattr(worm, name)] if side == name else [getattr(g, side, 0.0) for g in worm.ground]
+    for each in given or [0.0]:
+        yield from each if isinstance(each, tuple) else (each,)

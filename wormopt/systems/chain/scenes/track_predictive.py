@@ -51,8 +51,8 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
     and told against their period.
 
     Each controller moves the worm as it is believed, and with `[plants]` others that it does not
-    know, but the converged one; `[estimation]` lets the one in real time learn their parameters on the way. "plant known"
-    is planned by somebody who knows.
+    know, but the converged one; `[estimation]` lets the one in real time learn their parameters on
+    the way. "plant known" is planned by somebody who knows.
 
     Where the worm obeys the smooth law that the controller believes, it must be as good as the open
     loop, to 1e-6 of its cost: the check `as good as the open loop`. Refused: friction of another
@@ -151,8 +151,7 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
         yield from self.reference.gait.faults(links, folder, "reference.gait")
         yield from self.predictive.faults(self.time.end, self.units)
         if self.estimation is not None:
-            yield from self.estimation.faults()
-            yield from self._unknowable(self.estimation)
+            yield from self.estimation.faults(self.worm)
         if self.worm.random is not None:
             yield "worm.random", "plants vary by [plants] here; leave the table out"
         if self.worm.slope:
@@ -161,15 +160,3 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
             yield "worm.friction", 'is compared with kind = "coulomb"'
         if self.tube.capture >= self.time.end:
             yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
-
-    def _unknowable(self, estimation: EstimationTable) -> Iterator[Fault]:
-        """Only what is above 0 can be learnt: logarithms are estimated."""
-        for name in estimation.parameters:
-            if name.startswith("friction_"):
-                side = name.removeprefix("friction_")
-                values = [getattr(each, side, 1.0) for each in self.worm.ground]
-            else:
-                values = [getattr(self.worm, name)]
-            flat = [v for each in values for v in (each if isinstance(each, tuple) else (each,))]
-            if not flat or min(flat) <= 0:
-                yield "estimation.parameters", f"{name} is not above 0; leave it out"
