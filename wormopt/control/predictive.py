@@ -35,6 +35,7 @@ from wormopt.ocp.transcription import Transcription
 # A plan is found when no scaled variable moves by more, in at most so many steps a level; before
 # the last level it need not be found as exactly.
 _PLANNED, _NEAR, _MOST_STEPS = 1e-7, 1e-3, 300
+_LEAST_SHARE = 0.05  # of a step
 # Inputs that are so near to a limit, in nominal sizes, are at it.
 _AT_LIMIT = 1e-5
 
@@ -134,12 +135,14 @@ def plan_ahead(
     for level in levels:
         bounds = program.bounds(level, p=p)
         given = stages.given(bounds)
-        small = _PLANNED if level == levels[-1] else _NEAR
+        small, share = _PLANNED if level == levels[-1] else _NEAR, 1.0
         for _ in range(_MOST_STEPS):
-            course, step = improved(stages, quadratic, course, given, first, tail)
+            before = step.size
+            course, step = improved(stages, quadratic, course, given, first, tail, share)
             count += 1
             if not step.solved or step.size <= small:
                 break
+            share = _damped(share, step.size, before)
         if not step.size <= small:
             raise SolveError(
                 f"no plan is found at v_reg = {level:.3g}: the last of {count} steps was "
@@ -148,6 +151,11 @@ def plan_ahead(
                 code="not_solved",
             )
     return Plan(stages, given, bounds, course, step.cost, count, step.violation)
+
+
+def _damped(share: float, size: float, before: float) -> float:
+    """Share of the next step: those that do not shrink go to and fro across a steep law."""
+    return max(share / 2, _LEAST_SHARE) if size > before else min(1.3 * share, 1.0)
 
 
 @dataclass(frozen=True)
@@ -167,10 +175,11 @@ def improved(
     given: Given,
     first: np.ndarray,
     tail: Tail,
+    share: float = 1.0,
 ) -> tuple[Course, Step]:
-    """Take a full step of a motion that shall start at `first` (n_x,); none where it is not solved.
+    """Take a step, or a share of it, of a motion that shall start at `first` (n_x,).
 
-    `tail` is the cost of the end as a function of its change.
+    None where it is not solved. `tail` is the cost of the end as a function of its change.
     """
     rows = course.rows
     arcs = stages.linearise(rows, given)
@@ -184,11 +193,11 @@ def improved(
     if not solved:
         return course, Step(np.inf, cost, violation, solved=False)
     moved = rows.copy()
-    moved[:, stages.v] += v
+    moved[:, stages.v] += share * v
     inner = _inside(arcs, v)
-    moved[:, stages.inner] += inner
+    moved[:, stages.inner] += share * inner
     size = float(max(np.abs(v).max(), np.abs(inner).max()))
-    return Course(moved, course.end + end), Step(size, cost, violation, solved=True)
+    return Course(moved, course.end + share * end), Step(size, cost, violation, solved=True)
 
 
 def _tail(beyond: CostToGo, node: int, off: np.ndarray) -> Tail:
@@ -240,11 +249,11 @@ class PredictiveController:
         program, given = self._programs[last - k], self.given.part(slice(k, last))
         seen = Course(self.course.rows[k:last], self._state(self.course, last))
         planned, x = self._state(plan.course, last), state / stages.arc.x_nominal
-        count, step = 0, Step(np.inf, 0.0, np.inf, solved=True)
+        count, share, step = 0, 1.0, Step(np.inf, 0.0, np.inf, solved=True)
         while count < self.decisions.steps and step.solved and step.size > self.decisions.tolerance:
-            tail = _tail(plan.beyond, last, seen.end - planned)
-            seen, step = improved(stages, program, seen, given, x, tail)
-            count += 1
+            tail, before = _tail(plan.beyond, last, seen.end - planned), step.size
+            seen, step = improved(stages, program, seen, given, x, tail, share)
+            share, count = _damped(share, step.size, before), count + 1
         self._keep(seen, k, last)
         input_ = seen.rows[0, stages.inputs] * stages.arc.u_nominal
         return Decision(input_, count, step.size, time.perf_counter() - begin)
