@@ -105,9 +105,10 @@ def test_predictive_control_keeps_what_it_promises(quick: Result):
     assert {k: v for k, v in unsolved.items() if v is not None} == {
         name: 0 for name in names if name.startswith("predictive")
     }
-    median = dict(zip(names, value(quick, "decision_median"), strict=True))
-    # this machine may be busy: what is typical of it stands in docs/optimal.md
-    assert median["predictive, real time"] < 10 * value(quick, "decision_period")
+    spent = dict(zip(names, value(quick, "decision_processor"), strict=True))
+    # of the processor, for this machine may be busy
+    for name in ("predictive, real time", "predictive, real time, with estimation"):
+        assert spent[name] < value(quick, "decision_period")
 
 
 @pytest.mark.slow

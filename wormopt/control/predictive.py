@@ -217,7 +217,12 @@ class Decision:
     input: np.ndarray  # (n_u,) until the next node, in the model's units
     steps: int
     size: float  # of the last step
-    seconds: float  # wall-clock time
+    clock: np.ndarray  # (2,) wall-clock time it took, and time of the processor, in s
+
+
+def clock() -> np.ndarray:
+    """Wall-clock time and time of the processor in this thread, in s."""
+    return np.array([time.perf_counter(), time.thread_time()])
 
 
 class PredictiveController:
@@ -242,7 +247,7 @@ class PredictiveController:
         """Decide at node k, where the state is (n_x,); ArgumentError if that is no state."""
         if np.shape(state) != (self.plan.stages.n_x,) or not np.all(np.isfinite(state)):
             raise ArgumentError(f"a state has {self.plan.stages.n_x} finite numbers, not {state}")
-        begin = time.perf_counter()
+        begin = clock()
         stages, plan = self.plan.stages, self.plan
         n = len(plan.course.rows)
         last = min(k + self.decisions.horizon, n)
@@ -256,7 +261,7 @@ class PredictiveController:
             share, count = _damped(share, step.size, before), count + 1
         self._keep(seen, k, last)
         input_ = seen.rows[0, stages.inputs] * stages.arc.u_nominal
-        return Decision(input_, count, step.size, time.perf_counter() - begin)
+        return Decision(input_, count, step.size, clock() - begin)
 
     def _state(self, course: Course, node: int) -> np.ndarray:
         at_end = node == len(course.rows)

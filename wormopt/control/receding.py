@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.control.estimation import Estimation, Estimator
-from wormopt.control.predictive import Decision, Decisions, Plan, PredictiveController
+from wormopt.control.predictive import (
+    Decision,
+    Decisions,
+    Plan,
+    PredictiveController,
+    clock,
+)
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal
 from wormopt.model.values import signal_values
@@ -26,8 +31,18 @@ class Receded:
     times: np.ndarray  # (N + 1,) of decisions, and the end
     states: np.ndarray  # (n_x, N + 1) of the worm then
     decisions: tuple[Decision, ...]
-    seconds: np.ndarray  # (N,) wall-clock time of each decision, estimation included
+    clocks: np.ndarray  # (2, N) as in `Decision`, estimation included
     parameters: np.ndarray  # (n_p, N) as they are believed at each decision
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Wall-clock time of each decision, (N,)."""
+        return self.clocks[0]
+
+    @property
+    def processor(self) -> np.ndarray:
+        """Time of the processor of each decision, (N,)."""
+        return self.clocks[1]
 
     @property
     def inputs(self) -> Gait:
@@ -61,21 +76,22 @@ def recede(
     stages = plan.stages
     estimator = Estimator(stages, plan.given, estimation) if estimation else None
     times, x = plan.times, signal_values(worm.x, None, "state")
-    states, made, seconds, believed = [x], [], [], []
+    states, made, clocks, believed = [x], [], [], []
     for k in range(len(times) - 1):
-        spent = 0.0
+        spent = np.zeros(2)
         if estimator and k:
-            begin = time.perf_counter()
+            begin = clock()
             control.believe(estimator.see(control.course.rows[k - 1], states[-2], x))
-            spent = time.perf_counter() - begin
+            spent = clock() - begin
         decision = control.decide(k, x)
         made.append(decision)
-        seconds.append(spent + decision.seconds)
+        clocks.append(spent + decision.clock)
         believed.append(control.given.p)
         x = _move(worm, (times[k], times[k + 1]), x, decision.input, p, contact, tolerance)
         states.append(x)
         report("deciding", (k + 1) / (len(times) - 1))
-    return Receded(times, np.array(states).T, tuple(made), np.array(seconds), np.array(believed).T)
+    parts = (np.array(part).T for part in (clocks, believed))
+    return Receded(times, np.array(states).T, tuple(made), *parts)
 
 
 def _move(

@@ -80,6 +80,7 @@ def decide(job: DecisionJob) -> Decided:
         "decision_median_s": median,
         "decision_95_s": most,
         "decision_worst_s": worst,
+        "decision_processor_s": float(np.median(believed.processor)),
         "decision_period_s": table.seconds * float(np.diff(plan.times).min()),
     }
     return Decided(believed.inputs, tuple(others), numbers)

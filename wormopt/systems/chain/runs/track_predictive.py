@@ -303,6 +303,7 @@ def _scalars(
         "decision_median": quantile(0.5),
         "decision_most": quantile(0.95),
         "decision_worst": quantile(1.0),
+        "decision_processor": [each and float(np.median(each.processor)) for each in receded],
         "decision_steps": [
             each and float(np.mean([d.steps for d in each.decisions])) for each in receded
         ],
@@ -411,11 +412,15 @@ def _warnings(task: Task, rows: Sequence[Row]) -> Iterator[str]:
     for row in rows:
         if row.receded is None:
             continue
-        median = float(np.median(row.receded.seconds))
-        if median > period:
+        seconds, processor = (
+            float(np.median(each)) for each in (row.receded.seconds, row.receded.processor)
+        )
+        if seconds > period:
+            busy = processor < period
             yield (
-                f"{row.name}: the median decision takes {median:.3g} s on this machine, longer "
+                f"{row.name}: the median decision takes {seconds:.3g} s on this machine, longer "
                 f"than the {period:.3g} s between decisions"
+                + (f"; {processor:.3g} s of the processor, which is busy" if busy else "")
             )
         if row.receded.unsolved:
             yield f"{row.name}: {row.receded.unsolved} decisions were not solved"

@@ -87,6 +87,11 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
         ),
         "decision_most": ("s", "the same, 95 of 100 take less"),
         "decision_worst": ("s", "the same, longest"),
+        "decision_processor": (
+            "s",
+            "time of the processor that decisions take, median: what they cost on a machine that "
+            "does nothing else",
+        ),
         "decision_steps": ("count", "steps of a decision, mean"),
         "parameter_error": (
             "share",
