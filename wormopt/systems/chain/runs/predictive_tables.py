@@ -99,4 +99,7 @@ def _digits(value: float | None) -> str:
 
 
 def _milliseconds(value: float | None) -> str:
-    return "–" if value is None else f"{1e3 * value:.2g} ms"
+    if value is None:
+        return "–"
+    digits = 1 if value < 0.01 else 0
+    return f"{1e3 * value:.{digits}f} ms"
