@@ -26,6 +26,9 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import first_guess
 from wormopt.systems.chain.predictive_tracking import course_of, plan_tracking, real_time
+from wormopt.systems.chain.rival_decisions import decide, decision_jobs
+from wormopt.systems.chain.rivals import Rival, draw_plants, driven
+from wormopt.systems.chain.runs.compare_tracking import scenarios
 from wormopt.systems.chain.scenes.predictive import PredictiveTable
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
 from wormopt.systems.spiked.construct import fast_gait
@@ -183,3 +186,35 @@ def test_scenes_that_make_no_sense_are_refused(change: list[str], key: str):
 def test_comparisons_refuse_them_too(change: list[str], key: str):
     with pytest.raises(SceneError, match=key):
         load_scene("compare_tracking", change)
+
+
+@pytest.mark.slow
+def test_in_a_comparison_each_plant_has_inputs_of_its_own():
+    change = [
+        "time.end=0.3", "tube.capture=0.1", "draws.members=2", "draws.known=0",
+        "predictive={period=0.02,horizon=0.1,input_weight=1e-4,v_reg=0.1}",
+        "estimation={window=0.1}",
+    ]  # fmt: skip
+    table = load_scene("compare_tracking", change).table
+    gait = fast_gait(1.0)
+    draws = draw_plants(table, gait)
+    jobs = list(decision_jobs(table, [gait], draws))
+    assert [job.name for job in jobs] == ["predictive + estimation", "predictive"]
+    for job in jobs:
+        decided = decide(job)
+        assert decided.believed is not None
+        assert float(decided.numbers["decision_median_s"]) > 0
+        courses = [decided.believed, *decided.others]
+        inputs = [course.polynomial for course in courses if course is not None]
+        assert len(inputs) == 3
+        # alike until the first plant has been measured
+        for other in inputs[1:]:
+            assert np.array_equal(other[0], inputs[0][0])
+            assert np.abs(other - inputs[0]).max() > 0.1
+        rival = Rival(job.name, driven(table, gait, decided.believed), decided.others)
+        for k, scenario in scenarios(rival, draws):
+            course = decided.others[k]
+            assert course is not None
+            one = simulate(rival.model, 0.3, p=scenario.p, schedules=scenario.schedules)
+            same = simulate(driven(table, gait, course), 0.3, p=draws[k])
+            assert one.end == pytest.approx(same.end, abs=1e-9)

@@ -175,7 +175,7 @@ def _judge(
     check &= table.tolerance.recheck and not any(s.name == "gain" for s in rival.model.x)
     second = cross_check(rival.model, motion, tolerance, report=silent) if check else None
     numbers: list[dict[str, Any] | None] = [None] * len(draws)
-    members = dict(_scenarios(rival, draws))
+    members = dict(scenarios(rival, draws))
     ensemble = simulate_ensemble(
         model,
         table.time.end,
@@ -188,7 +188,7 @@ def _judge(
     return _Run(rival, motion, second, judged_numbers(motion, table.tube), _drawn(numbers))
 
 
-def _scenarios(rival: Rival, draws: Sequence[Draw]) -> Iterator[tuple[int, Scenario]]:
+def scenarios(rival: Rival, draws: Sequence[Draw]) -> Iterator[tuple[int, Scenario]]:
     """Plants by their number, each with its own course of inputs where the rival decides."""
     for k, draw in enumerate(draws):
         if rival.others is None:
