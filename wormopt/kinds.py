@@ -143,6 +143,16 @@ KINDS: dict[str, Kind] = {
             "motion": "wormopt.systems.chain.plots.simulation:motion",
         },
     ),
+    "track-predictive": Kind(
+        summary="a chain whose links follow a gait by predictive control, decisions timed",
+        table="wormopt.systems.chain.scenes.track_predictive:TrackPredictiveScene",
+        study="wormopt.systems.chain.runs.track_predictive",
+        pictures={
+            "predictive": "wormopt.systems.chain.plots.predictive:predictive",
+            "estimates": "wormopt.systems.chain.plots.predictive:estimates",
+        },
+        table_file=True,
+    ),
     "compare-tracking": Kind(
         summary="trackers, LQR and optimal inputs side by side, also on plants not as believed",
         table="wormopt.systems.chain.scenes.compare_tracking:CompareScene",

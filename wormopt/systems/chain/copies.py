@@ -15,6 +15,9 @@ from wormopt.model.friction import Law
 from wormopt.model.model import Contact, Model, Output, pack
 from wormopt.model.values import signal_values
 
+Draw = Mapping[str, np.ndarray]
+"""Parameters of a plant by name."""
+
 
 def copies(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Model:
     """Put copies of a model side by side, driven by the same inputs.
@@ -117,3 +120,21 @@ def draw_factors(
         for name in ("mass", "stiffness", "damping", "friction_forward", "friction_backward")
         if name in own
     }
+
+
+def drawn_plants(plant: Model, spread: float, seed: int, members: int) -> list[Draw]:
+    """Parameters of plants that are not as believed, one draw per member.
+
+    They do not depend on how many there are. Stiction varies with the sliding force of its
+    direction.
+    """
+    own, found = numbers_of(plant), []
+    for member in range(members):
+        factors = draw_factors(own, spread, np.random.default_rng([seed, member]))
+        factors |= {
+            f"friction_stick_{side}": factors[f"friction_{side}"]
+            for side in ("forward", "backward")
+            if f"friction_stick_{side}" in own
+        }
+        found.append({name: own[name] * factor for name, factor in factors.items()})
+    return found

@@ -10,8 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
 from wormopt.control.lqr import lqr
@@ -24,16 +22,12 @@ from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.ocp.switching import optimise_switching_times
-from wormopt.systems.chain.copies import draw_factors, numbers_of
+from wormopt.systems.chain.copies import Draw, drawn_plants
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
 from wormopt.systems.chain.optimal_tracking import knowing, lengths_of, optimal_input
 from wormopt.systems.chain.runs.chains import chain_for, close_loop, draw_links, labels
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
-
-Draw = Mapping[str, np.ndarray]
-"""Parameters of a plant by name."""
-
 
 LQR = "LQR, feed-forward"
 PLANS = ("optimal tracking", "optimal tube", "fastest crawl")
@@ -153,6 +147,8 @@ class Rival:
 
     name: str  # for tables and pictures
     model: Model  # without inputs; output ``error`` against the reference
+    # its inputs on the other plants, where they are not those of the model; None: there are none
+    others: tuple[Gait | None, ...] | None = None
 
 
 def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) -> Iterator[Rival]:
@@ -166,16 +162,16 @@ def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) ->
     yield Rival(LQR, _lqr(table, gait, None))
     found = {name: plan for name, plan in plans.items() if plan is not None}
     for name, plan in found.items():
-        yield Rival(name, driven(table, gait, plan))
+        yield Rival(name, driven(table, gait, plan.inputs, periodic=plan.periodic))
     for name, plan in found.items():
         yield Rival(f"{name} + LQR", _lqr(table, gait, plan))
 
 
-def driven(table: CompareScene, gait: Gait, plan: Plan) -> Model:
-    """Plant under a plan, open loop, judged by the reference `gait`."""
+def driven(table: CompareScene, gait: Gait, inputs: Gait, *, periodic: bool = False) -> Model:
+    """Plant under a course of inputs, judged by the reference `gait`."""
     plant = plant_of(table, gait)
     compared = with_reference(plant, gait_reference(gait, plant.t))
-    return drive(compared, plan.inputs, periodic=plan.periodic)
+    return drive(compared, inputs, periodic=periodic)
 
 
 def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
@@ -197,18 +193,6 @@ def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
 
 
 def draw_plants(table: CompareScene, gait: Gait) -> list[Draw]:
-    """Parameters of plants that are not as believed, one draw per member.
-
-    They depend neither on `gait` nor on how many members there are. Stiction varies with the
-    sliding force of its direction.
-    """
-    own, draws, found = numbers_of(plant_of(table, gait)), table.draws, []
-    for member in range(draws.members):
-        factors = draw_factors(own, draws.spread, np.random.default_rng([draws.seed, member]))
-        factors |= {
-            f"friction_stick_{side}": factors[f"friction_{side}"]
-            for side in ("forward", "backward")
-            if f"friction_stick_{side}" in own
-        }
-        found.append({name: own[name] * factor for name, factor in factors.items()})
-    return found
+    """Parameters of plants that are not as believed, which do not depend on `gait`."""
+    draws = table.draws
+    return drawn_plants(plant_of(table, gait), draws.spread, draws.seed, draws.members)

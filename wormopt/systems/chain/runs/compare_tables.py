@@ -91,13 +91,13 @@ def _legend(table: CompareScene) -> list[str]:
 
 
 def _nominal(row: Mapping[str, Mapping[str, float | None]]) -> Iterator[str]:
-    yield from _head(["", *_COLUMNS.values()])
+    yield from head_of(["", *_COLUMNS.values()])
     for name, values in row.items():
-        yield _line([name, *(_text(values[key]) for key in _COLUMNS)])
+        yield line_of([name, *(text_of(values[key]) for key in _COLUMNS)])
 
 
 def _draws(plants: Mapping[str, Drawn]) -> Iterator[str]:
-    yield from _head(
+    yield from head_of(
         ["", "leave the tube", "failed", "time outside", "largest \\|e\\|", "∫\\|e\\|²", "u rms",
          "distance"]
     )  # fmt: skip
@@ -107,7 +107,7 @@ def _draws(plants: Mapping[str, Drawn]) -> Iterator[str]:
             for key in ("time_outside_tube", "error_peak", "error_integral", "input_rms",
                         "distance")
         ]  # fmt: skip
-        yield _line([name, str(each.outside), str(each.failed), *bands])
+        yield line_of([name, str(each.outside), str(each.failed), *bands])
     yield ""
     yield "Median, in brackets 5 and 95 % of the plants."
 
@@ -122,7 +122,7 @@ def _knowledge(
     whole = np.broadcast_to(whole, (count,))
     rows = {f"{k.name}, plant known": k.drawn for k in found}
     rows |= {name: _first(each, count) for name, each in plants.items()}
-    yield from _head(["", "∫\\|e\\|² + ρ\\|u\\|²", "∫\\|u\\|²", "time outside", "mean speed"])
+    yield from head_of(["", "∫\\|e\\|² + ρ\\|u\\|²", "∫\\|u\\|²", "time outside", "mean speed"])
     for name, each in rows.items():
         means = {
             key: float(np.mean(each.values[key][whole])) if whole.any() else np.nan
@@ -130,7 +130,7 @@ def _knowledge(
         }
         cost = means["error_integral"] + weight * means["input_integral"]
         shown = [cost, *(means[k] for k in ("input_integral", "time_outside_tube", "mean_speed"))]
-        yield _line([name, *map(_text, shown)])
+        yield line_of([name, *map(text_of, shown)])
     yield ""
     lost = ", ".join(f"{k.name} {k.drawn.failed}" for k in known)
     yield (
@@ -145,19 +145,22 @@ def _first(drawn: Drawn, count: int) -> Drawn:
 
 def _band(each: Drawn, name: str) -> str:
     middle, low, high = each.quantiles(name, 0.5, 0.05, 0.95)
-    return f"{_text(middle)} [{_text(low)}, {_text(high)}]"
+    return f"{text_of(middle)} [{text_of(low)}, {text_of(high)}]"
 
 
-def _head(names: Sequence[str]) -> Iterator[str]:
-    yield _line(names)
-    yield _line(["---", *["---:"] * (len(names) - 1)])
+def head_of(names: Sequence[str]) -> Iterator[str]:
+    """Head of a table, its first column to the left."""
+    yield line_of(names)
+    yield line_of(["---", *["---:"] * (len(names) - 1)])
 
 
-def _line(cells: Sequence[str]) -> str:
+def line_of(cells: Sequence[str]) -> str:
+    """Line of a table."""
     return "| " + " | ".join(cells) + " |"
 
 
-def _text(value: float | None) -> str:
+def text_of(value: float | None) -> str:
+    """Number in three digits."""
     if value is None or not np.isfinite(value):
         return "never" if value is None else "–"
     return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.workers import Workers
@@ -21,6 +22,7 @@ from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.copies import Draw
 from wormopt.systems.chain.measured import (
     balance,
     chain_checks,
@@ -28,10 +30,10 @@ from wormopt.systems.chain.measured import (
     judged,
     judged_numbers,
 )
+from wormopt.systems.chain.rival_decisions import Decided, decide, decision_jobs
 from wormopt.systems.chain.rivals import (
     PLANS,
     Answer,
-    Draw,
     Job,
     Plan,
     Rival,
@@ -88,11 +90,15 @@ def run(scene: Scene[CompareScene], report: Report) -> Result:
     draws = draw_plants(table, gaits[0])
     designed = time.perf_counter()
     plans = _plan(table, gaits, draws[: table.draws.known], report)
+    decided = _decide(table, gaits, draws, report)
     planned = time.perf_counter()
     runs = [
         [
             _judge(scene, rival, draws, k == 0, report)
-            for rival in _rivals(scene, gait, {n: a.plan for n, a in plans[k].items()})
+            for rival in (
+                *_rivals(scene, gait, {n: a.plan for n, a in plans[k].items()}),
+                *_predictive(table, gait, decided[k]),
+            )
         ]
         for k, gait in enumerate(gaits)
     ]
@@ -104,7 +110,7 @@ def run(scene: Scene[CompareScene], report: Report) -> Result:
         "simulate": simulated - planned,
         "know": time.perf_counter() - simulated,
     }
-    return _result(scene, plans, runs, known, timings)
+    return _result(scene, plans, decided, runs, known, timings)
 
 
 def _gait(scene: Scene[CompareScene], index: int) -> Gait:
@@ -154,6 +160,27 @@ def _rivals(
         raise SceneError(scene.name, [("tracker", str(error))]) from None
 
 
+def _decide(
+    table: CompareScene, gaits: Sequence[Gait], draws: Sequence[Draw], report: Report
+) -> list[dict[str, Decided]]:
+    """What predictive rivals decided, by reference and name."""
+    jobs = list(decision_jobs(table, gaits, draws))
+    found: list[dict[str, Decided]] = [{} for _ in gaits]
+    if not jobs:
+        return found
+    with Workers(table.workers) as workers:
+        for job, answer in zip(jobs, workers.map(decide, jobs), strict=True):
+            report(f"decided: {job.name}", 0.65)
+            found[next(k for k, g in enumerate(gaits) if g is job.gait)][job.name] = answer
+    return [{name: each[name] for name in sorted(each)} for each in found]
+
+
+def _predictive(table: CompareScene, gait: Gait, decided: Mapping[str, Decided]) -> Iterator[Rival]:
+    for name, each in decided.items():
+        if each.believed is not None:
+            yield Rival(name, driven(table, gait, each.believed), each.others)
+
+
 def _judge(
     scene: Scene[CompareScene], rival: Rival, draws: Sequence[Draw], check: bool, report: Report
 ) -> _Run:
@@ -164,18 +191,28 @@ def _judge(
     # Trackers are rechecked in scenes of their own kind: their many steps take long in Python.
     check &= table.tolerance.recheck and not any(s.name == "gain" for s in rival.model.x)
     second = cross_check(rival.model, motion, tolerance, report=silent) if check else None
+    numbers: list[dict[str, Any] | None] = [None] * len(draws)
+    members = dict(scenarios(rival, draws))
     ensemble = simulate_ensemble(
         model,
         table.time.end,
-        [Scenario(p=draw) for draw in draws],
+        list(members.values()),
         times=np.linspace(0.0, table.time.end, _SAMPLES),
         tolerance=_LOOSE,
     )
-    numbers = [
-        None if code else judged_numbers(each, table.tube)
-        for each, code in zip(ensemble.motions, ensemble.codes, strict=True)
-    ]
+    for k, each, code in zip(members, ensemble.motions, ensemble.codes, strict=True):
+        numbers[k] = None if code else judged_numbers(each, table.tube)
     return _Run(rival, motion, second, judged_numbers(motion, table.tube), _drawn(numbers))
+
+
+def scenarios(rival: Rival, draws: Sequence[Draw]) -> Iterator[tuple[int, Scenario]]:
+    """Plants by their number, each with its own course of inputs where the rival decides."""
+    for k, draw in enumerate(draws):
+        if rival.others is None:
+            yield k, Scenario(p=draw)
+        elif (course := rival.others[k]) is not None:
+            (own,) = gait_reference(course, rival.model.t, periodic=False, name="input").schedules
+            yield k, Scenario(p=draw, schedules={"input": own.values})
 
 
 def _drawn(numbers: Sequence[dict[str, Any] | None]) -> Drawn:
@@ -198,7 +235,7 @@ def _known(
         if plan is not None:
             with suppress(SolveError):  # counted as one that is not found
                 motion = simulate(
-                    judged(driven(table, gait, plan), table.tube),
+                    judged(driven(table, gait, plan.inputs, periodic=plan.periodic), table.tube),
                     table.time.end,
                     p=draw,
                     times=np.linspace(0.0, table.time.end, _SAMPLES),
@@ -214,6 +251,7 @@ def _known(
 def _result(
     scene: Scene[CompareScene],
     plans: Sequence[Mapping[str, Answer]],
+    decided: Sequence[Mapping[str, Decided]],
     runs: Sequence[Sequence[_Run]],
     known: Sequence[Known],
     timings: dict[str, float],
@@ -255,8 +293,9 @@ def _result(
             },
             "energy_balance": max(residuals, default=None),
             "plans": [{name: a.numbers for name, a in row.items()} for row in plans],
+            "decisions": [{name: d.numbers for name, d in row.items()} for row in decided],
         },
-        warnings=_warnings(names, plans, runs, known),
+        warnings=_warnings(names, plans, decided, runs, known),
         timings=timings,
         attributes={
             "references": names,
@@ -332,9 +371,14 @@ def _sampled(each: _Run) -> dict[str, np.ndarray]:
 def _warnings(
     names: Sequence[str],
     plans: Sequence[Mapping[str, Answer]],
+    decided: Sequence[Mapping[str, Decided]],
     runs: Sequence[Sequence[_Run]],
     known: Sequence[Known],
 ) -> Iterator[str]:
+    for reference, row in zip(names, decided, strict=True):
+        for name, each in row.items():
+            if each.believed is None:
+                yield f"{reference}: no {name}: {each.numbers['reason']}"
     for reference, row in zip(names, plans, strict=True):
         for name, answer in row.items():
             if answer.plan is None:

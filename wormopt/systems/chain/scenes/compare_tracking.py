@@ -23,6 +23,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
+from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
 from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, faults_of_lag
 from wormopt.systems.chain.scenes.track_optimal import GridTable, RelaxationTable, Share, TubeTable
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over
@@ -128,8 +129,10 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
 
     All are measured by one exact simulator: adaptive trackers, LQR with feed-forward, optimal
     tracking, the least input that stays in the tube, and the fastest crawl, which ignores the
-    reference; plans open loop, and with LQR around them. Then the same controllers, which do not
-    know it, on plants whose parameters are drawn; and plans made anew for the first of these
+    reference; plans open loop, and with LQR around them; with `[predictive]` predictive control in
+    real time, as in scenes of [kind `track-predictive`](track-predictive.md). Then the same
+    controllers, which do not know it, on plants whose parameters are drawn; and plans made anew
+    for the first of these
     plants. All figures stand in `table.md`, beside the result; what follows from them:
     [comparison.md](../comparison.md).
 
@@ -208,6 +211,14 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
     lqr: Annotated[LqrTable, says("", "LQR with feed-forward, also around the optimal inputs")]
     optimal: Annotated[OptimalTable, says("", "optimal tracking and optimal tube")]
     crawl: Annotated[CrawlTable, says("", "the crawl that ignores the reference")]
+    predictive: Annotated[
+        PredictiveTable | None,
+        says("", "predictive control in real time; not compared if left out"),
+    ] = None
+    estimation: Annotated[
+        EstimationTable | None,
+        says("", "predictive control that learns on the way beside it; none if left out"),
+    ] = None
     draws: Annotated[DrawsTable, says("", "plants that are not as believed")]
     grid: Annotated[GridTable, says("", "grid of the optimiser")] = field(default_factory=GridTable)
     relaxation: Annotated[RelaxationTable, says("", "how exact contact is in the optimiser")] = (
@@ -244,6 +255,12 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
                 message = f"all are judged by tube.radius = {self.tube.radius:g}; write the same"
                 yield f"tracker[{k}].tube_radius", message
         yield from self._faults_of_draws()
+        if self.predictive is not None:
+            yield from self.predictive.faults(self.time.end, self.units)
+        if self.estimation is not None:
+            yield from self.estimation.faults(self.worm)
+            if self.predictive is None:
+                yield "estimation", "serves predictive control; write [predictive] too"
         if self.tube.capture >= self.time.end:
             yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
 

@@ -1,0 +1,220 @@
+"""Scenes of predictive control: as good as the open loop, in time, better on unknown plants."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from by_text import value
+
+import wormopt as wo
+from wormopt.control.drive import drive
+from wormopt.control.loop import with_reference
+from wormopt.control.predictive import Decisions
+from wormopt.control.receding import recede
+from wormopt.control.reference import gait_reference
+from wormopt.errors import SceneError
+from wormopt.model.friction import Coulomb
+from wormopt.ocp.contact import Complementarity
+from wormopt.ocp.nlp import Ipopt
+from wormopt.ocp.optimise import optimise
+from wormopt.plotting import draw
+from wormopt.result import Result
+from wormopt.scene import load_scene
+from wormopt.simulation.options import Smooth, Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.chain.build import chain
+from wormopt.systems.chain.measured import judged, judged_numbers
+from wormopt.systems.chain.optimal_tracking import first_guess
+from wormopt.systems.chain.predictive_tracking import course_of, plan_tracking, real_time
+from wormopt.systems.chain.rival_decisions import decide, decision_jobs
+from wormopt.systems.chain.rivals import Rival, draw_plants, driven
+from wormopt.systems.chain.runs.compare_tracking import scenarios
+from wormopt.systems.chain.scenes.predictive import PredictiveTable
+from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.spiked.construct import fast_gait
+
+PLANT = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
+TABLE = PredictiveTable(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.1)
+END = 0.5
+
+
+def test_the_worm_of_the_chapter_repeats_its_plan_step_by_step():
+    """One decision, with everything from friction to corners of the reference in its horizon."""
+    plant = chain(2, law=Coulomb(1.0, 10.0), length_nominal=2.0, **PLANT)
+    plan = plan_tracking(plant, gait_reference(fast_gait(1.0), plant.t), END, TABLE)
+    assert plan.violation < 1e-10
+    assert np.diff(plan.times).max() <= 0.02 * (1 + 1e-9)
+    assert np.abs(plan.times - 1 / 3).min() < 1e-12  # a corner lies between arcs
+    receded = recede(
+        plant, plan, real_time(TABLE), contact=Smooth(0.1), tolerance=Tolerance(1e-8, 1e-9)
+    )
+    assert receded.unsolved == 0
+    found = receded.inputs.polynomial[:, :, 0]
+    # the simulation differs from the collocation in the third order of the arcs
+    assert np.abs(found - plan.inputs).max() < 0.01 * np.abs(plan.inputs).max()
+
+
+@pytest.mark.slow
+def test_where_the_model_is_right_real_time_costs_no_more_than_the_open_loop():
+    plant = chain(2, law=Coulomb(1.0, 10.0), length_nominal=2.0, **PLANT)
+    reference = gait_reference(fast_gait(1.0), plant.t)
+    table = PredictiveTable(period=0.01, horizon=0.25, input_weight=1e-4, v_reg=0.05)
+    plan = plan_tracking(plant, reference, 1.0, table)
+
+    def cost(course: wo.Gait) -> float:
+        model = judged(drive(with_reference(plant, reference), course), TubeTable(radius=0.2))
+        numbers = judged_numbers(simulate(model, 1.0, contact=Smooth(0.05)), TubeTable(radius=0.2))
+        return numbers["error_integral"] + 1e-4 * numbers["input_integral"]
+
+    open_loop = cost(course_of(plan))
+    assert open_loop == pytest.approx(plan.objective, rel=1e-3)
+    for decisions in (real_time(table), Decisions(25, 20)):
+        receded = recede(plant, plan, decisions, contact=Smooth(0.05))
+        assert cost(receded.inputs) <= open_loop * (1 + 1e-6)
+
+
+@pytest.mark.slow
+def test_the_plan_is_next_to_the_optimum_with_set_valued_friction():
+    """Another treatment of contact, another solver, the same objective and arcs."""
+    plant = chain(2, law=Coulomb(1.0, 10.0), length_nominal=2.0, **PLANT)
+    table = PredictiveTable(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.03)
+    plan = plan_tracking(plant, gait_reference(fast_gait(1.0), plant.t), END, table)
+    program = plan.stages.program
+    guess = first_guess(plant, gait_reference(fast_gait(1.0), plant.t), END, 1e4)
+    exact = optimise(
+        program.problem, program.mesh, Complementarity(1e-4), guess,
+        solver=Ipopt(tolerance=1e-7, mu_init=1e-3),
+    )  # fmt: skip
+    assert plan.objective == pytest.approx(exact.objective, rel=0.02)
+
+
+QUICK = ["time.end=0.7", "tube.capture=0.3", "time.samples=201", "plants.members=2"]
+
+
+@pytest.fixture(scope="module")
+def quick() -> Result:
+    return wo.run(load_scene("track_predictive", QUICK))
+
+
+@pytest.mark.slow
+def test_predictive_control_keeps_what_it_promises(quick: Result):
+    assert quick.status == "ok", quick.reason
+    assert value(quick, "excess") <= 1e-6
+    names = quick.attributes["controllers"]
+    cost = dict(zip(names, value(quick, "cost"), strict=True))
+    assert cost["predictive, real time"] <= cost["open-loop optimum"] * (1 + 1e-3)
+    assert cost["predictive, real time"] < 0.8 * cost["LQR, feed-forward"]
+    unsolved = dict(zip(names, value(quick, "decisions_unsolved"), strict=True))
+    assert {k: v for k, v in unsolved.items() if v is not None} == {
+        name: 0 for name in names if name.startswith("predictive")
+    }
+    spent = dict(zip(names, value(quick, "decision_processor"), strict=True))
+    # of the processor, for this machine may be busy
+    for name in ("predictive, real time", "predictive, real time, with estimation"):
+        assert spent[name] < value(quick, "decision_period")
+
+
+@pytest.mark.slow
+def test_on_plants_that_nobody_knows_it_beats_the_open_loop(quick: Result):
+    drawn = dict(zip(quick.attributes["controllers"], quick["drawn_cost"].values, strict=True))
+    assert np.all(drawn["predictive, real time"] < drawn["open-loop optimum"])
+    assert np.all(drawn["predictive, real time"] < drawn["LQR, feed-forward"])
+    assert np.isnan(drawn["predictive, converged"]).all()
+    errors = dict(zip(("mass", "stiffness", "damping"), value(quick, "parameter_error")))  # noqa: B905
+    for before, after in errors.values():
+        assert after < 0.7 * before
+
+
+@pytest.mark.slow
+def test_the_table_and_pictures_show_all_controllers(quick: Result, tmp_path: Path):
+    for name in quick.attributes["controllers"]:
+        assert name in quick.attributes["table"]
+    assert "plant known" in quick.attributes["table"]
+    for picture in ("predictive", "estimates"):
+        path = tmp_path / f"{picture}.png"
+        draw(quick, picture, path)
+        assert path.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_limits_of_the_force_hold_in_every_motion():
+    change = ["predictive.force=15", "time.end=0.5", "tube.capture=0.2", "plants.members=1"]
+    result = wo.run(load_scene("track_predictive", change))
+    assert result.status == "ok", result.reason
+    inputs = dict(zip(result.attributes["controllers"], result["input"].values, strict=True))
+    for name, values in inputs.items():
+        if not name.startswith("LQR"):
+            assert np.abs(values).max() <= 15.0
+    assert np.abs(inputs["open-loop optimum"]).max() == pytest.approx(15.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (["predictive.horizon=0.001"], "predictive.horizon"),
+        (["predictive.period=1e-5"], "predictive.period"),
+        (["predictive.steps=0"], "predictive.steps"),
+        (["predictive.v_reg=0"], "predictive.v_reg"),
+        (["predictive.force=-1"], "predictive.force"),
+        (["units='SI'", "predictive.seconds=0.5"], "predictive.seconds"),
+        (["estimation.parameters=[]"], "estimation.parameters"),
+        (["estimation.parameters=['mass','mass']"], "estimation.parameters"),
+        (["estimation.parameters=['length']"], "estimation.parameters"),
+        (["worm.damping=0"], "estimation.parameters"),
+        (["worm.friction.forward=[1.0, 0.0, 1.0]"], "estimation.parameters"),
+        (["worm.friction={kind='viscous', drag=1.0}"], "worm.friction"),
+        (["worm.random.stiffness={process='fixed',spread=1.0}"], "worm.random"),
+        (["plants.spread=1.0"], "plants.spread"),
+        (["tube.capture=9"], "tube.capture"),
+    ],
+)
+def test_scenes_that_make_no_sense_are_refused(change: list[str], key: str):
+    with pytest.raises(SceneError, match=key):
+        load_scene("track_predictive", change)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (["estimation={window=0.2}"], "estimation"),
+        (
+            ["predictive={period=0.01,horizon=0.001,input_weight=1e-4,v_reg=0.1}"],
+            "predictive.horizon",
+        ),
+    ],
+)
+def test_comparisons_refuse_them_too(change: list[str], key: str):
+    with pytest.raises(SceneError, match=key):
+        load_scene("compare_tracking", change)
+
+
+@pytest.mark.slow
+def test_in_a_comparison_each_plant_has_inputs_of_its_own():
+    change = [
+        "time.end=0.3", "tube.capture=0.1", "draws.members=2", "draws.known=0",
+        "predictive={period=0.02,horizon=0.1,input_weight=1e-4,v_reg=0.1}",
+        "estimation={window=0.1}",
+    ]  # fmt: skip
+    table = load_scene("compare_tracking", change).table
+    gait = fast_gait(1.0)
+    draws = draw_plants(table, gait)
+    jobs = list(decision_jobs(table, [gait], draws))
+    assert [job.name for job in jobs] == ["predictive + estimation", "predictive"]
+    for job in jobs:
+        decided = decide(job)
+        assert decided.believed is not None
+        assert float(decided.numbers["decision_median_s"]) > 0
+        courses = [decided.believed, *decided.others]
+        inputs = [course.polynomial for course in courses if course is not None]
+        assert len(inputs) == 3
+        # alike until the first plant has been measured
+        for other in inputs[1:]:
+            assert np.array_equal(other[0], inputs[0][0])
+            assert np.abs(other - inputs[0]).max() > 0.1
+        rival = Rival(job.name, driven(table, gait, decided.believed), decided.others)
+        for k, scenario in scenarios(rival, draws):
+            course = decided.others[k]
+            assert course is not None
+            one = simulate(rival.model, 0.3, p=scenario.p, schedules=scenario.schedules)
+            same = simulate(driven(table, gait, course), 0.3, p=draws[k])
+            assert one.end == pytest.approx(same.end, abs=1e-9)

@@ -1,0 +1,282 @@
+"""Predictive control: an optimal motion to the end of a horizon, found anew at every decision.
+
+Every decision takes steps of sequential quadratic programming on the arcs of one transcription,
+from where the last decision left the motion: one step is the real-time iteration [1]_, many are
+full convergence. What lies beyond the horizon costs what it costs next to a plan of the whole
+motion, to second order. Where the plan is optimal and the worm does what the model says, decisions
+therefore repeat the plan, however short the horizon.
+
+.. [1] M. Diehl, H. G. Bock, J. P. Schloeder, "A real-time iteration scheme for nonlinear
+   optimization in optimal feedback control", SIAM J. Control Optim. 43 (2005) 1714-1736.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.model.values import signal_values
+from wormopt.numerics.linear_quadratic import CostToGo, cost_to_go
+from wormopt.ocp.contact import Regularised
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess, Motion, sample
+from wormopt.ocp.nlp import Bounds
+from wormopt.ocp.problem import Problem
+from wormopt.ocp.quadratic import StageProgram, Tail
+from wormopt.ocp.stages import Given, Linearised, Stages
+from wormopt.ocp.transcription import Transcription
+
+# A plan is found when no scaled variable moves by more, in at most so many steps a level; before
+# the last level it need not be found as exactly.
+_PLANNED, _NEAR, _MOST_STEPS = 1e-7, 1e-3, 300
+_LEAST_SHARE = 0.05  # of a step
+# Inputs that are so near to a limit, in nominal sizes, are at it.
+_AT_LIMIT = 1e-5
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """How decisions are made.
+
+    Raises ArgumentError if a number is not positive.
+    """
+
+    horizon: int = 25  # arcs that are looked ahead
+    steps: int = 1  # most steps of a decision; 1: real-time iteration
+    tolerance: float = 1e-6  # largest step of a scaled variable that ends a decision
+
+    def __post_init__(self) -> None:
+        if self.horizon < 1 or self.steps < 1 or not self.tolerance > 0:
+            raise ArgumentError("a horizon has at least one arc, a decision at least one step")
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A motion arc by arc, as the nonlinear program has it, scaled."""
+
+    rows: np.ndarray  # (N, n_y) variables of the arcs
+    end: np.ndarray  # (n_x,) state at the end of the last
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The optimal motion over the whole time, and what departing from it costs."""
+
+    stages: Stages
+    given: Given
+    bounds: Bounds
+    course: Course
+    objective: float
+    steps: int  # of sequential quadratic programming
+    violation: float  # largest residual of any equation, scaled
+
+    @cached_property
+    def beyond(self) -> CostToGo:
+        """Cost from every node to the end, to second order; inputs at a limit stay there."""
+        stages, rows = self.stages, self.course.rows
+        arcs = stages.linearise(rows, self.given)
+        low, high = stages.input_limits
+        inputs = rows[:, stages.inputs]
+        held = np.zeros((len(rows), stages.n_v), dtype=bool)
+        held[:, stages.n_x :] = (inputs - low < _AT_LIMIT) | (high - inputs < _AT_LIMIT)
+        either = held[:, :, None] | held[:, None, :]
+        return cost_to_go(
+            np.where(held[:, None, :], 0.0, arcs.dynamics),
+            np.where(held, 0.0, arcs.gradient),
+            np.where(either, np.eye(stages.n_v), arcs.hessian),
+            stages.n_x,
+        )
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the nodes, (N + 1,)."""
+        durations = self.course.rows[:, 0] * self.stages.arc.time_nominal
+        return np.concatenate([[0.0], np.cumsum(durations)])
+
+    @property
+    def inputs(self) -> np.ndarray:
+        """Inputs on every arc, (N, n_u), in the model's units."""
+        return self.course.rows[:, self.stages.inputs] * self.stages.arc.u_nominal
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion as an optimisation gives it."""
+        program = self.stages.program
+        arcs = program.unpack(self.course.rows.ravel())
+        return Motion.of(program, program.pack(arcs, self.bounds), self.bounds)
+
+
+def plan_ahead(
+    problem: Problem,
+    mesh: Mesh,
+    contact: Regularised,
+    guess: Guess,
+    *,
+    p: Mapping[str, ArrayLike] | None = None,
+) -> Plan:
+    """Find the optimal motion over the whole time from a guess, through all widths of the law.
+
+    Raises SolveError if steps do not end.
+    """
+    program = Transcription(problem, mesh, contact)
+    stages, levels = Stages(program), contact.levels
+    bounds = program.bounds(levels[0], p=p)
+    rows = stages.rows(sample(program, guess, bounds))
+    course, count = Course(rows, rows[-1, stages.arc.layout.points][-stages.n_x :]), 0
+    quadratic = StageProgram(len(rows), stages.n_x, stages.n_u)
+    tail, first = Tail.none(stages.n_x), rows[0, stages.start].copy()
+    step, given = Step(np.inf, np.inf, np.inf, solved=True), stages.given(bounds)
+    for level in levels:
+        bounds = program.bounds(level, p=p)
+        given = stages.given(bounds)
+        small, share = _PLANNED if level == levels[-1] else _NEAR, 1.0
+        for _ in range(_MOST_STEPS):
+            before = step.size
+            course, step = improved(stages, quadratic, course, given, first, tail, share)
+            count += 1
+            if not step.solved or step.size <= small:
+                break
+            share = _damped(share, step.size, before)
+        if not step.size <= small:
+            raise SolveError(
+                f"no plan is found at v_reg = {level:.3g}: the last of {count} steps was "
+                f"{step.size:.2g} in nominal sizes",
+                "take a larger v_reg, or shorter arcs",
+                code="not_solved",
+            )
+    return Plan(stages, given, bounds, course, step.cost, count, step.violation)
+
+
+def _damped(share: float, size: float, before: float) -> float:
+    """Share of the next step: those that do not shrink go to and fro across a steep law."""
+    return max(share / 2, _LEAST_SHARE) if size > before else min(1.3 * share, 1.0)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of sequential quadratic programming."""
+
+    size: float  # largest change of a scaled variable
+    cost: float  # of the motion before
+    violation: float  # of its equations, scaled
+    solved: bool  # whether the quadratic program was
+
+
+def improved(
+    stages: Stages,
+    quadratic: StageProgram,
+    course: Course,
+    given: Given,
+    first: np.ndarray,
+    tail: Tail,
+    share: float = 1.0,
+) -> tuple[Course, Step]:
+    """Take a step, or a share of it, of a motion that shall start at `first` (n_x,).
+
+    None where it is not solved. `tail` is the cost of the end as a function of its change.
+    """
+    rows = course.rows
+    arcs = stages.linearise(rows, given)
+    gaps = arcs.end - np.concatenate([rows[1:, stages.start], course.end[None]])
+    inputs = rows[:, stages.inputs]
+    low, high = stages.input_limits
+    v, end, solved = quadratic.solve(
+        first - rows[0, stages.start], arcs, gaps, tail, (low - inputs, high - inputs)
+    )
+    cost, violation = float(arcs.cost.sum()), max(arcs.defect, float(np.abs(gaps).max()))
+    if not solved:
+        return course, Step(np.inf, cost, violation, solved=False)
+    moved = rows.copy()
+    moved[:, stages.v] += share * v
+    inner = _inside(arcs, v)
+    moved[:, stages.inner] += share * inner
+    size = float(max(np.abs(v).max(), np.abs(inner).max()))
+    return Course(moved, course.end + share * end), Step(size, cost, violation, solved=True)
+
+
+def _tail(beyond: CostToGo, node: int, off: np.ndarray) -> Tail:
+    """Cost beyond a node as a function of its state's change, `off` (n_x,) from the plan."""
+    P = beyond.hessian[node]
+    return Tail(beyond.gradient[node] + P @ off, P)
+
+
+def _inside(arcs: Linearised, v: np.ndarray) -> np.ndarray:
+    return arcs.inner + (arcs.inner_by @ v[:, :, None])[:, :, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """What was decided at one node, and how."""
+
+    input: np.ndarray  # (n_u,) until the next node, in the model's units
+    steps: int
+    size: float  # of the last step
+    clock: np.ndarray  # (2,) wall-clock time it took, and time of the processor, in s
+
+
+def clock() -> np.ndarray:
+    """Wall-clock time and time of the processor in this thread, in s."""
+    return np.array([time.perf_counter(), time.thread_time()])
+
+
+class PredictiveController:
+    """Decides at the nodes of a plan, one after the other, what the input is until the next."""
+
+    def __init__(self, plan: Plan, decisions: Decisions) -> None:
+        self.plan, self.decisions = plan, decisions
+        self.course, self.given = plan.course, plan.given
+        stages, n = plan.stages, len(plan.course.rows)
+        self._programs = {
+            size: StageProgram(size, stages.n_x, stages.n_u)
+            for size in range(1, min(decisions.horizon, n) + 1)
+        }
+        for size in self._programs:  # functions are made before they are timed
+            stages.linearise(plan.course.rows[:size], plan.given.part(slice(size)))
+
+    def believe(self, p: np.ndarray) -> None:
+        """Take other parameters (n_p,) of the model from now on."""
+        self.given = replace(self.given, p=p)
+
+    def decide(self, k: int, state: np.ndarray) -> Decision:
+        """Decide at node k, where the state is (n_x,); ArgumentError if that is no state."""
+        if np.shape(state) != (self.plan.stages.n_x,) or not np.all(np.isfinite(state)):
+            raise ArgumentError(f"a state has {self.plan.stages.n_x} finite numbers, not {state}")
+        begin = clock()
+        stages, plan = self.plan.stages, self.plan
+        n = len(plan.course.rows)
+        last = min(k + self.decisions.horizon, n)
+        program, given = self._programs[last - k], self.given.part(slice(k, last))
+        seen = Course(self.course.rows[k:last], self._state(self.course, last))
+        planned, x = self._state(plan.course, last), state / stages.arc.x_nominal
+        count, share, step = 0, 1.0, Step(np.inf, 0.0, np.inf, solved=True)
+        while count < self.decisions.steps and step.solved and step.size > self.decisions.tolerance:
+            tail, before = _tail(plan.beyond, last, seen.end - planned), step.size
+            seen, step = improved(stages, program, seen, given, x, tail, share)
+            share, count = _damped(share, step.size, before), count + 1
+        self._keep(seen, k, last)
+        input_ = seen.rows[0, stages.inputs] * stages.arc.u_nominal
+        return Decision(input_, count, step.size, clock() - begin)
+
+    def _state(self, course: Course, node: int) -> np.ndarray:
+        at_end = node == len(course.rows)
+        return course.end if at_end else course.rows[node, self.plan.stages.start]
+
+    def _keep(self, seen: Course, k: int, last: int) -> None:
+        rows, end = self.course.rows.copy(), self.course.end
+        rows[k:last] = seen.rows
+        if last == len(rows):
+            end = seen.end
+        else:
+            rows[last, self.plan.stages.start] = seen.end
+        self.course = Course(rows, end)
+
+
+def parameters(plan: Plan, p: Mapping[str, ArrayLike] | None) -> np.ndarray:
+    """Parameters (n_p,) of a plan's model by name, where they are not its own."""
+    return signal_values(plan.stages.program.problem.model.p, p, "parameter")

@@ -1,0 +1,116 @@
+"""A worm under predictive control: simulated from decision to decision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.control.estimation import Estimation, Estimator
+from wormopt.control.predictive import (
+    Decision,
+    Decisions,
+    Plan,
+    PredictiveController,
+    clock,
+)
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Signal
+from wormopt.model.values import signal_values
+from wormopt.progress import Report, silent
+from wormopt.simulation.options import Exact, Tolerance, Treatment
+from wormopt.simulation.simulate import simulate
+
+
+@dataclass(frozen=True, eq=False)
+class Receded:
+    """What a predictive controller did."""
+
+    times: np.ndarray  # (N + 1,) of decisions, and the end
+    states: np.ndarray  # (n_x, N + 1) of the worm then
+    decisions: tuple[Decision, ...]
+    clocks: np.ndarray  # (2, N) as in `Decision`, estimation included
+    parameters: np.ndarray  # (n_p, N) as they are believed at each decision
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Wall-clock time of each decision, (N,)."""
+        return self.clocks[0]
+
+    @property
+    def processor(self) -> np.ndarray:
+        """Time of the processor of each decision, (N,)."""
+        return self.clocks[1]
+
+    @property
+    def inputs(self) -> Gait:
+        """Inputs as a course of time."""
+        values = np.array([each.input for each in self.decisions])
+        return Gait(self.times, values[:, :, None])
+
+    @property
+    def unsolved(self) -> int:
+        """Decisions whose quadratic program was not solved, so that the last motion went on."""
+        return sum(not np.isfinite(each.size) for each in self.decisions)
+
+
+def recede(
+    worm: Model,
+    plan: Plan,
+    decisions: Decisions,
+    *,
+    estimation: Estimation | None = None,
+    p: Mapping[str, ArrayLike] | None = None,
+    contact: Treatment = Exact(),  # noqa: B008  frozen
+    tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
+    report: Report = silent,
+) -> Receded:
+    """Let a worm of parameters `p`, which the plan need not know, move by decisions.
+
+    States are measured as they are, at every node of the plan; the input changes at once. Raises
+    SolveError if the worm cannot be simulated.
+    """
+    control = PredictiveController(plan, decisions)
+    stages = plan.stages
+    estimator = Estimator(stages, plan.given, estimation) if estimation else None
+    times, x = plan.times, signal_values(worm.x, None, "state")
+    states, made, clocks, believed = [x], [], [], []
+    for k in range(len(times) - 1):
+        spent = np.zeros(2)
+        if estimator and k:
+            begin = clock()
+            control.believe(estimator.see(control.course.rows[k - 1], states[-2], x))
+            spent = clock() - begin
+        decision = control.decide(k, x)
+        made.append(decision)
+        clocks.append(spent + decision.clock)
+        believed.append(control.given.p)
+        x = _move(worm, (times[k], times[k + 1]), x, decision.input, p, contact, tolerance)
+        states.append(x)
+        report("deciding", (k + 1) / (len(times) - 1))
+    parts = (np.array(part).T for part in (clocks, believed))
+    return Receded(times, np.array(states).T, tuple(made), *parts)
+
+
+def _move(
+    worm: Model,
+    span: tuple[float, float],
+    x: np.ndarray,
+    input_: np.ndarray,
+    p: Mapping[str, ArrayLike] | None,
+    contact: Treatment,
+    tolerance: Tolerance,
+) -> np.ndarray:
+    """State at the end of a span in which the input is held."""
+    held = {**(p or {}), **_by_name(worm.u, input_)}
+    motion = simulate(
+        worm, span, contact=contact, x0=_by_name(worm.x, x), p=held, tolerance=tolerance
+    )
+    return motion.end
+
+
+def _by_name(signals: Sequence[Signal], values: np.ndarray) -> dict[str, np.ndarray]:
+    parts = np.split(values, np.cumsum([s.size for s in signals])[:-1])
+    return {s.name: part for s, part in zip(signals, parts, strict=True)}

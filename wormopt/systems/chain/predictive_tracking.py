@@ -1,0 +1,81 @@
+"""Predictive tracking of a chain: the plan, decisions for worms as believed and others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.control.estimation import Estimation
+from wormopt.control.predictive import Decisions, Plan, plan_ahead
+from wormopt.control.reference import Reference
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import Regularised
+from wormopt.ocp.mesh import Mesh
+from wormopt.systems.chain.optimal_tracking import first_guess, tracking_problem
+from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
+from wormopt.systems.chain.scenes.track_optimal import LeastError, TubeTable
+
+# First width of the smooth law against the last: the guess is next to the optimum.
+_WIDER = 2.0
+# Collocation points on each arc.
+_DEGREE = 2
+
+
+def plan_tracking(
+    plant: Model,
+    reference: Reference,
+    end: float,
+    table: PredictiveTable,
+    *,
+    p: Mapping[str, ArrayLike] | None = None,
+) -> Plan:
+    """Plan the motion from 0 to `end` on arcs of one decision each; `p` are other parameters.
+
+    Raises SolveError if no plan is found.
+    """
+    limit = np.inf if table.force is None else table.force
+    limited = replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
+    objective = LeastError(input_weight=table.input_weight)
+    problem = tracking_problem(limited, reference, end, objective, TubeTable(radius=1.0))
+    breaks = problem.model.breaks(end)
+    mesh = Mesh.over(breaks, table.period, Collocation(_DEGREE, "radau"))
+    guess = first_guess(plant, reference, end, 1 / table.input_weight)
+    contact = Regularised(table.v_reg, _WIDER * table.v_reg, ratio=1 / _WIDER)
+    return plan_ahead(problem, mesh, contact, guess, p=p)
+
+
+def course_of(plan: Plan) -> Gait:
+    """Inputs of a plan as a course of time."""
+    return Gait(plan.times, plan.inputs[:, :, None])
+
+
+def real_time(table: PredictiveTable) -> Decisions:
+    """Decisions of one step."""
+    return Decisions(_arcs(table.horizon, table))
+
+
+def converged(table: PredictiveTable) -> Decisions:
+    """Decisions of as many steps as it takes."""
+    return Decisions(_arcs(table.horizon, table), table.steps)
+
+
+def learning(table: EstimationTable | None, predictive: PredictiveTable) -> Estimation | None:
+    """What a scene says of estimation, in decisions instead of time."""
+    if table is None:
+        return None
+    return Estimation(
+        table.parameters,
+        _arcs(table.window, predictive),
+        table.noise,
+        table.spread,
+        np.inf if table.memory is None else table.memory / predictive.period,
+    )
+
+
+def _arcs(time: float, table: PredictiveTable) -> int:
+    return max(1, round(time / table.period))

@@ -1,0 +1,105 @@
+"""Predictive control in a comparison: decisions for the worm as believed and for all others.
+
+What was decided is kept as a course of inputs for each plant, so that it is judged as all are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wormopt.control.estimation import Estimation
+from wormopt.control.predictive import Plan
+from wormopt.control.receding import Receded, recede
+from wormopt.control.reference import gait_reference
+from wormopt.errors import SolveError
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
+from wormopt.simulation.options import Tolerance
+from wormopt.systems.chain.copies import Draw
+from wormopt.systems.chain.predictive_tracking import learning, plan_tracking, real_time
+from wormopt.systems.chain.rivals import plant_of
+from wormopt.systems.chain.scenes.compare_tracking import CompareScene
+from wormopt.systems.chain.scenes.predictive import PredictiveTable
+
+REAL_TIME, LEARNING = "predictive", "predictive + estimation"
+"""Names of the rivals, for tables and pictures."""
+
+# Between decisions the worm is simulated less exactly than what was decided is afterwards.
+_LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class DecisionJob:
+    """What one process computes."""
+
+    name: str
+    table: CompareScene
+    gait: Gait  # the reference
+    draws: Sequence[Draw]
+
+
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """Inputs that were decided; None where a plant could not be simulated."""
+
+    believed: Gait | None  # for the worm as it is believed; None: there is no plan
+    others: tuple[Gait | None, ...]
+    # time that decisions take, in s, the time between them, or why there is no plan
+    numbers: dict[str, float | str] = field(default_factory=dict)
+
+
+def decision_jobs(
+    table: CompareScene, gaits: Sequence[Gait], draws: Sequence[Draw]
+) -> Iterator[DecisionJob]:
+    """Jobs of all predictive rivals that a scene asks for, reference by reference."""
+    if table.predictive is not None:
+        for gait in gaits:
+            if table.estimation is not None:
+                yield DecisionJob(LEARNING, table, gait, draws)
+            yield DecisionJob(REAL_TIME, table, gait, draws)
+
+
+def decide(job: DecisionJob) -> Decided:
+    """Plan, then decide for the worm as it is believed and each other plant. Raises nothing."""
+    table = job.table.predictive
+    assert table is not None
+    learns = learning(job.table.estimation, table) if job.name == LEARNING else None
+    plant = plant_of(job.table, job.gait)
+    try:
+        reference = gait_reference(job.gait, plant.t)
+        plan = plan_tracking(plant, reference, job.table.time.end, table)
+        believed = _decided(plant, plan, table, learns, None)
+    except SolveError as error:
+        return Decided(None, (None,) * len(job.draws), {"reason": str(error)})
+    others = [_other(plant, plan, table, learns, draw) for draw in job.draws]
+    median, most, worst = np.quantile(believed.seconds, (0.5, 0.95, 1.0)).tolist()
+    numbers: dict[str, float | str] = {
+        "decision_median_s": median,
+        "decision_95_s": most,
+        "decision_worst_s": worst,
+        "decision_processor_s": float(np.median(believed.processor)),
+        "decision_period_s": table.seconds * float(np.diff(plan.times).min()),
+    }
+    return Decided(believed.inputs, tuple(others), numbers)
+
+
+def _decided(
+    plant: Model,
+    plan: Plan,
+    table: PredictiveTable,
+    learns: Estimation | None,
+    draw: Draw | None,
+) -> Receded:
+    return recede(plant, plan, real_time(table), estimation=learns, p=draw, tolerance=_LOOSE)
+
+
+def _other(
+    plant: Model, plan: Plan, table: PredictiveTable, learns: Estimation | None, draw: Draw
+) -> Gait | None:
+    try:
+        return _decided(plant, plan, table, learns, draw).inputs
+    except SolveError:
+        return None
