@@ -89,6 +89,10 @@ def _told(shape, laws, stroke):
     return np.array([*found.displacement, found.work])
 
 
+def _harmonics(rows):
+    return P.Harmonics(rows[0], rows[1:2], rows[2:3])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_derivatives_are_differences_of_crawls(seed):
@@ -98,16 +102,11 @@ def test_derivatives_are_differences_of_crawls(seed):
     numbers = np.column_stack([*rng.uniform(0.8, 1.6, (2, n + 1)), rng.uniform(1.0, 4.0, n + 1)])
     if seed % 2:
         start, way = rng.uniform(-1.0, 1.0, (2, 4, n - 1))
-
-        def make(rows):
-            return P.Polygon(rows)
-
+        make = P.Polygon
     else:
         start = np.vstack([rng.uniform(-0.2, 0.2, (1, n - 1)), rng.uniform(-1, 1, (2, n - 1))])
         way = rng.normal(size=start.shape)
-
-        def make(rows):
-            return P.Harmonics(rows[0], rows[1:2], rows[2:3])
+        make = _harmonics
 
     laws = [Elliptic(*row) for row in numbers.tolist()]
     slopes = P.crawl_gradient(P.crawl(shape, laws, make(start)), [make(way)])

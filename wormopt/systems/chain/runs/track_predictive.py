@@ -36,12 +36,13 @@ from wormopt.systems.chain.predictive_tracking import (
     plan_tracking,
     real_time,
 )
-from wormopt.systems.chain.runs.chains import chain_for, draw_links, tolerance_of
+from wormopt.systems.chain.runs.chains import chain_for, draw_links
 from wormopt.systems.chain.runs.predictive_tables import table_of
 from wormopt.systems.chain.scenes.track_predictive import SHOWN, TrackPredictiveScene
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.optimum import refused
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
+from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.shared.signals import fitted, gait_arrays, sample, simulate_whole
 from wormopt.systems.spiked import gait_of_shape
 
