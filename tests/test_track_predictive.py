@@ -152,7 +152,10 @@ def test_limits_of_the_force_hold_in_every_motion():
     ("change", "key"),
     [
         (["predictive.horizon=0.001"], "predictive.horizon"),
+        (["predictive.horizon=0"], "predictive.horizon"),
+        (["predictive.horizon=nan"], "predictive.horizon"),
         (["predictive.period=1e-5"], "predictive.period"),
+        (["predictive.period=2.5", "predictive.horizon=5"], "predictive.period"),
         (["predictive.steps=0"], "predictive.steps"),
         (["predictive.v_reg=0"], "predictive.v_reg"),
         (["predictive.force=-1"], "predictive.force"),
