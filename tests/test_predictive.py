@@ -229,6 +229,18 @@ def test_a_dense_solver_with_active_sets_finds_the_same_inputs(
     assert v[:, n_x:].ravel() == pytest.approx(dense.x, abs=1e-6)
 
 
+def test_steps_are_kept_within_so_much():
+    """What has no limit and wants to go far goes far, and no further at once."""
+    arcs, gaps = random_stages(0, 3, 2, 1)
+    arcs.dynamics[:, :, 2] = 0.0
+    arcs.gradient[:, 2] = -1e7
+    none = np.full((3, 1), np.inf)
+    program = StageProgram(3, 2, 1)
+    v, _, holds = program.solve(np.ones(2), arcs, gaps, Tail.none(2), (-none, none))
+    assert holds
+    assert v[:, 2] == pytest.approx(1e4)
+
+
 @pytest.mark.parametrize("most", [1, 2, 3])
 def test_a_solver_that_gives_up_is_not_believed(most: int, monkeypatch: pytest.MonkeyPatch):
     """What it leaves obeys dynamics and box, and is not optimal."""

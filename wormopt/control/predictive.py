@@ -144,9 +144,9 @@ def plan_ahead(
                 break
             share = _damped(share, step.size, before)
         if not step.size <= small:
+            last = f"was {step.size:.2g} in nominal sizes" if step.solved else "is not solved"
             raise SolveError(
-                f"no plan is found at v_reg = {level:.3g}: the last of {count} steps was "
-                f"{step.size:.2g} in nominal sizes",
+                f"no plan is found at v_reg = {level:.3g}: the last of {count} steps {last}",
                 "take a larger v_reg, or shorter arcs",
                 code="not_solved",
             )

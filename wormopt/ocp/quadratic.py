@@ -100,6 +100,7 @@ class StageProgram:
         `first` (n_x,): change of the first state; `gaps` (N, n_x): by how much the end of each
         arc is ahead of the next start; `box`: least and largest change of inputs, (N, n_u) each.
         """
+        box = np.clip(box[0], -_FAR, None), np.clip(box[1], None, _FAR)
         parts = (first, arcs.hessian, arcs.dynamics, arcs.gradient, gaps)
         if not (all(np.isfinite(part).all() for part in parts) and np.all(box[0] <= box[1])):
             return np.zeros(arcs.gradient.shape), np.zeros(self.n_x), False
