@@ -11,6 +11,7 @@ from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
+from scipy.optimize import lsq_linear
 
 from wormopt.control.estimation import Estimation, Estimator, places
 from wormopt.control.predictive import Decisions, Plan, PredictiveController, plan_ahead
@@ -25,7 +26,7 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.problem import Constraint, Ends, Problem
-from wormopt.ocp.quadratic import StageProgram, Tail
+from wormopt.ocp.quadratic import _OPTIONS, StageProgram, Tail
 from wormopt.ocp.stages import Linearised, Stages
 from wormopt.ocp.transcription import Transcription
 from wormopt.simulation.options import Smooth
@@ -193,16 +194,73 @@ def test_no_step_improves_the_solution_of_a_stage_program(
     assert end == pytest.approx(last[0], abs=1e-6)
 
 
-def test_a_program_without_a_solution_says_so():
+@settings(max_examples=examples(30), deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 8),
+    size=st.sampled_from([(1, 1), (1, 3), (1, 7), (2, 1), (4, 1), (6, 2), (8, 3), (5, 3)]),
+    wide=st.sampled_from([1e3, 1.0, 0.1]),
+)
+def test_a_dense_solver_with_active_sets_finds_the_same_inputs(
+    seed: int, n: int, size: tuple[int, int], wide: float
+):
+    """Of 1 and 3 or 7: CasADi's BLASFEO solves triangular systems of these wrongly."""
+    n_x, n_u = size
+    arcs, gaps = random_stages(seed, n, n_x, n_u)
+    first = np.random.default_rng(seed + 1).normal(size=n_x)
+    tail = Tail(np.ones(n_x), 2 * np.eye(n_x))
+    box = np.full((n, n_u), wide)
+    v, _, holds = StageProgram(n, n_x, n_u).solve(first, arcs, gaps, tail, (-box, box))
+    assert holds
+    # everything by all inputs w: v_k = V w + v_0
+    x_by, x_0 = np.zeros((n_x, n * n_u)), first
+    H, g = np.zeros((n * n_u, n * n_u)), np.zeros(n * n_u)
+    for k in range(n):
+        own = np.eye(n * n_u)[k * n_u : (k + 1) * n_u]
+        V, v_0 = np.vstack([x_by, own]), np.append(x_0, np.zeros(n_u))
+        H += V.T @ arcs.hessian[k] @ V
+        g += V.T @ (arcs.gradient[k] + arcs.hessian[k] @ v_0)
+        x_by, x_0 = arcs.dynamics[k] @ V, arcs.dynamics[k] @ v_0 + gaps[k]
+    H += x_by.T @ tail.hessian @ x_by
+    g += x_by.T @ (tail.gradient + tail.hessian @ x_0)
+    root = np.linalg.cholesky(H).T
+    dense = lsq_linear(root, -np.linalg.solve(root.T, g), (-wide, wide), "bvls", tol=1e-14)
+    assert dense.success
+    assert v[:, n_x:].ravel() == pytest.approx(dense.x, abs=1e-6)
+
+
+def test_steps_are_kept_within_so_much():
+    """What has no limit and wants to go far goes far, and no further at once."""
     arcs, gaps = random_stages(0, 3, 2, 1)
-    wrong = np.full((3, 1), 1.0), np.full((3, 1), -1.0)
+    arcs.dynamics[:, :, 2] = 0.0
+    arcs.gradient[:, 2] = -1e7
+    none = np.full((3, 1), np.inf)
     program = StageProgram(3, 2, 1)
-    with np.errstate(all="ignore"):
-        try:
-            solved_ = program.solve(np.zeros(2), arcs, gaps, Tail.none(2), wrong)[2]
-        except RuntimeError:
-            solved_ = False
-    assert not solved_
+    v, _, holds = program.solve(np.ones(2), arcs, gaps, Tail.none(2), (-none, none))
+    assert holds
+    assert v[:, 2] == pytest.approx(1e4)
+
+
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_a_solver_that_gives_up_is_not_believed(most: int, monkeypatch: pytest.MonkeyPatch):
+    """What it leaves obeys dynamics and box, and is not optimal."""
+    monkeypatch.setitem(_OPTIONS, "iter_max", most)
+    arcs, gaps = random_stages(1, 6, 2, 2)
+    box = np.full((6, 2), 0.1)
+    program = StageProgram(6, 2, 2)
+    assert not program.solve(np.ones(2), arcs, gaps, Tail.none(2), (-box, box))[2]
+
+
+@pytest.mark.parametrize("wrong", ["box", "gaps", "first", "hessian", "gradient", "dynamics"])
+def test_a_program_without_a_solution_says_so(wrong: str):
+    arcs, gaps = random_stages(0, 3, 2, 1)
+    first, box = np.zeros(2), [np.full((3, 1), -1.0), np.full((3, 1), 1.0)]
+    if wrong == "box":
+        box.reverse()
+    else:
+        {"gaps": gaps, "first": first}.get(wrong, getattr(arcs, wrong, gaps)).flat[0] = np.nan
+    low, high = box
+    assert not StageProgram(3, 2, 1).solve(first, arcs, gaps, Tail.none(2), (low, high))[2]
 
 
 def test_cost_to_go_of_many_stages_is_that_of_the_algebraic_riccati_equation():

@@ -1,5 +1,6 @@
 """Scenes of predictive control: as good as the open loop, in time, better on unknown plants."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,12 @@ from by_text import value
 import wormopt as wo
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
-from wormopt.control.predictive import Decisions
+from wormopt.control.predictive import Decisions, PredictiveController
 from wormopt.control.receding import recede
 from wormopt.control.reference import gait_reference
 from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb
+from wormopt.model.values import signal_values
 from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import optimise
@@ -31,7 +33,7 @@ from wormopt.systems.chain.rivals import Rival, draw_plants, driven
 from wormopt.systems.chain.runs.compare_tracking import scenarios
 from wormopt.systems.chain.scenes.predictive import PredictiveTable
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
-from wormopt.systems.spiked.construct import fast_gait
+from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 PLANT = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
 TABLE = PredictiveTable(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.1)
@@ -52,6 +54,52 @@ def test_the_worm_of_the_chapter_repeats_its_plan_step_by_step():
     found = receded.inputs.polynomial[:, :, 0]
     # the simulation differs from the collocation in the third order of the arcs
     assert np.abs(found - plan.inputs).max() < 0.01 * np.abs(plan.inputs).max()
+
+
+@pytest.mark.parametrize(
+    ("links", "force"),
+    [
+        (2, 8.0),
+        *(
+            pytest.param(links, force, marks=pytest.mark.slow)
+            for links in (1, 2, 3, 4)
+            for force in (None, 8.0)
+            if (links, force) != (2, 8.0)
+        ),
+    ],
+)
+def test_decisions_off_the_plan_are_the_optimum_that_an_interior_point_finds(
+    links: int, force: float | None
+):
+    """Chains drawn by chance, moved from where their plan does not begin."""
+    rng = np.random.default_rng(links)
+    plant = chain(
+        links,
+        mass=rng.uniform(0.5, 2, links + 1),
+        stiffness=rng.uniform(5, 15, links),
+        damping=rng.uniform(1, 5, links),
+        rest_length=2.0,
+        law=Coulomb(1.0, 5.0),
+        length_nominal=2.0,
+    )
+    weight = float(10 ** rng.uniform(-5, -2))
+    table = PredictiveTable(period=0.02, horizon=0.2, input_weight=weight, v_reg=0.1, force=force)
+    reference = gait_reference(travelling_sine(links, 1.0, 2.0, 0.3), plant.t)
+    x = signal_values(plant.x, None, "state")
+    x += 0.05 * rng.normal(size=len(x))
+    control = PredictiveController(
+        plan_tracking(plant, reference, 0.2, table), Decisions(1000, 200, 1e-9)
+    )
+    decided = control.decide(0, x)
+    assert decided.size <= 1e-9
+    parts = np.split(x, np.cumsum([s.size for s in plant.x])[:-1])
+    moved = replace(plant, x=[replace(s, value=v) for s, v in zip(plant.x, parts, strict=True)])
+    plan = plan_tracking(moved, reference, 0.2, table)
+    program = plan.stages.program
+    found = program.nlp.solve(program.pack(plan.motion.arcs, plan.bounds), plan.bounds, Ipopt())
+    assert found.success
+    assert plan.objective == pytest.approx(found.objective, rel=1e-6)
+    assert decided.input == pytest.approx(program.unpack(found.w).inputs[:, 0, 0], abs=1e-3)
 
 
 @pytest.mark.slow
@@ -152,7 +200,10 @@ def test_limits_of_the_force_hold_in_every_motion():
     ("change", "key"),
     [
         (["predictive.horizon=0.001"], "predictive.horizon"),
+        (["predictive.horizon=0"], "predictive.horizon"),
+        (["predictive.horizon=nan"], "predictive.horizon"),
         (["predictive.period=1e-5"], "predictive.period"),
+        (["predictive.period=2.5", "predictive.horizon=5"], "predictive.period"),
         (["predictive.steps=0"], "predictive.steps"),
         (["predictive.v_reg=0"], "predictive.v_reg"),
         (["predictive.force=-1"], "predictive.force"),

@@ -13,6 +13,7 @@ from wormopt.analysis.steady import steady_states as steady_states
 from wormopt.analysis.vibration import VibrationModes as VibrationModes
 from wormopt.analysis.vibration import vibration_modes as vibration_modes
 from wormopt.control.drive import drive as drive
+from wormopt.control.estimation import Estimation as Estimation
 from wormopt.control.funnel import Funnel as Funnel
 from wormopt.control.funnel import funnel_tracker as funnel_tracker
 from wormopt.control.interconnect import controller_of as controller_of
@@ -23,6 +24,9 @@ from wormopt.control.lambda_tracker import Quadratic as Quadratic
 from wormopt.control.lambda_tracker import lambda_tracker as lambda_tracker
 from wormopt.control.loop import FeedForward as FeedForward
 from wormopt.control.lqr import lqr as lqr
+from wormopt.control.predictive import Decisions as Decisions
+from wormopt.control.predictive import plan_ahead as plan_ahead
+from wormopt.control.receding import recede as recede
 from wormopt.control.reference import Reference as Reference
 from wormopt.control.reference import gait_reference as gait_reference
 from wormopt.control.switching import switching_tracker as switching_tracker

@@ -26,15 +26,38 @@ _MOST = 4.0
 class Estimation:
     """What is estimated, and how.
 
-    Raises ArgumentError if a number is not positive or nothing is estimated.
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters of the model, above 0.
+    window : int
+        Arcs that it reaches back.
+    noise : float
+        What a measured state may miss, in nominal sizes.
+    spread : float
+        What a parameter may be off beforehand, as a share of it.
+    memory : float
+        Arcs after which what slid out of the window counts 1/e.
+    steps : int
+        Steps of Gauss and Newton for each new state.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive or nothing is estimated.
+
+    Examples
+    --------
+    >>> Estimation(("mass",), window=10).noise
+    0.01
     """
 
     names: tuple[str, ...] = ("mass", "friction_forward", "friction_backward")
-    window: int = 25  # arcs
-    noise: float = 1e-2  # what a measured state may miss, in nominal sizes
-    spread: float = 0.2  # what a parameter may be off beforehand, as a share of it
-    memory: float = np.inf  # arcs after which what slid out of the window counts 1/e
-    steps: int = 1  # of Gauss and Newton for each new state
+    window: int = 25
+    noise: float = 1e-2
+    spread: float = 0.2
+    memory: float = np.inf
+    steps: int = 1
 
     def __post_init__(self) -> None:
         sizes = (self.window, self.noise, self.spread, self.memory, self.steps)

@@ -44,12 +44,29 @@ _AT_LIMIT = 1e-5
 class Decisions:
     """How decisions are made.
 
-    Raises ArgumentError if a number is not positive.
+    Parameters
+    ----------
+    horizon : int
+        Arcs that are looked ahead; what lies beyond counts to second order.
+    steps : int
+        Most steps of sequential quadratic programming of a decision; 1 is the real-time iteration.
+    tolerance : float
+        Largest change of a variable, in nominal sizes, that ends a decision.
+
+    Raises
+    ------
+    ArgumentError
+        If a number is not positive.
+
+    Examples
+    --------
+    >>> Decisions(horizon=10).steps
+    1
     """
 
-    horizon: int = 25  # arcs that are looked ahead
-    steps: int = 1  # most steps of a decision; 1: real-time iteration
-    tolerance: float = 1e-6  # largest step of a scaled variable that ends a decision
+    horizon: int = 25
+    steps: int = 1
+    tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
         if self.horizon < 1 or self.steps < 1 or not self.tolerance > 0:
@@ -122,7 +139,56 @@ def plan_ahead(
 ) -> Plan:
     """Find the optimal motion over the whole time from a guess, through all widths of the law.
 
-    Raises SolveError if steps do not end.
+    Parameters
+    ----------
+    problem : Problem
+        Of given duration, its objective a weighted sum of integrals, limits of inputs its only
+        limits along the way.
+    mesh : Mesh
+        With shares (``Mesh.even``), inputs constant on each arc: an arc is a decision.
+    contact : Regularised
+        Widths of the smooth law, from the first to the last.
+    guess : Guess
+        A motion to start from.
+    p : mapping of str to array_like, optional
+        Parameters where they are not the model's own.
+
+    Returns
+    -------
+    Plan
+        The motion, its `inputs` at `times`, its `objective`, and what departing from it costs.
+
+    Raises
+    ------
+    ArgumentError
+        If the problem or the mesh has another form.
+    SolveError
+        If steps do not end.
+
+    Examples
+    --------
+    A block on the ground is pushed to 1 and back in 2 s:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> states = [wo.Signal("x", x, value=0), wo.Signal("v", v, value=0)]
+    >>> sole = wo.Contact("sole", v, f, wo.Coulomb(0.5, 2.0))
+    >>> block = wo.Model("block", states, ca.vertcat(v, u + f),
+    ...     u=[wo.Signal("u", u, value=0)], contacts=[sole])
+    >>> ends = wo.Ends.of(block, 1)
+    >>> error = x - ca.sin(ca.pi / 2 * block.t)
+    >>> problem = wo.Problem(block, ends, ends.integrals[0], (2.0, 2.0),
+    ...     integrands=error**2 + 1e-3 * u**2,
+    ...     boundary_constraints=[wo.Constraint("start", ends.start, [0, 0], [0, 0])])
+    >>> mesh = wo.Mesh.even(1, 40, wo.Collocation(2, "radau"))
+    >>> guess = wo.Guess(2.0, lambda t: np.zeros((2, len(t))))
+    >>> plan = plan_ahead(problem, mesh, wo.Regularised(0.1, 0.2), guess)
+    >>> receded = wo.recede(block, plan, Decisions(horizon=10), contact=wo.Smooth(0.1))
+    >>> receded.unsolved
+    0
+    >>> float(round(receded.states[0, 20], 1))
+    1.0
     """
     program = Transcription(problem, mesh, contact)
     stages, levels = Stages(program), contact.levels
@@ -144,9 +210,9 @@ def plan_ahead(
                 break
             share = _damped(share, step.size, before)
         if not step.size <= small:
+            last = f"was {step.size:.2g} in nominal sizes" if step.solved else "is not solved"
             raise SolveError(
-                f"no plan is found at v_reg = {level:.3g}: the last of {count} steps was "
-                f"{step.size:.2g} in nominal sizes",
+                f"no plan is found at v_reg = {level:.3g}: the last of {count} steps {last}",
                 "take a larger v_reg, or shorter arcs",
                 code="not_solved",
             )

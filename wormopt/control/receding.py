@@ -69,8 +69,41 @@ def recede(
 ) -> Receded:
     """Let a worm of parameters `p`, which the plan need not know, move by decisions.
 
-    States are measured as they are, at every node of the plan; the input changes at once. Raises
-    SolveError if the worm cannot be simulated.
+    States are measured as they are, at every node of the plan; the input changes at once.
+
+    Parameters
+    ----------
+    worm : Model
+        Whose inputs, in order, are those of the plan's model.
+    plan : Plan
+        Of :func:`plan_ahead`.
+    decisions : Decisions
+        How decisions are made.
+    estimation : Estimation, optional
+        What is learnt on the way; nothing if left out.
+    p : mapping of str to array_like, optional
+        Parameters of the worm where they are not its own.
+    contact : Treatment
+        How the worm's contact is simulated, exactly or smoothly.
+    tolerance : Tolerance
+        Of the simulation.
+    report : callable
+        Is told how far it is.
+
+    Returns
+    -------
+    Receded
+        States at `times`, `inputs` that were decided, the time that each decision took, how many
+        were `unsolved`.
+
+    Raises
+    ------
+    SolveError
+        If the worm cannot be simulated.
+
+    Examples
+    --------
+    See :func:`plan_ahead`.
     """
     control = PredictiveController(plan, decisions)
     stages = plan.stages

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -11,13 +11,17 @@ from wormopt.errors import ArgumentError
 from wormopt.ocp.stages import Linearised
 
 _SOLVER = "hpipm"
-_EXACT = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max", "res_m_max"), 1e-9)
+_EXACT = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max"), 1e-9) | {"res_m_max": 1e-11}
 _OPTIONS = {"mode": "balance", "iter_max": 50, **_EXACT}
 # HPIPM knows no missing bound: changes, in nominal sizes, are kept within so much instead. The
 # usual 1e8 would cost it all its iterations.
 _FAR = 1e4
 # What dynamics and box may miss, against the largest change.
 _HOLDS = 1e-6
+# The least of what a slope may be, against its terms, and the room that is left down it.
+_STILL = 1e-4
+# Slopes whose terms are below are nothing: multipliers times room are exact to 1e-11.
+_SLOPE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +46,10 @@ class StageProgram:
     def __init__(self, stages: int, n_x: int, n_u: int) -> None:
         if not ca.has_conic(_SOLVER):
             raise ArgumentError(f"this CasADi has no QP solver {_SOLVER!r}; take that of PyPI")
+        # BLASFEO 0.1.4 solves n of n + 1 triangular equations wrongly where n is 3, 7, 11 ...
+        # (dtrsv_ltn_mn): such stages get an idle input.
+        self._idle = int(n_x == 1 and n_u % 4 == 3)
+        n_u += self._idle
         self.stages, self.n_x, self.n_u = stages, n_x, n_u
         n_v = n_x + n_u
         # The first state is known and no variable: bounds that are equal would slow HPIPM down.
@@ -92,12 +100,28 @@ class StageProgram:
         `first` (n_x,): change of the first state; `gaps` (N, n_x): by how much the end of each
         arc is ahead of the next start; `box`: least and largest change of inputs, (N, n_u) each.
         """
+        box = np.clip(box[0], -_FAR, None), np.clip(box[1], None, _FAR)
+        parts = (first, arcs.hessian, arcs.dynamics, arcs.gradient, gaps)
+        if not (all(np.isfinite(part).all() for part in parts) and np.all(box[0] <= box[1])):
+            return np.zeros(arcs.gradient.shape), np.zeros(self.n_x), False
+        if self._idle:
+            one = np.ones((self.stages, 1))
+            arcs = _with_idle_input(arcs)
+            box = np.hstack([box[0], -one]), np.hstack([box[1], one])
+        v, end, multipliers = self._solve(first, arcs, gaps, tail, box)
+        solved = _holds(v, end, arcs, gaps, box) and _still(v, end, arcs, tail, box, multipliers)
+        return v[:, : v.shape[1] - self._idle], end, solved
+
+    def _solve(
+        self,
+        first: np.ndarray,
+        arcs: Linearised,
+        gaps: np.ndarray,
+        tail: Tail,
+        box: tuple[np.ndarray, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Both changes, and multipliers (N, n_x) of the dynamics."""
         n, n_x, n_v = self.stages, self.n_x, self.n_x + self.n_u
-        last = np.zeros((1, n_v, n_v))
-        last[0, :n_x, :n_x] = tail.hessian
-        costs = np.concatenate([arcs.hessian, last])[self._cost_places]
-        minus = np.broadcast_to(-np.eye(n_x), (n, n_x, n_x))
-        rows = np.concatenate([arcs.dynamics, minus], axis=2)[self._row_places]
         slopes, ahead = arcs.gradient.copy(), gaps.copy()
         slopes[0, n_x:] += arcs.hessian[0, n_x:, :n_x] @ first
         ahead[0] += arcs.dynamics[0, :, :n_x] @ first
@@ -106,8 +130,8 @@ class StageProgram:
         for side, given in ((low, box[0]), (high, box[1])):
             side[: n * n_v].reshape(n, n_v)[:, n_x:] = given
         answer = self._solver(
-            h=ca.DM(self._costs, costs),
-            a=ca.DM(self._rows, rows),
+            h=self._hessian(arcs, tail),
+            a=self._dynamics(arcs),
             g=np.append(slopes, tail.gradient)[n_x:],
             lba=-ahead.ravel(),
             uba=-ahead.ravel(),
@@ -117,7 +141,30 @@ class StageProgram:
         found = np.append(first, np.asarray(answer["x"]).ravel())
         v, end = found[: n * n_v].reshape(n, n_v), found[n * n_v :]
         v[:, n_x:] = np.clip(v[:, n_x:], *box)  # to the last digit
-        return v, end, _holds(v, end, arcs, gaps, box)
+        return v, end, np.asarray(answer["lam_a"]).reshape(n, n_x)
+
+    def _hessian(self, arcs: Linearised, tail: Tail) -> ca.DM:
+        last = np.zeros((1, self.n_x + self.n_u, self.n_x + self.n_u))
+        last[0, : self.n_x, : self.n_x] = tail.hessian
+        return ca.DM(self._costs, np.concatenate([arcs.hessian, last])[self._cost_places])
+
+    def _dynamics(self, arcs: Linearised) -> ca.DM:
+        minus = np.broadcast_to(-np.eye(self.n_x), (self.stages, self.n_x, self.n_x))
+        rows = np.concatenate([arcs.dynamics, minus], axis=2)
+        return ca.DM(self._rows, rows[self._row_places])
+
+
+def _with_idle_input(arcs: Linearised) -> Linearised:
+    """The same arcs with one input more, of cost u^2 / 2, that moves nothing."""
+    n, n_x, n_v = arcs.dynamics.shape
+    hessian = np.zeros((n, n_v + 1, n_v + 1))
+    hessian[:, :n_v, :n_v], hessian[:, n_v, n_v] = arcs.hessian, 1.0
+    return replace(
+        arcs,
+        dynamics=np.concatenate([arcs.dynamics, np.zeros((n, n_x, 1))], axis=2),
+        gradient=np.column_stack([arcs.gradient, np.zeros(n)]),
+        hessian=hessian,
+    )
 
 
 def _holds(
@@ -133,3 +180,31 @@ def _holds(
     missed -= np.concatenate([v[1:, :n_x], end[None]])
     beyond = np.maximum(box[0] - v[:, n_x:], v[:, n_x:] - box[1])
     return bool(max(np.abs(missed).max(), beyond.max()) <= _HOLDS * max(1.0, np.abs(v).max()))
+
+
+def _still(
+    v: np.ndarray,
+    end: np.ndarray,
+    arcs: Linearised,
+    tail: Tail,
+    box: tuple[np.ndarray, np.ndarray],
+    multipliers: np.ndarray,
+) -> bool:
+    """Whether no way down is left, found anew: the solver may give up without a word.
+
+    Each slope of the Lagrangian is nothing against its terms, or the room down it is.
+    """
+    n_x = len(end)
+    parts = np.zeros((4, len(v) + 1, v.shape[1]))
+    parts[0, :-1] = arcs.gradient
+    parts[1, :-1] = (arcs.hessian @ v[:, :, None])[:, :, 0]
+    parts[2, :-1] = (multipliers[:, None, :] @ arcs.dynamics)[:, 0, :]
+    parts[3, 1:, :n_x] = -multipliers
+    parts[0, -1, :n_x], parts[1, -1, :n_x] = tail.gradient, tail.hessian @ end
+    parts[:, 0, :n_x] = 0.0  # the first state is given
+    slope = parts.sum(axis=0)
+    off = np.abs(slope) / (np.abs(parts).sum(axis=0) + _SLOPE)
+    inputs = v[:, n_x:]
+    room = np.where(slope[:-1, n_x:] > 0, inputs - box[0], box[1] - inputs)
+    off[:-1, n_x:] = np.minimum(off[:-1, n_x:], room / max(1.0, np.abs(v).max()))
+    return bool(off.max() <= _STILL)

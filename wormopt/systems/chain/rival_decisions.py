@@ -47,6 +47,7 @@ class Decided:
 
     believed: Gait | None  # for the worm as it is believed; None: there is no plan
     others: tuple[Gait | None, ...]
+    unsolved: int = 0  # decisions, of all plants, whose quadratic program was not solved
     # time that decisions take, in s, the time between them, or why there is no plan
     numbers: dict[str, float | str] = field(default_factory=dict)
 
@@ -73,8 +74,9 @@ def decide(job: DecisionJob) -> Decided:
         plan = plan_tracking(plant, reference, job.table.time.end, table)
         believed = _decided(plant, plan, table, learns, None)
     except SolveError as error:
-        return Decided(None, (None,) * len(job.draws), {"reason": str(error)})
+        return Decided(None, (None,) * len(job.draws), numbers={"reason": str(error)})
     others = [_other(plant, plan, table, learns, draw) for draw in job.draws]
+    unsolved = sum(each.unsolved for each in (believed, *others) if each)
     median, most, worst = np.quantile(believed.seconds, (0.5, 0.95, 1.0)).tolist()
     numbers: dict[str, float | str] = {
         "decision_median_s": median,
@@ -83,7 +85,8 @@ def decide(job: DecisionJob) -> Decided:
         "decision_processor_s": float(np.median(believed.processor)),
         "decision_period_s": table.seconds * float(np.diff(plan.times).min()),
     }
-    return Decided(believed.inputs, tuple(others), numbers)
+    courses = tuple(each and each.inputs for each in others)
+    return Decided(believed.inputs, courses, unsolved, numbers)
 
 
 def _decided(
@@ -98,8 +101,8 @@ def _decided(
 
 def _other(
     plant: Model, plan: Plan, table: PredictiveTable, learns: Estimation | None, draw: Draw
-) -> Gait | None:
+) -> Receded | None:
     try:
-        return _decided(plant, plan, table, learns, draw).inputs
+        return _decided(plant, plan, table, learns, draw)
     except SolveError:
         return None

@@ -379,6 +379,8 @@ def _warnings(
         for name, each in row.items():
             if each.believed is None:
                 yield f"{reference}: no {name}: {each.numbers['reason']}"
+            if each.unsolved:
+                yield f"{reference}, {name}: {each.unsolved} decisions were not solved"
     for reference, row in zip(names, plans, strict=True):
         for name, answer in row.items():
             if answer.plan is None:

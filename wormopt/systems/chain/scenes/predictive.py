@@ -56,6 +56,8 @@ class PredictiveTable(Table, frozen=True, kw_only=True):
         """Yield what does not fit a motion from 0 to `end`."""
         if self.horizon < self.period:
             yield "predictive.horizon", f"is below predictive.period = {self.period:g}; write more"
+        if self.period > end:
+            yield "predictive.period", f"is above time.end = {end:g}; write less"
         if end / self.period > _MOST:
             least = end / _MOST
             yield "predictive.period", f"makes over {_MOST} decisions; write at least {least:.3g}"

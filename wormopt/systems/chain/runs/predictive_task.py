@@ -1,0 +1,75 @@
+"""What a scene of predictive control compares: the task, and a row for each controller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from wormopt.control.drive import drive
+from wormopt.control.loop import with_reference
+from wormopt.control.lqr import lqr
+from wormopt.control.predictive import Plan
+from wormopt.control.receding import Receded
+from wormopt.control.reference import Reference
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model
+from wormopt.scene.scene import Scene
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.measured import judged, judged_numbers
+from wormopt.systems.chain.scenes.track_predictive import TrackPredictiveScene
+from wormopt.systems.shared.declared import JUDGED
+from wormopt.systems.shared.proof import CrossCheck
+
+OPEN, LQR = "open-loop optimum", "LQR, feed-forward"
+REAL_TIME, CONVERGED, ADAPTED = "predictive, real time", "predictive, converged", "with estimation"
+KNOWN = ("open-loop optimum, plant known", "predictive, real time, plant known")
+"""Names of the controllers, for tables and pictures."""
+
+LOST: dict[str, Any] = dict.fromkeys((*JUDGED, "cost"), np.nan)
+"""Numbers of a motion that was given up."""
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What is tracked, and how it is judged."""
+
+    scene: Scene[TrackPredictiveScene]
+    gait: Gait
+    plant: Model
+    reference: Reference
+    plan: Plan
+
+    def judged(self, course: Gait | None) -> Model:
+        """The worm under a course of inputs, or under LQR; measured."""
+        if course is None:
+            weight = 1 / self.scene.table.predictive.input_weight
+            loop = lqr(self.plant, self.reference, error_weight=weight)
+        else:
+            loop = drive(with_reference(self.plant, self.reference), course)
+        return judged(loop, self.scene.table.tube)
+
+    def cost(self, numbers: Mapping[str, Any]) -> float:
+        """Integral of |e|^2 + rho |u|^2."""
+        weight = self.scene.table.predictive.input_weight
+        return numbers["error_integral"] + weight * numbers["input_integral"]
+
+    def told(self, motion: Trajectory) -> dict[str, Any]:
+        """Numbers of a motion, with its cost."""
+        numbers = judged_numbers(motion, self.scene.table.tube)
+        return numbers | {"cost": self.cost(numbers)}
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One controller on the worm as it is believed, and on the plants."""
+
+    name: str
+    motion: Trajectory
+    second: CrossCheck | None
+    numbers: dict[str, Any]
+    receded: Receded | None  # None for those that decide nothing
+    drawn: list[dict[str, Any]] = field(default_factory=list)  # one for each plant
+    learnt: list[Receded] = field(default_factory=list)  # decisions for each plant
