@@ -97,8 +97,7 @@ class Crawler:
 
     def _told(self, bodies: Bodies, least: Held) -> Motion:
         """What was found, in the units asked for."""
-        v = bodies.body.velocities(least.x)
-        v[least.rest] = 0.0
+        v = np.where(least.rest[..., None], 0.0, least.v)
         power = bodies.body.ground.power(v).sum(axis=1) * bodies.speed * self.force
         return Motion(
             least.x / bodies.sizes * bodies.speed[:, None],
