@@ -131,14 +131,15 @@ def _refuse_open(shape: Shape, s: np.ndarray, open_: np.ndarray) -> None:
     """Refuse instants at which the motion is open."""
     if open_.any():
         first = s[np.flatnonzero(open_)[0]]
-        told = ", ".join(f"{name} {value:.4g}" for name, value in zip(shape.names, first))
+        named = zip(shape.names, first, strict=True)
+        told = ", ".join(f"{name} {value:.4g}" for name, value in named)
         raise SolveError(
             f"the ground leaves the motion open at {open_.sum()} of {len(open_)} instants, the "
             f"first at {told}: other velocities take as little power, as where links of one length "
             "could turn in place of each other, or a straight chain has as much resistance to "
             "those of its masses that go ahead as to those that go back",
-            "make the resistance of a mass, or the length of a link at an end, differ by 1 %, or let "
-            "the stroke keep off this shape",
+            "make the resistance of a mass, or the length of a link at an end, differ by 1 %, or "
+            "let the stroke keep off this shape",
         )
 
 
