@@ -177,3 +177,15 @@ def test_of_two_equal_links_it_is_open_which_one_turns():
     # both turning about the middle mass take F l (|w1| + |w2|), whatever their shares
     with pytest.raises(SolveError, match="leaves the motion open"):
         P.crawl_velocity(P.chain_shape(2, lengths=(1.0, 1.0)), ROUGH, [1.0], [1.0])
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.25, 0.4])
+def test_of_three_equal_links_it_is_open_which_one_turns(share):
+    # other minimisers of the same power, found by Nelder and Mead, turn slower by up to 0.1
+    s, laws = [0.5 * share, share - 0.5], [Elliptic(1.0, 3.0, sideways=1.0)] * 4
+    with pytest.raises(SolveError, match=r"open.*angle 1.*resistance of a mass"):
+        P.crawl_velocity(THREE, laws, s, [0.5, 1.0])
+    laws[0] = Elliptic(1.01, 3.03, sideways=1.01)
+    decided = P.crawl_velocity(THREE, laws, s, [0.5, 1.0])
+    J = np.array(THREE.kinematics(s)[2])
+    assert J.T @ decided.forces[0].ravel() == pytest.approx(np.zeros(3), abs=1e-9)

@@ -92,3 +92,26 @@ def test_three_links_crawl_under_a_load(ahead):
     turn = np.cumsum(twist[:, 2]) / 2000 - twist[:, 2] / 4000
     way = ((twist[:, 0] + 1j * twist[:, 1]) * np.exp(1j * turn)).mean()
     assert [way.real, way.imag] == pytest.approx(found.displacement[:2], abs=1e-5)
+
+
+@pytest.mark.parametrize("bend", 10.0 ** -np.arange(2, 13))
+def test_forces_balance_however_slow_a_mass_is(bend):
+    # the tail hardly moves; its direction is lost where its velocity is a small difference
+    laws = [Elliptic(1.0, 2.0, 3.0), Elliptic(2.0, 1.0, 1.5), Elliptic(0.5, 1.0, 2.0)]
+    shape = P.chain_shape(2, lengths=(1.0, 0.8))
+    motion = P.crawl_velocity(shape, laws, [bend], [1.0])
+    J = np.array(shape.kinematics([bend])[2])
+    assert J.T @ motion.forces[0].ravel() == pytest.approx(np.zeros(3), abs=1e-10)
+    slow = np.linalg.norm(motion.velocities[0, 2])
+    assert motion.rest[0, 2] or slow == pytest.approx(0.447352763 * bend, rel=2 * bend + 1e-7)
+
+
+@pytest.mark.slow
+def test_what_rests_does_not_flicker_where_the_ground_just_holds():
+    # links change places at a quarter and at half; ever less is left of what holds before
+    circle = P.Harmonics([0.0, 0.0], cosine=[[0.43, 0.0]], sine=[[0.0, 0.43]])
+    found = P.crawl(THREE, Elliptic(1.0, 1.0, sideways=0.5), circle)
+    assert len(found.phases) == 10
+    assert found.breaks[[3, 5, 8]] == pytest.approx([0.1852, 0.5, 0.6852], abs=1e-3)
+    assert found.breaks[6:] - 0.5 == pytest.approx(found.breaks[1:6], abs=1e-8)
+    assert found.displacement[2] == pytest.approx(0.0, abs=1e-10)  # the second half mirrors

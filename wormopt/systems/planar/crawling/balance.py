@@ -95,9 +95,13 @@ class LeastPower:
             x = self.descended(x, float(width), 1e-9)
         return x
 
-    def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least power without smoothing from `x` on, and whether it was found: no mass stops."""
+    def sharp(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Least power without smoothing from `x` on, and whether it was found: no mass stops.
+
+        In between, the velocities (G, m, 2): those that balance, which rounding of `x` would blur.
+        """
         x, found = _sharpened(self, x)
+        v = self.velocities(x)
         free = np.abs(self.J).max(axis=(2, 3), initial=0.0) > 0
         slowest = np.where(free, self.powers(x), 1.0).min(axis=1)
         left = np.flatnonzero(~found & (slowest < _SLOW))
@@ -106,8 +110,9 @@ class LeastPower:
             bad = self.of(left).seen_from(x[left], np.zeros((len(left), self.b.shape[1]), bool))
             z, found[left] = _sharpened(bad, np.zeros(bad.load.shape))
             x[left] += z
+            v[left] = bad.velocities(z)
             slowest[left] = np.where(free[left], bad.powers(z), 1.0).min(axis=1)
-        return x, found & (slowest > _STOPPED)  # pushes of those at rest may balance as well
+        return x, v, found & (slowest > _STOPPED)  # pushes of those at rest may balance as well
 
     def seen_from(self, x: np.ndarray, rest: np.ndarray) -> LeastPower:
         """The same for changes of `x` (G, n), where the masses `rest` (G, m) do rest."""

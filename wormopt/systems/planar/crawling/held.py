@@ -21,6 +21,7 @@ class Held:
     rest: np.ndarray  # (G, m), the masses held
     fits: np.ndarray  # (G,), whether these masses can rest at once
     balances: np.ndarray  # (G,), whether the others, all moving, balance
+    v: np.ndarray  # (G, m, 2), velocities
     push: np.ndarray  # (G, m, 2), what each mass pushes against the ground with
     hold: np.ndarray  # (G,), least largest gauge of the pushes of the masses held
     slips: np.ndarray  # (G, m), which of them slip when the ground cannot hold all
@@ -70,21 +71,21 @@ def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = T
     x, N, Q = freedom(body, x, rest)
     go = ~rest
     fits = np.abs(body.velocities(x) * rest[..., None]).max(axis=(1, 2), initial=0.0) < FITS
-    balances, stiffness = np.ones(G, bool), np.full(G, np.inf)
+    balances, stiffness, v = np.ones(G, bool), np.full(G, np.inf), body.velocities(x)
     loose = np.flatnonzero((np.abs(N).max(axis=(1, 2), initial=0.0) > 0) & go.any(axis=1))
     if loose.size:
         free = body.of(loose).restricted(x[loose], go[loose], N[loose])
-        z, found = _from_lines(free, N[loose])
+        z, v[loose], found = _from_lines(free, N[loose])
         if careful and not found.all():  # a mass that hardly moves needs a careful approach
             bad = free.of(~found)
-            z[~found], found[~found] = bad.sharp(bad.smoothed(_NARROW))
+            again = np.flatnonzero(~found)
+            z[again], v[loose[again]], found[again] = bad.sharp(bad.smoothed(_NARROW))
         curvature = np.nan_to_num(free.slopes(z)[2])
         absent = np.eye(n) * (np.abs(N[loose]).max(axis=1) == 0)[:, None]
         most = np.trace(curvature, axis1=1, axis2=2)[:, None, None]
         stiffness[loose] = np.linalg.eigvalsh(curvature + (1 + most) * absent)[:, 0]
         balances[loose] = found
         x[loose] += (N[loose] @ z[..., None])[..., 0]
-    v = body.velocities(x)
     power = np.maximum(body.ground.power(v), 1e-100)
     push = np.where(rest[..., None], 0.0, body.ground.squares(v) * v / power[..., None])
     slope = np.einsum("gmcn,gmc->gn", body.J, push) - body.load
@@ -98,20 +99,20 @@ def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = T
         ground = ground.of(which if ground.forward.ndim == 1 else at)
         resting = LeastPower(body.J[at], body.b[at], -slope[some], ground)
         push[at], hold[some], slips[at] = reactions(resting, Q[some])
-    return Held(x, rest.copy(), fits, balances, push, hold, slips, stiffness)
+    return Held(x, rest.copy(), fits, balances, v, push, hold, slips, stiffness)
 
 
-def _from_lines(body: LeastPower, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Least power (G, n) on the ways N (G, n, n), and whether it was found.
+def _from_lines(body: LeastPower, N: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least power (G, n) on the ways N (G, n, n), its velocities, and whether it was found.
 
     With a single way to go, and where Newton's steps end at a kink, the line along it is halved.
     """
-    z, found = body.sharp(np.zeros(body.load.shape))
+    z, v, found = body.sharp(np.zeros(body.load.shape))
     ways = np.abs(N).max(axis=1) > 0
     one = np.flatnonzero(~found & (ways.sum(axis=1) == 1))
     if one.size:
         line = body.of(one)
         way = ways[one].astype(float)
         start = line.along(0 * way, way).least()[:, None] * way
-        z[one], found[one] = line.sharp(start)
-    return z, found
+        z[one], v[one], found[one] = line.sharp(start)
+    return z, v, found

@@ -42,6 +42,21 @@ def least_power(body: LeastPower) -> Held:
         if left.any():
             pivoted = least.of(open_[left])
             least.put(open_[left], _nearly(some.of(left), moving.x[left], pivoted))
+    return _settled(body, least)
+
+
+def _settled(body: LeastPower, least: Held) -> Held:
+    """Motions in which masses rest that hardly move, wherever the ground can hold them.
+
+    Of so slow a mass rounding tells the direction: any may seem to balance. At rest it is certain.
+    """
+    slow = ~least.rest & (body.powers(least.x) < _SLOW[-1])
+    some = np.flatnonzero(slow.any(axis=1))
+    if some.size:
+        rest = least.rest[some] | slow[some]
+        tried = held(body.of(some), least.x[some], rest, careful=False)
+        good = _good(tried)
+        least.put(some[good], tried.of(good))
     return least
 
 
@@ -123,13 +138,13 @@ def near(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> Held:
     open_ = np.flatnonzero(~_good(least))
     for _ in range(_CHANGES):
         if not open_.size:
-            return least
+            return _settled(body, least)
         other = _other(body.of(open_), least.of(open_), first[open_])
         least.put(open_, held(body.of(open_), x[open_], other, careful=False))
         open_ = open_[~_good(least.of(open_))]
     if open_.size:
         least.put(open_, least_power(body.of(open_)))
-    return least
+    return _settled(body, least)
 
 
 def _other(body: LeastPower, found: Held, first: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ def _on_a_line(body: LeastPower) -> tuple[np.ndarray, ...]:
     if z.size:
         z[:, 0] = body.along(z, np.ones(z.shape)).least()
     power = body.powers(z)
-    return _pushes(body, z, power > 0), power > 0, power.sum(axis=1), z
+    return _pushes(body, body.velocities(z)), power > 0, power.sum(axis=1), z
 
 
 def _across(body: LeastPower) -> tuple[np.ndarray, ...]:
@@ -84,25 +84,24 @@ def _across(body: LeastPower) -> tuple[np.ndarray, ...]:
     z, value = pivots(body)
     i, every = value.argmin(axis=1), np.arange(G)
     z, rests = z[every, i], np.isfinite(value[every, i])
-    push = _pushes(body, z, np.arange(m) != i[:, None])
+    push = _pushes(body, body.velocities(z) * (np.arange(m) != i[:, None])[..., None])
     push[every, i], way = turned_out(body, push, i)
     rests &= body.ground.gauge(push)[every, i] <= 1
     go = np.flatnonzero(~rests)
     if go.size:
         moving, way = body.of(go), way[go]
         start = z[go] + moving.along(z[go], way).least()[:, None] * way
-        z[go], found = moving.sharp(start)
-        if not found.all():
-            z[go[~found]] = moving.of(~found).sharp(moving.of(~found).smoothed())[0]
-        push[go] = _pushes(moving, z[go], np.ones((len(go), m), bool))
+        z[go], v, found = moving.sharp(start)
+        if (lost := np.flatnonzero(~found)).size:
+            z[go[lost]], v[lost], _ = moving.of(lost).sharp(moving.of(lost).smoothed())
+        push[go] = _pushes(moving, v)
     slips = np.ones((G, m), bool)
     slips[rests, i[rests]] = False
     return push, slips, body.powers(z).sum(axis=1), z
 
 
-def _pushes(body: LeastPower, x: np.ndarray, go: np.ndarray) -> np.ndarray:
-    """Pushes of masses that move."""
-    v = body.velocities(x) * go[..., None]
+def _pushes(body: LeastPower, v: np.ndarray) -> np.ndarray:
+    """Pushes of masses with velocities `v` (G, m, 2), none of those at rest."""
     power = body.ground.power(v)
     return body.ground.squares(v) * v / np.maximum(power, _TINY)[..., None]
 

@@ -13,7 +13,7 @@ from wormopt.model.planar_friction import PlanarLaw
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.ground import Ground, ground_of
-from wormopt.systems.planar.crawling.held import Held
+from wormopt.systems.planar.crawling.held import Held, freedom
 from wormopt.systems.planar.crawling.least_power import least_power, near, way_out
 
 _EVEN, _ASIDE = 1e-8, 1e-2
@@ -87,7 +87,7 @@ class Crawler:
         """Motions of least power."""
         bodies = self.bodies(s, ds)
         least = least_power(bodies.body)
-        _check_unique(bodies.body, least)
+        _refuse_open(self.shape, s, open_instants(bodies.body, least))
         return self._told(bodies, least)
 
     def follow(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
@@ -97,8 +97,7 @@ class Crawler:
 
     def _told(self, bodies: Bodies, least: Held) -> Motion:
         """What was found, in the units asked for."""
-        v = bodies.body.velocities(least.x)
-        v[least.rest] = 0.0
+        v = np.where(least.rest[..., None], 0.0, least.v)
         power = bodies.body.ground.power(v).sum(axis=1) * bodies.speed * self.force
         return Motion(
             least.x / bodies.sizes * bodies.speed[:, None],
@@ -110,8 +109,8 @@ class Crawler:
         )
 
 
-def _check_unique(body: LeastPower, least: Held) -> None:
-    """Refuse instants at which other velocities take as little power."""
+def open_instants(body: LeastPower, least: Held) -> np.ndarray:
+    """Whether (G,) other velocities take as little power."""
     at_limit = least.rest.any(axis=1) & (np.abs(least.hold - 1) < _EVEN)
     open_ = least.stiffness < _EVEN
     some = np.flatnonzero(at_limit & ~open_)
@@ -119,13 +118,28 @@ def _check_unique(body: LeastPower, least: Held) -> None:
         tried, limit = body.of(some), least.of(some)
         way = way_out(tried, limit)
         way *= _ASIDE / np.abs(way).max(axis=1)[:, None]
-        more = tried.smooth_value(limit.x + way, 0.0) - tried.smooth_value(limit.x, 0.0)
+        x = limit.x + way
+        # While the masses at rest go that way, the others turn as takes least power.
+        turning = freedom(tried, limit.x, limit.rest)[1].sum(axis=2)
+        x += tried.along(x, turning).least()[:, None] * turning
+        more = tried.smooth_value(x, 0.0) - tried.smooth_value(limit.x, 0.0)
         open_[some] = more < _EVEN * _ASIDE
+    return open_
+
+
+def _refuse_open(shape: Shape, s: np.ndarray, open_: np.ndarray) -> None:
+    """Refuse instants at which the motion is open."""
     if open_.any():
+        first = s[np.flatnonzero(open_)[0]]
+        named = zip(shape.names, first, strict=True)
+        told = ", ".join(f"{name} {value:.4g}" for name, value in named)
         raise SolveError(
-            "the ground leaves the motion open: other velocities take as little power, as where a "
-            "straight chain has as much resistance to those of its masses that go ahead as to "
-            "those that go back; bend it, or make resistances differ ahead and back"
+            f"the ground leaves the motion open at {open_.sum()} of {len(open_)} instants, the "
+            f"first at {told}: other velocities take as little power, as where links of one length "
+            "could turn in place of each other, or a straight chain has as much resistance to "
+            "those of its masses that go ahead as to those that go back",
+            "make the resistance of a mass, or the length of a link at an end, differ by 1 %, or "
+            "let the stroke keep off this shape",
         )
 
 
