@@ -38,7 +38,6 @@ SAVED = Path(__file__).parent / "results"
 SI = 'units="SI"'
 QUICK = ('search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1")
 SQUARE = 'stroke={course="polygon",corners=[[1.0,1.0],[-1.0,1.0],[-1.0,-1.0],[1.0,-1.0]]}'
-FROZEN = ("time.end=2.0", "gains.count=7", "tolerance.recheck=false", "tolerance.relative=1e-7")
 SCENES: dict[str, tuple[str, ...]] = {
     "limits": ("design_fast_gait", SI, *QUICK),
     "front": (
@@ -50,9 +49,11 @@ SCENES: dict[str, tuple[str, ...]] = {
     ),
     "certificate": ("certified_gait", SI, *QUICK, "search.certify.gap=1e-2"),
     "trackers": ("track_sine", SI, "time.end=2.0", "time.samples=41"),
-    "bode": ("linear_chain", SI, *FROZEN),
-    "poles": ("linear_chain", SI, *FROZEN),
-    "margins": ("linear_chain", SI, *FROZEN),
+    "bode": ("linear_chain",),
+    "poles": ("linear_chain",),
+    "margins": ("linear_chain",),
+    "predictive": ("track_predictive",),
+    "estimates": ("track_predictive",),
     "readings": (
         "tracker_readings",
         SI,
@@ -104,8 +105,8 @@ SCENES: dict[str, tuple[str, ...]] = {
     "turning": ("planar_turn_in_place", SI),
     "path": ("planar_path",),
     "rod_frequency": ("fig22_frequency_response",),
-    "shift": ("gait_shift", SI, "way.goal=12.0"),
-    "transitions": ("gait_shift", SI, "way.goal=12.0"),
+    "shift": ("gait_shift",),
+    "transitions": ("gait_shift",),
 }
 THREE = (
     'tracker=[{feedback="filter", tube_radius=0.2, growth=1e4, filter_start=0.0}, '

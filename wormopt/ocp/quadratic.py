@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,13 +12,14 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.ocp.stages import Linearised
 
-_SOLVER = "hpipm"
+_SOLVER, _SECOND = "hpipm", "qrqp"
 _EXACT = dict.fromkeys(("res_g_max", "res_b_max", "res_d_max", "res_m_max"), 1e-9)
 _OPTIONS = {"mode": "balance", "iter_max": 50, **_EXACT}
 # HPIPM knows no missing bound: changes, in nominal sizes, are kept within so much instead. The
 # usual 1e8 would cost it all its iterations.
 _FAR = 1e4
-# What dynamics and box may miss, against the largest change.
+# What dynamics and box may miss, against the largest change, and a projected step down may change,
+# against the largest slope or change.
 _HOLDS = 1e-6
 
 
@@ -53,20 +56,25 @@ class StageProgram:
         i, j = np.array(self._rows.row()), np.array(self._rows.get_col()) + n_x
         k = i // n_x
         self._row_places = k, i - k * n_x, j - k * n_v
-        self._solver = ca.conic(
-            "stages",
-            _SOLVER,
-            {"h": self._costs, "a": self._rows},
-            {
-                "N": stages,
-                "nx": [0] + [n_x] * stages,
-                "nu": [n_u] * stages + [0],
-                "ng": [0] * (stages + 1),
-                "inf": _FAR,
-                "error_on_fail": False,
-                "hpipm": _OPTIONS,
-            },
-        )
+        stages_of = {
+            "N": stages,
+            "nx": [0] + [n_x] * stages,
+            "nu": [n_u] * stages + [0],
+            "ng": [0] * (stages + 1),
+            "inf": _FAR,
+            "hpipm": _OPTIONS,
+        }
+        self._solver = self._by(_SOLVER, stages_of)
+
+    @cached_property
+    def _second(self) -> ca.Function:
+        """Active sets, for the few programs that HPIPM's interior points leave unsolved."""
+        quiet = dict.fromkeys(("print_iter", "print_header", "print_info", "print_lincomb"), False)
+        return self._by(_SECOND, quiet)
+
+    def _by(self, solver: str, options: dict[str, Any]) -> ca.Function:
+        shapes = {"h": self._costs, "a": self._rows}
+        return ca.conic("stages", solver, shapes, {"error_on_fail": False, **options})
 
     def _patterns(self) -> tuple[ca.DM, ca.DM]:
         """Ones where the Hessian and the rows of the dynamics may have entries."""
@@ -105,19 +113,31 @@ class StageProgram:
         low *= -1
         for side, given in ((low, box[0]), (high, box[1])):
             side[: n * n_v].reshape(n, n_v)[:, n_x:] = given
-        answer = self._solver(
-            h=ca.DM(self._costs, costs),
-            a=ca.DM(self._rows, rows),
-            g=np.append(slopes, tail.gradient)[n_x:],
-            lba=-ahead.ravel(),
-            uba=-ahead.ravel(),
-            lbx=low[n_x:],
-            ubx=high[n_x:],
-        )
+        told = {
+            "h": ca.DM(self._costs, costs),
+            "a": ca.DM(self._rows, rows),
+            "g": np.append(slopes, tail.gradient)[n_x:],
+            "lba": -ahead.ravel(),
+            "uba": -ahead.ravel(),
+            "lbx": low[n_x:],
+            "ubx": high[n_x:],
+        }
+        v, end = self._changes(self._solver(**told), first, box)
+        holds = _holds(v, end, arcs, gaps, box) and _is_least(v, end, arcs, tail, box)
+        if not holds:
+            v, end = self._changes(self._second(**told), first, box)
+            holds = _holds(v, end, arcs, gaps, box) and _is_least(v, end, arcs, tail, box)
+        return v, end, holds
+
+    def _changes(
+        self, answer: dict[str, ca.DM], first: np.ndarray, box: tuple[np.ndarray, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of all stages and of the last state, inputs within the box to the last digit."""
+        n, n_x, n_v = self.stages, self.n_x, self.n_x + self.n_u
         found = np.append(first, np.asarray(answer["x"]).ravel())
         v, end = found[: n * n_v].reshape(n, n_v), found[n * n_v :]
-        v[:, n_x:] = np.clip(v[:, n_x:], *box)  # to the last digit
-        return v, end, _holds(v, end, arcs, gaps, box)
+        v[:, n_x:] = np.clip(v[:, n_x:], *box)
+        return v, end
 
 
 def _holds(
@@ -133,3 +153,22 @@ def _holds(
     missed -= np.concatenate([v[1:, :n_x], end[None]])
     beyond = np.maximum(box[0] - v[:, n_x:], v[:, n_x:] - box[1])
     return bool(max(np.abs(missed).max(), beyond.max()) <= _HOLDS * max(1.0, np.abs(v).max()))
+
+
+def _is_least(
+    v: np.ndarray,
+    end: np.ndarray,
+    arcs: Linearised,
+    tail: Tail,
+    box: tuple[np.ndarray, np.ndarray],
+) -> bool:
+    """Whether a step of the inputs against the slope of the cost leads nowhere within the box."""
+    n_x = len(end)
+    slopes, ahead = np.empty_like(v), tail.gradient + tail.hessian @ end
+    largest = float(max(1.0, np.abs(v).max(), np.abs(ahead).max()))
+    for k in reversed(range(len(v))):
+        slopes[k] = arcs.gradient[k] + arcs.hessian[k] @ v[k] + arcs.dynamics[k].T @ ahead
+        ahead = slopes[k, :n_x]
+    inputs = v[:, n_x:]
+    stepped = np.clip(inputs - slopes[:, n_x:], *box)
+    return bool(np.abs(stepped - inputs).max() <= _HOLDS * max(largest, np.abs(slopes).max()))

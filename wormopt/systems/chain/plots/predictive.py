@@ -106,6 +106,7 @@ def estimates(result: Result) -> Figure:
     drawn = sheet(7.1, 1.0 + 1.7 * lines, 1.0 + 1.6 * lines)
     panels = drawn.subplots(lines, columns, sharex=True, squeeze=False).ravel()
     time = result["decision_time"].values
+    panels[0].set_xlim(0.0, result["time"].values[-1])
     for axes, kind in zip(panels, kinds, strict=False):
         for k, name in enumerate(names):
             if name.split(" ")[0] != kind:
@@ -117,7 +118,6 @@ def estimates(result: Result) -> Figure:
         axes.axhline(1.0, color="black", linewidth=0.8)
         axes.set_title(kind.replace("_", " "))
         axes.set_ylabel("estimate / truth")
-        axes.margins(x=0)
     for axes in panels[len(kinds) :]:
         axes.remove()
     for axes in panels[max(0, len(kinds) - columns) : len(kinds)]:
@@ -125,6 +125,8 @@ def estimates(result: Result) -> Figure:
         axes.tick_params(labelbottom=True)
     most = max(int(name.split(" ")[1]) if " " in name else 0 for name in names)
     told = [line(f"mass or link {k}", GREY, DASHES[k]) for k in range(min(most + 1, len(DASHES)))]
+    plants = values.shape[1]
+    told += [line(f"plant {k}", MASSES[k]) for k in range(plants) if plants <= len(MASSES)]
     legend_below(drawn, told)
     tell(drawn, "a colour for each plant")
     return drawn
