@@ -44,6 +44,11 @@ SCENES = {
     "peristaltic_switching": ['units="SI"', "worm.segments=2"],
     "planar_path": ['units="SI"'],
     "planar_gait_design": ['units="SI"', "search.corners=4"],
+    "pareto_speed_load": [
+        'units="SI"', 'search.effort="quick"', "search.workers=1",
+        "search.sequence=[[0],[2],[1]]", "pareto.points=4",
+    ],
+    "planar_three_link": ['units="SI"'],
     "linear_chain": [
         'units="SI"', "time.end=2.0", "gains.count=7", "tolerance.recheck=false",
         "tolerance.relative=1e-7",

@@ -96,7 +96,7 @@ def _draw_shares(axes: Axes, rows: Sequence[tuple[str, np.ndarray]], count: int)
     axes.set_yticks(np.arange(len(rows)) + 0.5, [name for name, _ in rows])
     axes.set_ylim(len(rows), 0)
     _name_columns(axes)
-    axes.set_xlabel(f"share of a row's readings, of $N$ = {count} in all (%)")
+    axes.set_xlabel(f"share of a row's readings,\nof $N$ = {count} in all (%)")
 
 
 def _name_columns(axes: Axes) -> None:
