@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from effort import examples
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
 
@@ -25,7 +25,7 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.problem import Constraint, Ends, Problem
-from wormopt.ocp.quadratic import StageProgram, Tail
+from wormopt.ocp.quadratic import StageProgram, Tail, is_least
 from wormopt.ocp.stages import Linearised, Stages
 from wormopt.ocp.transcription import Transcription
 from wormopt.simulation.options import Smooth
@@ -169,6 +169,8 @@ def random_stages(seed: int, n: int, n_x: int, n_u: int) -> tuple[Linearised, np
     n_u=st.integers(1, 3),
     wide=st.sampled_from([np.inf, 2.0, 0.1]),
 )
+@example(seed=3, n=2, n_x=1, n_u=3, wide=np.inf)  # interior points end elsewhere in these two
+@example(seed=848291, n=6, n_x=1, n_u=3, wide=2.0)
 def test_no_step_improves_the_solution_of_a_stage_program(
     seed: int, n: int, n_x: int, n_u: int, wide: float
 ):
@@ -191,6 +193,23 @@ def test_no_step_improves_the_solution_of_a_stage_program(
     stepped = np.clip(v[:, n_x:] - slope, -wide, wide)
     assert stepped == pytest.approx(v[:, n_x:], abs=1e-6)
     assert end == pytest.approx(last[0], abs=1e-6)
+
+
+def test_what_is_not_least_is_told_from_what_is():
+    arcs, gaps = random_stages(5, 4, 2, 2)
+    tail, box = Tail(np.ones(2), np.eye(2)), np.full((4, 2), 0.3)
+    v, end, holds = StageProgram(4, 2, 2).solve(np.ones(2), arcs, gaps, tail, (-box, box))
+    inside = np.argwhere(np.abs(v[:, 2:]) < 0.29)
+    assert holds
+    assert len(inside)
+    assert is_least(v, end, arcs, tail, (-box, box))
+    for k, j in inside:
+        moved = v.copy()
+        moved[k, 2 + j] += 1e-3
+        for later in range(k, 3):
+            moved[later + 1, :2] = arcs.dynamics[later] @ moved[later] + gaps[later]
+        last = arcs.dynamics[3] @ moved[3] + gaps[3]
+        assert not is_least(moved, last, arcs, tail, (-box, box))
 
 
 def test_a_program_without_a_solution_says_so():

@@ -69,8 +69,8 @@ class StageProgram:
     @cached_property
     def _second(self) -> ca.Function:
         """Active sets, for the few programs that HPIPM's interior points leave unsolved."""
-        quiet = dict.fromkeys(("print_iter", "print_header", "print_info", "print_lincomb"), False)
-        return self._by(_SECOND, quiet)
+        told = "iter", "header", "info", "lincomb"
+        return self._by(_SECOND, {f"print_{what}": False for what in told})
 
     def _by(self, solver: str, options: dict[str, Any]) -> ca.Function:
         shapes = {"h": self._costs, "a": self._rows}
@@ -123,10 +123,10 @@ class StageProgram:
             "ubx": high[n_x:],
         }
         v, end = self._changes(self._solver(**told), first, box)
-        holds = _holds(v, end, arcs, gaps, box) and _is_least(v, end, arcs, tail, box)
+        holds = _holds(v, end, arcs, gaps, box) and is_least(v, end, arcs, tail, box)
         if not holds:
             v, end = self._changes(self._second(**told), first, box)
-            holds = _holds(v, end, arcs, gaps, box) and _is_least(v, end, arcs, tail, box)
+            holds = _holds(v, end, arcs, gaps, box) and is_least(v, end, arcs, tail, box)
         return v, end, holds
 
     def _changes(
@@ -155,7 +155,7 @@ def _holds(
     return bool(max(np.abs(missed).max(), beyond.max()) <= _HOLDS * max(1.0, np.abs(v).max()))
 
 
-def _is_least(
+def is_least(
     v: np.ndarray,
     end: np.ndarray,
     arcs: Linearised,
@@ -164,10 +164,12 @@ def _is_least(
 ) -> bool:
     """Whether a step of the inputs against the slope of the cost leads nowhere within the box."""
     n_x = len(end)
-    slopes, ahead = np.empty_like(v), tail.gradient + tail.hessian @ end
+    ahead = tail.gradient + tail.hessian @ end  # slope of the cost by the end of an arc
     largest = float(max(1.0, np.abs(v).max(), np.abs(ahead).max()))
+    slopes = arcs.gradient + (arcs.hessian @ v[:, :, None])[:, :, 0]
+    across = arcs.dynamics.transpose(0, 2, 1)
     for k in reversed(range(len(v))):
-        slopes[k] = arcs.gradient[k] + arcs.hessian[k] @ v[k] + arcs.dynamics[k].T @ ahead
+        slopes[k] += across[k] @ ahead
         ahead = slopes[k, :n_x]
     inputs = v[:, n_x:]
     stepped = np.clip(inputs - slopes[:, n_x:], *box)
