@@ -17,7 +17,7 @@ KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
 
 # Share of the tolerance that the error of an onset may take: it comes with every release, and a
-# hundredth of it costs a tenth more steps.
+# hundredth of it costs a tenth more steps, many releases two fifths.
 _ONSET = 0.03
 
 
