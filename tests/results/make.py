@@ -44,6 +44,20 @@ SCENES = {
     "peristaltic_switching": ['units="SI"', "worm.segments=2"],
     "planar_path": ['units="SI"'],
     "planar_gait_design": ['units="SI"', "search.corners=4"],
+    "pareto_speed_load": [
+        'units="SI"', 'search.effort="quick"', "search.workers=1",
+        "search.sequence=[[0],[2],[1]]", "pareto.points=4",
+    ],
+    "planar_three_link": ['units="SI"'],
+    "linear_chain": [
+        'units="SI"', "time.end=2.0", "gains.count=7", "tolerance.recheck=false",
+        "tolerance.relative=1e-7",
+    ],
+    "track_predictive": [
+        'units="SI"', "time.end=0.5", "tube.capture=0.1", "time.samples=101", "plants.members=2",
+        "predictive.horizon=0.1", "predictive.period=0.02", "estimation.window=0.1",
+    ],
+    "gait_shift": ['units="SI"', "way.goal=12.0"],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
         "rates=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.rates=[20,100]",

@@ -10,6 +10,7 @@ link), ``spike_load_limit`` (a number or one per mass).
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Sequence
@@ -341,8 +342,9 @@ def _fitted(entries: Sequence[Artist], share: float) -> tuple[list[str], int]:
     texts = [wrapped(str(entry.get_label()), longest) for entry in entries]
     widths = [26 + 4.1 * max(map(_letters, text.split("\n"))) for text in texts]
     counts = range(len(entries), 1, -1)
-    fits = (n for n in counts if sum(map(max, np.array_split(widths, n))) < room)
-    return texts, next(fits, 1)
+    fits = [n for n in counts if sum(map(max, np.array_split(widths, n))) < room] or [1]
+    rows = math.ceil(len(entries) / fits[0])  # as few as can be, and columns of like length
+    return texts, min(n for n in fits if math.ceil(len(entries) / n) == rows)
 
 
 def wrapped(text: str, letters: int) -> str:

@@ -37,8 +37,12 @@ def shift(result: Result) -> Figure:
         (spike, "stroke_spike_load", "spike_load_limit", "spike load"),
         (force, "stroke_actuator_force", "actuator_force_limit", "actuator\nforce"),
     ):
-        axes.plot(time, result[name].values, color=LINKS[0], drawstyle="steps-post", linewidth=0.4)
-        most, entries = scalar(result, limit), [line("largest in a stroke", LINKS[0])]
+        # strokes of a cycle differ: points lie on as many curves, where a line would fill the band
+        axes.plot(time, result[name].values, ".", color=LINKS[0], markersize=1.2)
+        most, entries = (
+            scalar(result, limit),
+            [line("largest in each stroke", LINKS[0], "none", marker=".")],
+        )
         if most is not None:
             axes.axhline(most, color=RED, linestyle=LIMIT, linewidth=1)
             entries.append(line("limit", RED, LIMIT, 1))

@@ -30,10 +30,10 @@ _DEGREES = 180 / np.pi
 _LEAST = 1e-11  # of the largest response at a frequency; what is smaller is rounding
 # the gains that are told apart: name, words, colour, dashes
 _MARKS = {
-    "gain_learned": ("learned by the tracker", LINKS[3], "-"),
-    "gain_linear": ("least by harmonics", LINKS[0], (0, (6, 2))),
-    "gain_simulated": ("least by simulation", LINKS[2], (0, (2, 1))),
-    "gain_sure": ("enough for any friction", GREY, (0, (6, 1.5, 1.5, 1.5))),
+    "gain_learned": ("gain learned by the tracker", LINKS[3], "-"),
+    "gain_linear": ("least gain by harmonics", LINKS[0], (0, (6, 2))),
+    "gain_simulated": ("least gain by simulation", LINKS[2], (0, (2, 1))),
+    "gain_sure": ("gain enough for any friction", GREY, (0, (6, 1.5, 1.5, 1.5))),
 }
 
 
@@ -150,7 +150,7 @@ def margins(result: Result) -> Figure:
         line("bound for any friction", "black", ":"),
         line("simulated", "black", "none", marker="."),
         line(r"$\lambda$, radius of the tube", GREY, LIMIT, 0.8),
-        *(line(f"gain {words}", colour, dashes, 1.1)
+        *(line(words, colour, dashes, 1.1)
           for name, (words, colour, dashes) in _MARKS.items()
           if scalar(result, name) is not None),
     ])  # fmt: skip

@@ -28,6 +28,9 @@ from wormopt.result import Result
 
 _COLOURS = (GREY, *LINKS[:4])
 
+# parameters of links; all others are of masses
+_OF_LINKS = {"stiffness", "damping", "rest_length"}
+
 
 def predictive(result: Result) -> Figure:
     """Errors in time, cost on all plants, and the share of decisions that take less than a time."""
@@ -103,9 +106,10 @@ def estimates(result: Result) -> Figure:
     kinds = list(dict.fromkeys(name.split(" ")[0] for name in names))
     columns = 1 if narrow() else min(3, len(kinds))
     lines = math.ceil(len(kinds) / columns)
-    drawn = sheet(7.1, 1.0 + 1.7 * lines, 1.0 + 1.6 * lines)
+    drawn = sheet(7.1, 1.0 + 1.7 * lines, 1.2 + 1.45 * lines)
     panels = drawn.subplots(lines, columns, sharex=True, squeeze=False).ravel()
     time = result["decision_time"].values
+    panels[0].set_xlim(0.0, result["time"].values[-1])
     for axes, kind in zip(panels, kinds, strict=False):
         for k, name in enumerate(names):
             if name.split(" ")[0] != kind:
@@ -117,14 +121,26 @@ def estimates(result: Result) -> Figure:
         axes.axhline(1.0, color="black", linewidth=0.8)
         axes.set_title(kind.replace("_", " "))
         axes.set_ylabel("estimate / truth")
-        axes.margins(x=0)
     for axes in panels[len(kinds) :]:
         axes.remove()
     for axes in panels[max(0, len(kinds) - columns) : len(kinds)]:
         axes.set_xlabel(label("time $t$", result["time"].unit))
         axes.tick_params(labelbottom=True)
-    most = max(int(name.split(" ")[1]) if " " in name else 0 for name in names)
-    told = [line(f"mass or link {k}", GREY, DASHES[k]) for k in range(min(most + 1, len(DASHES)))]
+    told = [line(words, GREY, DASHES[k]) for k, words in enumerate(_numbered(names))]
+    plants = values.shape[1]
+    told += [line(f"plant {k}", MASSES[k]) for k in range(plants) if plants <= len(MASSES)]
     legend_below(drawn, told)
     tell(drawn, "a colour for each plant")
     return drawn
+
+
+def _numbered(names: list[str]) -> list[str]:
+    """What each way to dash a line stands for: "mass 0, link 0"; as many as there are dashes."""
+    found: dict[int, set[str]] = {}
+    for name in names:
+        kind, _, number = name.partition(" ")
+        found.setdefault(int(number or 0), set()).add("link" if kind in _OF_LINKS else "mass")
+    return [
+        ", ".join(f"{what} {k}" for what in sorted(found[k], reverse=True))
+        for k in sorted(found)[: len(DASHES)]
+    ]

@@ -39,7 +39,7 @@ def readings(result: Result) -> Figure:
     else:
         each, shares = drawn.subplots(1, 2, width_ratios=(1, 1.9))
     _draw_all(each, result)
-    _draw_shares(shares, rows)
+    _draw_shares(shares, rows, len(result["supported"].values))
     legend_below(drawn, [
         Patch(color=LINKS[0], label="supports the sentence"),
         Patch(facecolor="white", edgecolor=GREY, linewidth=0.6, label="does not"),
@@ -84,18 +84,19 @@ def _draw_all(axes: Axes, result: Result) -> None:
     _name_columns(axes)
 
 
-def _draw_shares(axes: Axes, rows: Sequence[tuple[str, np.ndarray]]) -> None:
+def _draw_shares(axes: Axes, rows: Sequence[tuple[str, np.ndarray]], count: int) -> None:
     shares = np.array([values for _, values in rows])
     shade = shares.copy()
     shade[:, -1] = np.sqrt(shade[:, -1])  # few support all: shown darker than they are
     axes.pcolormesh(shade, cmap="Blues", vmin=0, vmax=1.3)
     for (i, j), share in np.ndenumerate(shares):
         text = f"{100 * share:.0f}" if share == 0 or share >= 0.01 else f"{100 * share:.1f}"
-        axes.text(j + 0.5, i + 0.53, text, ha="center", va="center", size=6.5)
+        colour = "white" if shade[i, j] > 0.8 else "black"
+        axes.text(j + 0.5, i + 0.53, text, ha="center", va="center", size=6.5, color=colour)
     axes.set_yticks(np.arange(len(rows)) + 0.5, [name for name, _ in rows])
     axes.set_ylim(len(rows), 0)
     _name_columns(axes)
-    axes.set_xlabel("share of the $N$ readings (%)")
+    axes.set_xlabel(f"share of a row's readings,\nof $N$ = {count} in all (%)")
 
 
 def _name_columns(axes: Axes) -> None:

@@ -36,7 +36,8 @@ def course(result: Result, traced: str) -> Figure:
     (left, right), (low, high) = reach(result)
     share = (high - low) / (right - left)
     height = float(np.clip(6.0 * share + 1.3, 2.4, 7.0))
-    drawn = sheet(7.1, height, max(height, 4.0))
+    entries = len(result["x"].values) + 4  # of the legend, in two columns where it is narrow
+    drawn = sheet(7.1, height, float(np.clip(3.0 * share + 0.8 + 0.08 * entries, 2.0, 7.0)))
     axes = drawn.subplots()
     stage(axes, result)
     time = result["time"].values
