@@ -255,7 +255,7 @@ def test_a_tracker_that_moves_rest_lengths_pulls_with_the_stiffness_times_it(
 def test_actuators_that_are_not_known_or_have_no_spring_are_refused():
     plant = wo.chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=2.0)
     reference = wo.Reference(ca.SX([2.0]), ca.SX(1, 1), ca.SX(1, 1))
-    with pytest.raises(ArgumentError, match="'force' or 'rest_length', not 'length'"):
+    with pytest.raises(ArgumentError, match="'force', 'rest_length', not 'length'"):
         wo.lambda_tracker(plant, reference, tube_radius=0.1, actuator="length")  # type: ignore[arg-type]
     x, v, u = (ca.SX.sym(name) for name in "xvu")
     states = [Signal("length", x, "length", value=1.0), Signal("rate", v, "speed", value=0.0)]
