@@ -322,6 +322,20 @@ def test_capture_is_the_last_entry_unless_within_the_window():
     assert one.peak(2.8) == 0.3
 
 
+def test_the_time_of_capture_is_found_between_samples():
+    """0.4 exp(-t / 3) falls to 0.2 at 3 ln 2; its line over a step h is off by h^2 / 24 at most."""
+    for count in (101, 1001):
+        time = np.linspace(0.0, 10.0, count)
+        error = 0.4 * np.exp(-time / 3)
+        one = Course(time, np.array([error, -0.1 * error]), 1 + time)
+        exact, off = 3 * np.log(2.0), (10 / (count - 1)) ** 2 / 23
+        assert one.captured(0.2, "outputs", 2.0) == pytest.approx(exact, abs=off)
+        exact += 1.5 * np.log(1.01)
+        assert one.captured(0.2, "norm", 2.0) == pytest.approx(exact, abs=off)
+    given_up = np.where(TIME < 4.0, 0.3, np.nan)
+    assert np.isnan(Course(TIME, np.array([given_up]), TIME).captured(0.2, "norm", 2.0))
+
+
 def test_ends_are_those_for_which_every_sentence_holds():
     """(14) is captured for good at 6: not seen before, and seen a window after it."""
     second = made(lambda t: np.where(t < 6.0, 0.3, 0.16), lambda t: 1 + 0.1 * np.fmin(t, 6.0))
