@@ -103,6 +103,7 @@ worms = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=examples(6))
 @given(numbers=worms, feedback=st.sampled_from(["derivative", "filter", "difference"]))
 def test_gains_grow_by_what_is_outside_of_the_tube_and_keep_it_there(
@@ -134,7 +135,7 @@ def test_gains_grow_by_what_is_outside_of_the_tube_and_keep_it_there(
 @given(
     numbers=worms,
     factor=st.floats(1.2, 3),
-    settling=st.floats(0.2, 2),
+    settling=st.floats(0.2, 1),
     overshoot=st.floats(0.05, 0.5),
 )
 def test_switching_keeps_what_is_prescribed(
@@ -150,9 +151,9 @@ def test_switching_keeps_what_is_prescribed(
         factor=factor,
         gain_start=2.0,
     )
-    end = 3.0
+    end = 1.5
     motion = simulate(loop, end, dense=True, tolerance=LOOSE)
-    t = np.linspace(0, end, 30_001)
+    t = np.linspace(0, end, 3001)
     at = motion.at(t)
     size, gain = at["error_norm"][0], at["gain"][0]
     assert motion.largest("error_norm") <= max(size[0], lam) + overshoot + 1e-7
@@ -328,7 +329,7 @@ def test_a_scene_refuses_a_rate_funnel_that_is_too_narrow(tmp_path: Path):
 
 def test_an_ensemble_of_delayed_loops(tmp_path: Path):
     change = ['tracker={feedback="difference", lag=0.1, tube_radius=0.2, growth=100}',
-              "time.end=0.5", "tolerance.recheck=false"]  # fmt: skip
+              "time.end=0.25", "tolerance.recheck=false"]  # fmt: skip
     result = wo.run(load_scene(write(tmp_path, RANDOM), change))
     assert result.status == "ok"
     assert result["member_distance"].values.shape == (1, 5)
