@@ -166,7 +166,7 @@ class NormalForm:
         ------
         ArgumentError
             If there are not as many coordinates as states, they are not affine in the states, the
-            model has switches, or `held` is not of the size of the outputs.
+            model has switches or delays, or `held` is not of the size of the outputs.
 
         Examples
         --------
@@ -186,6 +186,7 @@ class NormalForm:
         >>> float(np.log(motion["center_velocity"][0, -1]).round(9))
         -1.0
         """
+        self.model.refuse_delays("the form of zero dynamics")
         model, m, eta = self.model, self.value.numel(), ca.SX(0, 1)
         states = [
             Signal(e.name, ca.SX.sym(e.name, e.expression.numel()), e.unit) for e in self.internal

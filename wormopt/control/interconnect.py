@@ -50,8 +50,8 @@ def controller_of(
     Raises
     ------
     ArgumentError
-        If the loop is not around this plant, the controller sees more of it than what is
-        measured, or that is not affine in the plant's states.
+        If the loop is not around this plant or has switches or delays, the controller sees more
+        of it than what is measured, or that is not affine in the plant's states.
     UnknownNameError
         If the plant has no such output.
 
@@ -71,6 +71,7 @@ def controller_of(
     check_kind("loop", loop, Model)
     check_kind("plant", plant, Model)
     check_kind("input", input, str)
+    loop.refuse_delays("a controller by itself")
     own = _own_states(loop, plant)
     if loop.switches:
         names = [s.name for s in loop.switches]
@@ -94,7 +95,11 @@ def controller_of(
         p=[s for s in loop.p if s.name not in known or ca.depends_on(needed, s.symbol)],
         t=loop.t,
         outputs=[Output(input, force, units[input]), Output("error", error, units["error"])],
-        schedules=[s for s in loop.schedules if s not in plant.schedules],
+        schedules=[
+            s
+            for s in loop.schedules
+            if s not in plant.schedules or ca.depends_on(needed, ca.vertcat(s.symbol, s.begin))
+        ],
     )
 
 
