@@ -276,6 +276,30 @@ def test_more_that_makes_no_sense_is_refused():
         funnel_tracker(worm(), STILL, funnel=wide, rate_funnel=wide, law="both")  # pyright: ignore[reportArgumentType]
 
 
+WRONG = [float("nan"), float("inf"), -1.0, "a", 1j, [1.0, 2.0, 3.0], True, 10**400]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: repr(wrong)[:9])
+def test_what_is_no_number_model_or_name_is_refused(wrong: Any):
+    """Whatever it is, by an ArgumentError."""
+    wide, plant = Funnel(9.0, 8.0, 1.0), worm(position=(4.0, 2.0, 0.0))
+    trials: list[tuple[Any, dict[str, Any], tuple[str, ...]]] = [
+        (lambda_tracker, {"tube_radius": 0.2, "feedback": "difference"},
+         ("tube_radius", "gain_start", "lag", "feedback", "actuator", "adaptation")),
+        (switching_tracker, SWITCHING,
+         ("tube_radius", "settling", "overshoot", "gain_start", "factor", "actuator")),
+        (funnel_tracker, {"funnel": wide, "rate_funnel": wide},
+         ("funnel", "rate_funnel", "law", "gain", "actuator", "feedforward")),
+        (wo.Delay, {"name": "past", "symbol": ca.SX.sym("p"), "signal": ca.SX.sym("x"), "lag": 1.0},
+         ("symbol", "signal", "lag", "before")),
+    ]  # fmt: skip
+    for make, usual, keys in trials:
+        for key in keys:
+            first: Any = () if make is wo.Delay else (plant, STILL)
+            with pytest.raises(ArgumentError):
+                make(*first, **(usual | {key: wrong}))
+
+
 # -- scenes --------------------------------------------------------------------------------------
 
 RIVALS = (
