@@ -271,6 +271,7 @@ def lambda_tracker(
 
     Examples
     --------
+    >>> import numpy as np
     >>> from wormopt.model.gait import Gait
     >>> from wormopt.control.reference import gait_reference
     >>> from wormopt.systems.chain.build import chain
