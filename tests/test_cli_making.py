@@ -187,7 +187,7 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("run fast_gait --no-p", {"--no-plots"}),
         ("run mine/wa", {"mine/walk.toml"}),
         ("check fast_gait uphill", {"uphill_gait"}),
-        ("new gait-", {"gait-design", "gait-pareto"}),
+        ("new gait-", {"gait-design", "gait-pareto", "gait-shift"}),
         ("schema film-fo", {"film-forward"}),
         ("list --kind coil-r", {"coil-row"}),
         ("completion z", {"zsh"}),

@@ -12,8 +12,10 @@ from wormopt.control.interconnect import controller_of, interconnect
 from wormopt.control.lambda_tracker import Decay, Exponent, Quadratic, lambda_tracker
 from wormopt.control.loop import FeedForward
 from wormopt.control.reference import gait_reference
+from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
+from wormopt.model.path import ParameterPath
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
@@ -83,6 +85,49 @@ def test_the_gain_is_learned_alike(control: Any, name: str):
     ours = simulate(loop, until, contact=Smooth(1 / 40))
     assert ours["gain"][0, -1] > 2.0
     assert x == pytest.approx(ours.end, abs=1e-7)
+
+
+def test_a_controller_of_springs_that_vary_in_time_keeps_their_course():
+    """Where rest lengths are moved the force is c(t) times the command."""
+    course = ParameterPath(np.array([0.0, 0.5, 1.0]), np.array([[[5.0], [6.0]], [[7.0], [4.0]]]))
+    plant = chain(2, mass=1.0, stiffness=course, damping=5.0, rest_length=2.0)  # fmt: skip
+    reference = gait_reference(fast_gait(1.0), plant.t)
+    loop = lambda_tracker(plant, reference, tube_radius=0.05, actuator="rest_length")
+    tracker = controller_of(loop, plant)
+    assert {s.name for s in tracker.schedules} == {"stiffness", "reference"}
+    function = tracker.to_control(output="input", p={"tube_radius": 9.0})
+    for t, c in ((0.2, [5.0, 6.0]), (0.7, [7.0, 4.0])):
+        e = np.array([0.3, -0.1])
+        rate = fast_gait(1.0)(np.array([t - 1e-6, t + 1e-6])) @ [-5e5, 5e5]
+        measured = np.append(fast_gait(1.0)(np.array([t]))[:, 0] + e, rate)
+        found = function.output(t, np.array([1.0]), measured)
+        assert found == pytest.approx(-np.array(c) * e, abs=1e-6)
+
+
+def test_a_loop_with_delays_has_no_controller_by_itself():
+    plant = worm()
+    reference = gait_reference(fast_gait(1.0), plant.t)
+    loop = lambda_tracker(plant, reference, tube_radius=0.05, feedback="difference")
+    with pytest.raises(ArgumentError, match="a controller by itself knows no delays"):
+        controller_of(loop, plant)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"measured": 3}, "measured must be a name or a list of names"),
+        ({"input": ["input"]}, "input: not"),
+        ({"p": "mass"}, "write each parameter by its name"),
+        ({"p": {"size": 1.0}}, "size"),
+        ({"v_reg": None}, "v_reg must be finite and above 0"),
+        ({"plant": None}, "plant: not None; give a Model"),
+    ],
+)
+def test_interconnections_of_nothing_are_refused(more: dict[str, Any], message: str):
+    plant = worm()
+    loop, given = loops(plant)["(13)"], dict[str, Any](plant=plant) | more
+    with pytest.raises((ArgumentError, UnknownNameError), match=message):
+        interconnect(loop, **given)
 
 
 def test_a_controller_by_hand():

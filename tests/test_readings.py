@@ -255,7 +255,7 @@ def test_a_tracker_that_moves_rest_lengths_pulls_with_the_stiffness_times_it(
 def test_actuators_that_are_not_known_or_have_no_spring_are_refused():
     plant = wo.chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=2.0)
     reference = wo.Reference(ca.SX([2.0]), ca.SX(1, 1), ca.SX(1, 1))
-    with pytest.raises(ArgumentError, match="'force' or 'rest_length', not 'length'"):
+    with pytest.raises(ArgumentError, match="'force', 'rest_length', not 'length'"):
         wo.lambda_tracker(plant, reference, tube_radius=0.1, actuator="length")  # type: ignore[arg-type]
     x, v, u = (ca.SX.sym(name) for name in "xvu")
     states = [Signal("length", x, "length", value=1.0), Signal("rate", v, "speed", value=0.0)]
@@ -320,6 +320,20 @@ def test_capture_is_the_last_entry_unless_within_the_window():
     assert one.growth(2.0) == pytest.approx(11 / 9 - 1)
     assert one.peak(2.0) == 0.1
     assert one.peak(2.8) == 0.3
+
+
+def test_the_time_of_capture_is_found_between_samples():
+    """0.4 exp(-t / 3) falls to 0.2 at 3 ln 2; its line over a step h is off by h^2 / 24 at most."""
+    for count in (101, 1001):
+        time = np.linspace(0.0, 10.0, count)
+        error = 0.4 * np.exp(-time / 3)
+        one = Course(time, np.array([error, -0.1 * error]), 1 + time)
+        exact, off = 3 * np.log(2.0), (10 / (count - 1)) ** 2 / 23
+        assert one.captured(0.2, "outputs", 2.0) == pytest.approx(exact, abs=off)
+        exact += 1.5 * np.log(1.01)
+        assert one.captured(0.2, "norm", 2.0) == pytest.approx(exact, abs=off)
+    given_up = np.where(TIME < 4.0, 0.3, np.nan)
+    assert np.isnan(Course(TIME, np.array([given_up]), TIME).captured(0.2, "norm", 2.0))
 
 
 def test_ends_are_those_for_which_every_sentence_holds():

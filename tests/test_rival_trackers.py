@@ -103,6 +103,7 @@ worms = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=examples(6))
 @given(numbers=worms, feedback=st.sampled_from(["derivative", "filter", "difference"]))
 def test_gains_grow_by_what_is_outside_of_the_tube_and_keep_it_there(
@@ -134,7 +135,7 @@ def test_gains_grow_by_what_is_outside_of_the_tube_and_keep_it_there(
 @given(
     numbers=worms,
     factor=st.floats(1.2, 3),
-    settling=st.floats(0.2, 2),
+    settling=st.floats(0.2, 1),
     overshoot=st.floats(0.05, 0.5),
 )
 def test_switching_keeps_what_is_prescribed(
@@ -150,9 +151,9 @@ def test_switching_keeps_what_is_prescribed(
         factor=factor,
         gain_start=2.0,
     )
-    end = 3.0
+    end = 1.5
     motion = simulate(loop, end, dense=True, tolerance=LOOSE)
-    t = np.linspace(0, end, 30_001)
+    t = np.linspace(0, end, 3001)
     at = motion.at(t)
     size, gain = at["error_norm"][0], at["gain"][0]
     assert motion.largest("error_norm") <= max(size[0], lam) + overshoot + 1e-7
@@ -255,7 +256,7 @@ SWITCHING: dict[str, Any] = {"tube_radius": 0.2, "settling": 1.0, "overshoot": 0
         ({"factor": 1.0}, "factor must be finite and above 1"),
         ({"gain_start": float("nan")}, "gain_start must be finite"),
         ({"tube_radius": "wide"}, "tube_radius must be finite"),
-        ({"filter_start": [1.0, 2.0, 3.0]}, "filter_start must be one finite number or 2"),
+        ({"filter_start": [1.0, 2.0, 3.0]}, "filter_start must be one number or 2"),
     ],
 )
 def test_switching_that_makes_no_sense_is_refused(change: dict[str, Any], message: str):
@@ -264,15 +265,39 @@ def test_switching_that_makes_no_sense_is_refused(change: dict[str, Any], messag
 
 
 def test_more_that_makes_no_sense_is_refused():
-    with pytest.raises(ArgumentError, match="must be one of derivative, filter, difference"):
+    with pytest.raises(ArgumentError, match="must be one of 'derivative', 'filter', 'differ"):
         lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="magic")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(ArgumentError, match="lag must be positive"):
+    with pytest.raises(ArgumentError, match="lag must be finite and above 0"):
         lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="difference", lag=0.0)
-    with pytest.raises(ArgumentError, match="filter_start must be one finite number or 2"):
+    with pytest.raises(ArgumentError, match="filter_start must be one number or 2"):
         lambda_tracker(worm(), STILL, tube_radius=0.2, feedback="filter", filter_start=[1, 2, 3])
     wide = Funnel(9.0, 1.0, 1.0)
-    with pytest.raises(ArgumentError, match="law must be 'recursive' or 'two gains'"):
+    with pytest.raises(ArgumentError, match="law must be one of 'recursive', 'two gains'"):
         funnel_tracker(worm(), STILL, funnel=wide, rate_funnel=wide, law="both")  # pyright: ignore[reportArgumentType]
+
+
+WRONG = [float("nan"), float("inf"), -1.0, "a", 1j, [1.0, 2.0, 3.0], True, 10**400]
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: repr(wrong)[:9])
+def test_what_is_no_number_model_or_name_is_refused(wrong: Any):
+    """Whatever it is, by an ArgumentError."""
+    wide, plant = Funnel(9.0, 8.0, 1.0), worm(position=(4.0, 2.0, 0.0))
+    trials: list[tuple[Any, dict[str, Any], tuple[str, ...]]] = [
+        (lambda_tracker, {"tube_radius": 0.2, "feedback": "difference"},
+         ("tube_radius", "gain_start", "lag", "feedback", "actuator", "adaptation")),
+        (switching_tracker, SWITCHING,
+         ("tube_radius", "settling", "overshoot", "gain_start", "factor", "actuator")),
+        (funnel_tracker, {"funnel": wide, "rate_funnel": wide},
+         ("funnel", "rate_funnel", "law", "gain", "actuator", "feedforward")),
+        (wo.Delay, {"name": "past", "symbol": ca.SX.sym("p"), "signal": ca.SX.sym("x"), "lag": 1.0},
+         ("symbol", "signal", "lag", "before")),
+    ]  # fmt: skip
+    for make, usual, keys in trials:
+        for key in keys:
+            first: Any = () if make is wo.Delay else (plant, STILL)
+            with pytest.raises(ArgumentError):
+                make(*first, **(usual | {key: wrong}))
 
 
 # -- scenes --------------------------------------------------------------------------------------
@@ -328,7 +353,7 @@ def test_a_scene_refuses_a_rate_funnel_that_is_too_narrow(tmp_path: Path):
 
 def test_an_ensemble_of_delayed_loops(tmp_path: Path):
     change = ['tracker={feedback="difference", lag=0.1, tube_radius=0.2, growth=100}',
-              "time.end=0.5", "tolerance.recheck=false"]  # fmt: skip
+              "time.end=0.25", "tolerance.recheck=false"]  # fmt: skip
     result = wo.run(load_scene(write(tmp_path, RANDOM), change))
     assert result.status == "ok"
     assert result["member_distance"].values.shape == (1, 5)

@@ -647,7 +647,7 @@ WIDE = Funnel(9.0, 1.0, 1.0)
         (lambda: Funnel(1.0, 1.0, np.inf), "time of a funnel"),
         (
             lambda: funnel_tracker(worm(), constant(2), funnel=WIDE, rate_funnel=WIDE, gain=-1.0),
-            "gain must be positive",
+            "gain must be finite and above 0",
         ),
     ],
 )

@@ -29,8 +29,9 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.explicit import Explicit
+from wormopt.model.given import check_kind, check_number, names_in
 from wormopt.model.model import Model, Output, Signal, lie, pack
-from wormopt.model.values import signal_values
+from wormopt.model.values import numbers_of, signal_values
 from wormopt.numerics.identically import identically_zero
 
 Values = Mapping[str, ArrayLike]
@@ -99,6 +100,7 @@ class NormalForm:
         ArgumentError
             If names or sizes do not fit the model.
         """
+        check_number("t", t)
         explicit = Explicit(self.model, ())
         return explicit.function("gain", self.gain)(
             t,
@@ -164,7 +166,7 @@ class NormalForm:
         ------
         ArgumentError
             If there are not as many coordinates as states, they are not affine in the states, the
-            model has switches, or `held` is not of the size of the outputs.
+            model has switches or delays, or `held` is not of the size of the outputs.
 
         Examples
         --------
@@ -184,6 +186,7 @@ class NormalForm:
         >>> float(np.log(motion["center_velocity"][0, -1]).round(9))
         -1.0
         """
+        self.model.refuse_delays("the form of zero dynamics")
         model, m, eta = self.model, self.value.numel(), ca.SX(0, 1)
         states = [
             Signal(e.name, ca.SX.sym(e.name, e.expression.numel()), e.unit) for e in self.internal
@@ -231,12 +234,7 @@ class NormalForm:
 
     def _held(self, held: ArrayLike | None) -> tuple[float, ...] | None:
         if held is not None:
-            values = np.asarray(held, dtype=float).ravel()
-            if values.size not in (1, self.value.numel()):
-                raise ArgumentError(
-                    f"held must be one number or {self.value.numel()}, not {values.size}"
-                )
-            return tuple(np.broadcast_to(values, self.value.numel()).tolist())
+            return numbers_of("held", held, self.value.numel())
         model = self.model
         if any(s.value is None for s in (*model.x, *model.p)) or model.schedules:
             return None
@@ -295,11 +293,11 @@ def normal_form(
     >>> form.internal_rate.shape, form.zero_dynamics().n_x
     ((2, 1), 2)
     """
+    check_kind("model", model, Model)
     if len(model.z) > 0:
         raise ArgumentError(f"{model.name} has algebraic variables; solve for them first")
-    names = [output] if isinstance(output, str) else list(dict.fromkeys(output))
     u, empty = pack(model.u), ca.SX(0, 1)
-    y = ca.vertcat(empty, *(model[name] for name in names))
+    y = ca.vertcat(empty, *(model[name] for name in names_in("output", output)))
     if y.numel() != u.numel() or not y.numel():
         raise ArgumentError(
             f"{model.name}: {y.numel()} outputs for {u.numel()} inputs; name as many as there are"
@@ -326,7 +324,7 @@ def normal_form(
 
 
 def _internal(model: Model, internal: str | Sequence[str]) -> tuple[Output, ...]:
-    names = [internal] if isinstance(internal, str) else list(dict.fromkeys(internal))
+    names = names_in("internal", internal)
     units = {s.name: s.unit for s in (*model.x, *model.outputs)}
     return tuple(Output(name, model[name], units.get(name, "1")) for name in names)
 

@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.control.loop import TrackingError
-from wormopt.errors import ArgumentError
 from wormopt.model.delay import Delay
+from wormopt.model.given import check_number
 from wormopt.model.model import TINY, Signal
-from wormopt.model.values import numbers
+from wormopt.model.values import numbers_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +43,7 @@ class Known:
 
     def started(self) -> tuple[float, ...]:
         """Start of a filter, one number for each entry."""
-        start = numbers("filter_start", self.start)
-        if start.size not in (1, self.size) or not np.all(np.isfinite(start)):
-            raise ArgumentError(f"filter_start must be one finite number or {self.size}")
-        return tuple(np.broadcast_to(start.ravel(), (self.size,)).tolist())
+        return numbers_of("filter_start", self.start, self.size)
 
 
 def by_derivative(known: Known) -> Fed:
@@ -66,8 +62,7 @@ def by_filter(known: Known) -> Fed:
 
 def by_difference(known: Known) -> Fed:
     """Feed back (13) with (e(t) - e(t - h)) / h in place of e'; e was e(0) before the start."""
-    if not 0 < known.lag < np.inf:
-        raise ArgumentError(f"lag must be positive and finite, not {known.lag!r}")
+    check_number("lag", known.lag, above=0.0)
     k, e, h = known.gain, known.error.value, ca.SX.sym("lag")
     past = ca.SX.sym("past_error", known.size)
     slope = (e - past) / h

@@ -9,9 +9,10 @@ from typing import Literal, get_args
 import casadi as ca
 import numpy as np
 
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, close, force_of
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, close
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
+from wormopt.model.given import check_choice, check_kind, check_number
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Model, Output, Signal
 
@@ -45,8 +46,8 @@ class Funnel:
     def __post_init__(self) -> None:
         for name in ("start", "end", "time"):
             value = getattr(self, name)
-            if not isinstance(value, ca.SX) and not 0 < value < math.inf:
-                raise ArgumentError(f"{name} of a funnel must be positive and finite")
+            if not isinstance(value, ca.SX):
+                check_number(f"{name} of a funnel", value, above=0.0)
 
     def width(self, t: ca.SX) -> ca.SX:
         """Bound at a time.
@@ -151,10 +152,10 @@ def funnel_tracker(
     >>> [signal.name for signal in loop.x]
     ['position', 'velocity']
     """
-    if not 0 < gain < math.inf:
-        raise ArgumentError("gain must be positive and finite")
-    if law not in get_args(FunnelLaw):
-        raise ArgumentError(f"law must be 'recursive' or 'two gains', not {law!r}")
+    check_kind("funnel", funnel, Funnel)
+    check_kind("rate_funnel", rate_funnel, Funnel)
+    check_number("gain", gain, above=0.0)
+    check_choice("law", law, get_args(FunnelLaw))
     error = TrackingError.of(plant, reference, output)
     if law == "two gains":
         _check_room(funnel, rate_funnel)
@@ -169,18 +170,18 @@ def funnel_tracker(
         rate_error = error.rate + k0 * error.value
         square = ca.dot(rate_error, rate_error)
         k1 = 1 / (1 - square / rate_width**2)
-        force = k1 * rate_error
+        fed = k1 * rate_error
     else:
         k0 = 1 / (1 - ca.sqrt(error.square) / width)
         square = ca.dot(error.rate, error.rate)
         k1 = 1 / (1 - ca.sqrt(square) / rate_width)
-        force = k0**2 * error.value + k1 * error.rate
-    ahead, believed = feedforward.force(reference) if feedforward else (0, ())
+        fed = k0**2 * error.value + k1 * error.rate
+    force, believed = actuated(plant, reference, -strength * fed, actuator, feedforward)
     return close(
         plant,
         reference,
         error,
-        ahead + force_of(plant, -strength * force, actuator),
+        force,
         name="a funnel controller",
         input=input,
         parameters=[

@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.explicit import import_control
+from wormopt.model.given import check_kind, names_in
 from wormopt.model.model import Model, Output, Signal, pack
+from wormopt.model.values import check_names
 
 MEASURED = ("length", "rate")
 """What a tracker of a chain sees of it: outputs of the plant."""
@@ -48,8 +50,8 @@ def controller_of(
     Raises
     ------
     ArgumentError
-        If the loop is not around this plant, the controller sees more of it than what is
-        measured, or that is not affine in the plant's states.
+        If the loop is not around this plant or has switches or delays, the controller sees more
+        of it than what is measured, or that is not affine in the plant's states.
     UnknownNameError
         If the plant has no such output.
 
@@ -66,6 +68,10 @@ def controller_of(
     >>> [s.name for s in tracker.x], [s.name for s in tracker.u]
     (['gain'], ['length', 'rate'])
     """
+    check_kind("loop", loop, Model)
+    check_kind("plant", plant, Model)
+    check_kind("input", input, str)
+    loop.refuse_delays("a controller by itself")
     own = _own_states(loop, plant)
     if loop.switches:
         names = [s.name for s in loop.switches]
@@ -73,7 +79,7 @@ def controller_of(
     units = {o.name: o.unit for o in (*plant.outputs, *loop.outputs)}
     seen = [
         Signal(name, ca.SX.sym(name, plant[name].numel()), units.get(name, "1"))
-        for name in dict.fromkeys(measured)
+        for name in names_in("measured", measured)
     ]
     wanted = [loop.ode[plant.n_x :], loop[input], loop["error"]]
     states = _by_measured(plant, ca.vertcat(*(plant[s.name] for s in seen)), pack(seen))
@@ -89,7 +95,11 @@ def controller_of(
         p=[s for s in loop.p if s.name not in known or ca.depends_on(needed, s.symbol)],
         t=loop.t,
         outputs=[Output(input, force, units[input]), Output("error", error, units["error"])],
-        schedules=[s for s in loop.schedules if s not in plant.schedules],
+        schedules=[
+            s
+            for s in loop.schedules
+            if s not in plant.schedules or ca.depends_on(needed, ca.vertcat(s.symbol, s.begin))
+        ],
     )
 
 
@@ -137,7 +147,9 @@ def interconnect(
     --------
     See docs/linear.md; python-control takes two seconds to load.
     """
-    given = dict(p or {})
+    given = {} if p is None else p
+    check_kind("loop", loop, Model)
+    check_names(given, [s.name for s in loop.p], "parameter")
     controller = controller_of(loop, plant, measured=measured, input=input)
     parts = []
     for name, model, outputs in (
@@ -148,9 +160,6 @@ def interconnect(
         part = model.to_control(output=outputs, v_reg=v_reg, p=inner)
         part.name = name
         parts.append(part)
-    strangers = [name for name in given if name not in {s.name for s in loop.p}]
-    if strangers:
-        raise ArgumentError(f"{loop.name} has no parameter {strangers[0]!r}")
     return import_control().interconnect(
         parts,
         inputs=[],

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args, runtime_checkable
 
 import casadi as ca
-import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.control.feedback import FEEDBACKS, Known
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, close, force_of
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, close
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
+from wormopt.model.given import check_choice, check_number
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Model, Output, Signal, Switch
 
@@ -34,6 +33,7 @@ class Growth:
     switches: Sequence[Switch] = ()  # jumps of `states`; ``reset`` is their column alone
 
 
+@runtime_checkable
 class Adaptation(Protocol):
     """How the gain grows; a frozen dataclass whose numbers become parameters ``gain_<field>``."""
 
@@ -63,7 +63,7 @@ class Quadratic:
     growth: Number = 1.0
 
     def __post_init__(self) -> None:
-        _check("growth", self.growth, above=0.0)
+        _check_field("growth", self.growth, above=0.0)
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
         """Time derivative of the gain.
@@ -101,8 +101,8 @@ class Exponent:
     growth: Number = 1.0
 
     def __post_init__(self) -> None:
-        _check("growth", self.growth, above=0.0)
-        _check("exponent", self.exponent, least=1.0)
+        _check_field("growth", self.growth, above=0.0)
+        _check_field("exponent", self.exponent, least=1.0)
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
         """Time derivative of the gain.
@@ -152,9 +152,9 @@ class Decay:
     growth: Number = 1.0
 
     def __post_init__(self) -> None:
-        _check("growth", self.growth, above=0.0)
-        _check("dwell", self.dwell, above=0.0)
-        _check("decay", self.decay, least=0.0)
+        _check_field("growth", self.growth, above=0.0)
+        _check_field("dwell", self.dwell, above=0.0)
+        _check_field("decay", self.decay, least=0.0)
 
     def grow(self, gain: ca.SX, square: ca.SX, tube_radius: ca.SX) -> Growth:
         """Time derivative of the gain.
@@ -271,6 +271,7 @@ def lambda_tracker(
 
     Examples
     --------
+    >>> import numpy as np
     >>> from wormopt.model.gait import Gait
     >>> from wormopt.control.reference import gait_reference
     >>> from wormopt.systems.chain.build import chain
@@ -281,18 +282,20 @@ def lambda_tracker(
     >>> [signal.name for signal in loop.x]
     ['position', 'velocity', 'gain', 'filter']
     """
-    _check("tube_radius", tube_radius, above=0.0)
-    _check("gain_start", gain_start, above=0.0)
-    if feedback not in FEEDBACKS:
-        raise ArgumentError(f"feedback must be one of {', '.join(FEEDBACKS)}, not {feedback!r}")
+    check_number("tube_radius", tube_radius, above=0.0)
+    check_number("gain_start", gain_start, above=0.0)
+    check_choice("feedback", feedback, get_args(Feedback))
     error = TrackingError.of(plant, reference, output)
     k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")
-    (law,), numbers = lift([adaptation or Quadratic()], "gain", {"dwell": "time"})
+    given = Quadratic() if adaptation is None else adaptation
+    if not isinstance(given, Adaptation):
+        raise ArgumentError(f"adaptation must be Quadratic(growth) or the like, not {given!r:.60}")
+    (law,), numbers = lift([given], "gain", {"dwell": "time"})
     growth = law.grow(k, error.square, lam)
     fed = FEEDBACKS[feedback](Known(error, k, growth.rate, filter_start, lag))
 
     states, rates = [Signal("gain", k, value=gain_start), *fed.states], [growth.rate, *fed.rates]
-    ahead, believed = feedforward.force(reference) if feedforward else (0, ())
+    force, believed = actuated(plant, reference, fed.force, actuator, feedforward)
 
     kept = ca.vertcat(*(state.symbol for state in states))
     states += growth.states
@@ -303,7 +306,7 @@ def lambda_tracker(
         plant,
         reference,
         error,
-        ahead + force_of(plant, fed.force, actuator),
+        force,
         name="a lambda-tracker",
         input=input,
         states=states,
@@ -334,9 +337,7 @@ def _crossings(square: ca.SX, radius: ca.SX, reset: ca.SX, name: str = "tube") -
     ]
 
 
-def _check(name: str, value: Number, *, above: float = -np.inf, least: float = -np.inf) -> None:
-    if isinstance(value, ca.SX):
-        return
-    if not (isinstance(value, Real) and above < value < np.inf and least <= value):
-        bound = f"above {above:g}" if above > -np.inf else f"at least {least:g}"
-        raise ArgumentError(f"{name} must be finite and {bound}, not {value!r}")
+def _check_field(name: str, value: Number, **bound: float) -> None:
+    """Refuse a number that is out of range; symbols pass."""
+    if not isinstance(value, ca.SX):
+        check_number(name, value, **bound)

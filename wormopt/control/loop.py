@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.delay import Delay
+from wormopt.model.given import check_choice, check_kind
 from wormopt.model.model import Model, Output, Signal, Switch, lie, pack
 from wormopt.model.schedule import Schedule
+from wormopt.model.values import numbers_of
 
 Actuator = Literal["force", "rest_length"]
 """What a controller commands: the force u, or by (11) the change l of rest lengths, u = c l."""
@@ -54,6 +56,11 @@ class FeedForward:
         parameters : tuple of Signal
             ``feedforward_stiffness``, ``feedforward_rest_length`` and ``feedforward_damping``.
 
+        Raises
+        ------
+        ArgumentError
+            If what is believed is not one finite number, or one for each link.
+
         Examples
         --------
         >>> import casadi as ca
@@ -67,7 +74,7 @@ class FeedForward:
                 f"feedforward_{item.name}",
                 ca.SX.sym(f"feedforward_{item.name}", size),
                 {"rest_length": "length", "damping": "drag"}.get(item.name, item.name),
-                value=tuple(np.full(size, getattr(self, item.name), dtype=float).tolist()),
+                value=numbers_of(item.name, getattr(self, item.name), size),
             )
             for item in fields(self)
         ]
@@ -90,6 +97,7 @@ class TrackingError:
         Raises ArgumentError if there is no such output, if the reference does not fit, or if the
         output's rate depends on inputs or contact forces at once (relative degree below two).
         """
+        check_kind("plant", plant, Model)
         if not isinstance(reference, Reference):
             what = type(reference).__name__
             raise ArgumentError(f"reference must be follow(gait, plant.t), not {what}")
@@ -177,16 +185,29 @@ def input_of(plant: Model, size: int, name: str = "input") -> Signal:
     )
 
 
-def force_of(plant: Model, command: ca.SX, actuator: Actuator) -> ca.SX:
-    """Force of actuators (m, 1) that are commanded, (11) where they move rest lengths.
+def actuated(
+    plant: Model,
+    reference: Reference,
+    command: ca.SX,
+    actuator: Actuator,
+    feedforward: FeedForward | None,
+) -> tuple[ca.SX, tuple[Signal, ...]]:
+    """Force (n, 1) of actuators that are commanded, with a feed-forward, and its parameters.
 
-    Raises ArgumentError if the actuator is none of both, or the plant has no ``stiffness`` of as
-    many entries.
+    Raises ArgumentError if an argument is of another kind, or the plant has no ``stiffness`` of as
+    many entries where rest lengths are moved.
     """
-    if actuator not in get_args(Actuator):
-        raise ArgumentError(f"actuator must be 'force' or 'rest_length', not {actuator!r}")
-    if actuator == "force":
-        return command
+    check_choice("actuator", actuator, get_args(Actuator))
+    force = _moved(plant, command) if actuator == "rest_length" else command
+    if feedforward is None:
+        return force, ()
+    check_kind("feedforward", feedforward, FeedForward)
+    ahead, believed = feedforward.force(reference)
+    return ahead + force, believed
+
+
+def _moved(plant: Model, command: ca.SX) -> ca.SX:
+    """Force of actuators that move rest lengths, (11)."""
     try:
         stiffness = plant["stiffness"]
     except UnknownNameError:

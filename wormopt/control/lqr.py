@@ -81,8 +81,8 @@ def lqr(
     ------
     ArgumentError
         If the plant has no such output or input, sizes of plant, reference or course differ, a
-        weight is no such matrix, the plant is not linear, its inputs do not accelerate all links
-        at once, or no optimal feedback is stable.
+        weight is no such matrix, the plant is not linear or has delays, its inputs do not
+        accelerate all links at once, or no optimal feedback is stable.
 
     References
     ----------
@@ -102,6 +102,7 @@ def lqr(
     {'error_gain': [4.0], 'rate_gain': [2.0]}
     """
     error = TrackingError.of(plant, reference, output)
+    plant.refuse_delays("LQR")
     n = error.value.numel()
     links = _Links.of(plant, plant[output], input_of(plant, n, input), p)
     Q0, Q1 = _weight("error_weight", error_weight, n), _weight("rate_weight", rate_weight, n)

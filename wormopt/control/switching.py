@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from numbers import Real
-
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, close, force_of
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, close
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
+from wormopt.model.given import check_number
 from wormopt.model.model import TINY, Model, Output, Signal, Switch
-from wormopt.model.values import numbers
+from wormopt.model.values import numbers_of
 
 
 def switching_tracker(
@@ -101,11 +100,11 @@ def switching_tracker(
     >>> [switch.name for switch in loop.switches]
     ['trial settles', 'trial fails']
     """
-    _check("tube_radius", tube_radius, 0.0)
-    _check("settling", settling, 0.0)
-    _check("overshoot", overshoot, 0.0)
-    _check("gain_start", gain_start, 0.0)
-    _check("factor", factor, 1.0)
+    check_number("tube_radius", tube_radius, above=0.0)
+    check_number("settling", settling, above=0.0)
+    check_number("overshoot", overshoot, above=0.0)
+    check_number("gain_start", gain_start, above=0.0)
+    check_number("factor", factor, above=1.0)
     error = TrackingError.of(plant, reference, output)
     start = error.at_start(plant, reference)
     if start is None:
@@ -117,18 +116,21 @@ def switching_tracker(
     share = 1 - factor**-0.5
     values = {
         "gain": gain_start,
-        "filter": _start(filter_start, start[0]),
+        "filter": numbers_of(
+            "filter_start", start[0] if filter_start is None else filter_start, theta.numel()
+        ),
         "trial_bound": max(float(np.linalg.norm(start[0])), tube_radius) + share * overshoot,
         "trial_end": share * settling,
         "trial_time": share * settling,
         "trial_margin": share * overshoot,
     }
-    ahead, believed = feedforward.force(reference) if feedforward else (0, ())
+    command = -(k**2 * theta + k * rate)
+    force, believed = actuated(plant, reference, command, actuator, feedforward)
     return close(
         plant,
         reference,
         error,
-        ahead + force_of(plant, -(k**2 * theta + k * rate), actuator),
+        force,
         name="a switching tracker",
         input=input,
         states=[Signal(s.name, s.symbol, s.unit, value=values[s.name]) for s in states],
@@ -166,17 +168,3 @@ def _trials(
         Switch("trial fails", error.square - bound**2, ca.vertcat(factor * k, theta, again)),
     ]
     return states, switches
-
-
-def _start(given: ArrayLike | None, error: np.ndarray) -> tuple[float, ...]:
-    if given is None:
-        return tuple(error.tolist())
-    start = numbers("filter_start", given).ravel()
-    if start.size not in (1, error.size) or not np.all(np.isfinite(start)):
-        raise ArgumentError(f"filter_start must be one finite number or {error.size}")
-    return tuple(np.broadcast_to(start, error.shape).tolist())
-
-
-def _check(name: str, value: float, above: float) -> None:
-    if not (isinstance(value, Real) and above < value < np.inf):
-        raise ArgumentError(f"{name} must be finite and above {above:g}, not {value!r}")

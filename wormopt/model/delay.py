@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import casadi as ca
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import check_kind, check_number
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,8 @@ class Delay:
     Raises
     ------
     ArgumentError
-        If sizes disagree or the lag is not positive and finite.
+        If sizes disagree, what should be an expression is none, or the lag is not positive and
+        finite.
 
     Examples
     --------
@@ -48,9 +49,14 @@ class Delay:
     before: ca.SX | None = None
 
     def __post_init__(self) -> None:
+        check_kind("name of a delay", self.name, str)
+        for name in ("symbol", "signal", "before"):
+            value = getattr(self, name)
+            if name != "before" or value is not None:
+                check_kind(f"delay {self.name}: {name}", value, ca.SX)
         columns = [self.signal] if self.before is None else [self.signal, self.before]
         shape = (self.symbol.numel(), 1)
         if not self.symbol.is_valid_input() or any(c.shape != shape for c in columns):
             raise ArgumentError(f"delay {self.name}: signal and symbol must be columns of one size")
-        if not isinstance(self.lag, ca.SX) and not 0 < self.lag < math.inf:
-            raise ArgumentError(f"delay {self.name}: lag must be positive and finite")
+        if not isinstance(self.lag, ca.SX):
+            check_number(f"delay {self.name}: lag", self.lag, above=0.0)

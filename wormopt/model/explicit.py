@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.model.given import check_number, names_in
 from wormopt.model.values import signal_values
 
 Values = Mapping[str, ArrayLike]
@@ -83,7 +84,7 @@ class Explicit:
     @cached_property
     def outputs(self) -> dict[str, ca.SX]:
         """Expressions of the outputs by name."""
-        names = [self.output] if isinstance(self.output, str) else list(self.output)
+        names = names_in("output", self.output)
         expressions = {o.name: o.expression for o in self.model.outputs}
         for name in names:
             if name not in expressions:
@@ -158,8 +159,7 @@ class Explicit:
                 f"{model.name} has switches {events}, at which its states may jump; "
                 "python-control knows none: use simulate"
             )
-        if not v_reg > 0:
-            raise ArgumentError("v_reg must be positive")
+        check_number("v_reg", v_reg, above=0.0)
         numbers = signal_values(model.p, p, "parameter")
         places = _slices(s.size for s in model.p)
         params = {s.name: numbers[at] for s, at in zip(model.p, places, strict=True)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from numbers import Integral, Real
@@ -57,6 +58,30 @@ def faults_of_number(key: str, value: Any, least: float | None = None) -> Iterat
     if not is_number(value, least or 0.0) or (least is None and value == 0):
         wanted = "above 0" if least is None else f"{least:g} or above"
         yield key, f"not {value!r}; write a finite number {wanted}"
+
+
+def check_number(
+    name: str, value: object, *, above: float = -math.inf, least: float = -math.inf
+) -> None:
+    """Raise ArgumentError if the argument called `name` is no finite number above, or from, one."""
+    if not (is_number(value, max(above, least, -sys.float_info.max)) and value != above):
+        bound = f"above {above:g}" if above > -math.inf else f"at least {least:g}"
+        raise ArgumentError(f"{name} must be finite and {bound}, not {value!r:.60}")
+
+
+def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    """Raise ArgumentError if the argument called `name` is none of the words to choose from."""
+    if not isinstance(value, str) or value not in choices:
+        known = ", ".join(map(repr, choices))
+        raise ArgumentError(f"{name} must be one of {known}, not {value!r:.60}")
+
+
+def names_in(what: str, given: str | Iterable[str]) -> list[str]:
+    """Names in their order, each once, from one or several; ArgumentError if there are others."""
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) for name in names):
+        raise ArgumentError(f"{what} must be a name or a list of names, not {given!r:.60}")
+    return list(dict.fromkeys(names))
 
 
 def check_kind(name: str, value: object, kind: type) -> None:

@@ -405,11 +405,16 @@ def _check_contact(contact: Contact) -> None:
         raise ArgumentError(f"contact {contact.name}: walls take laws along a line")
 
 
-def pack(signals: Sequence[Signal]) -> ca.SX:
+def pack(signals: Sequence[Signal | Delay]) -> ca.SX:
     """Stack the signals' symbols, in order, into one column; empty for no signals."""
     return ca.vertcat(ca.SX(0, 1), *(s.symbol for s in signals))
 
 
 def lie(model: Model, expression: ca.SX) -> ca.SX:
-    """Time derivative along a model's ode of a column of its states and time."""
+    """Time derivative along a model's ode of a column of its states and time.
+
+    Raises ArgumentError if signals of the past are in it, whose rates the model does not know.
+    """
+    if ca.depends_on(expression, pack(model.delays)):
+        raise ArgumentError(f"{model.name}: rates of signals of the past are not known")
     return ca.jtimes(expression, pack(model.x), model.ode) + ca.jacobian(expression, model.t)

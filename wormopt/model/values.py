@@ -14,10 +14,20 @@ def numbers(name: str, given: object) -> np.ndarray:
     """Array of numbers from whatever a caller wrote; raises ArgumentError if it is none."""
     try:
         return np.asarray(given, dtype=float)
-    except (TypeError, ValueError, RuntimeError):  # the last is CasADi's, of symbols
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last is CasADi's
         raise ArgumentError(
-            f"{name} must be a number or a list of numbers, not {given!r}"
+            f"{name} must be a number or a list of numbers, not {given!r:.60}"
         ) from None
+
+
+def numbers_of(name: str, given: object, size: int) -> tuple[float, ...]:
+    """As many finite numbers, from one or from all of them; ArgumentError if there are others."""
+    values = numbers(name, given)
+    if values.shape not in ((), (size,)):
+        raise ArgumentError(f"{name} must be one number or {size}, not of the shape {values.shape}")
+    if not np.all(np.isfinite(values)):
+        raise ArgumentError(f"{name} must be finite")
+    return tuple(np.broadcast_to(values, (size,)).tolist())
 
 
 def check_names(given: object, known: Sequence[str], what: str) -> None:

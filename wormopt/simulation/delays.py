@@ -116,6 +116,8 @@ class _Past:
 
     def remember(self, dense: Dense, breaking: Sequence[tuple[float, int]]) -> None:
         """Keep the signal along a stretch, whose breaking points are given in order of time."""
+        if dense.time[0] + self.lag >= self._task.span[1]:
+            return  # it does not come back before the end
 
         def course(t: np.ndarray) -> np.ndarray:
             return self._values(self._signal, t, dense(t))

@@ -16,9 +16,9 @@ from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.path import ParameterPath
 from wormopt.model.schedule import Schedule
+from wormopt.model.values import numbers_of
 from wormopt.systems.shared.parameters import (
     first_numbers,
-    numbers_of,
     parameter,
     varied_parameter,
 )

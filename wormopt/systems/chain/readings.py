@@ -226,14 +226,19 @@ class Course:
         return Course(self.time[:count], self.error[:, :count], self.gain[:count])
 
     def captured(self, radius: float, strips: Strips, window: float) -> float:
-        """Sample from which on the error stays in the tube; NaN if outside within the window."""
-        outside = np.flatnonzero(~(self.size(strips) <= radius))
+        """Time from which on the error stays in the tube; NaN if outside within the window.
+
+        Samples decide whether, the straight line between two of them when.
+        """
+        size = self.size(strips)
+        outside = np.flatnonzero(~(size <= radius))
         if not outside.size:
             return float(self.time[0])
         last = outside[-1]
         if last + 1 >= len(self.time) or self.time[last + 1] > self.time[-1] - window:
             return np.nan
-        return float(self.time[last + 1])
+        pair = slice(last + 1, last - 1 if last else None, -1)  # sizes ascend
+        return float(np.interp(radius, size[pair], self.time[pair]))
 
     def growth(self, window: float) -> float:
         """Share by which the gain grows within the window."""

@@ -13,23 +13,13 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import TINY, Signal
 from wormopt.model.path import ParameterPath
 from wormopt.model.schedule import Schedule
-from wormopt.model.values import numbers
+from wormopt.model.values import numbers_of
 
 _LEAST: Mapping[str, float] = {
     "mass": TINY,
     **dict.fromkeys(("stiffness", "damping", "drag"), 0.0),
     **dict.fromkeys(("bending_stiffness", "bending_damping", "rod_mass", "inertia"), 0.0),
 }
-
-
-def numbers_of(name: str, given: ArrayLike, size: int) -> tuple[float, ...]:
-    """As many finite numbers, from one or from all of them; ArgumentError if there are others."""
-    values = numbers(name, given)
-    if values.shape not in ((), (size,)):
-        raise ArgumentError(f"{name} must be one number or {size}, not of the shape {values.shape}")
-    if not np.all(np.isfinite(values)):
-        raise ArgumentError(f"{name} must be finite")
-    return tuple(np.broadcast_to(values, (size,)).tolist())
 
 
 def parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:

@@ -166,7 +166,8 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
     the interval.
 
     `table.md` holds the shares of readings that support each sentence and the best readings,
-    `readings.csv` all. Samples decide what is captured when. Attributes: `trackers`, `sentences`
+    `readings.csv` all. Samples decide what is captured, the straight line between two of them
+    when. Attributes: `trackers`, `sentences`
     (names), `sentence_meanings`, `choices` (keys of `[readings]`), `chosen_reading`.
     `timings_s`: `simulate`, `recheck`. The trust report compares mirror images: a reading with
     F<sub>+</sub>, F<sub>−</sub> and the order of links exchanged has the same errors and gains.

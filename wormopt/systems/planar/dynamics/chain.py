@@ -15,14 +15,13 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.model.path import ParameterPath
 from wormopt.model.schedule import Schedule
-from wormopt.model.values import numbers
+from wormopt.model.values import numbers, numbers_of
 from wormopt.systems.planar.body.obstacles import Disc, Wall
 from wormopt.systems.planar.body.shape import Heading
 from wormopt.systems.planar.dynamics.ground import Ground, Touching, ground_laws, press, touch
 from wormopt.systems.planar.dynamics.rods import RodMasses
 from wormopt.systems.shared.parameters import (
     first_numbers,
-    numbers_of,
     parameter,
     varied_parameter,
 )

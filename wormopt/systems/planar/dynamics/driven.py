@@ -14,10 +14,11 @@ from wormopt.control.reference import Reference, gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
+from wormopt.model.values import numbers_of
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.dynamics.chain import pairs
 from wormopt.systems.planar.dynamics.ground import Ground, ground_laws, touch
-from wormopt.systems.shared.parameters import numbers_of, parameter
+from wormopt.systems.shared.parameters import parameter
 
 Course = Gait | Callable[[ca.SX], ca.SX]
 """Shape variables over time: a gait, which repeats, or a function of the symbol of time."""
