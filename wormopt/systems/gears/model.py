@@ -65,6 +65,15 @@ class Shifted:
             **{name: ca.SX.sym(name) for name in names},
         )
 
+    def need(self, load: ca.SX, drag: ca.SX | float) -> ca.SX:
+        """Force that each mass needs (n+1, 1) to move as it does under `load` and `drag`."""
+        return ca.DM(self.box.mass) * self.acceleration + drag * self.velocity + load
+
+    def shared(self, need: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Load of each spike (n+1, 1), and actuator forces (n, 1), if spikes share alike."""
+        spike = self.resting * (ca.sum1(need) / ca.sum1(self.resting))
+        return spike, ca.cumsum(spike - need)[:-1]
+
     def states(self, gear: int, dwell: float) -> list[Signal]:
         """Its states, with the begin of a cycle as their start."""
         box, number = self.box, self.box.first_row(gear)
@@ -181,13 +190,8 @@ def geared_worm(
     """
     shifted, masses = Shifted.of(box), len(box.mass)
     place = ca.SX.sym("position", masses)
-    pull = ground.expression("load", place)
-    pull[masses - 1] += ground.expression("towed", place[masses - 1])
-    need = ca.DM(box.mass) * shifted.acceleration + pull
-    need += ground.expression("drag", place) * shifted.velocity
-    total = ca.SX(ca.sum1(need))
-    spike = shifted.resting * total / ca.sum1(shifted.resting)
-    force = ca.cumsum(spike - need)[:-1]
+    need = shifted.need(ground.pull_expression(place), ground.expression("drag", place))
+    total, (spike, force) = ca.SX(ca.sum1(need)), shifted.shared(need)
     states = shifted.states(gear, supervisor.dwell)
     x = [Signal("position", place, "length", value=tuple(begin.tolist())), *states]
     return Model(
