@@ -15,7 +15,17 @@ PACKAGE = Path(wormopt.__file__).parent
 # Groups of rooms, and the groups each may import from. Rooms of one group may import each other
 # as long as no circle arises.
 GROUPS = {
-    "ground": {"version", "errors", "files", "fingerprint", "kind", "kinds", "lazy", "progress", "shown"},
+    "ground": {
+        "version",
+        "errors",
+        "files",
+        "fingerprint",
+        "kind",
+        "kinds",
+        "lazy",
+        "progress",
+        "shown",
+    },
     "base": {"model", "numerics", "quantities", "labelled", "digest", "saving", "result"},
     "engine": {"simulation", "control", "ocp", "analysis", "magnetics"},
     "scene": {"scene"},

@@ -470,19 +470,27 @@ def test_the_model_with_switches_does_what_the_walk_does(route: Any):
     assert len(strokes) == len(again.row) - 1
 
 
-@pytest.mark.parametrize("law", [Spike(), Coulomb(0.4, 50.0)])
-def test_what_the_chain_measures_balances_its_momentum(law: Law):
-    """Ground forces, summed over time, are momentum gained, load and drag; nothing resets yet."""
-    load, end = 1.5, 4.9
-    body = Body(200.0, 10.0, law, 0.02, 10.0, 10.0)
-    place = begin(box(), 0)
+@pytest.mark.parametrize(
+    ("law", "slides", "rel"), [(Spike(), 0.0, 1e-9), (Coulomb(0.4, 50.0), 0.4, 2e-4)]
+)
+def test_the_chain_shares_alike_and_measures_what_balances(law: Law, slides: float, rel: float):
+    """Forces of those that hold, summed over time, are momentum gained, load, drag and friction.
+
+    With spikes the feed-forward is exact on even ground: none carries more than the gear's peak.
+    """
+    load, gear = 1.5, box().gears[0]
+    place, strokes = begin(box(), 0), gear.strokes[:-1]
+    end = sum(stroke.duration for stroke in strokes)
+    body = Body(200.0, 10.0, law, 0.02, 10.0, 10.0, 1.25)
     loop = geared_chain(box(), even(load), supervisor(), body, gear=0, begin=place, goal=99.0)
-    motion = simulate(loop, end, route="python", tolerance=Tolerance(1e-9, 1e-10))
-    gained = motion["velocity"][:, -1].sum()
-    way = (motion["position"][:, -1] - place).sum()
-    pushed = motion["spike_sum"][0, -1]
-    assert pushed == pytest.approx(gained + 5 * load * end + DRAG * way, rel=1e-7)
-    assert motion["error_norm"][0, -1] < 0.1
+    motion = simulate(loop, end, route="python", tolerance=Tolerance(1e-8, 1e-9), dense=True)
+    balance = motion["velocity"][:, -1].sum() + 5 * load * end
+    balance += DRAG * (motion["position"][:, -1] - place).sum()
+    balance += slides * sum(stroke.duration * (5 - len(stroke.resting)) for stroke in strokes)
+    assert motion["spike_sum"][0, -1] == pytest.approx(balance, rel=rel)
+    if not slides:
+        assert motion.largest(loop.forces) == pytest.approx(gear.spike_peak(load), rel=1e-6)
+        assert motion.largest("link_force") == pytest.approx(gear.actuator_peak(load), rel=1e-6)
 
 
 def test_closing_a_loop_keeps_what_ends_the_motion():
@@ -598,7 +606,8 @@ def test_the_packaged_scene_keeps_what_it_promises():
     assert number["gear_speeds"][0] <= number["gear_speeds"][2] / 2
     assert number["ideal_time"] <= number["best_time"] <= number["time"] < number["fixed_time"]
     assert number["adaptive_shifts"] == number["shifts"] == 4
-    assert number["adaptive_time"] == pytest.approx(number["time"], rel=0.05)
+    assert number["adaptive_spike_load_max"] <= 12.0
+    assert number["adaptive_time"] == pytest.approx(number["time"], rel=1e-3)
 
 
 @pytest.mark.slow
