@@ -282,5 +282,10 @@ def _warnings(case: Case) -> Iterator[str]:
     for k, gear in enumerate(case.box.gears):
         if min(gear.bears(case.limits)) <= gear.least:
             yield f"gear {k} ({gear.name}) bears no load without gliding"
+        if any(gear.outdone(other, case.limits) for other in case.box.gears):
+            yield (
+                f"gear {k} ({gear.name}) is in the way: a faster one bears every load that it "
+                "does; leave it out"
+            )
     if not all(each.complete for each in (*case.box.up, *case.box.down)):
         yield "not all pairs of phases were looked at: a transition may be longer than need be"

@@ -61,6 +61,11 @@ class _Task:
     length: np.ndarray  # (n,) at the begin
     bound: float  # no transition is shorter
 
+    @property
+    def still(self) -> bool:
+        """Whether all masses are at rest at both ends: then a longer way is possible if one is."""
+        return not (np.any(self.first) or np.any(self.last))
+
 
 def shortest_transition(
     before: Gear,
@@ -70,7 +75,7 @@ def shortest_transition(
     *,
     resting: int = 1,
     arcs: int = 12,
-    most: int = 400,
+    most: int = 150,
 ) -> Transition:
     """Find the shortest transition from one gear into another.
 
@@ -78,7 +83,7 @@ def shortest_transition(
     After `most` linear programs no further pair of phases is looked at. Raises SolveError if there
     is none.
     """
-    tasks = sorted(_tasks(before, after, limits, load[1], resting), key=lambda task: task.bound)
+    tasks = sorted(_tasks(before, after, limits, load[1], resting), key=_hopeless)
     programs = _Programs(before.mass, before.drag, limits, load, arcs)
     best: tuple[float, _Task, np.ndarray] | None = None
     tried = 0
@@ -88,13 +93,15 @@ def shortest_transition(
         longest = _LONGEST * task.bound if best is None else best[0] * (1 - _FOUND)
         if task.bound >= longest or tried >= most:
             break
-        duration, nodes, looks = _least_duration(partial(programs.solve, task), task.bound, longest)
+        solve = partial(programs.solve, task)
+        duration, nodes, looks = _least_duration(solve, task.bound, longest, task.still)
         tried += looks
         if nodes is not None:
             best = duration, task, nodes
     if best is None:
+        where = "" if tried < most else ", as far as pairs of phases were looked at,"
         raise SolveError(
-            f"there is no transition from {before.name} to {after.name} within the limits",
+            f"there is no transition from {before.name} to {after.name}{where} within the limits",
             "give links more rate, acceleration or length, or leave one of the gears out",
         )
     duration, task, nodes = best
@@ -102,16 +109,26 @@ def shortest_transition(
     return Transition(task.leaves, task.enters, task.resting, strokes, complete=tried < most)
 
 
+def _hopeless(task: _Task) -> tuple[float, int]:
+    """Order in which pairs of phases are tried; among many of one bound, spikes that share tell."""
+    return round(task.bound, 9), -len(task.resting)
+
+
 def _least_duration(
-    solve: Callable[[float], np.ndarray | None], bound: float, longest: float
+    solve: Callable[[float], np.ndarray | None], bound: float, longest: float, still: bool
 ) -> tuple[float, np.ndarray | None, int]:
     """Least duration of which there is a solution, that solution, and how many programs it took.
 
     Longer is not always possible: a mass that moves at an end may have no room to slow down. So
-    durations are tried in steps, until one does, and the step halved.
+    durations are tried in steps, until one does, and the step halved. Where all are `still` at
+    both ends the longest decides whether there is any.
     """
     low, high, looks = bound, bound, 0
     found = None
+    if still:
+        looks = 1
+        if solve(longest) is None:
+            return longest, None, looks
     while found is None and low < longest:
         low, high = high, min(max(_STEP * high, bound * (1 + _FOUND)), longest)
         found, looks = solve(high), looks + 1
