@@ -19,7 +19,7 @@ from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
-from wormopt.model.model import Switch
+from wormopt.model.model import Model, Output, Signal, Switch
 from wormopt.result import Result
 from wormopt.scene import load_scene, packaged_scenes
 from wormopt.simulation.options import Tolerance
@@ -520,6 +520,20 @@ def test_the_chain_shares_alike_and_measures_what_balances(law: Law, slides: flo
     if not slides:
         assert motion.largest(loop.forces) == pytest.approx(gear.spike_peak(load), rel=1e-6)
         assert motion.largest("link_force") == pytest.approx(gear.actuator_peak(load), rel=1e-6)
+
+
+def test_the_largest_value_is_found_where_a_stroke_ends():
+    """0.9999 throughout, but for one stroke in which it grows from 0 to 1 and then jumps."""
+    clock, count = ca.SX.sym("clock"), ca.SX.sym("count")
+    model = Model(
+        name="strokes",
+        x=[Signal("clock", clock, value=0.0), Signal("count", count, value=0.0)],
+        ode=ca.vertcat(1, 0),
+        outputs=[Output("load", ca.if_else(ca.eq(count, 1), clock, 0.9999), "force")],
+        switches=[Switch("a stroke ends", clock - 1, ca.vertcat(0, count + 1))],
+    )
+    motion = simulate(model, 2.5, dense=True, route="python")
+    assert motion.largest("load") == pytest.approx(1.0, abs=1e-6)
 
 
 def test_closing_a_loop_keeps_what_ends_the_motion():
