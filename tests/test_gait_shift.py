@@ -528,7 +528,7 @@ def test_the_largest_value_is_found_where_a_stroke_ends():
     model = Model(
         name="strokes",
         x=[Signal("clock", clock, value=0.0), Signal("count", count, value=0.0)],
-        ode=ca.vertcat(1, 0),
+        ode=ca.SX([1.0, 0.0]),
         outputs=[Output("load", ca.if_else(ca.eq(count, 1), clock, 0.9999), "force")],
         switches=[Switch("a stroke ends", clock - 1, ca.vertcat(0, count + 1))],
     )
