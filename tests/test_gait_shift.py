@@ -19,7 +19,7 @@ from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
-from wormopt.model.model import Switch
+from wormopt.model.model import Model, Output, Signal, Switch
 from wormopt.result import Result
 from wormopt.scene import load_scene, packaged_scenes
 from wormopt.simulation.options import Tolerance
@@ -174,6 +174,14 @@ def test_more_at_rest_are_slower_and_bear_more():
     )
 
 
+def test_a_slow_gear_with_more_inertia_is_outdone():
+    """The quintic's peak acceleration is 5.77 D / T² where the trapezoid's is 5.33 D / T²."""
+    quick, slow = wave(4, 2, 5.0), wave(4, 2, 5.02, profile="quintic")
+    assert slow.outdone(quick, LIMITS)
+    assert not quick.outdone(slow, LIMITS)
+    assert not wave(4, 3).outdone(quick, LIMITS)
+
+
 def test_gaits_that_are_no_gears_are_refused():
     with pytest.raises(ArgumentError, match="no harmonics"):
         Gear("cosine", block_wave(2, 1, 1.0, (0.8, 1.2)), np.ones(3), 0.0)
@@ -195,7 +203,7 @@ def test_the_shortest_transition_of_one_link_is_that_of_a_double_integrator():
     slow = replace(free, rate=0.3)  # 0.2 / 0.3 + 0.3 / 2.5
     errors = [
         shortest_transition(low, high, slow, load, arcs=arcs).duration - (0.2 / 0.3 + 0.3 / 2.5)
-        for arcs in (5, 10, 20, 40)
+        for arcs in (5, 20, 40)
     ]
     assert min(errors) > -1e-12
     assert errors[-1] < 5e-3
@@ -205,17 +213,19 @@ def test_the_shortest_transition_of_one_link_is_that_of_a_double_integrator():
 def test_more_load_than_inertia_lets_lengthens_a_transition():
     """Masses 1 and 1, one rests: m a <= limit - 2 load forward, m a >= -2 load backward."""
     low, high = one_link((0.8, 1.0)), one_link((1.2, 1.5))
-    for most, load in ((4.0, 1.5), (4.5, 2.0)):
-        limits = Limits(most, math.inf, 10.0, 50.0, (0.5, 2.0))
-        up, down = most - 2 * load, 2 * load
-        # speed up with `up`, slow down with `down`: way = v² / 2 (1 / up + 1 / down)
-        top = math.sqrt(2 * 0.2 / (1 / up + 1 / down))
-        exact = top / up + top / down
-        found = shortest_transition(low, high, limits, (load, load), arcs=40)
-        assert exact * (1 - 1e-9) <= found.duration <= 1.01 * exact
+    most, load = 4.0, 1.5
+    limits = Limits(most, math.inf, 10.0, 50.0, (0.5, 2.0))
+    up, down = most - 2 * load, 2 * load
+    # speed up with `up`, slow down with `down`: way = v² / 2 (1 / up + 1 / down)
+    top = math.sqrt(2 * 0.2 / (1 / up + 1 / down))
+    exact = top / up + top / down
+    found = shortest_transition(low, high, limits, (load, load), arcs=40)
+    assert exact * (1 - 1e-9) <= found.duration <= 1.01 * exact
 
 
-@pytest.mark.parametrize(("links", "resting"), [(2, 1), (3, 2), (4, 1), (6, 3), (9, 5)])
+@pytest.mark.parametrize(
+    ("links", "resting"), [(2, 1), (4, 1), (6, 3), pytest.param(9, 5, marks=pytest.mark.slow)]
+)
 def test_neighbouring_waves_meet_at_rest(links: int, resting: int):
     """Block waves of a and of a + 1 at rest with the same lengths share a shape at rest."""
     wide = Limits(1e3, math.inf, 10.0, 100.0, (0.8, 1.2))
@@ -242,7 +252,9 @@ def found_transition(name: str) -> tuple[Gear, Gear, Transition]:
     return before, after, shortest_transition(before, after, LIMITS, load, arcs=8)
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize(
+    "name", ["accordion to wave", *(pytest.param(n, marks=pytest.mark.slow) for n in [*PAIRS][1:])]
+)
 def test_transitions_join_smoothly_and_keep_the_links_limits(name: str):
     before, after, found = found_transition(name)
     lengths, rates = [before.lengths[found.leaves]], []
@@ -264,7 +276,7 @@ def test_transitions_join_smoothly_and_keep_the_links_limits(name: str):
     assert np.max(lengths) <= 1.3 + 1e-9
 
 
-@pytest.mark.parametrize("lower", [0, 1])
+@pytest.mark.parametrize("lower", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_masses_at_rest_stay_at_rest_where_gears_are_unknown(lower: int):
     """Independent integration of (7) along a round trip, at the least and the largest load."""
     slow, fast = box().gears[lower : lower + 2]
@@ -353,6 +365,20 @@ def test_dwell_delays_a_shift():
     assert np.diff(times[0])[0] < 40.0 <= np.diff(times[1])[0]
 
 
+def test_an_alarm_is_raised_within_a_cycle_where_the_load_is_too_much():
+    """Even ground on which gear 2 bears too little: after a stroke, not after a cycle."""
+    for load, alarmed in ((1.5, False), (2.0, True)):
+        raised: list[Done] = []
+
+        def watched(done: Done, raised: list[Done] = raised) -> int:
+            raised += [done] if done.spike > supervisor().alarm[done.number] else []
+            return done.row.follows
+
+        walked(even(load), 3.0, 2, watched)
+        assert bool(raised) == alarmed
+        assert not raised or raised[0].time < box().gears[2].period / 2
+
+
 def test_the_tow_pulls_on_the_tail_alone():
     towed = Ground(np.zeros(1), np.array([1.0]), np.array([DRAG]), np.array([5.0]))
     alike = even(2.0)
@@ -375,6 +401,7 @@ def test_the_supervised_worm_takes_the_hill_as_nobody_in_one_gear_can():
     assert found.total.min() > 0
 
 
+@pytest.mark.slow
 def test_only_the_slow_gear_passes_the_hill_alone():
     slow, middle, fast = (walked(hill(), 150.0, gear, kept) for gear in range(3))
     assert slow.spike.max() <= 12.0 < min(middle.spike.max(), fast.spike.max())
@@ -382,6 +409,7 @@ def test_only_the_slow_gear_passes_the_hill_alone():
     assert slow.arrival == pytest.approx(150.0 / box().gears[0].speed, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_what_is_best_in_hindsight_can_be_walked_and_no_less_time_will_do():
     ground, goal = hill(TOP, 0.3), 80.0
     best = best_schedule(box(), ground, LIMITS, 0.0, goal, 2)
@@ -414,7 +442,7 @@ def all_schedules(ground: Ground, goal: float, gear: int) -> float:
     return best
 
 
-@pytest.mark.parametrize("height", [FLAT, 2.6, TOP])
+@pytest.mark.parametrize("height", [2.6, pytest.param(FLAT, marks=pytest.mark.slow), TOP])
 def test_hindsight_is_as_good_as_trying_all_schedules(height: float):
     ground = Ground(np.array([1.0, 3.0]), np.array([FLAT, height]), np.full(2, DRAG), np.zeros(2))
     goal = 4.5
@@ -427,6 +455,7 @@ def test_hindsight_is_as_good_as_trying_all_schedules(height: float):
     assert found.time == pytest.approx(exact, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("links", "resting"), [(9, 4), (12, 6)])
 def test_hindsight_does_not_hang_on_its_bins(links: int, resting: int):
     """Long cycles, of which few fill the way: who is later but further must not be dropped."""
@@ -470,19 +499,41 @@ def test_the_model_with_switches_does_what_the_walk_does(route: Any):
     assert len(strokes) == len(again.row) - 1
 
 
-@pytest.mark.parametrize("law", [Spike(), Coulomb(0.4, 50.0)])
-def test_what_the_chain_measures_balances_its_momentum(law: Law):
-    """Ground forces, summed over time, are momentum gained, load and drag; nothing resets yet."""
-    load, end = 1.5, 4.9
-    body = Body(200.0, 10.0, law, 0.02, 10.0, 10.0)
-    place = begin(box(), 0)
+@pytest.mark.parametrize(
+    ("law", "slides", "rel"), [(Spike(), 0.0, 1e-9), (Coulomb(0.4, 50.0), 0.4, 2e-4)]
+)
+def test_the_chain_shares_alike_and_measures_what_balances(law: Law, slides: float, rel: float):
+    """Forces of those that hold, summed over time, are momentum gained, load, drag and friction.
+
+    With spikes the feed-forward is exact on even ground: none carries more than the gear's peak.
+    """
+    load, gear = 1.5, box().gears[0]
+    place, strokes = begin(box(), 0), gear.strokes[:-1]
+    end = sum(stroke.duration for stroke in strokes)
+    body = Body(200.0, 10.0, law, 0.02, 10.0, 10.0, 1.25)
     loop = geared_chain(box(), even(load), supervisor(), body, gear=0, begin=place, goal=99.0)
-    motion = simulate(loop, end, route="python", tolerance=Tolerance(1e-9, 1e-10))
-    gained = motion["velocity"][:, -1].sum()
-    way = (motion["position"][:, -1] - place).sum()
-    pushed = motion["spike_sum"][0, -1]
-    assert pushed == pytest.approx(gained + 5 * load * end + DRAG * way, rel=1e-7)
-    assert motion["error_norm"][0, -1] < 0.1
+    motion = simulate(loop, end, route="python", tolerance=Tolerance(1e-8, 1e-9), dense=True)
+    balance = motion["velocity"][:, -1].sum() + 5 * load * end
+    balance += DRAG * (motion["position"][:, -1] - place).sum()
+    balance += slides * sum(stroke.duration * (5 - len(stroke.resting)) for stroke in strokes)
+    assert motion["spike_sum"][0, -1] == pytest.approx(balance, rel=rel)
+    if not slides:
+        assert motion.largest(loop.forces) == pytest.approx(gear.spike_peak(load), rel=1e-6)
+        assert motion.largest("link_force") == pytest.approx(gear.actuator_peak(load), rel=1e-6)
+
+
+def test_the_largest_value_is_found_where_a_stroke_ends():
+    """0.9999 throughout, but for one stroke in which it grows from 0 to 1 and then jumps."""
+    clock, count = ca.SX.sym("clock"), ca.SX.sym("count")
+    model = Model(
+        name="strokes",
+        x=[Signal("clock", clock, value=0.0), Signal("count", count, value=0.0)],
+        ode=ca.SX([1.0, 0.0]),
+        outputs=[Output("load", ca.if_else(ca.eq(count, 1), clock, 0.9999), "force")],
+        switches=[Switch("a stroke ends", clock - 1, ca.vertcat(0, count + 1))],
+    )
+    motion = simulate(model, 2.5, dense=True, route="python")
+    assert motion.largest("load") == pytest.approx(1.0, abs=1e-6)
 
 
 def test_closing_a_loop_keeps_what_ends_the_motion():
@@ -540,6 +591,7 @@ def test_gears_that_do_not_fit_are_refused(change: str, message: str):
 TEXT = packaged_scenes()["gait_shift"].read_text(encoding="utf-8").partition("[adaptive]")[0]
 
 
+@pytest.mark.slow
 def test_a_table_can_be_a_gear(tmp_path: Path):
     wave(4, 3, 7.0, profile="quintic").gait.to_csv(tmp_path / "slow.csv", 61)
     first, second, third = TEXT.split("[[gears]]")[1:]
@@ -598,7 +650,8 @@ def test_the_packaged_scene_keeps_what_it_promises():
     assert number["gear_speeds"][0] <= number["gear_speeds"][2] / 2
     assert number["ideal_time"] <= number["best_time"] <= number["time"] < number["fixed_time"]
     assert number["adaptive_shifts"] == number["shifts"] == 4
-    assert number["adaptive_time"] == pytest.approx(number["time"], rel=0.05)
+    assert number["adaptive_spike_load_max"] <= 12.0
+    assert number["adaptive_time"] == pytest.approx(number["time"], rel=1e-3)
 
 
 @pytest.mark.slow

@@ -14,7 +14,8 @@ from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
 
 # Within a step, where a largest value is sought first; then its neighbourhood, so many times.
-_WITHIN = np.array([0.0, 0.25, 0.5, 0.75])
+# The last is before whatever jumps at the end of the step.
+_WITHIN = np.array([0.0, 0.25, 0.5, 0.75, 1 - 1e-9])
 _ZOOMS, _ZOOM_POINTS = 4, 41
 # Expressions are evaluated at so many times at once.
 _CHUNK = 50_000

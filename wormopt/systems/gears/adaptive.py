@@ -1,12 +1,17 @@
 """The worm that shifts by itself as a chain: links with springs, held to the strokes by a tracker.
 
 A reference worm runs through the strokes; the chain's link lengths follow its own by a
-lambda-tracker, beside the force that would hold them there. What the supervisor measures are the
-forces of the chain itself, and the ground is met where the chain's own masses are.
+lambda-tracker, beside a feed-forward: what holds the springs there, and the actuator forces by
+which resting masses share the load alike. Links between resting masses keep their lengths
+whatever pulls in them, so without it each spike would go on carrying what it came to rest with.
+
+What is measured are the forces of the chain itself. The supervisor decides by their sums; the load
+on each mass, which the feed-forward needs, is what they leave unexplained, averaged over a while.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -15,7 +20,7 @@ import numpy as np
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
 from wormopt.control.reference import Reference
 from wormopt.model.friction import Law
-from wormopt.model.model import Model, Output, Signal, Switch
+from wormopt.model.model import Model, Output, Signal, Switch, pack
 from wormopt.systems.chain import chain
 from wormopt.systems.gears.box import GearBox
 from wormopt.systems.gears.ground import Ground
@@ -25,7 +30,7 @@ from wormopt.systems.gears.supervisor import Supervisor
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What the links are made of, and how their tracker adapts."""
+    """What the links are made of, and how their control adapts."""
 
     stiffness: float  # of each link
     damping: float  # of each link
@@ -33,6 +38,7 @@ class Body:
     tube_radius: float
     gain_start: float
     growth: float
+    memory: float  # over which measured loads are averaged
 
 
 def geared_chain(
@@ -47,50 +53,41 @@ def geared_chain(
 ) -> Model:
     """Close the loop of a chain of links that follows the strokes of a gear box.
 
-    It begins at places `begin` (n+1,) at rest, with a cycle of `gear`; the motion ends where the
-    mean of the masses reaches `goal`. States: the chain's, ``reference_position``, those of the
-    gear box, ``gain``.
+    It begins at places `begin` (n+1,) at rest, with a cycle of `gear` and the load there known;
+    the motion ends where the mean of the masses reaches `goal`. States: the chain's,
+    ``reference_position``, those of the gear box, ``believed_load``, ``gain``.
     """
-    shifted, masses = Shifted.of(box), len(box.mass)
-    lengths = box.gears[gear].lengths[0]
-    worm = chain(
-        masses - 1,
-        mass=box.mass,
-        stiffness=body.stiffness,
-        damping=body.damping,
-        rest_length=lengths.mean(),
-        law=body.law,
-        position=begin,
-        length_nominal=float(lengths.mean()),
-        time_nominal=box.gears[gear].period,
-    )
-    ahead = ca.SX.sym("reference_position", masses)
+    shifted, masses, drag = Shifted.of(box), len(box.mass), box.gears[0].drag
+    ahead, believed = (ca.SX.sym(name, masses) for name in ("reference_position", "believed_load"))
     wanted, rate = ahead[:-1] - ahead[1:], shifted.velocity[:-1] - shifted.velocity[1:]
-    plant = _on_ground(worm, ground, wanted, rate)
-    nominal = plant.x[0].nominal
+    _, shared = shifted.shared(shifted.need(believed, drag))
+    plant = _held(_on_ground(_worm(box, body, gear, begin), ground), wanted, rate, shared)
+    forces, nominal = plant["link_force"], plant.x[0].nominal
+    felt = plant.forces + ca.vertcat(0, forces) - ca.vertcat(forces, 0)
     states = [
         Signal("reference_position", ahead, "length", nominal, value=tuple(begin.tolist())),
+        Signal("believed_load", believed, "force", value=tuple(ground.pull(begin).tolist())),
         *shifted.states(gear, supervisor.dwell),
     ]
-    held = ca.vertcat(*(signal.symbol for signal in plant.x))
-    spike, forces = ca.sum1(plant.forces), plant["link_force"]
     x = [*plant.x, *states]
+    rates = (
+        shifted.velocity,
+        (felt - shifted.need(ca.SX(masses, 1), drag) - believed) / body.memory,
+        shifted.rates(ca.dot(shifted.resting, plant.forces), ca.sumsqr(forces)),
+    )
+    reset = ca.vertcat(pack(plant.x), ahead, believed, shifted.reset(supervisor))
     driven = replace(
         plant,
         name=f"chain of {masses - 1} links with {len(box.gears)} gears",
         x=x,
-        ode=ca.vertcat(plant.ode, shifted.velocity, shifted.rates(spike, ca.sumsqr(forces))),
+        ode=ca.vertcat(plant.ode, *rates),
         outputs=[
             *plant.outputs,
             Output("reference_length", wanted, "length"),
             Output("length_error", plant["length"] - wanted, "length"),
         ],
         switches=[
-            Switch(
-                "a stroke ends",
-                shifted.clock - shifted.duration,
-                ca.vertcat(held, ahead, shifted.reset(supervisor)),
-            ),
+            Switch("a stroke ends", shifted.clock - shifted.duration, reset),
             arrives(plant["position"], x, goal),
         ],
     )
@@ -105,22 +102,39 @@ def geared_chain(
     )
 
 
-def _on_ground(worm: Model, ground: Ground, wanted: ca.SX, rate: ca.SX) -> Model:
-    """Put the ground under the chain, and the force that would hold its links as wanted."""
-    place, masses = worm["position"], worm["position"].numel()
-    load = ground.expression("load", place)
-    load[masses - 1] += ground.expression("towed", place[masses - 1])
-    hold = worm["stiffness"] * (wanted - worm["rest_length"]) + worm["damping"] * rate
-    known = {
-        "load": load,
-        "drag": ground.expression("drag", place),
-        "input": worm["input"] + hold,
-    }
-    expressions = [worm.ode, *(output.expression for output in worm.outputs)]
-    ode, *shown = ca.substitute(expressions, [worm[name] for name in known], [*known.values()])
-    return replace(
-        worm,
-        ode=ode,
-        p=[signal for signal in worm.p if signal.name not in ("load", "drag")],
-        outputs=[replace(o, expression=e) for o, e in zip(worm.outputs, shown, strict=True)],
+def _worm(box: GearBox, body: Body, gear: int, begin: np.ndarray) -> Model:
+    """The chain itself, whose springs have no force at the mean length with which it begins."""
+    length = float(box.gears[gear].lengths[0].mean())
+    return chain(
+        len(box.mass) - 1,
+        mass=box.mass,
+        stiffness=body.stiffness,
+        damping=body.damping,
+        rest_length=length,
+        law=body.law,
+        position=begin,
+        length_nominal=length,
+        time_nominal=box.gears[gear].period,
     )
+
+
+def _on_ground(worm: Model, ground: Ground) -> Model:
+    """Put the ground under the chain."""
+    place, known = worm["position"], ("load", "drag")
+    met = ground.pull_expression(place), ground.expression("drag", place)
+    left = [signal for signal in worm.p if signal.name not in known]
+    return _put(replace(worm, p=left), [worm[name] for name in known], met)
+
+
+def _held(worm: Model, wanted: ca.SX, rate: ca.SX, shared: ca.SX) -> Model:
+    """Add to the input what holds the springs as wanted while actuators bear `shared` (n, 1)."""
+    held = worm["stiffness"] * (wanted - worm["rest_length"]) + worm["damping"] * rate
+    return _put(worm, [worm["input"]], [worm["input"] + held - shared])
+
+
+def _put(worm: Model, symbols: Sequence[ca.SX], values: Sequence[ca.SX]) -> Model:
+    """Put expressions for symbols of a model without switches."""
+    expressions = [worm.ode, *(output.expression for output in worm.outputs)]
+    ode, *shown = ca.substitute(expressions, [*symbols], [*values])
+    outputs = [replace(o, expression=e) for o, e in zip(worm.outputs, shown, strict=True)]
+    return replace(worm, ode=ode, outputs=outputs)

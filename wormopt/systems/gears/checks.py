@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from wormopt.result import Check
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.gears.case import Case
+from wormopt.systems.gears.gear import Limits
 from wormopt.systems.gears.hindsight import Schedule
 from wormopt.systems.gears.trip import round_trip, tried
 from wormopt.systems.gears.walk import Walk
@@ -17,20 +18,22 @@ from wormopt.systems.gears.walk import Walk
 KEPT, _AGREED, _PEAKS = 1e-9, 1e-7, 1e-4
 
 
-def limits_kept(case: Case, motion: Trajectory) -> Iterator[Check]:
-    """Largest loads of the simulated worm by their limits."""
-    for name, signal, limit, key in (
-        ("spike load", "spike_load", case.limits.spike, "spike_load"),
-        ("actuator force", "actuator_force", case.limits.actuator, "actuator_force"),
+def loads_by_limits(
+    limits: Limits, spike: float, actuator: float, whose: str = ""
+) -> Iterator[Check]:
+    """Largest loads that were reached, by their limits."""
+    for name, reached, limit, key in (
+        ("spike load", spike, limits.spike, "spike_load"),
+        ("actuator force", actuator, limits.actuator, "actuator_force"),
     ):
         if math.isinf(limit):
             continue
-        reached = motion.largest(signal) / limit
+        told = f"{name} {whose}".rstrip()
         advice = (
-            f"the {name} reaches {reached:.4g} of limits.{key}: write a smaller supervisor.down, "
-            "or a ground that rises less steeply"
+            f"the {told} reaches {reached / limit:.4g} of limits.{key}: write a smaller "
+            "supervisor.down, or a ground that rises less steeply"
         )
-        yield Check(f"{name} by its limit", reached, 1 + KEPT, advice)
+        yield Check(f"{told} by its limit", reached / limit, 1 + KEPT, advice)
 
 
 def agreement(motion: Trajectory, again: Walk) -> Iterator[Check]:

@@ -127,6 +127,11 @@ class Gear:
         fine = self.actuator_peak(self.least) <= limits.actuator * (1 + 1e-12)
         return float(spike), actuator if fine else -math.inf
 
+    def outdone(self, other: Gear, limits: Limits) -> bool:
+        """Whether a faster gear bears every load that this one does."""
+        most = min(self.bears(limits)), min(other.bears(limits))
+        return other.speed > self.speed and most[0] <= most[1] and self.least >= other.least
+
     def spike_mean(self, load: float) -> float:
         """Mean over a cycle of the load of all spikes together: the balance of impulses."""
         return len(self.mass) * (self.drag * self.speed + load)

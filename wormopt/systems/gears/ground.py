@@ -46,10 +46,14 @@ class Ground:
                 found += change * ca.fmax(place - knot, 0)
         return found
 
-    def lightest(self, masses: int) -> float:
-        """Least load on each mass that is met, with an even part of what is towed."""
-        return float(np.min(self.load + self.towed / masses))
+    def pull(self, place: np.ndarray) -> np.ndarray:
+        """Force against forward motion on masses at places (n+1, ...), the tow among it."""
+        found = self.at("load", place)
+        found[-1] += self.at("towed", place[-1])
+        return found
 
-    def heaviest(self, masses: int) -> float:
-        """Largest, likewise."""
-        return float(np.max(self.load + self.towed / masses))
+    def pull_expression(self, place: ca.SX) -> ca.SX:
+        """The same of a column of symbols (n+1, 1)."""
+        found = self.expression("load", place)
+        found[-1] += self.expression("towed", place[-1])
+        return found

@@ -202,9 +202,8 @@ def _peaks(
     s = stroke.duration * _LOOKS
     begin = (shape[:, None] + places)[:, :, None]  # (masses, places, 1)
     at = begin + stroke.at(s, -1)[:, None, :]
-    need = ground.at("load", at) + ground.at("drag", at) * stroke.at(s)[:, None, :]
+    need = ground.pull(at) + ground.at("drag", at) * stroke.at(s)[:, None, :]
     need += (box.mass[:, None] * stroke.at(s, 1))[:, None, :]
-    need[-1] += ground.at("towed", at[-1])
     total = need.sum(axis=0)
     share = total / len(stroke.resting)
     carried = np.zeros(len(shape))

@@ -39,7 +39,8 @@ class Shifted:
     wanted: ca.SX
     whole: ca.SX  # 1 if the gear has been on since its cycle began
     since: ca.SX  # time since the last shift
-    spike_sum: ca.SX
+    stroke_sum: ca.SX  # of the spikes since the stroke began
+    spike_sum: ca.SX  # since the cycle began, or the shift
     actuator_sum: ca.SX
 
     @classmethod
@@ -53,6 +54,7 @@ class Shifted:
             velocity += part * clock**power
             acceleration += power * part * clock ** max(power - 1, 0)
         names = ("row", "duration", "gear", "wanted", "whole", "since")
+        names += ("stroke_sum", "spike_sum", "actuator_sum")
         return cls(
             box,
             velocity,
@@ -60,10 +62,17 @@ class Shifted:
             ca.SX.sym("stroke_resting", masses),
             coefficient,
             clock=clock,
-            spike_sum=ca.SX.sym("spike_sum"),
-            actuator_sum=ca.SX.sym("actuator_sum"),
             **{name: ca.SX.sym(name) for name in names},
         )
+
+    def need(self, load: ca.SX, drag: ca.SX | float) -> ca.SX:
+        """Force that each mass needs (n+1, 1) to move as it does under `load` and `drag`."""
+        return ca.DM(self.box.mass) * self.acceleration + drag * self.velocity + load
+
+    def shared(self, need: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Load of each spike (n+1, 1), and actuator forces (n, 1), if spikes share alike."""
+        spike = self.resting * (ca.sum1(need) / ca.sum1(self.resting))
+        return spike, ca.cumsum(spike - need)[:-1]
 
     def states(self, gear: int, dwell: float) -> list[Signal]:
         """Its states, with the begin of a cycle as their start."""
@@ -81,6 +90,7 @@ class Shifted:
             Signal("wanted", self.wanted, value=float(gear)),
             Signal("whole", self.whole, value=1.0),
             Signal("since", self.since, "time", period, value=dwell),
+            Signal("stroke_sum", self.stroke_sum, "impulse", value=0.0),
             Signal("spike_sum", self.spike_sum, "impulse", value=0.0),
             Signal("actuator_sum", self.actuator_sum, "effort", value=0.0),
         ]
@@ -92,7 +102,7 @@ class Shifted:
         """
         held = ca.SX(self.coefficient.numel() + self.resting.numel(), 1)
         none, one = ca.SX(1, 1), ca.SX(1)
-        return ca.vertcat(held, none, one, none, none, none, none, one, spike, actuator)
+        return ca.vertcat(held, none, one, none, none, none, none, one, spike, spike, actuator)
 
     def reset(self, supervisor: Supervisor) -> ca.SX:
         """The states after the end of a stroke."""
@@ -100,7 +110,8 @@ class Shifted:
         rows = box.rows
         now = _one_hot(self.row, len(rows))
         ends = ca.dot(now, ca.DM([row.ends_cycle for row in rows]))
-        wanted = self._wanted(supervisor, ends)
+        alarm = ca.dot(now, ca.DM(np.minimum(supervisor.alarm, _FAR)))
+        wanted = self._wanted(supervisor, ends, self.stroke_sum > alarm)
         kept, slower, faster = (
             ca.dot(now, ca.DM([_number(getattr(row, name)) for row in rows]))
             for name in ("follows", "slower", "faster")
@@ -123,12 +134,13 @@ class Shifted:
             wanted,
             whole,
             same * self.since,
+            0,
             goes_on * self.spike_sum,
             goes_on * self.actuator_sum,
         )
 
-    def _wanted(self, supervisor: Supervisor, ends: ca.SX) -> ca.SX:
-        """Gear that is wanted from now on; decided anew at the end of a whole cycle."""
+    def _wanted(self, supervisor: Supervisor, ends: ca.SX, alarmed: ca.SX) -> ca.SX:
+        """Gear that is wanted from now on; decided anew at the end of a whole cycle, or alarmed."""
         gears = self.box.gears
         now = _one_hot(self.gear, len(gears))
         period = ca.dot(now, ca.DM([gear.period for gear in gears]))
@@ -141,7 +153,8 @@ class Shifted:
         low = ca.logic_and(spike < limits["spike_up"], actuator < limits["actuator_up"])
         decided = self.gear + ca.if_else(high, -1, ca.if_else(low, 1, 0))
         ripe = self.since >= supervisor.dwell * (1 - _ROUNDING)
-        return ca.if_else(ends * self.whole * ripe, decided, self.wanted)
+        wanted = ca.if_else(ends * self.whole * ripe, decided, self.wanted)
+        return ca.if_else(alarmed * ripe, ca.fmin(wanted, self.gear - 1), wanted)
 
 
 def _one_hot(symbol: ca.SX, count: int) -> ca.SX:
@@ -181,13 +194,8 @@ def geared_worm(
     """
     shifted, masses = Shifted.of(box), len(box.mass)
     place = ca.SX.sym("position", masses)
-    pull = ground.expression("load", place)
-    pull[masses - 1] += ground.expression("towed", place[masses - 1])
-    need = ca.DM(box.mass) * shifted.acceleration + pull
-    need += ground.expression("drag", place) * shifted.velocity
-    total = ca.SX(ca.sum1(need))
-    spike = shifted.resting * total / ca.sum1(shifted.resting)
-    force = ca.cumsum(spike - need)[:-1]
+    need = shifted.need(ground.pull_expression(place), ground.expression("drag", place))
+    total, (spike, force) = ca.SX(ca.sum1(need)), shifted.shared(need)
     states = shifted.states(gear, supervisor.dwell)
     x = [Signal("position", place, "length", value=tuple(begin.tolist())), *states]
     return Model(

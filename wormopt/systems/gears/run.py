@@ -21,7 +21,7 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain import law_of
 from wormopt.systems.gears.adaptive import Body, geared_chain
 from wormopt.systems.gears.case import Case
-from wormopt.systems.gears.checks import KEPT, agreement, hindsight, limits_kept, transitions
+from wormopt.systems.gears.checks import KEPT, agreement, hindsight, loads_by_limits, transitions
 from wormopt.systems.gears.hindsight import Schedule, best_schedule, ideal_time
 from wormopt.systems.gears.model import geared_worm
 from wormopt.systems.gears.scenes import AdaptiveTable, GaitShiftScene
@@ -56,11 +56,13 @@ def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
         clocks.append(perf_counter())
         report("rechecking", None)
         checks = [
-            *limits_kept(case, motion),
+            *loads_by_limits(
+                case.limits, motion.largest("spike_load"), motion.largest("actuator_force")
+            ),
             *agreement(motion, again),
             *transitions(case),
             *hindsight(case, compared.best, compared.walked, again),
-            *(_chain_checks(chain) if chain else ()),
+            *(_chain_checks(case, chain) if chain else ()),
         ]
         clocks.append(perf_counter())
     except SolveError as error:
@@ -75,7 +77,7 @@ def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
         variables | compared.variables | (chain.variables if chain else {}),
         checks=checks,
         facts={"assumptions": ["resting masses share the load alike", "spikes never slip back"]},
-        warnings=_warnings(case, chain),
+        warnings=_warnings(case),
         timings=dict(zip(stages, np.diff(clocks).tolist(), strict=True)),
         attributes=_attributes(case),
     )
@@ -112,7 +114,6 @@ class Chained:
     scalars: dict[str, Any]
     variables: dict[str, np.ndarray]
     again: float  # when it arrives under a hundredth of the tolerance
-    over: bool  # whether a spike carries more than its limit
 
 
 def _chained(case: Case, table: AdaptiveTable, report: Report) -> Chained:
@@ -127,6 +128,7 @@ def _chained(case: Case, table: AdaptiveTable, report: Report) -> Chained:
             table.tube_radius,
             table.gain_start,
             table.growth,
+            table.memory or min(gear.period for gear in case.box.gears) / 4,
         ),
         gear=case.first,
         begin=case.begin(case.first),
@@ -151,12 +153,12 @@ def _chained(case: Case, table: AdaptiveTable, report: Report) -> Chained:
     finer = Tolerance(_CHAIN.relative / 100, _CHAIN.absolute / 100)
     sampled = motion.at(np.linspace(0.0, motion.end_time, _SAMPLES))
     gear = sampled["gear"][0]
-    spike = motion.largest(model.forces)
     return Chained(
         {
             "adaptive_time": motion.end_time,
             "adaptive_shifts": int(np.count_nonzero(np.diff(gear))),
-            "adaptive_spike_load_max": spike,
+            "adaptive_spike_load_max": motion.largest(model.forces),
+            "adaptive_actuator_force_max": motion.largest("link_force"),
             "adaptive_total_max": motion.largest(ca.SX(ca.sum1(model.forces))),
             "adaptive_error_max": motion.largest("error_norm"),
             "adaptive_gain": float(sampled["gain"][0, -1]),
@@ -168,12 +170,14 @@ def _chained(case: Case, table: AdaptiveTable, report: Report) -> Chained:
             "adaptive_error": sampled["error_norm"][0],
         },
         simulated(finer).end_time,
-        spike > case.limits.spike,
     )
 
 
-def _chain_checks(chain: Chained) -> Iterator[Check]:
-    off = abs(chain.scalars["adaptive_time"] / chain.again - 1)
+def _chain_checks(case: Case, chain: Chained) -> Iterator[Check]:
+    told = chain.scalars
+    reached = told["adaptive_spike_load_max"], told["adaptive_actuator_force_max"]
+    yield from loads_by_limits(case.limits, *reached, "of the chain")
+    off = abs(told["adaptive_time"] / chain.again - 1)
     advice = f"under a hundredth of the tolerance the chain arrives at {chain.again:.9g}"
     yield Check("arrival of the chain, finer", off, _CHAIN_AGREED, advice)
 
@@ -274,14 +278,14 @@ def _compared(case: Case, motion: Trajectory, report: Report) -> Compared:
     )
 
 
-def _warnings(case: Case, chain: Chained | None) -> Iterator[str]:
+def _warnings(case: Case) -> Iterator[str]:
     for k, gear in enumerate(case.box.gears):
         if min(gear.bears(case.limits)) <= gear.least:
             yield f"gear {k} ({gear.name}) bears no load without gliding"
+        if any(gear.outdone(other, case.limits) for other in case.box.gears):
+            yield (
+                f"gear {k} ({gear.name}) is in the way: a faster one bears every load that it "
+                "does; leave it out"
+            )
     if not all(each.complete for each in (*case.box.up, *case.box.down)):
         yield "not all pairs of phases were looked at: a transition may be longer than need be"
-    if chain and chain.over:
-        yield (
-            "a spike of the tracked chain carries more than limits.spike_load: springs share the "
-            "load otherwise than alike, and its masses come to rest with a jolt"
-        )

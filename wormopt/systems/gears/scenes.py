@@ -136,6 +136,14 @@ class AdaptiveTable(Table, frozen=True, kw_only=True):
     tube_radius: Annotated[Positive, says("length", "*λ*")]
     gain_start: Annotated[Positive, says("1", "*k*(0)")] = 1.0
     growth: Annotated[Positive, says("1", "*γ* of the gain's growth")] = 1.0
+    memory: Annotated[
+        Positive | None,
+        says(
+            "time",
+            "over which the load that each mass feels is averaged, for actuators to share it "
+            "among the spikes; a quarter of the shortest cycle if left out",
+        ),
+    ] = None
 
 
 GearTable = BlockWaveShape | AccordionShape | FileShape
@@ -187,10 +195,8 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
         "spike_total_min": ("force", "least load of all spikes together; below 0 the worm glides"),
         "adaptive_time": ("time", "that the tracked chain takes, shifting by itself"),
         "adaptive_shifts": ("count", "how often it shifts"),
-        "adaptive_spike_load_max": (
-            "force",
-            "largest load of one of its spikes; springs share a load otherwise than alike",
-        ),
+        "adaptive_spike_load_max": ("force", "largest load of one of its spikes"),
+        "adaptive_actuator_force_max": ("force", "largest force in one of its links, either way"),
         "adaptive_total_max": ("force", "largest load of all its spikes together"),
         "adaptive_error_max": ("length", "largest norm of its tracking error"),
         "adaptive_gain": ("1", "its gain at the end"),

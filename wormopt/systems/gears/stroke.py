@@ -64,9 +64,8 @@ def loads(
     Resting masses share the load alike.
     """
     place = begin[:, None] + stroke.at(s, -1)
-    need = mass[:, None] * stroke.at(s, 1)
-    need += ground.at("drag", place) * stroke.at(s) + ground.at("load", place)
-    need[-1] += ground.at("towed", place[-1])
+    need = mass[:, None] * stroke.at(s, 1) + ground.at("drag", place) * stroke.at(s)
+    need += ground.pull(place)
     total, spike = need.sum(axis=0), np.zeros_like(need)
     spike[list(stroke.resting)] = total / len(stroke.resting)
     return Loads(total, spike, np.cumsum(spike - need, axis=0)[:-1])

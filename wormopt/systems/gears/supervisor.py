@@ -2,7 +2,9 @@
 
 Over a cycle the mean load of all spikes is (n+1)(k speed + load), whatever the gait, and the mean
 square of the actuator forces grows with the load too. Either tells the load on each mass, and that
-tells how large the peaks are in this gear and how large they would be in the next.
+tells how large the peaks are in this gear and how large they would be in the next. A single stroke
+tells the load on the masses as well, by the balance of impulses; on ground that rises it is the
+first to tell.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wormopt.systems.gears.box import GearBox
+from wormopt.systems.gears.box import GearBox, Row
 from wormopt.systems.gears.gear import Gear, Limits
 
 
@@ -20,13 +22,15 @@ class Supervisor:
     """Thresholds of each gear for what is measured: above `down` it is too fast, below `up` slow.
 
     Means over a cycle: of the load of all spikes together, and of the sum of squared actuator
-    forces; a decision needs a whole cycle in the gear, and `dwell` since the last shift.
+    forces; a decision needs a whole cycle in the gear, and `dwell` since the last shift. Impulses
+    of all spikes over a stroke above `alarm` want the slower gear without waiting for the cycle.
     """
 
     spike_down: np.ndarray  # (gears,) -> slower
     spike_up: np.ndarray  # (gears,) -> faster
     actuator_down: np.ndarray  # (gears,)
     actuator_up: np.ndarray  # (gears,)
+    alarm: np.ndarray  # (rows,) of the table of strokes
     dwell: float
 
     def decide(self, gear: int, spike: float, actuator: float) -> int:
@@ -45,7 +49,8 @@ def supervise(box: GearBox, limits: Limits, *, down: float, up: float, dwell: fl
     the hysteresis.
     """
     gears = box.gears
-    spike_down, actuator_down = _measures(gears, [g.bears(limits.times(down)) for g in gears])
+    most = [gear.bears(limits.times(down)) for gear in gears]
+    spike_down, actuator_down = _measures(gears, most)
     borne = [gear.bears(limits.times(up)) for gear in gears[1:]]
     spike_up, actuator_up = _measures(gears[:-1], borne)
     # the slowest gear has none below it, the fastest none above
@@ -55,8 +60,18 @@ def supervise(box: GearBox, limits: Limits, *, down: float, up: float, dwell: fl
         np.append(spike_up, -np.inf),
         actuator_down,
         np.append(actuator_up, -np.inf),
+        np.array([_alarm(row, gears[row.gear], min(most[row.gear])) for row in box.rows]),
         dwell,
     )
+
+
+def _alarm(row: Row, gear: Gear, most: float) -> float:
+    """Impulse of all spikes over a stroke at the load `most`; none in the slowest gear."""
+    if row.gear == 0 or row.shifting:
+        return np.inf
+    ends = row.stroke.at(np.array([0.0, row.stroke.duration]))
+    gained = gear.mass @ (ends[:, 1] - ends[:, 0])
+    return float(gained + gear.drag * row.stroke.way.sum() + len(ends) * most * row.stroke.duration)
 
 
 def _measures(

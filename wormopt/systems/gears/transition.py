@@ -10,8 +10,9 @@ from below.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,11 @@ class _Task:
     length: np.ndarray  # (n,) at the begin
     bound: float  # no transition is shorter
 
+    @property
+    def still(self) -> bool:
+        """Whether all masses are at rest at both ends: then a longer way is possible if one is."""
+        return not (np.any(self.first) or np.any(self.last))
+
 
 def shortest_transition(
     before: Gear,
@@ -69,7 +75,7 @@ def shortest_transition(
     *,
     resting: int = 1,
     arcs: int = 12,
-    most: int = 400,
+    most: int = 150,
 ) -> Transition:
     """Find the shortest transition from one gear into another.
 
@@ -77,7 +83,8 @@ def shortest_transition(
     After `most` linear programs no further pair of phases is looked at. Raises SolveError if there
     is none.
     """
-    tasks = sorted(_tasks(before, after, limits, load[1], resting), key=lambda task: task.bound)
+    tasks = sorted(_tasks(before, after, limits, load[1], resting), key=_hopeless)
+    programs = _Programs(before.mass, before.drag, limits, load, arcs)
     best: tuple[float, _Task, np.ndarray] | None = None
     tried = 0
     for task in tasks:
@@ -86,14 +93,15 @@ def shortest_transition(
         longest = _LONGEST * task.bound if best is None else best[0] * (1 - _FOUND)
         if task.bound >= longest or tried >= most:
             break
-        program = _Program(task, before.mass, before.drag, limits, load, arcs)
-        duration, nodes, looks = _least_duration(program, task.bound, longest)
+        solve = partial(programs.solve, task)
+        duration, nodes, looks = _least_duration(solve, task.bound, longest, task.still)
         tried += looks
         if nodes is not None:
             best = duration, task, nodes
     if best is None:
+        where = "" if tried < most else ", as far as pairs of phases were looked at,"
         raise SolveError(
-            f"there is no transition from {before.name} to {after.name} within the limits",
+            f"there is no transition from {before.name} to {after.name}{where} within the limits",
             "give links more rate, acceleration or length, or leave one of the gears out",
         )
     duration, task, nodes = best
@@ -101,24 +109,34 @@ def shortest_transition(
     return Transition(task.leaves, task.enters, task.resting, strokes, complete=tried < most)
 
 
+def _hopeless(task: _Task) -> tuple[float, int]:
+    """Order in which pairs of phases are tried; among many of one bound, spikes that share tell."""
+    return round(task.bound, 9), -len(task.resting)
+
+
 def _least_duration(
-    program: _Program, bound: float, longest: float
+    solve: Callable[[float], np.ndarray | None], bound: float, longest: float, still: bool
 ) -> tuple[float, np.ndarray | None, int]:
     """Least duration of which there is a solution, that solution, and how many programs it took.
 
     Longer is not always possible: a mass that moves at an end may have no room to slow down. So
-    durations are tried in steps, until one does, and the step halved.
+    durations are tried in steps, until one does, and the step halved. Where all are `still` at
+    both ends the longest decides whether there is any.
     """
     low, high, looks = bound, bound, 0
     found = None
+    if still:
+        looks = 1
+        if solve(longest) is None:
+            return longest, None, looks
     while found is None and low < longest:
         low, high = high, min(max(_STEP * high, bound * (1 + _FOUND)), longest)
-        found, looks = program.solve(high), looks + 1
+        found, looks = solve(high), looks + 1
         if high >= longest:
             break
     while found is not None and high - low > _FOUND * high:
         middle = (low + high) / 2
-        better, looks = program.solve(middle), looks + 1
+        better, looks = solve(middle), looks + 1
         low, high, found = (low, middle, better) if better is not None else (middle, high, found)
     return high, found, looks
 
@@ -160,128 +178,134 @@ def _bound(way: np.ndarray, first: np.ndarray, last: np.ndarray, limits: Limits)
     return bound if bound > _ALIKE * np.sqrt(1 / most) else 0.0
 
 
-class _Program:
-    """The linear program of a pair of phases, once its duration is given.
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows that stay below a side: of velocities by the step, as they are, and times the step.
 
-    Unknowns are velocities of the masses that move at the inner nodes of arcs of equal length,
-    and the largest load of a spike, which is made small. Rows are A / step + B + C step.
+    Of the link lengths at the begin, and of the largest load of a spike, there are but few.
     """
 
-    def __init__(
-        self,
-        task: _Task,
-        mass: np.ndarray,
-        drag: float,
-        limits: Limits,
-        load: tuple[float, float],
-        arcs: int,
-    ) -> None:
-        self.arcs, self.limits = arcs, limits
-        masses, moving = len(mass), np.setdiff1d(np.arange(len(mass)), task.resting)
-        # velocities at all nodes, stacked node by node, are lift @ unknowns + ends
-        inner = eye_array(arcs + 1, arcs - 1, k=-1)
-        self.lift: Matrix = csr_matrix(kron(inner, csr_matrix(np.eye(masses)[:, moving])))
-        ends = np.zeros((arcs + 1, masses))
-        ends[0], ends[-1] = task.first, task.last
-        self.ends = ends.ravel()
-        blocks = [
-            *_link_rows(task, limits, arcs),
-            *_force_rows(task, mass, drag, limits, load, arcs),
-        ]
-        peaks = _peak_rows(task, mass, drag, load, arcs)
-        self.side = np.concatenate([*(side for *_, side in blocks), *(side for *_, side in peaks)])
-        matrices = [*zip(*blocks, *peaks, strict=True)][:3]
-        self.parts = [(m @ self.lift, m @ self.ends) for m in map(_stacked, matrices)]
-        # every row of `peaks` is to be below the last unknown
-        counted = [len(side) for *_, side in (*blocks, *peaks)]
-        last = np.repeat([0.0] * len(blocks) + [-1.0] * len(peaks), counted)
-        self.last = csr_matrix(last[:, None])
-        weights = np.ones(arcs + 1)
-        weights[[0, -1]] = 0.5  # the rule of trapezoids, which is exact here
-        ways: Matrix = csr_matrix(kron(weights[None], csr_matrix(np.eye(masses)[moving])))
-        self.ways, self.goals = (ways @ self.lift, ways @ self.ends), task.way[moving]
+    by_step: Matrix
+    plain: Matrix
+    times_step: Matrix
+    side: np.ndarray
+    length: Matrix | None = None
+    peak: float = 0.0
 
-    def solve(self, duration: float) -> np.ndarray | None:
+    def wide(self, links: int) -> tuple[Matrix, Matrix, Matrix, np.ndarray]:
+        """The same rows of all unknowns: lengths, velocities, peak."""
+        count = len(self.side)
+        length = self.length if self.length is not None else csr_matrix((count, links))
+        peak, none = csr_matrix(np.full((count, 1), self.peak)), csr_matrix((count, 1))
+        still = csr_matrix((count, links))
+        return (
+            hstack([still, self.by_step, none]),
+            hstack([length, self.plain, peak]),
+            hstack([still, self.times_step, none]),
+            self.side,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Programs:
+    """The linear programs of pairs of phases, once a duration is given.
+
+    Unknowns are link lengths at the begin, velocities of all masses at the nodes of arcs of equal
+    length, node by node, and the largest load of a spike, which is made small. What a pair of
+    phases prescribes are bounds on them, so that rows are put together once for all pairs by
+    which the same masses rest.
+    """
+
+    mass: np.ndarray
+    drag: float
+    limits: Limits
+    load: tuple[float, float]
+    arcs: int
+    _known: dict[tuple[int, ...], tuple[Matrix, Matrix, Matrix, np.ndarray]] = field(
+        default_factory=dict
+    )
+
+    def solve(self, task: _Task, duration: float) -> np.ndarray | None:
         """Velocities (arcs + 1, n+1) at all nodes; None if there are none of this duration."""
-        step = duration / self.arcs
-        (a, at), (b, bt), (c, ct) = self.parts
-        count = self.lift.shape[1]
+        step, masses = duration / self.arcs, len(self.mass)
+        by_step, plain, times_step, side = self._rows(task.resting)
+        weights = np.ones((1, self.arcs + 1))
+        weights[0, [0, -1]] = 0.5  # the rule of trapezoids, which is exact here
+        ways, width = kron(weights, eye_array(masses)), plain.shape[1]
         found = linprog(
-            np.append(np.zeros(count), 1.0),
-            A_ub=hstack([a / step + b + c * step, self.last]),
-            b_ub=self.side - (at / step + bt + ct * step),
-            A_eq=hstack([step * self.ways[0], csr_matrix((len(self.goals), 1))]),
-            b_eq=self.goals - step * self.ways[1],
-            bounds=[*[(0.0, None)] * count, (None, self.limits.spike)],
+            np.eye(width)[-1],
+            A_ub=by_step / step + plain + times_step * step,
+            b_ub=side,
+            A_eq=hstack([csr_matrix((masses, masses - 1)), ways, csr_matrix((masses, 1))]),
+            b_eq=task.way / step,
+            bounds=self._bounds(task),
             method="highs-ds",
         )
         if not found.success:
             return None
-        return (self.lift @ found.x[:-1] + self.ends).reshape(self.arcs + 1, -1)
+        return found.x[masses - 1 : -1].reshape(self.arcs + 1, masses)
+
+    def _bounds(self, task: _Task) -> np.ndarray:
+        """Least and largest of every unknown, (unknowns, 2)."""
+        velocity = np.zeros((2, self.arcs + 1, len(self.mass)))
+        velocity[1] = np.inf
+        velocity[1, :, list(task.resting)] = 0.0
+        velocity[:, 0], velocity[:, -1] = task.first, task.last
+        peak = np.array([[-np.inf], [self.limits.spike]])
+        length = np.tile(task.length, (2, 1))
+        return np.hstack([length, velocity.reshape(2, -1), peak]).T
+
+    def _rows(self, resting: tuple[int, ...]) -> tuple[Matrix, Matrix, Matrix, np.ndarray]:
+        """Rows of all unknowns, kept for the next pair of phases."""
+        if resting not in self._known:
+            links = len(self.mass) - 1
+            blocks = [*_link_rows(links, self.limits, self.arcs), *self._force_rows(resting)]
+            *parts, sides = zip(*(block.wide(links) for block in blocks), strict=True)
+            stacked = [csr_matrix(vstack(part)) for part in parts]
+            self._known[resting] = (stacked[0], stacked[1], stacked[2], np.concatenate(sides))
+        return self._known[resting]
+
+    def _force_rows(self, resting: tuple[int, ...]) -> Iterator[_Rows]:
+        """The worm does not glide at the least load; spikes and actuators bear the largest."""
+        masses, arcs = len(self.mass), self.arcs
+        share = np.zeros(masses)
+        share[list(resting)] = 1 / len(resting)
+        # mu_j is what spikes ahead of the link carry, less what masses there need
+        split = np.cumsum(share[:, None] - np.eye(masses), axis=0)[:-1]
+        every, each = kron(eye_array(arcs), np.ones((1, masses))), kron(eye_array(arcs), split)
+        none = csr_matrix((arcs, (arcs + 1) * masses))
+        nothing = csr_matrix((arcs * (masses - 1), (arcs + 1) * masses))
+        least, most = (np.full(arcs, masses * load) for load in self.load)
+        for inertia, slowing in _needs(self.mass, self.drag, arcs):
+            total = every @ inertia, every @ slowing
+            yield _Rows(-total[0], -total[1], none, least)
+            yield _Rows(*total, none, -most, peak=-len(resting))
+            if not np.isfinite(self.limits.actuator):
+                continue
+            force = each @ inertia, each @ slowing
+            for known in (np.tile(split.sum(axis=1) * load, arcs) for load in self.load):
+                yield _Rows(*force, nothing, self.limits.actuator - known)
+                yield _Rows(-force[0], -force[1], nothing, self.limits.actuator + known)
 
 
-Block = tuple[Matrix, Matrix, Matrix, np.ndarray]
-"""Rows A / step + B + C step and the side that they stay below."""
-
-
-def _link_rows(task: _Task, limits: Limits, arcs: int) -> Iterator[Block]:
+def _link_rows(links: int, limits: Limits, arcs: int) -> Iterator[_Rows]:
     """Rates, accelerations and lengths of the links."""
-    links = len(task.length)
     link = eye_array(links, links + 1) - eye_array(links, links + 1, k=1)
     rate: Matrix = csr_matrix(kron(eye_array(arcs + 1), link))
     bend: Matrix = csr_matrix(kron(_change(arcs), link))
     for sign in (1.0, -1.0):
         none = csr_matrix(rate.shape)
-        yield none, sign * rate, none, np.full(rate.shape[0], limits.rate)
+        yield _Rows(none, sign * rate, none, np.full(rate.shape[0], limits.rate))
         none = csr_matrix(bend.shape)
-        yield sign * bend, none, none, np.full(bend.shape[0], limits.acceleration)
+        yield _Rows(sign * bend, none, none, np.full(bend.shape[0], limits.acceleration))
     # lengths are quadratics on an arc: within their Bernstein coefficients
     below = np.tril(np.ones((arcs, arcs)), -1)
     grown = below @ (np.eye(arcs, arcs + 1) + np.eye(arcs, arcs + 1, k=1)) / 2
     for part in (grown[1:], grown + np.eye(arcs, arcs + 1) / 2):
         rows: Matrix = csr_matrix(kron(part, link))
-        start, none = np.tile(task.length, len(part)), csr_matrix(rows.shape)
-        yield none, none, rows, limits.length[1] - start
-        yield none, none, -rows, start - limits.length[0]
-
-
-def _force_rows(
-    task: _Task,
-    mass: np.ndarray,
-    drag: float,
-    limits: Limits,
-    load: tuple[float, float],
-    arcs: int,
-) -> Iterator[Block]:
-    """The worm does not glide at the least load; actuators bear the largest and the least."""
-    share = np.zeros(len(mass))
-    share[list(task.resting)] = 1 / len(task.resting)
-    # mu_j is what spikes ahead of the link carry, less what masses there need
-    split = np.cumsum(share[:, None] - np.eye(len(mass)), axis=0)[:-1]
-    every, each = kron(eye_array(arcs), np.ones((1, len(mass)))), kron(eye_array(arcs), split)
-    for inertia, slowing in _needs(mass, drag, arcs):
-        rows = -(every @ inertia), -(every @ slowing)
-        yield *rows, csr_matrix(rows[0].shape), np.full(arcs, len(mass) * load[0])
-        if not np.isfinite(limits.actuator):
-            continue
-        rows = each @ inertia, each @ slowing
-        none = csr_matrix(rows[0].shape)
-        for known in (np.tile(split.sum(axis=1) * given, arcs) for given in load):
-            yield *rows, none, limits.actuator - known
-            yield -rows[0], -rows[1], none, limits.actuator + known
-
-
-def _peak_rows(
-    task: _Task, mass: np.ndarray, drag: float, load: tuple[float, float], arcs: int
-) -> list[Block]:
-    """Loads of a spike at both ends of every arc, at the largest load."""
-    count = len(task.resting)
-    every = kron(eye_array(arcs), np.ones((1, len(mass)))) / count
-    known = np.full(arcs, -len(mass) * load[1] / count)
-    return [
-        (every @ inertia, every @ slowing, csr_matrix((arcs, inertia.shape[1])), known)
-        for inertia, slowing in _needs(mass, drag, arcs)
-    ]
+        none, begin = csr_matrix(rows.shape), kron(np.ones((len(part), 1)), eye_array(links))
+        for sign, side in ((1.0, limits.length[1]), (-1.0, -limits.length[0])):
+            yield _Rows(none, none, sign * rows, np.full(rows.shape[0], side), sign * begin)
 
 
 def _needs(mass: np.ndarray, drag: float, arcs: int) -> Iterator[tuple[Matrix, Matrix]]:
@@ -289,10 +313,6 @@ def _needs(mass: np.ndarray, drag: float, arcs: int) -> Iterator[tuple[Matrix, M
     for end in (0, 1):
         slowing = kron(eye_array(arcs, arcs + 1, k=end), drag * eye_array(len(mass)))
         yield csr_matrix(kron(_change(arcs), np.diag(mass))), csr_matrix(slowing)
-
-
-def _stacked(parts: Any) -> Matrix:
-    return csr_matrix(vstack(parts))
 
 
 def _change(arcs: int) -> Matrix:

@@ -36,6 +36,7 @@ class Done:
     """A stroke that is done, and what was measured in it."""
 
     row: Row
+    number: int  # of the row
     time: float  # now
     spike: float  # integral over it of the load of all spikes
     actuator: float  # and of the squared actuator forces
@@ -72,7 +73,7 @@ def walk(
         now += row.stroke.duration
         times.append(now)
         places.append(places[-1] + row.stroke.way)
-        number = choose(Done(row, now, float(spike), float(force)))
+        number = choose(Done(row, number, now, float(spike), float(force)))
     arrival = _arrival(box.rows[rows[-1]], times, places, goal) if rows else 0.0
     return Walk(
         np.array(rows, dtype=int),
@@ -103,16 +104,18 @@ class Supervised:
         self._sums = np.zeros(2)
 
     def __call__(self, done: Done) -> int:
-        """Next row; decides at the end of a cycle."""
+        """Next row; decides at the end of a cycle, and where a stroke raises the alarm."""
         row, now = done.row, done.time
         self._sums += done.spike, done.actuator
         wanted = row.gear if self._wanted is None else self._wanted
+        ripe = now - self._shifted >= self._supervisor.dwell * (1 - 1e-12)
         if row.ends_cycle:
             gear: Gear = self._box.gears[row.gear]
-            ripe = now - self._shifted >= self._supervisor.dwell * (1 - 1e-12)
             if self._whole and ripe:
                 wanted = self._supervisor.decide(row.gear, *(self._sums / gear.period))
             self._whole, self._sums = True, np.zeros(2)
+        if ripe and done.spike > self._supervisor.alarm[done.number]:
+            wanted = min(wanted, row.gear - 1)
         following = row.follows
         if wanted < row.gear and row.slower is not None:
             following = row.slower
