@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pint
 import pytest
 from hypothesis import given
@@ -15,7 +16,9 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.cli import main
+from wormopt.errors import SceneError
 from wormopt.quantities import UNITS
+from wormopt.scene import load_scene
 from wormopt.scene.reference import schema
 from wormopt.scene.units import has_unit, parsed, to_number
 
@@ -205,6 +208,6 @@ def test_torques_of_joints_have_units_with_or_without_the_radian():
 
 
 def test_a_unit_where_numbers_alone_stand_is_told_so():
-    stroke = {"stroke.corners": [["50 mm", "10 deg"], [0.1, 0.2]], "stroke.course": "polygon"}
-    with pytest.raises(SceneError, match="0.05, in metres"):
+    stroke = {"stroke": {"course": "polygon", "corners": [["50 mm", "10 deg"], [0.1, 0.2]]}}
+    with pytest.raises(SceneError, match=r"0\.05, in metres"):
         load_scene("planar_three_link", stroke)
