@@ -7,6 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
@@ -74,6 +75,25 @@ def test_a_scene_whose_link_closes_is_given_up_with_what_to_change() -> None:
 
 
 # -- obstacles in scenes ---------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_worm_pressed_against_a_stiff_wall_gets_by_slow_slip() -> None:
+    """It hovered at 1e-8 and spent 300000 steps; smoothed friction leads to the same end."""
+    changed = {
+        "want": [],
+        "time.end": 4.0,
+        "tolerance.recheck": False,
+        "obstacles": [{"shape": "wall", "point": [3.3, 0.0], "angle": np.pi}],
+    }
+    exact, smooth = (
+        wo.run("planar_chain", {**changed, "contact": contact})
+        for contact in ({"treatment": "exact"}, {"treatment": "smooth", "v_reg": 1e-5})
+    )
+    assert exact.status == "ok"
+    assert exact.scalars["n_steps"].value < 50_000
+    for name in ("x", "y"):
+        assert_allclose(exact[name].values[:, -1], smooth[name].values[:, -1], atol=1e-3)
 
 
 @pytest.mark.slow

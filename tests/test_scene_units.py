@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pint
 import pytest
 from hypothesis import given
@@ -15,7 +16,9 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.cli import main
+from wormopt.errors import SceneError
 from wormopt.quantities import UNITS
+from wormopt.scene import load_scene
 from wormopt.scene.reference import schema
 from wormopt.scene.units import has_unit, parsed, to_number
 
@@ -192,3 +195,19 @@ def test_the_schema_allows_units_where_there_are_some():
     for key, wrong in (("mass", "heavy"), ("mass", "0.3"), ("links", "2 m"), ("mass", -1)):
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(raw | {"worm": raw["worm"] | {key: wrong}}, schema("stepper"))
+
+
+def test_torques_of_joints_have_units_with_or_without_the_radian():
+    for text in ("50 N mm", "0.05 N m", "0.05 N m/rad"):
+        assert to_number(text, "joint_stiffness", "SI") == 0.05
+    assert to_number("20 N mm s", "joint_damping", "SI") == 0.02
+    assert to_number("2 N m/deg", "joint_stiffness", "SI") == pytest.approx(360 / np.pi, rel=1e-15)
+    assert to_number("45 deg", "angle", "dimensionless") == np.radians(45)
+    with pytest.raises(ValueError, match="torque"):
+        to_number("5 N", "torque", "SI")
+
+
+def test_a_unit_where_numbers_alone_stand_is_told_so():
+    stroke = {"stroke": {"course": "polygon", "corners": [["50 mm", "10 deg"], [0.1, 0.2]]}}
+    with pytest.raises(SceneError, match=r"0\.05, in metres"):
+        load_scene("planar_three_link", stroke)

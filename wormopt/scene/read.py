@@ -14,7 +14,7 @@ import msgspec
 
 from wormopt.errors import Fault
 from wormopt.scene.types import meaning
-from wormopt.scene.units import has_unit, to_number
+from wormopt.scene.units import bare_number, has_unit, to_number
 
 T = TypeVar("T", bound=msgspec.Struct)
 _fields = cache(msgspec.structs.fields)
@@ -102,6 +102,9 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
         path += "".join(f"[{index}]" for index in indices)
         meant = get_close_matches(raw, _words_in(kind), n=1) if isinstance(raw, str) else []
         hint = f"did you mean {_shown(meant[0])}? Else write" if meant else "write"
+        if isinstance(raw, str) and has_unit(raw) and _holds_numbers(kind):
+            faults.append((path, f"{_shown(raw)} has a unit, not taken here; {bare_number(raw)}"))
+            return None
         faults.append((path, f"{_shown(raw)} is not allowed; {hint} {describe(kind)}"))
         return None
 
@@ -135,10 +138,21 @@ def describe(kind: Any) -> str:
     if origin is dict:
         return "a table"
     if origin is tuple:
-        return f"a list of {describe(arguments[0])}"
+        return f"a list of {_many(describe(arguments[0]))}"
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return f"a table with {', '.join(kind.__struct_fields__)}"
     return _WORDS[kind]
+
+
+def _many(words: str) -> str:
+    """Several of what words tell, where they begin as "a finite number above 0" does."""
+    return re.sub(r"^an? ((?:(?:finite|whole) )?)(number|list|angle)\b", r"\1\2s", words)
+
+
+def _holds_numbers(kind: Any) -> bool:
+    """Whether numbers may stand in a value of a type."""
+    parts = get_args(kind)
+    return kind is float or any(_holds_numbers(part) for part in parts if part is not Ellipsis)
 
 
 def bare(kind: Any) -> Any:

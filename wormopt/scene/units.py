@@ -76,7 +76,8 @@ def to_number(text: str, quantity: str, units: str) -> float:
     assert found, text
     if re.match(r",\d", found[2]):
         raise ValueError(f'has a decimal comma; write "{text.strip().replace(",", ".")}"')
-    target = unit_of(quantity, units)
+    # Radians are numbers in scenes without units, too: degrees may stand there.
+    target = unit_of("rad" if quantity == "angle" else quantity, units)
     if target == "1" and units != "SI" and unit_of(quantity, "SI") != "1":
         raise ValueError('has a unit in a scene without; write the bare number, or units = "SI"')
     if target == "1" and quantity != "share":
@@ -87,6 +88,8 @@ def to_number(text: str, quantity: str, units: str) -> float:
         least, wanted = parsed(target)
     except ValueError as error:
         raise ValueError(f"{error}; {hint}") from None
+    if wanted.get("rad", 0) < 0:  # "N m" is as good as "N m/rad"
+        dimension.setdefault("rad", wanted["rad"])
     if dimension != wanted:
         raise ValueError(f"is not {_article(quantity)}; {hint}")
     try:
@@ -97,6 +100,21 @@ def to_number(text: str, quantity: str, units: str) -> float:
     if exact and not number:
         raise ValueError(f"is too small a number; {hint}")
     return number
+
+
+def bare_number(text: str) -> str:
+    """Say what to write instead of a number with its unit, where only numbers can stand."""
+    found = _TEXT.fullmatch(text)
+    assert found, text
+    try:
+        factor, dimension = parsed(found[2])
+        number = float(Fraction(found[1]) * factor)
+    except (ValueError, OverflowError):
+        return "write the bare number"
+    of = {"m": "metres", "rad": "radians", "s": "seconds", "kg": "kilograms"}
+    (name, power), *more = dimension.items() or [("", 0)]
+    tail = f", in {of[name]}" if not more and power == 1 and name in of else ", in SI units"
+    return f"write the bare number, {number:.9g}{tail if dimension else ''}"
 
 
 def example(unit: str) -> str:

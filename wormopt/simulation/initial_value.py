@@ -52,7 +52,7 @@ class InitialValueProblem:
     @cached_property
     def v_stop(self) -> np.ndarray:
         """Per contact the speed at which it stops: in the plane speeds have no sign to change."""
-        errors = 10 * (self.tolerance.relative + self.tolerance.absolute)
+        errors = self.tolerance.stop or 10 * (self.tolerance.relative + self.tolerance.absolute)
         return self._in_plane(errors * self._nominal_speeds, self.v_rest)
 
     @cached_property

@@ -69,6 +69,10 @@ class Tolerance:
     max_step : float, optional
         Longest step; a fiftieth of the time if left out. While nothing moves, an input shorter
         than a tenth of it may go unseen.
+    stop : float, optional
+        In the plane, share of a contact's usual speed below which it stops if it can be held; ten
+        times the errors of a step if left out. Slower slip is not resolved: a larger one helps
+        where masses are pressed against something stiff and hardly move.
 
     Raises
     ------
@@ -86,9 +90,10 @@ class Tolerance:
     absolute: float = 1e-12
     max_steps: int = 10_000_000
     max_step: float | None = None
+    stop: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("relative", "absolute", "max_steps", "max_step"):
+        for name in ("relative", "absolute", "max_steps", "max_step", "stop"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, Real):
                 raise ArgumentError(f"{name} must be a number, not {value!r}")
@@ -98,6 +103,8 @@ class Tolerance:
             raise ArgumentError("max_step must be positive")
         if self.max_steps < 1:
             raise ArgumentError("max_steps must be at least 1")
+        if self.stop is not None and not 0 < self.stop <= 1e-3:
+            raise ArgumentError("stop must be positive, and 1e-3 at most")
 
 
 Route = Literal["auto", "native", "python", "cvodes"]

@@ -13,6 +13,7 @@ from wormopt.systems.planar.crawling.recheck import actuator_loads
 from wormopt.systems.planar.crawling.velocity import Motion
 
 _DEGREE = 6
+_APART = 1e-9  # breaks nearer to a phase are not told from it: what barely moves there is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,10 @@ class Quadrature:
 
 def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
     """Follow the pose anew between phases, and between the breaks among them."""
-    ends = np.union1d(tau, np.concatenate([crawl.breaks, crawl.course.stroke.breaks]))
+    breaks = np.union1d(crawl.breaks, crawl.course.stroke.breaks)
+    after = np.searchsorted(tau, breaks).clip(1, len(tau) - 1)
+    told = np.minimum(np.abs(breaks - tau[after]), np.abs(breaks - tau[after - 1])) < _APART
+    ends = np.union1d(tau, breaks[~told])
     rule, step = Collocation(_DEGREE), np.diff(ends)
     nodes = ends[:-1, None] + step[:, None] * rule.tau
     twist = motion_at(crawl, nodes.ravel()).twist.reshape(*nodes.shape, 3) * step[:, None, None]

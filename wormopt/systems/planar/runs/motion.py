@@ -44,8 +44,10 @@ _FOLDED = 3.1  # a joint that bends farther is taken to fold
 _CLOSED = 1e-3  # of the usual length: a link that is shorter has closed up
 # Softer obstacles, and by how much the end may then differ: about what is left to rigid ones.
 _SOFTER, _YIELDING = 0.25, 0.02
-# Obstacles that push a mass to rest ever more slowly cost steps without end.
-_STEPS_AT_OBSTACLES = 300_000
+# Pressed against an obstacle that gives way a mass slips as slowly as the forces change, and its
+# direction turns ever faster: what is slower than this share of the usual speed stops. The ways
+# change by far less than by obstacles that give way. Other slow slip may still cost many steps.
+_STOP_AT_OBSTACLES, _STEPS_AT_OBSTACLES = 1e-7, 300_000
 # What is accepted of the second route's end over the longest way, if it goes by steps of first
 # order, and of what a quarter of its step leaves of that (a quarter), unless that is noise:
 # single stops and releases that fall into one step or the next are as much.
@@ -62,7 +64,7 @@ def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
     table, clock = scene.table, time.perf_counter()
     plain = build_planar(scene)
     built = time.perf_counter()
-    tolerance = tolerance_of(table.tolerance)
+    tolerance = _tolerance_of(table)
     motion = _follow(scene, plain, tolerance, report)
     simulated = time.perf_counter()
     try:
@@ -98,9 +100,6 @@ def _follow(
 ) -> Trajectory:
     """Simulate; raises SolveError or Interrupted with a partial Result."""
     table = scene.table
-    if table.obstacles:
-        fewer = min(tolerance.max_steps, _STEPS_AT_OBSTACLES)
-        tolerance = replace(tolerance, max_steps=fewer)
     measured = measure_works(plain, _usual_work(table))
     watched = watch_links(measured, _CLOSED * plain.x[0].nominal)
     try:
@@ -132,6 +131,15 @@ def _follow(
     return motion
 
 
+def _tolerance_of(table: PlanarMotionScene) -> Tolerance:
+    """What the scene asks for, and among obstacles how slow a mass may get."""
+    tolerance = tolerance_of(table.tolerance)
+    if not table.obstacles:
+        return tolerance
+    steps = min(tolerance.max_steps, _STEPS_AT_OBSTACLES)
+    return replace(tolerance, max_steps=steps, stop=_STOP_AT_OBSTACLES)
+
+
 def _usual_work(table: PlanarMotionScene) -> float:
     lengths = np.mean(per(table.worm.rest_length, table.worm.links))
     period = table.actuation.period if table.actuation else table.time.end
@@ -154,7 +162,7 @@ def _recheck(
     scene: Scene[PlanarMotionScene], model: Model, motion: Trajectory, report: Report
 ) -> Recheck:
     """By steps of Moreau and Jean, which know no events; where they do not fit, by tolerance."""
-    tolerance = tolerance_of(scene.table.tolerance)
+    tolerance = _tolerance_of(scene.table)
     if scene.table.obstacles:
         check = cross_check(model, motion, tolerance, report=report)
         return Recheck(check, wall_error=_softness(scene, motion, tolerance, report))

@@ -19,6 +19,7 @@ from wormopt.scene.numerics import (
 )
 from wormopt.scene.types import (
     Finite,
+    NonNegativePerJoint,
     NonNegativePerLink,
     PerLink,
     PerMass,
@@ -40,7 +41,16 @@ _Vector = Annotated[
 ]
 _Row = tuple[Finite, ...]
 _Angle = Annotated[float, Meta(gt=-3.14159, lt=3.14159, description="an angle within ±3.14159")]
+_AnglePerJoint = Annotated[
+    _Angle | tuple[_Angle, ...],
+    Meta(description="an angle within ±3.14159, or a list of such angles, one per joint"),
+]
 _Slope = Annotated[float, Meta(ge=0, le=1.5707, description="an angle from 0 to 1.5707")]
+_MEAN, _COSINE, _SINE = (
+    "mean of each; 0 if left out",
+    "coefficients of the cosines",
+    "coefficients of the sines",
+)
 _STIFFER = 1000.0  # obstacles than links
 _JOINTS = ("bending_stiffness", "bending_damping", "rest_angle")
 
@@ -54,13 +64,15 @@ class PlanarChainTable(Table, frozen=True, kw_only=True):
     damping: Annotated[NonNegativePerLink, says("drag", "*d*<sub>j</sub> of the links")]
     rest_length: Annotated[PerLink, says("length", "of the links, without force")]
     bending_stiffness: Annotated[
-        NonNegativePerLink, says("", "*κ*<sub>j</sub> of the joints, torque per angle")
+        NonNegativePerJoint,
+        says("joint_stiffness", "*κ*<sub>j</sub> of the joints, torque per angle"),
     ] = 0.0
     bending_damping: Annotated[
-        NonNegativePerLink, says("", "*δ*<sub>j</sub> of the joints, torque per turning")
+        NonNegativePerJoint,
+        says("joint_damping", "*δ*<sub>j</sub> of the joints, torque per turning"),
     ] = 0.0
     rest_angle: Annotated[
-        _Angle | tuple[_Angle, ...],
+        _AnglePerJoint,
         says("rad", "of the joints, without torque; positive: the front is turned to the left"),
     ] = 0.0
     rod_mass: Annotated[
@@ -102,7 +114,7 @@ class PlanarStart(Table, frozen=True, kw_only=True):
         PerLink | None, says("length", "of the links; their rest lengths if left out")
     ] = None
     angles: Annotated[
-        _Angle | tuple[_Angle, ...] | None,
+        _AnglePerJoint | None,
         says("rad", "of the joints; their rest angles if left out"),
     ] = None
     tail: Annotated[_Vector, says("length", "place of the last mass")] = (0.0, 0.0)
@@ -119,14 +131,11 @@ class PlanarStart(Table, frozen=True, kw_only=True):
 
 
 class Swinging(Table, frozen=True, kw_only=True):
-    """Values that swing: row *h* holds the coefficients of the *h*-th harmonic.
+    """Values that swing, of links or joints; the tables below say of which quantity."""
 
-    mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
-    """
-
-    mean: Annotated[_Row | None, says("", "mean of each; 0 if left out")] = None
-    cosine: Annotated[tuple[_Row, ...], says("", "coefficients of the cosines")] = ()
-    sine: Annotated[tuple[_Row, ...], says("", "coefficients of the sines")] = ()
+    mean: tuple[float, ...] | None = None
+    cosine: tuple[tuple[float, ...], ...] = ()
+    sine: tuple[tuple[float, ...], ...] = ()
 
     def faults(self, key: str, count: int, things: str) -> Iterator[Fault]:
         """Yield rows of wrong lengths."""
@@ -138,16 +147,38 @@ class Swinging(Table, frozen=True, kw_only=True):
                 yield place, f"{len(row)} for {count} {things}; write a list of {count}"
 
 
+class SwingingForce(Swinging, frozen=True, kw_only=True):
+    """Forces that swing: row *h* holds the coefficients of the *h*-th harmonic.
+
+    mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
+    """
+
+    mean: Annotated[_Row | None, says("force", _MEAN)] = None
+    cosine: Annotated[tuple[_Row, ...], says("force", _COSINE)] = ()
+    sine: Annotated[tuple[_Row, ...], says("force", _SINE)] = ()
+
+
+class SwingingTorque(Swinging, frozen=True, kw_only=True):
+    """Torques that swing: row *h* holds the coefficients of the *h*-th harmonic.
+
+    mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
+    """
+
+    mean: Annotated[_Row | None, says("torque", _MEAN)] = None
+    cosine: Annotated[tuple[_Row, ...], says("torque", _COSINE)] = ()
+    sine: Annotated[tuple[_Row, ...], says("torque", _SINE)] = ()
+
+
 class PlanarActuation(Table, frozen=True, kw_only=True):
     """Forces in the links and torques in the joints that swing."""
 
     period: Annotated[Positive, says("time", "of both")]
     force: Annotated[
-        Swinging | None, says("force", "push the masses of a link apart; none if left out")
+        SwingingForce | None, says("", "push the masses of a link apart; none if left out")
     ] = None
     torque: Annotated[
-        Swinging | None,
-        says("energy", "turn the front of a joint to the left; none if left out"),
+        SwingingTorque | None,
+        says("", "turn the front of a joint to the left; none if left out"),
     ] = None
 
     def faults(self, links: int) -> Iterator[Fault]:
@@ -217,7 +248,7 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
                 "length": ("length", ("link",), "link length"),
                 "angle": ("angle", ("joint",), "angle of the joint"),
                 "input": ("force", ("link",), "force of the actuator"),
-                "torque": ("energy", ("joint",), "torque of the actuator"),
+                "torque": ("torque", ("joint",), "torque of the actuator"),
                 "power": ("power", ("actuator",), "power of the actuator, links then joints"),
                 "center_x": ("length", (), "place of the centre of mass"),
                 "center_y": ("length", (), "place of the centre of mass"),
