@@ -145,7 +145,7 @@ def _states_of(plant: Model, own: ca.SX) -> ca.DM:
     return ca.DM(np.linalg.pinv(ca.evalf(slopes).full()))
 
 
-def _seen_switch(switch: Switch, put, n: int) -> Switch:
+def _seen_switch(switch: Switch, put: Callable[[ca.SX], ca.SX], n: int) -> Switch:
     """A controller's switch, which has a name of its own: it fires by what is seen."""
     reset = ca.vertcat(switch.reset[:n], put(switch.reset[n:]))
     return replace(switch, name=f"{switch.name}, as seen", guard=put(switch.guard), reset=reset)
