@@ -284,13 +284,13 @@ def test_the_table_is_written_beside_the_result(compared: Result, tmp_path: Path
     # every row of a table has as many cells as its head
     rows = [line for line in table.splitlines() if line.startswith("|")]
     blocks = table.split("## ")[1:]
-    assert len(blocks) == 5
+    assert len(blocks) == 7
     for block in blocks:
         widths = {
             len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines() if line[:1] == "|"
         }
         assert len(widths) == 1
-    assert len(rows) == 2 * 2 * (9 + 2) + (12 + 2)
+    assert len(rows) == 2 * 3 * (9 + 2) + (12 + 2)
     for picture in ("comparison", "draws"):
         draw(compared, picture, tmp_path / f"{picture}.png")
 
