@@ -128,6 +128,24 @@ def test_jumps_come_back_after_the_lag(route: Route, lag: float):
     assert motion["past"][0][apart] == pytest.approx((since % 1.0)[apart], abs=1e-12)
 
 
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_jump_just_after_a_stretch_began_leaves_a_piece_that_is_all_but_nothing(route: Route):
+    """The first step of the stretch one lag later must not look beyond that piece."""
+    x, past, t = ca.SX.sym("x", 2), ca.SX.sym("past"), ca.SX.sym("t")
+    memory = Delay("past", past, ca.cos(t), 0.01)
+    kick = Switch("kick", t - 1.000006, x + ca.DM([1e-3, 0.0]))
+    model = Model(
+        "kicked", [Signal("x", x, value=2.0)], ca.vertcat(past, past**6), t=t,
+        switches=[kick], delays=[memory],
+    )  # fmt: skip
+    motion = simulate(model, 1.1, route=route, tolerance=Tolerance(relative=1e-10, absolute=1e-11))
+    # before the start the cosine was 1, for a lag
+    known = np.polynomial.legendre.leggauss(20)
+    sixth = 1.09 / 2 * np.sum(known[1] * np.cos(1.09 / 2 * (known[0] + 1)) ** 6)
+    exact = [2.0 + 0.01 + np.sin(1.09) + 1e-3, 2.0 + 0.01 + sixth]
+    np.testing.assert_allclose(motion.end, exact, atol=1e-8)
+
+
 def test_breaks_of_schedules_come_back_too():
     """v' = a(t - h) of an acceleration that jumps: x is piecewise quadratic."""
     a, begin, v, past = (ca.SX.sym(n) for n in ("a", "begin", "v", "past"))

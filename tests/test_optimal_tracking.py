@@ -284,13 +284,13 @@ def test_the_table_is_written_beside_the_result(compared: Result, tmp_path: Path
     # every row of a table has as many cells as its head
     rows = [line for line in table.splitlines() if line.startswith("|")]
     blocks = table.split("## ")[1:]
-    assert len(blocks) == 5
+    assert len(blocks) == 7
     for block in blocks:
         widths = {
             len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines() if line[:1] == "|"
         }
         assert len(widths) == 1
-    assert len(rows) == 2 * 2 * (9 + 2) + (12 + 2)
+    assert len(rows) == 2 * 3 * (9 + 2) + (12 + 2)
     for picture in ("comparison", "draws"):
         draw(compared, picture, tmp_path / f"{picture}.png")
 
@@ -307,3 +307,66 @@ def test_the_table_is_written_beside_the_result(compared: Result, tmp_path: Path
 def test_comparisons_that_make_no_sense_are_refused(change: list[str], key: str):
     with pytest.raises(SceneError, match=key):
         load_scene("compare_tracking", change)
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        (["measurement.delay=1e-4"], "measurement.delay"),
+        (["measurement.interval=1e-4"], "measurement.interval"),
+        (["measurement.noise=-1"], "measurement.noise"),
+        (["draws.known=1"], "draws.known"),
+        (
+            ["measurement.delay=0.1",
+             "tracker=[{feedback='difference',tube_radius=0.2,lag=0.1}]"],
+            "measurement.delay",
+        ),
+        (
+            ["predictive={period=0.02,horizon=0.1,input_weight=1e-4,v_reg=0.1}"],
+            "measurement",
+        ),
+    ],
+)  # fmt: skip
+def test_measurements_that_make_no_sense_are_refused(change: list[str], key: str):
+    with pytest.raises(SceneError, match=key):
+        load_scene("compare_over", change)
+
+
+OVER = [
+    "time.end=1.2", "tube.capture=0.5", "time.samples=61", "draws.members=6",
+    "reference=[{name='a',gait={shape='fast',period=1.0,rest_length=2.0,elongation=0.15}}]",
+    "tracker=[{feedback='derivative',tube_radius=0.2,growth=1e4}]",
+]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_noise_of_nothing_is_no_noise_and_each_plant_has_its_own():
+    none, little, much = (
+        wo.run(load_scene("compare_over", [*OVER, f"measurement.noise={noise}"]))
+        for noise in (0.0, 1e-9, 0.02)
+    )
+    for name in ("error_integral", "input_integral", "distance"):
+        exact = none[f"drawn_{name}"].values
+        # noise of 1e-9 acts by its rate too, some 1e-7
+        np.testing.assert_allclose(little[f"drawn_{name}"].values, exact, rtol=1e-4, atol=1e-6)
+    spent, more = (each["drawn_input_integral"].values[0] for each in (none, much))
+    assert (more > spent).all()
+    assert len(set(np.round((more - spent)[0], 9))) == 6
+    assert none.status == little.status == much.status == "ok"
+
+
+@pytest.mark.slow
+def test_a_worm_that_late_feedback_loses_is_counted_and_others_are_told():
+    """Beyond k delay / mass = pi/2 no gain is stable: (14) grows its own until it loses."""
+    late = [*OVER, "measurement={delay=0.06}", "tracker.0.feedback='filter'"]
+    found = wo.run(load_scene("compare_over", late))
+    assert found.attributes["rivals"] == ["tracker (14)", "LQR, feed-forward"]
+    assert value(found, "draws_failed")[0] == [6, 0]
+    assert value(found, "draws_outside")[0][0] == 6
+    assert np.isnan(found["error_norm"].values[0, 0]).all()
+    assert np.isfinite(found["error_norm"].values[0, 1]).all()
+    assert any("loses the worm" in warning for warning in found.trust["warnings"])
+    np.testing.assert_allclose(
+        found["outside_share"].values[0, 0], [0.025 ** (1 / 6), 1.0], rtol=1e-9
+    )
+    assert found["less_error_integral"].values[0].tolist() == [[0, 0], [6, 0]]

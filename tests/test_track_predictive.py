@@ -30,7 +30,7 @@ from wormopt.systems.chain.optimal_tracking import first_guess
 from wormopt.systems.chain.predictive_tracking import course_of, plan_tracking, real_time
 from wormopt.systems.chain.rival_decisions import decide, decision_jobs
 from wormopt.systems.chain.rivals import Rival, draw_plants, driven
-from wormopt.systems.chain.runs.compare_tracking import scenarios
+from wormopt.systems.chain.runs.compare_judging import scenarios
 from wormopt.systems.chain.scenes.predictive import PredictiveTable
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
@@ -263,7 +263,7 @@ def test_in_a_comparison_each_plant_has_inputs_of_its_own():
             assert np.array_equal(other[0], inputs[0][0])
             assert np.abs(other - inputs[0]).max() > 0.1
         rival = Rival(job.name, driven(table, gait, decided.believed), decided.others)
-        for k, scenario in scenarios(rival, draws):
+        for k, scenario in scenarios(rival, draws, table):
             course = decided.others[k]
             assert course is not None
             one = simulate(rival.model, 0.3, p=scenario.p, schedules=scenario.schedules)

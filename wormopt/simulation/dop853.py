@@ -54,7 +54,7 @@ class Explicit:
         Raises GivenUp if it would have to be too short.
         """
         if self.h <= 0.0:
-            self.h = self._first()
+            self.h = self._first(stop)
         self.h = min(self.h, self._task.max_step)
         left = stop - self._t
         last = 1.01 * self.h >= left
@@ -118,7 +118,7 @@ class Explicit:
         if self._watch.sees(step, *way) and left > _STIFF_STEPS and not self._task.system.exact:
             raise GivenUp("stiff")
 
-    def _first(self) -> float:
+    def _first(self, stop: float) -> float:
         """Length of the first step, from the size of x, x' and x'' (Hairer's hinit)."""
         t, x, dx, task = self._t, self._x, self._dx, self._task
         scale = task.absolute + task.tolerance.relative * np.abs(x)
@@ -127,8 +127,10 @@ class Explicit:
         # a state that is all but 0 and moves says nothing of times
         left = task.span[1] - t
         h = min(max(h, 1e-9 * left), left)
-        change = (self._derivative(t + h, x + h * dx) - dx) / scale
-        largest = max(np.sqrt(np.sum(change**2)) / h, np.sqrt(slope))
+        # beyond a break the formulas of this piece say nothing, polynomials of a short one least
+        probe = min(h, stop - t)
+        change = (self._derivative(t + probe, x + probe * dx) - dx) / scale
+        largest = max(np.sqrt(np.sum(change**2)) / probe, np.sqrt(slope))
         wanted = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** (1 / 8)
         wanted = min(100 * h, wanted)
         return float(wanted if np.isfinite(wanted) and wanted > 0 else h)

@@ -121,14 +121,16 @@ double first_step(Run *run) {
     /* a state that is all but 0 and moves says nothing of times */
     double left = run->in.t_end - run->out.t;
     h = fmin(fmax(h, 1e-9 * left), left);
-    for (long long m = 0; m < n; m++) run->stage[m] = x[m] + h * f[m];
-    derivative(run, run->out.t + h, run->stage, run->k[1]);
+    /* beyond a break the formulas of this piece say nothing, polynomials of a short one least */
+    double probe = fmin(h, run->t_break - run->out.t);
+    for (long long m = 0; m < n; m++) run->stage[m] = x[m] + probe * f[m];
+    derivative(run, run->out.t + probe, run->stage, run->k[1]);
     for (long long m = 0; m < n; m++) {
         double scale = run->in.absolute[m] + run->in.relative * fabs(x[m]);
         double change = (run->k[1][m] - f[m]) / scale;
         bend += change * change;
     }
-    double largest = fmax(sqrt(bend) / h, sqrt(slope));
+    double largest = fmax(sqrt(bend) / probe, sqrt(slope));
     double wanted = largest <= 1e-15 ? fmax(1e-6, h * 1e-3) : pow(0.01 / largest, 1.0 / 8.0);
     wanted = fmin(100 * h, wanted);
     return isfinite(wanted) && wanted > 0 ? wanted : h;

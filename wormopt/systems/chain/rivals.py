@@ -14,6 +14,7 @@ from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
 from wormopt.control.lqr import lqr
 from wormopt.control.reference import gait_reference
+from wormopt.control.sensing import Sensors, band_limited, through_sensors
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -31,7 +32,7 @@ from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
 
 LQR = "LQR, feed-forward"
 PLANS = ("optimal tracking", "optimal tube", "fastest crawl")
-"""What is planned, by the names that tables and pictures show."""
+"""What may be planned, by the names that tables and pictures show."""
 
 # The crawl's relaxed contact.
 _RELAXED = Complementarity(residual=1e-3, first=1.0)
@@ -67,6 +68,12 @@ class Answer:
     iterations: int = 0  # of the solves for `plan`
     # how these solves went, time taken by all, or why there is no plan
     numbers: dict[str, float | str] = field(default_factory=dict)
+
+
+def plans_of(table: CompareScene) -> tuple[str, ...]:
+    """What a scene plans."""
+    tracking = PLANS[:2] if table.optimal is not None else ()
+    return tracking + (PLANS[2:] if table.crawl is not None else ())
 
 
 def solve(job: Job) -> Answer:
@@ -110,6 +117,7 @@ def plant_of(table: CompareScene, gait: Gait) -> Model:
 
 def _track(job: Job) -> Optimum:
     table, optimal = job.table, job.table.optimal
+    assert optimal is not None
     plant = plant_of(table, job.gait)
     if job.kind == "optimal tracking":
         objective = LeastError(input_weight=optimal.input_weight)
@@ -129,6 +137,7 @@ def _track(job: Job) -> Optimum:
 
 def _crawl(job: Job) -> Optimum:
     table = job.table.crawl
+    assert table is not None
     plant = plant_of(job.table, job.gait)
     limits = CrawlLimits(
         (table.period, table.period), table.force, (table.length[0], table.length[1])
@@ -158,7 +167,8 @@ def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) ->
     """
     for name, tracker in zip(labels(table.tracker), table.tracker, strict=True):
         plant = plant_of(table, gait)
-        yield Rival(name, close_loop(plant, gait_reference(gait, plant.t), tracker, table.worm))
+        loop = close_loop(plant, gait_reference(gait, plant.t), tracker, table.worm)
+        yield Rival(name, seen(table, plant, loop))
     yield Rival(LQR, _lqr(table, gait, None))
     found = {name: plan for name, plan in plans.items() if plan is not None}
     for name, plan in found.items():
@@ -189,7 +199,26 @@ def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
         input_weight=weights.input_weight,
         feedforward=None if plan is None else plan.inputs,
     )
-    return loop if plan is None else with_reference(loop, reference)
+    return seen(table, plant, loop if plan is None else with_reference(loop, reference))
+
+
+def seen(table: CompareScene, plant: Model, loop: Model) -> Model:
+    """A closed loop whose controller sees the plant as the scene says."""
+    measurement = table.measurement
+    if measurement is None or measurement.exact:
+        return loop
+    noise = noise_of(table, 0) if measurement.noise else None
+    return through_sensors(plant, loop, Sensors(noise, measurement.delay))
+
+
+def noise_of(table: CompareScene, member: int) -> Gait:
+    """Noise of the worm as it is believed, number 0, or of another plant, from number 1 on."""
+    measurement = table.measurement
+    assert measurement is not None
+    seed = (measurement.seed, member)
+    return band_limited(
+        measurement.noise, measurement.interval, table.time.end, table.worm.links, seed
+    )
 
 
 def draw_plants(table: CompareScene, gait: Gait) -> list[Draw]:

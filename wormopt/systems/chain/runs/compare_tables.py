@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wormopt.systems.chain.scenes.compare_tracking import CompareScene
+from wormopt.systems.chain.certainty import LEVEL, less, median_interval, share_interval
+from wormopt.systems.chain.scenes.compare_tracking import RANKED, CompareScene
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +23,15 @@ class Drawn:
         """How many plants leave the tube after its time of capture, those that failed included."""
         stays = self.values["time_outside_tube"] == 0
         return len(stays) - int(np.sum(stays))
+
+    @property
+    def outside_share(self) -> tuple[float, float]:
+        """Interval of the share of plants that leave the tube."""
+        return share_interval(self.outside, len(self.values["time_outside_tube"]))
+
+    def median(self, name: str) -> tuple[float, float]:
+        """Interval of a number's median over all plants, those that failed counted as worst."""
+        return median_interval(self.values[name])
 
     def quantiles(self, name: str, *shares: float) -> list[float]:
         """Quantiles of a number over the plants that could be simulated, at `shares` of 0 to 1."""
@@ -52,6 +62,9 @@ _COLUMNS = {
 }
 
 
+_ALL = _COLUMNS | {"input_integral": "∫\\|u\\|²"}
+
+
 def table_of(
     table: CompareScene,
     references: Sequence[str],
@@ -68,6 +81,7 @@ def table_of(
     for name, row, plants in zip(references, numbers, drawn, strict=True):
         lines += ["", f"## {name}: the worm as it is believed", "", *_nominal(row)]
         lines += ["", f"## {name}: {_plants(table)}", "", *_draws(plants)]
+        lines += ["", f"## {name}: what is certain of the plants", "", *_certain(plants)]
     if table.draws.known:
         count = table.draws.known
         lines += ["", f"## {references[0]}: what {count} of these plants cost who knows them", ""]
@@ -87,7 +101,18 @@ def _legend(table: CompareScene) -> list[str]:
         "actuator, nothing recovered; net work counts what flows back too; cost of transport is "
         "work spent by total mass and distance. All motions are of one simulator with exact "
         "contact.",
+        *_measured(table),
     ]
+
+
+def _measured(table: CompareScene) -> Iterator[str]:
+    measurement = table.measurement
+    if measurement is not None and not measurement.exact:
+        yield ""
+        yield (
+            f"What is fed back is {measurement.delay:g} old, with noise of {measurement.noise:g} "
+            f"on samples every {measurement.interval:g}."
+        )
 
 
 def _nominal(row: Mapping[str, Mapping[str, float | None]]) -> Iterator[str]:
@@ -112,11 +137,37 @@ def _draws(plants: Mapping[str, Drawn]) -> Iterator[str]:
     yield "Median, in brackets 5 and 95 % of the plants."
 
 
+def _certain(plants: Mapping[str, Drawn]) -> Iterator[str]:
+    first = next(iter(plants))
+    yield from head_of(
+        ["", "share that leaves the tube", *(f"median {_ALL[n]}" for n in RANKED),
+         f"less ∫\\|e\\|² than {first}", f"less ∫\\|u\\|² than {first}"]
+    )  # fmt: skip
+    for k, (name, each) in enumerate(plants.items()):
+        medians = [_interval(*each.median(n)) for n in RANKED]
+        shares = []
+        for number in ("error_integral", "input_integral"):
+            rows = np.array([plants[first].values[number], each.values[number]])
+            better = share_interval(int(less(rows)[1, 0]), rows.shape[1])
+            shares.append(_interval(*better) if k else "–")
+        yield line_of([name, _interval(*each.outside_share), *medians, *shares])
+    yield ""
+    yield (
+        f"Intervals of {LEVEL:.0%}: of shares by Clopper and Pearson, of medians by order "
+        "statistics, plants that failed counted as worst. The last two columns: share of the "
+        "plants on which it has less, on the same plant."
+    )
+
+
+def _interval(low: float, high: float) -> str:
+    return f"[{text_of(low)}, {text_of(high)}]"
+
+
 def _knowledge(
     table: CompareScene, plants: Mapping[str, Drawn], known: Sequence[Known]
 ) -> Iterator[str]:
     """Means over the plants for which every plan was found, so that rows compare."""
-    weight, count = table.optimal.input_weight, table.draws.known
+    weight, count = table.optimal.input_weight if table.optimal else 0.0, table.draws.known
     found = [each for each in known if each.drawn.failed < count]
     whole = np.all([np.isfinite(k.drawn.values["distance"]) for k in found], axis=0)
     whole = np.broadcast_to(whole, (count,))

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.gait import Gait
+from wormopt.model.model import Model
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
 from wormopt.result import Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
-from wormopt.simulation.ensemble import Scenario, simulate_ensemble
-from wormopt.simulation.options import Exact, Tolerance
-from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.certainty import less
 from wormopt.systems.chain.copies import Draw
 from wormopt.systems.chain.measured import (
     balance,
     chain_checks,
     funnel_checks,
-    judged,
-    judged_numbers,
 )
 from wormopt.systems.chain.rival_decisions import Decided, decide, decision_jobs
 from wormopt.systems.chain.rivals import (
@@ -39,15 +33,21 @@ from wormopt.systems.chain.rivals import (
     Rival,
     draw_plants,
     driven,
+    plans_of,
     rivals,
     solve,
 )
-from wormopt.systems.chain.runs.compare_tables import Drawn, Known, table_of
-from wormopt.systems.chain.scenes.compare_tracking import COMPARED, CompareScene, DesignedShape
-from wormopt.systems.shared.declared import JUDGED
-from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
+from wormopt.systems.chain.runs.compare_judging import TOLD, JudgedRun, drawn_numbers, judge, know
+from wormopt.systems.chain.runs.compare_tables import Known, table_of
+from wormopt.systems.chain.scenes.compare_tracking import (
+    COMPARED,
+    RANKED,
+    CompareScene,
+    DesignedShape,
+)
+from wormopt.systems.shared.proof import accepted_error
 from wormopt.systems.shared.settings import tolerance_of
-from wormopt.systems.shared.signals import fitted, sample, simulate_whole
+from wormopt.systems.shared.signals import fitted, sample
 from wormopt.systems.spiked import (
     GaitProblem,
     Limits,
@@ -58,23 +58,8 @@ from wormopt.systems.spiked import (
     gait_of_shape,
 )
 
-# Plants that are not as believed are simulated less exactly: they differ by far more.
-_LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
-_SAMPLES = 501
 # Pieces of a designed gait that shrank to less than this share of the period are left out.
 _SHORT = 1e-6
-_TOLD = tuple(JUDGED)
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """One rival on the worm as it is believed, and on the others."""
-
-    rival: Rival
-    motion: Trajectory  # of the worm as it is believed
-    second: CrossCheck | None  # its second route
-    numbers: dict[str, Any]  # of `motion`
-    drawn: Drawn  # of the other plants
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -91,10 +76,10 @@ def run(scene: Scene[CompareScene], report: Report) -> Result:
     designed = time.perf_counter()
     plans = _plan(table, gaits, draws[: table.draws.known], report)
     decided = _decide(table, gaits, draws, report)
-    planned = time.perf_counter()
+    ready = time.perf_counter()
     runs = [
         [
-            _judge(scene, rival, draws, k == 0, report)
+            judge(table, rival, draws, k == 0, report)
             for rival in (
                 *_rivals(scene, gait, {n: a.plan for n, a in plans[k].items()}),
                 *_predictive(table, gait, decided[k]),
@@ -103,11 +88,11 @@ def run(scene: Scene[CompareScene], report: Report) -> Result:
         for k, gait in enumerate(gaits)
     ]
     simulated = time.perf_counter()
-    known = [_known(table, gaits[0], name, plans[0][name], draws) for name in PLANS]
+    known = [know(table, gaits[0], name, answer, draws) for name, answer in plans[0].items()]
     timings = {
         "design": designed - clock,
-        "optimise": planned - designed,
-        "simulate": simulated - planned,
+        "optimise": ready - designed,
+        "simulate": simulated - ready,
         "know": time.perf_counter() - simulated,
     }
     return _result(scene, plans, decided, runs, known, timings)
@@ -137,17 +122,22 @@ def _plan(
     table: CompareScene, gaits: Sequence[Gait], draws: Sequence[Draw], report: Report
 ) -> list[dict[str, Answer]]:
     """Answers by reference and kind of plan; the crawl knows no reference."""
-    wanted = [(name, 0) for name in (PLANS[1], PLANS[0], PLANS[2])]  # those that take long first
-    wanted += [(name, k) for k in range(1, len(gaits)) for name in (PLANS[1], PLANS[0])]
+    names = plans_of(table)
+    long_first = [name for name in (PLANS[1], PLANS[0], PLANS[2]) if name in names]
+    wanted = [(name, 0) for name in long_first]
+    wanted += [(n, k) for k in range(1, len(gaits)) for n in long_first if n != PLANS[2]]
     jobs = [Job(name, table, gaits[k], draws if k == 0 else ()) for name, k in wanted]
     found: list[dict[str, Answer]] = [{} for _ in gaits]
+    if not jobs:
+        return found
     with Workers(table.workers) as workers:
         for n, ((name, k), answer) in enumerate(zip(wanted, workers.map(solve, jobs), strict=True)):
             report("optimising", 0.05 + 0.6 * (n + 1) / len(jobs))
             found[k][name] = answer
-    for plans in found:
-        plans["fastest crawl"] = found[0]["fastest crawl"]
-    return [{name: plans[name] for name in PLANS} for plans in found]
+    if PLANS[2] in names:
+        for plans in found:
+            plans[PLANS[2]] = found[0][PLANS[2]]
+    return [{name: plans[name] for name in names} for plans in found]
 
 
 def _rivals(
@@ -181,70 +171,6 @@ def _predictive(table: CompareScene, gait: Gait, decided: Mapping[str, Decided])
             yield Rival(name, driven(table, gait, each.believed), each.others)
 
 
-def _judge(
-    scene: Scene[CompareScene], rival: Rival, draws: Sequence[Draw], check: bool, report: Report
-) -> _Run:
-    table = scene.table
-    report(f"simulating {rival.name}", 0.7)
-    model, tolerance = judged(rival.model, table.tube), tolerance_of(table.tolerance)
-    motion = simulate_whole(model, table.time.end, table.time.samples, Exact(), tolerance, silent)
-    # Trackers are rechecked in scenes of their own kind: their many steps take long in Python.
-    check &= table.tolerance.recheck and not any(s.name == "gain" for s in rival.model.x)
-    second = cross_check(rival.model, motion, tolerance, report=silent) if check else None
-    numbers: list[dict[str, Any] | None] = [None] * len(draws)
-    members = dict(scenarios(rival, draws))
-    ensemble = simulate_ensemble(
-        model,
-        table.time.end,
-        list(members.values()),
-        times=np.linspace(0.0, table.time.end, _SAMPLES),
-        tolerance=_LOOSE,
-    )
-    for k, each, code in zip(members, ensemble.motions, ensemble.codes, strict=True):
-        numbers[k] = None if code else judged_numbers(each, table.tube)
-    return _Run(rival, motion, second, judged_numbers(motion, table.tube), _drawn(numbers))
-
-
-def scenarios(rival: Rival, draws: Sequence[Draw]) -> Iterator[tuple[int, Scenario]]:
-    """Plants by their number, each with its own course of inputs where the rival decides."""
-    for k, draw in enumerate(draws):
-        if rival.others is None:
-            yield k, Scenario(p=draw)
-        elif (course := rival.others[k]) is not None:
-            (own,) = gait_reference(course, rival.model.t, periodic=False, name="input").schedules
-            yield k, Scenario(p=draw, schedules={"input": own.values})
-
-
-def _drawn(numbers: Sequence[dict[str, Any] | None]) -> Drawn:
-    """Numbers of every plant, not a number where it could not be simulated or never happens."""
-
-    def column(name: str) -> np.ndarray:
-        values = (None if n is None else n[name] for n in numbers)
-        return np.array([np.nan if v is None else v for v in values], dtype=float)
-
-    return Drawn({name: column(name) for name in _TOLD}, sum(n is None for n in numbers))
-
-
-def _known(
-    table: CompareScene, gait: Gait, name: str, answer: Answer, draws: Sequence[Draw]
-) -> Known:
-    """Plans made by somebody who knows the plant, each simulated on its plant."""
-    numbers: list[dict[str, Any] | None] = []
-    for plan, draw in zip(answer.known, draws, strict=False):
-        motion = None
-        if plan is not None:
-            with suppress(SolveError):  # counted as one that is not found
-                motion = simulate(
-                    judged(driven(table, gait, plan.inputs, periodic=plan.periodic), table.tube),
-                    table.time.end,
-                    p=draw,
-                    times=np.linspace(0.0, table.time.end, _SAMPLES),
-                    tolerance=_LOOSE,
-                )
-        numbers.append(None if motion is None else judged_numbers(motion, table.tube))
-    return Known(name, _drawn(numbers))
-
-
 # -- what is said of it ----------------------------------------------------------------------------
 
 
@@ -252,13 +178,13 @@ def _result(
     scene: Scene[CompareScene],
     plans: Sequence[Mapping[str, Answer]],
     decided: Sequence[Mapping[str, Decided]],
-    runs: Sequence[Sequence[_Run]],
+    runs: Sequence[Sequence[JudgedRun]],
     known: Sequence[Known],
     timings: dict[str, float],
 ) -> Result:
     table, tolerance = scene.table, tolerance_of(scene.table.tolerance)
     names = [each.name for each in table.reference]
-    energies = [[balance(each.motion) for each in row] for row in runs]
+    energies = [[each.motion and balance(each.motion) for each in row] for row in runs]
     checks = [
         check
         for name, row, balances in zip(names, runs, energies, strict=True)
@@ -269,13 +195,14 @@ def _result(
         check
         for name, row in zip(names, runs, strict=True)
         for each in row
+        if each.motion is not None
         for check in funnel_checks(each.rival.model, each.motion, f"{name}, {each.rival.name}: ")
     ]
     residuals = [abs(each.residual) for row in energies for each in row if each]
     text = table_of(
         table,
         names,
-        [{e.rival.name: {n: e.numbers[n] for n in _TOLD} for e in row} for row in runs],
+        [{e.rival.name: {n: e.numbers[n] for n in TOLD} for e in row} for row in runs],
         [{e.rival.name: e.drawn for e in row} for row in runs],
         known,
     )
@@ -309,13 +236,14 @@ def _result(
 def _scalars(
     table: CompareScene,
     plans: Sequence[Mapping[str, Answer]],
-    runs: Sequence[Sequence[_Run]],
+    runs: Sequence[Sequence[JudgedRun]],
     known: Sequence[Known],
 ) -> dict[str, Any]:
     rows = _aligned(runs)
-    solved = [*plans[0].values(), *(row[name] for row in plans[1:] for name in PLANS[:2])]
+    solved = [*plans[0].values()]
+    solved += [row[name] for row in plans[1:] for name in row if name != PLANS[2]]
     rechecked = [e.second.error for e in runs[0] if e.second and e.second.error is not None]
-    return {name: [[e and e.numbers[name] for e in row] for row in rows] for name in _TOLD} | {
+    return {name: [[e and e.numbers[name] for e in row] for row in rows] for name in TOLD} | {
         "tube_radius": table.tube.radius,
         "draws": table.draws.members,
         "draws_failed": [[e and e.drawn.failed for e in row] for row in rows],
@@ -327,52 +255,75 @@ def _scalars(
     }
 
 
-def _names(runs: Sequence[Sequence[_Run]]) -> list[str]:
+def _names(runs: Sequence[Sequence[JudgedRun]]) -> list[str]:
     """Names of all rivals; one whose plan was not found may lack for some reference."""
     return [*dict.fromkeys(e.rival.name for row in sorted(runs, key=len)[::-1] for e in row)]
 
 
-def _aligned(runs: Sequence[Sequence[_Run]]) -> list[list[_Run | None]]:
+def _aligned(runs: Sequence[Sequence[JudgedRun]]) -> list[list[JudgedRun | None]]:
     """Rows with an entry for every name."""
     rows = [{e.rival.name: e for e in row} for row in runs]
     return [[row.get(name) for name in _names(runs)] for row in rows]
 
 
 def _signals(
-    table: CompareScene, runs: Sequence[Sequence[_Run]], known: Sequence[Known]
+    table: CompareScene, runs: Sequence[Sequence[JudgedRun]], known: Sequence[Known]
 ) -> dict[str, Any]:
     rows = _aligned(runs)
-    sampled = [[e and _sampled(e) for e in row] for row in rows]
-    lost = {name: np.full_like(values, np.nan) for name, values in _sampled(runs[0][0]).items()}
+    sampled = [[_sampled(e.rival.model, e.motion) if e else None for e in row] for row in rows]
+    one = next((s for row in sampled for s in row if s is not None), None)
+    if one is None:
+        raise SolveError("every controller loses the worm as it is believed; measure better")
+    lost = {name: np.full_like(values, np.nan) for name, values in one.items()}
     arrays = {
         name: np.array([[(signals or lost)[name] for signals in row] for row in sampled])
         for name in COMPARED
     }
     none = np.full(table.draws.members, np.nan)
     found: dict[str, Any] = {
-        "time": runs[0][0].motion.time,
+        "time": np.linspace(0.0, table.time.end, table.time.samples),
         **fitted(arrays, table.variables),
-        "aim": np.array([row[0].motion["reference"] for row in runs]),
+        "aim": np.array([_aim(row) for row in runs]),
     }
-    for name in _TOLD:
+    for name in TOLD:
         drawn = [[e.drawn.values[name] if e else none for e in row] for row in rows]
         found[f"drawn_{name}"] = np.array(drawn)
         if table.draws.known:
             found[f"known_{name}"] = np.array([each.drawn.values[name] for each in known])
+    return found | _certain(rows, table.draws.members)
+
+
+def _certain(rows: Sequence[Sequence[JudgedRun | None]], members: int) -> dict[str, np.ndarray]:
+    """Intervals of what is told of the plants, and on how many who has less."""
+    lost = drawn_numbers([None] * members)
+    drawn = [[e.drawn if e else lost for e in row] for row in rows]
+    found = {"outside_share": np.array([[d.outside_share for d in row] for row in drawn])}
+    for name in RANKED:
+        found[f"median_{name}"] = np.array([[d.median(name) for d in row] for row in drawn])
+        found[f"less_{name}"] = np.array(
+            [less(np.array([d.values[name] for d in row])) for row in drawn]
+        )
     return found
 
 
-def _sampled(each: _Run) -> dict[str, np.ndarray]:
-    model = each.rival.model
+def _aim(row: Sequence[JudgedRun]) -> np.ndarray:
+    """Course of the reference, which every motion has; not a number if all are lost."""
+    motion = next((each.motion for each in row if each.motion is not None), None)
+    return np.array(np.nan) if motion is None else motion["reference"]
+
+
+def _sampled(model: Model, motion: Trajectory | None) -> dict[str, np.ndarray] | None:
+    if motion is None:
+        return None
     outputs = {name: model[name] for name in COMPARED if name != "position"}
-    return sample(each.motion, outputs | {"position": model["position"]})
+    return sample(motion, outputs | {"position": model["position"]})
 
 
 def _warnings(
     names: Sequence[str],
     plans: Sequence[Mapping[str, Answer]],
     decided: Sequence[Mapping[str, Decided]],
-    runs: Sequence[Sequence[_Run]],
+    runs: Sequence[Sequence[JudgedRun]],
     known: Sequence[Known],
 ) -> Iterator[str]:
     for reference, row in zip(names, decided, strict=True):
@@ -387,6 +338,8 @@ def _warnings(
                 yield f"{reference}: no {name}: {answer.numbers['reason']}"
     for reference, row in zip(names, runs, strict=True):
         for each in row:
+            if each.motion is None:
+                yield f"{reference}, {each.rival.name}: loses the worm as it is believed"
             if each.drawn.failed:
                 yield (
                     f"{reference}, {each.rival.name}: {each.drawn.failed} of the plants could not "

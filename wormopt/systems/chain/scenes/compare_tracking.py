@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
@@ -24,7 +24,12 @@ from wormopt.scene.types import (
 )
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
-from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, faults_of_lag
+from wormopt.systems.chain.scenes.track import (
+    DifferenceTracker,
+    FunnelTracker,
+    Tracker,
+    faults_of_lag,
+)
 from wormopt.systems.chain.scenes.track_optimal import GridTable, RelaxationTable, Share, TubeTable
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over
 from wormopt.systems.spiked import Shape
@@ -119,9 +124,45 @@ class DrawsTable(Table, frozen=True, kw_only=True):
     ] = 0
 
 
+class MeasurementTable(Table, frozen=True, kw_only=True):
+    """What controllers see of link lengths: with noise, and late.
+
+    Noise is normal at samples, joined by cubics, so that it has hardly anything above the frequency
+    1/(2 `interval`); every plant has a noise of its own. Rates are those of what is seen.
+    Controllers that look at nothing are as they were.
+    """
+
+    noise: Annotated[NonNegative, says("length", "standard deviation of each link's samples")] = 0.0
+    interval: Annotated[Positive, says("time", "between samples of the noise")] = 0.02
+    delay: Annotated[NonNegative, says("time", "how old is what is seen")] = 0.0
+    seed: Annotated[Seed, says("", "the same seed gives the same noise")] = 0
+
+    def faults(self, end: float, trackers: Sequence[Tracker]) -> Iterator[Fault]:
+        """Check what no single key shows, for motions from 0 to `end`."""
+        for name in ("interval", "delay"):
+            length = getattr(self, name)
+            if length and end / length > _MOST_STRETCHES:
+                least = end / _MOST_STRETCHES
+                cut = f"cuts the time into {end / length:.2g} stretches"
+                yield f"measurement.{name}", f"{cut}; write {least:g} or more"
+        if self.delay and any(isinstance(t, DifferenceTracker) for t in trackers):
+            message = 'is not for feedback = "difference", which has one of its own; write 0'
+            yield "measurement.delay", message
+
+    @property
+    def exact(self) -> bool:
+        """Whether controllers see everything as it is."""
+        return not (self.noise or self.delay)
+
+
+# A stretch takes milliseconds.
+_MOST_STRETCHES = 1e4
+
 COMPARED = ("error_norm", "length", "input", "position")
 """Signals that are kept of every rival."""
 _RIVALS = ("reference", "rival")
+RANKED = ("time_outside_tube", "error_peak", "error_integral", "input_integral", "distance")
+"""Numbers of which a median over the plants is told with its interval, and who has less."""
 
 
 class CompareScene(SceneTable, frozen=True, kw_only=True):
@@ -132,12 +173,18 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
     reference; plans open loop, and with LQR around them; with `[predictive]` predictive control in
     real time, as in scenes of [kind `track-predictive`](track-predictive.md). Then the same
     controllers, which do not know it, on plants whose parameters are drawn; and plans made anew
-    for the first of these
-    plants. All figures stand in `table.md`, beside the result; what follows from them:
+    for the first of these plants. With `[measurement]` feedback sees lengths with noise, and late;
+    a motion whose error grows beyond ten radii of the tube then ends, and the worm counts as lost.
+    All figures stand in `table.md`, beside the result; what follows from them:
     [comparison.md](../comparison.md).
 
     Refused: a tracker with another tube; more known plants than plants; friction of another kind
     than one `coulomb` table; `worm.random`.
+
+    Intervals over the plants are exact: of the share that leaves the tube by Clopper and Pearson,
+    of medians by order statistics, without assuming a distribution. Plants that could not be
+    simulated, or are lost, count as worse than all others, on which nobody is less than another.
+    With fewer than six plants medians have no bounds.
 
     Scalars are lists of lists, for each reference and controller. In the trust report `recheck` is
     the second route, trackers excepted, for the first reference. Attributes: `references`,
@@ -178,6 +225,27 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
             )
             for name, (quantity, _) in JUDGED.items()
         },
+        "outside_share": (
+            "share",
+            (*_RIVALS, "bound"),
+            "of plants that leave the tube: exact interval of 95 %",
+        ),
+        **{
+            f"median_{name}": (
+                JUDGED[name][0],
+                (*_RIVALS, "bound"),
+                f"median of {name} over the plants: interval of at least 95 %",
+            )
+            for name in RANKED
+        },
+        **{
+            f"less_{name}": (
+                "count",
+                (*_RIVALS, "other"),
+                f"plants on which {name} is less than with the other controller",
+            )
+            for name in RANKED
+        },
     }
 
     kind: Literal["compare-tracking"]
@@ -209,8 +277,18 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
         ),
     ]
     lqr: Annotated[LqrTable, says("", "LQR with feed-forward, also around the optimal inputs")]
-    optimal: Annotated[OptimalTable, says("", "optimal tracking and optimal tube")]
-    crawl: Annotated[CrawlTable, says("", "the crawl that ignores the reference")]
+    optimal: Annotated[
+        OptimalTable | None,
+        says("", "optimal tracking and optimal tube; not compared if left out"),
+    ] = None
+    crawl: Annotated[
+        CrawlTable | None,
+        says("", "the crawl that ignores the reference; not compared if left out"),
+    ] = None
+    measurement: Annotated[
+        MeasurementTable | None,
+        says("", "noise and delay of what controllers see; they see all as it is if left out"),
+    ] = None
     predictive: Annotated[
         PredictiveTable | None,
         says("", "predictive control in real time; not compared if left out"),
@@ -242,7 +320,8 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
         yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)
         yield from self.relaxation.faults()
-        yield from wrong_order("crawl.length", self.crawl.length, may_be_equal=False)
+        if self.crawl is not None:
+            yield from wrong_order("crawl.length", self.crawl.length, may_be_equal=False)
         if not self.reference:
             yield "reference", "there is none; write at least one [[reference]]"
         for k, reference in enumerate(self.reference):
@@ -261,6 +340,10 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
             yield from self.estimation.faults(self.worm)
             if self.predictive is None:
                 yield "estimation", "serves predictive control; write [predictive] too"
+        if self.measurement is not None:
+            yield from self.measurement.faults(self.time.end, self.tracker)
+            if self.predictive is not None and not self.measurement.exact:
+                yield "measurement", "is not for [predictive], which sees states; leave out either"
         if self.tube.capture >= self.time.end:
             yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
 
@@ -271,6 +354,8 @@ class CompareScene(SceneTable, frozen=True, kw_only=True):
             yield "worm.slope", "masses are drawn here, their weights are not; write worm.load"
         if not isinstance(self.worm.friction, CoulombFriction):
             yield "worm.friction", 'is compared with kind = "coulomb", one table for all masses'
+        if self.draws.known and self.optimal is None and self.crawl is None:
+            yield "draws.known", "serves plans; write 0, or [optimal] or [crawl]"
         if self.draws.known > self.draws.members:
             message = f"is more than draws.members = {self.draws.members}; write less"
             yield "draws.known", message
