@@ -1,5 +1,7 @@
 """Bounds of linear programs against exact rational arithmetic and a second route."""
 
+import subprocess
+import sys
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
@@ -341,3 +343,10 @@ def test_blocks_of_rows_are_put_together():
     assert matrix.toarray().tolist() == expected
     assert lower.tolist() == [0.0, 0.0, 0.0, -np.inf]
     assert upper.tolist() == [1.0, 1.0, 1.0, 4.0]
+
+
+def test_the_solver_prints_nothing():
+    """It must be asked in a process of its own: HiGHS greets but once."""
+    code = "from wormopt.numerics.linear_program import simplex; simplex().run()"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout == ""

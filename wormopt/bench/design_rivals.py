@@ -26,6 +26,7 @@ import numpy as np
 from scipy import sparse
 
 from wormopt.bench.design_cases import Arrays, Case, Course, Motion
+from wormopt.numerics.linear_program import silent_highs
 
 # -- HiGHS on equal steps ------------------------------------------------------------------------
 
@@ -100,8 +101,7 @@ def solve_grid(
 
     `known` is given every better motion as it is found; `start` has half as many steps.
     """
-    solver: Any = highspy.Highs()  # its stubs lack half of its methods
-    solver.silent()
+    solver = silent_highs()
     for option, value in {**_HIGHS, "time_limit": seconds}.items():
         solver.setOptionValue(option, value)
     solver.passModel(_program(limits, grid))

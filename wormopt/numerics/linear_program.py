@@ -25,13 +25,28 @@ _COEFFICIENT_ULPS = 8
 _ULP = float(np.finfo(float).eps)
 
 
+class _Silent(highspy.Highs):
+    """HiGHS that says nothing: 1.16 greets as it is made, before it can be told not to."""
+
+    def enableCallbacks(self) -> None:
+        """Enable callbacks, the first thing that it does as it is made."""
+        self.silent()
+        super().enableCallbacks()
+
+
+def silent_highs() -> Any:
+    """Give an empty HiGHS that prints nothing; its stubs lack half of its methods."""
+    highs: Any = _Silent()
+    highs.silent()  # earlier versions enable no callbacks as they are made
+    return highs
+
+
 def simplex(**options: float | str) -> Any:
     """Give an empty HiGHS that is silent, keeps to one thread and does the simplex method.
 
     Without presolve: programs differ little from the last, whose basis is worth more.
     """
-    highs: Any = highspy.Highs()  # its stubs lack half of its methods
-    highs.silent()
+    highs = silent_highs()
     for option, value in (_OPTIONS | options).items():
         highs.setOptionValue(option, value)
     return highs

@@ -8,7 +8,7 @@ from typing import Any
 import highspy
 import numpy as np
 
-from wormopt.numerics.linear_program import Rows
+from wormopt.numerics.linear_program import Rows, silent_highs
 
 # What rows and whole columns may be off by, and by how much the best found may be missed.
 TOLERANCE = 1e-9
@@ -48,8 +48,7 @@ def maximise_mixed(
     matrix.start_, matrix.index_, matrix.value_ = starts, column, value
     kinds = [highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger]
     model.integrality_ = [kinds[int(j)] for j in np.isin(np.arange(len(cost)), whole)]
-    solver: Any = highspy.Highs()
-    solver.silent()
+    solver = silent_highs()
     options: dict[str, float | int] = {
         "threads": 1,
         "time_limit": max(seconds, 0.1),
