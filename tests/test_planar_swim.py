@@ -250,7 +250,9 @@ def test_scenes_that_cannot_be_are_refused_by_their_key(change: str, told: str) 
 
 
 def test_limits_may_be_half_turns() -> None:
-    wo.load_scene("planar_purcell", ["limits.angle=[-3.141592653589793,3.141592653589793]"])
+    half = 3.141592653589793
+    scene = wo.load_scene("planar_purcell", [f"limits.angle=[-{half},{half}]"])
+    assert tuple(scene.table.limits.angle) == (-half, half)
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from wormopt.scene.types import (
     wrong_order,
 )
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
-from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
+from wormopt.systems.chain.scenes.predictive import EstimationTable, PlantsTable, PredictiveTable
 from wormopt.systems.chain.scenes.track import (
     DifferenceTracker,
     FunnelTracker,
@@ -98,7 +98,7 @@ class CrawlTable(Table, frozen=True, kw_only=True):
     ] = 60
 
 
-class DrawsTable(Table, frozen=True, kw_only=True):
+class DrawsTable(PlantsTable, frozen=True, kw_only=True):
     """Plants that are not as believed: every number drawn by itself, uniform around its own."""
 
     members: Annotated[
@@ -106,14 +106,6 @@ class DrawsTable(Table, frozen=True, kw_only=True):
         Meta(ge=2, le=10_000, description="a whole number from 2 to 10000"),
         says("count", "plants that are not as believed"),
     ]
-    spread: Annotated[
-        Share,
-        says(
-            "share",
-            "every mass, stiffness, damping and friction force is drawn within ± this share",
-        ),
-    ]
-    seed: Annotated[Seed, says("", "the same seed gives the same plants")] = 0
     known: Annotated[
         int,
         Meta(ge=0, le=1000, description="a whole number from 0 to 1000"),

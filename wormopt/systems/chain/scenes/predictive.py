@@ -1,4 +1,4 @@
-"""The tables ``[predictive]`` and ``[estimation]``: how a predictive controller decides."""
+"""The tables ``[predictive]``, ``[estimation]`` and ``[plants]`` of predictive control."""
 
 from __future__ import annotations
 
@@ -8,11 +8,30 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, Table, says
+from wormopt.scene.types import Positive, Seed, Table, says
 from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.chain.scenes.track_optimal import Share
 
 Estimated = Literal["mass", "stiffness", "damping", "friction_forward", "friction_backward"]
 ESTIMATED: tuple[Estimated, ...] = ("mass", "friction_forward", "friction_backward")
+
+
+class PlantsTable(Table, frozen=True, kw_only=True):
+    """Plants that are not as believed: every number drawn by itself, uniform around its own."""
+
+    members: Annotated[
+        int,
+        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
+        says("count", "plants that are not as believed"),
+    ]
+    spread: Annotated[
+        Share,
+        says(
+            "share",
+            "every mass, stiffness, damping and friction force is drawn within ± this share",
+        ),
+    ]
+    seed: Annotated[Seed, says("", "the same seed gives the same plants")] = 0
 
 
 class PredictiveTable(Table, frozen=True, kw_only=True):

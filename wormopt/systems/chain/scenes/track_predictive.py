@@ -6,37 +6,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import SceneTable, Seed, Table, extreme_numbers, says
+from wormopt.scene.types import SceneTable, extreme_numbers, says
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
-from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
+from wormopt.systems.chain.scenes.predictive import (
+    EstimationTable,
+    PlantsTable,
+    PredictiveTable,
+)
 from wormopt.systems.chain.scenes.track import Reference
-from wormopt.systems.chain.scenes.track_optimal import Share, TubeTable
+from wormopt.systems.chain.scenes.track_optimal import TubeTable
 from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, over
 
 SHOWN = ("error_norm", "length", "input", "position")
 """Signals that are kept of every controller."""
-
-
-class PlantsTable(Table, frozen=True, kw_only=True):
-    """Plants that are not as believed: every number drawn by itself, uniform around its own."""
-
-    members: Annotated[
-        int,
-        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says("count", "plants that are not as believed"),
-    ]
-    spread: Annotated[
-        Share,
-        says(
-            "share",
-            "every mass, stiffness, damping and friction force is drawn within ± this share",
-        ),
-    ]
-    seed: Annotated[Seed, says("", "the same seed gives the same plants")] = 0
 
 
 class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
