@@ -10,6 +10,8 @@ from wormopt.analysis.normal_form import NormalForm as NormalForm
 from wormopt.analysis.normal_form import normal_form as normal_form
 from wormopt.analysis.steady import SteadyState as SteadyState
 from wormopt.analysis.steady import steady_states as steady_states
+from wormopt.analysis.steady_sensitivity import SteadySensitivity as SteadySensitivity
+from wormopt.analysis.steady_sensitivity import steady_sensitivity as steady_sensitivity
 from wormopt.analysis.vibration import VibrationModes as VibrationModes
 from wormopt.analysis.vibration import vibration_modes as vibration_modes
 from wormopt.control.drive import drive as drive

@@ -96,6 +96,22 @@ class Branch:
         check_names({name: 0}, [s.name for s in self.model.x], "state")
         return by_name(self.model.x, self.x.T)[name]
 
+    def state(self, index: int) -> SteadyState:
+        """One of its states, for `steady_sensitivity` say.
+
+        Parameters
+        ----------
+        index : int
+            Which, along the branch.
+
+        Returns
+        -------
+        SteadyState
+        """
+        rates, p = rates_of(self.model), self.p.copy()
+        p[rates.place(self.name)] = self.parameter[index]
+        return rates.steady(self.x[index], p)
+
     def at(self, values: ArrayLike) -> Branch:
         """Find the branch's states at given values of its parameter.
 

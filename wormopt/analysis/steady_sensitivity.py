@@ -1,0 +1,173 @@
+"""How a steady state and its eigenvalues change with parameters: the implicit function theorem.
+
+0 = f(x, p) gives dx/dp = -f_x^-1 f_p wherever f_x is regular; a simple eigenvalue of f_x, with the
+left vector w and the right vector v, changes by w' df_x v / (w' v).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eig
+
+from wormopt.analysis.steady import SteadyState
+from wormopt.errors import SolveError
+from wormopt.model.direction import Asked, directions_of
+from wormopt.model.model import Model, pack
+
+# Where the least singular value of the Jacobian is a smaller share of the largest, the state itself
+# is known no better than the distance to the fold.
+_SINGULAR = 1e-7
+# Share of the largest eigenvalue by which simple ones lie apart, and cosine of the angle between
+# left and right vector below which it is a Jordan block but for rounding.
+_APART, _DEFECTIVE = 1e-7, 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class SteadySensitivity:
+    """Derivatives of a steady state along directions of its parameters.
+
+    Parameters
+    ----------
+    state : SteadyState
+        Whose they are.
+    directions : tuple of str
+        Labels of the k columns.
+    x : ndarray, shape (n_x, k)
+        Derivatives of the state.
+    eigenvalues : ndarray of complex, shape (n_x, k)
+        Derivatives of ``state.eigenvalues``, in their order; NaN where an eigenvalue is not
+        simple, which then has no derivative of its own.
+    p : ndarray, shape (n_p, k)
+        The directions, in ``state.p``.
+    """
+
+    state: SteadyState
+    directions: tuple[str, ...]
+    x: np.ndarray
+    eigenvalues: NDArray[np.complex128]
+    p: np.ndarray
+
+    def derivative(self, name: str) -> np.ndarray:
+        """Derivative of a state or an output of the model.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        ndarray, shape (size, k)
+
+        Raises
+        ------
+        UnknownNameError
+            If the model has no such signal.
+        """
+        model = self.state.model
+        x, p = _symbols(model)
+        slopes = [ca.densify(ca.jacobian(ca.vec(model[name]), symbol)) for symbol in (x, p)]
+        by_x, by_p = ca.Function("slopes", [x, p], slopes)(self.state.x, self.state.p)
+        return np.array(by_x) @ self.x + np.array(by_p) @ self.p
+
+
+def _symbols(model: Model) -> tuple[ca.SX, ca.SX]:
+    return pack(model.x), pack((*model.p, *model.u))
+
+
+@lru_cache(maxsize=32)
+def _derivatives(model: Model) -> tuple[ca.Function, ca.Function]:
+    """Jacobians of the rates by state and parameters; change of the former along a direction."""
+    x, p = _symbols(model)
+    dx, dp = ca.SX.sym("dx", x.numel()), ca.SX.sym("dp", p.numel())
+    by_x, by_p = (ca.densify(ca.jacobian(model.ode, symbol)) for symbol in (x, p))
+    change = ca.jtimes(ca.vec(by_x), ca.vertcat(x, p), ca.vertcat(dx, dp))
+    return (
+        ca.Function("slopes", [x, p], [by_x, by_p]),
+        ca.Function("change", [x, p, dx, dp], [ca.reshape(change, *by_x.shape)]),
+    )
+
+
+def steady_sensitivity(state: SteadyState, sensitivities: Asked | None = None) -> SteadySensitivity:
+    """Differentiate a steady state and its eigenvalues by parameters and inputs.
+
+    Parameters
+    ----------
+    state : SteadyState
+        From `steady_states`, or `Branch.state`.
+    sensitivities : sequence of str, or mapping of str to mapping, optional
+        Names of parameters and inputs, of all their entries or of one ("mass", "mass[0]"); or
+        directions by labels, {"all": {"mass": [1, 1]}}. All of the model's if left out.
+
+    Returns
+    -------
+    SteadySensitivity
+
+    Raises
+    ------
+    ArgumentError
+        If a direction does not fit the model.
+    UnknownNameError
+        If the model has no such parameter or input.
+    SolveError
+        If the Jacobian is singular ("singular"), as at a fold: there is no derivative then.
+
+    Examples
+    --------
+    x' = r - x^2 rests at x = sqrt(r) with the eigenvalue -2 sqrt(r); both change without bound
+    towards the fold at r = 0:
+
+    >>> from wormopt.analysis.steady import steady_states
+    >>> from wormopt.model.model import Signal
+    >>> x, r = ca.SX.sym("x"), ca.SX.sym("r")
+    >>> fold = Model("fold", x=[Signal("x", x)], ode=r - x**2, p=[Signal("r", r, value=4.0)])
+    >>> found = steady_sensitivity(steady_states(fold, {"x": (0.0, 5.0)})[0])
+    >>> found.directions, found.derivative("x").round(12), found.eigenvalues.real.round(12)
+    (('r',), array([[0.25]]), array([[-0.5]]))
+    """
+    model = state.model
+    signals = (*model.p, *model.u)
+    names = [signal.name for signal in signals]
+    along = directions_of(signals, names if sensitivities is None else sensitivities)
+    slopes, change = _derivatives(model)
+    by_x, by_p = (np.array(slope) for slope in slopes(state.x, state.p))
+    size = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+    shares = np.linalg.svd(by_x * size / size[:, None], compute_uv=False)
+    if not shares[-1] > _SINGULAR * shares[0]:
+        raise SolveError(
+            f"the steady state of {model.name} has no derivative: its Jacobian is singular, as at "
+            "a fold or where branches cross",
+            "move a parameter away from there",
+            code="singular",
+        )
+    moved = -np.linalg.solve(by_x, by_p @ along.columns)
+    changes = [
+        np.array(change(state.x, state.p, dx, dp))
+        for dx, dp in zip(moved.T, along.columns.T, strict=True)
+    ]
+    return SteadySensitivity(
+        state, along.labels, moved, _eigenvalues(state, by_x, changes), along.columns
+    )
+
+
+def _eigenvalues(
+    state: SteadyState, matrix: np.ndarray, changes: list[np.ndarray]
+) -> NDArray[np.complex128]:
+    """Derivatives of simple eigenvalues along changes of their matrix; NaN for the others."""
+    vectors: Any = eig(matrix, left=True, right=True)  # its type depends on what is asked
+    values, left, right = vectors
+    scale = np.abs(values).max()
+    found = np.full((len(values), len(changes)), np.nan, dtype=complex)
+    for row, known in enumerate(state.eigenvalues):
+        i = int(np.argmin(np.abs(values - known)))
+        away = np.abs(np.delete(values, i) - values[i]).min(initial=np.inf)
+        w, v = left[:, i].conj(), right[:, i]
+        if away > _APART * scale and abs(w @ v) > _DEFECTIVE:
+            found[row] = [w @ changed @ v / (w @ v) for changed in changes]
+    return found
