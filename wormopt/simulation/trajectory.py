@@ -191,9 +191,9 @@ class Trajectory(SampledMotion):
         ndarray, shape (contacts, m)
             Of no rows where contact was treated as smooth.
         """
-        return self._s_at(t)[: len(self.system.contacts)]
+        return self.s_at(t)[: len(self.system.contacts)]
 
-    def _s_at(self, t: np.ndarray) -> np.ndarray:
+    def s_at(self, t: np.ndarray) -> np.ndarray:
         if len(self.modes) == 0:
             return np.zeros((0, len(t)))
         row = np.searchsorted(self.modes[:, 0], t, side="right") - 1
@@ -213,7 +213,7 @@ class Trajectory(SampledMotion):
         """
         function = self.system.observe(expression)
         p = self.system.scheduled(self.p, self.schedules, self.time)
-        return np.array(function(self.time[None, :], self.states, p, self._s_at(self.time)))
+        return np.array(function(self.time[None, :], self.states, p, self.s_at(self.time)))
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:
         """Find when contacts rest; known only where contact was treated as exact.
@@ -258,7 +258,7 @@ class Trajectory(SampledMotion):
         def sizes(t: np.ndarray) -> np.ndarray:
             at = self.at(t)
             p = at.system.scheduled(at.p, at.schedules, t)
-            return np.abs(np.array(function(t[None, :], at.states, p, self._s_at(t)))).max(axis=0)
+            return np.abs(np.array(function(t[None, :], at.states, p, self.s_at(t)))).max(axis=0)
 
         ends = self.dense.time
         t = (ends[:-1, None] + np.diff(ends)[:, None] * _WITHIN).ravel()

@@ -1,0 +1,1 @@
+"""Derivatives of one number of a motion by everything the motion depends on."""

@@ -1,0 +1,223 @@
+"""The verb `gradient`: one number of a motion, differentiated by all that the motion depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import pack
+from wormopt.model.values import by_name, check_names, numbers
+from wormopt.simulation.adjoint.costate import Backwards
+from wormopt.simulation.adjoint.jumps import Instants
+from wormopt.simulation.options import Route, Tolerance
+from wormopt.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Gradient:
+    """Derivatives of one number of a motion.
+
+    Parameters
+    ----------
+    x0 : dict of str to ndarray, shape (size,)
+        By the initial values of states.
+    p : dict of str to ndarray, shape (size,)
+        By parameters and inputs.
+    schedules : dict of str to ndarray, shape (pieces, size)
+        By the values of schedules.
+    """
+
+    x0: dict[str, np.ndarray]
+    p: dict[str, np.ndarray]
+    schedules: dict[str, np.ndarray]
+
+
+def gradient(
+    motion: Trajectory,
+    weights: Mapping[str, ArrayLike],
+    *,
+    tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
+    route: Route = "auto",
+) -> Gradient:
+    """Differentiate a number of a motion by all initial states, parameters, inputs and schedules.
+
+    The adjoint equation is followed once, backwards along the motion and through all its events,
+    however many derivatives there are; `simulate(..., sensitivities=...)` goes forward, once more
+    for each of them, and gives all states at all times.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        From ``simulate(..., dense=True)``.
+    weights : mapping of str to array_like, shape (size, m) or (size,)
+        By name of a state or output, the derivative of the number by its samples, in the shape of
+        ``motion[name]``; by the last sample alone where there is one column. For the sum of
+        squares of a residual r these are 2 r.
+    tolerance : Tolerance, optional
+        How exact the adjoint equation is solved, in usual sizes of states and values of parameters.
+    route : {"auto", "native", "python"}, optional
+        How.
+
+    Returns
+    -------
+    Gradient
+
+    Raises
+    ------
+    ArgumentError
+        If the motion was simulated without ``dense = True``, the model has delays, contacts of it
+        slide in the plane or share loads in exact treatment, or weights do not fit.
+    UnknownNameError
+        If the model has no such state or output.
+    SolveError
+        If the equation cannot be followed back, or an event is none that it knows.
+
+    Examples
+    --------
+    A block of mass m thrown with v over ground that resists with f comes to rest after
+    m v^2 / (2 f), here 0.5:
+
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.model.model import Contact, Model, Signal
+    >>> from wormopt.simulation.simulate import simulate
+    >>> x, v, f, m = (ca.SX.sym(name) for name in "xvfm")
+    >>> states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
+    >>> ground = Contact("block", v, f, Coulomb(1.0, 2.0))
+    >>> block = Model("block", states, ca.vertcat(v, f / m), p=[Signal("mass", m, value=1.0)],
+    ...     contacts=[ground])
+    >>> found = gradient(simulate(block, 3.0, dense=True), {"position": [1.0]})
+    >>> found.x0["velocity"].round(12), found.p["mass"].round(12)
+    (array([1.]), array([0.5]))
+    """
+    _check(motion)
+    number = _Number(motion, weights)
+    if number.last is None:
+        return number.gradient(np.zeros(motion.system.model.n_x))
+    return number.gradient(number.follow(tolerance, route))
+
+
+def _check(motion: Trajectory) -> None:
+    if not isinstance(motion, Trajectory):
+        raise ArgumentError(f"motion must be a Trajectory, not {type(motion).__name__}")
+    system, name = motion.system, motion.system.model.name
+    if motion.dense is None:
+        raise ArgumentError("simulate with dense=True for the gradient of the motion")
+    system.model.refuse_delays("the gradient of a motion")
+    if system.exact and (len(system.planar) or system.shares):
+        raise ArgumentError(
+            f"contacts of {name} slide in the plane or share loads, where exact treatment has no "
+            "derivatives; simulate with contact=Smooth(v_reg)"
+        )
+
+
+class _Number:
+    """A number, by its derivatives by the samples of a motion, and those found of it so far."""
+
+    def __init__(self, motion: Trajectory, weights: Mapping[str, ArrayLike]) -> None:
+        system, n_x = motion.system, motion.system.model.n_x
+        self._motion, m = motion, len(motion.time)
+        self._nominal = np.concatenate([np.full(s.size, s.nominal) for s in system.model.x])
+        check_names(weights, motion.names, "state or output")
+        self._by_x, by_p = np.zeros((m, n_x)), np.zeros((m, len(motion.p)))
+        for name, given in weights.items():
+            of_x, of_p = self._samples(name, given)
+            self._by_x, by_p = self._by_x + of_x, by_p + of_p
+        weighed = np.flatnonzero(np.any(self._by_x != 0, axis=1))
+        self.last = int(weighed[-1]) if len(weighed) else None
+        self._by_p = np.zeros(system.n_fixed)
+        self._by_schedules = [np.zeros_like(s.values) for s in motion.schedules]
+        for t, row in zip(motion.time, by_p, strict=True):
+            self._add(t, row)
+
+    def _samples(self, name: str, given: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by states (m, n_x) and parameters (m, n_p) at the samples."""
+        motion, system = self._motion, self._motion.system
+        expression, m = ca.vec(system.model[name]), len(motion.time)
+        size, w = expression.numel(), numbers(f"weights of {name}", given)
+        w = w[None] if size == 1 and w.shape == (m,) else w
+        if w.shape == (size,) and m:
+            w = np.column_stack([np.zeros((size, m - 1)), w])
+        if w.shape != (size, m) or not np.all(np.isfinite(w)):
+            raise ArgumentError(
+                f"weights of {name} must be finite, of shape {(size, m)} or {(size,)}, not "
+                f"{w.shape}"
+            )
+        t, _, p, s = system.symbols
+        x, each = pack(system.model.x), ca.SX.sym("weights", size)
+        value = system.observe(expression)(t, x, p, s)
+        slopes = ca.densify(ca.jtimes(value, ca.vertcat(x, p), each, True))
+        at = ca.Function("weighed", [t, x, p, s, each], [slopes])
+        held = system.scheduled(motion.p, motion.schedules, motion.time)
+        modes = motion.s_at(motion.time)
+        found = np.array(at(motion.time[None], motion.states, held, modes, w)).T.reshape(m, -1)
+        return found[:, : x.numel()], found[:, x.numel() :]
+
+    def _add(self, t: float, by_p: np.ndarray) -> None:
+        """Count derivatives (n_p,) by the parameters as they are at a time."""
+        n = self._motion.system.n_fixed
+        self._by_p += by_p[:n]
+        for schedule, found in zip(self._motion.schedules, self._by_schedules, strict=True):
+            end = n + 1 + schedule.values.shape[1]
+            found[schedule.locate(np.array([t]))[1][0]] += by_p[n + 1 : end]
+            n = end
+
+    def _sizes(self) -> np.ndarray:
+        """Of all parameters: what they are, or the usual size of what is 0."""
+        motion, model = self._motion, self._motion.system.model
+        usual = [np.full(s.size, s.nominal) for s in (*model.p, *model.u)]
+        fixed = np.abs(motion.p[: motion.system.n_fixed])
+        found = [np.where(fixed > 0, fixed, np.concatenate([*usual, [1.0]]))]
+        for schedule in motion.schedules:
+            largest = np.abs(schedule.values).max(axis=0)
+            found += [np.ones(1), np.where(largest > 0, largest, 1.0)]
+        return np.concatenate(found)
+
+    def follow(self, tolerance: Tolerance, route: Route) -> np.ndarray:
+        """Costate (n_x,) before the start; derivatives by parameters are added up on the way."""
+        motion, dense = self._motion, self._motion.dense
+        assert dense is not None and self.last is not None
+        unit = float(np.abs(self._by_x * self._nominal).max())
+        back = Backwards(motion, self._sizes(), tolerance, route)
+        late = float(motion.time[self.last])
+        jumps = {jump.before.t: jump for jump in Instants(motion, late).all()}
+        weighed = motion.time[np.any(self._by_x != 0, axis=1)].tolist()
+        breaks = self._breaks(late)
+        costate, by_x = np.zeros(motion.system.model.n_x), self._by_x / unit
+        for t in sorted({*weighed, *jumps}, reverse=True):
+            if late > t:
+                stops = breaks[(breaks > t) & (breaks < late)]
+                costate, summed = back.go(costate, late, t, stops)
+                edges = np.concatenate([[t], stops, [late]])
+                for middle, row in zip((edges[:-1] + edges[1:]) / 2, summed, strict=True):
+                    self._add(middle, unit * row)
+            costate = costate + by_x[motion.time == t].sum(axis=0)
+            if t in jumps:
+                costate, before, after = jumps[t].back(costate)
+                self._add(jumps[t].before.inside, unit * before)
+                self._add(jumps[t].after.inside, unit * after)
+            late = t
+        return unit * costate
+
+    def _breaks(self, end: float) -> np.ndarray:
+        """Times from the start to `end` at which a schedule goes on."""
+        found, start = [], float(self._motion.dense.time[0])  # type: ignore[union-attr]
+        for schedule in self._motion.schedules:
+            t = schedule.next_break(start)
+            while t < end:
+                found.append(t)
+                t = schedule.next_break(t)
+        return np.unique(found)
+
+    def gradient(self, costate: np.ndarray) -> Gradient:
+        """What was found, by name."""
+        model, names = self._motion.system.model, [s.name for s in self._motion.schedules]
+        return Gradient(
+            by_name(model.x, costate),
+            by_name((*model.p, *model.u), self._by_p[:-1]),
+            dict(zip(names, self._by_schedules, strict=True)),
+        )

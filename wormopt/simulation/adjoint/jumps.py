@@ -1,0 +1,233 @@
+"""What an event does to the costate: the saltation matrix, transposed.
+
+At an event x+ = R(t, x-, p), at the time at which g(t, x, p) = 0. A motion beside it comes there
+dt = -(g_x dx + g_p dp) / g' sooner or later, so that dx+ = R_x dx + R_p dp + (R' - f+) dt, where
+g' and R' are rates along the motion before. Times of schedules move nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.simulation.functions import System
+from wormopt.simulation.trajectory import Event, Trajectory
+
+# What errs by more of the usual sizes than this is no guard that has fired, or not the state that
+# was found.
+_NEAR = 1e-7
+
+
+class Jumps:
+    """Guards and resets of a System with their derivatives."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self._n_x = system, system.model.n_x
+        self.contacts = [contact.name for contact in system.contacts] if system.exact else []
+        self.switches = [switch.name for switch in system.model.switches]
+        self.forward, self.back = cache(self._forward), cache(self._back)
+
+    @cached_property
+    def guards(self) -> ca.Function:
+        """Per contact velocity, force over the least and under the largest; then switches."""
+        symbols, n = self.system.symbols, len(self.contacts)
+        guards = ca.SX(0, 1)
+        if self.system.exact:
+            velocity, _, force, least, largest = ca.vertsplit(
+                self.system.probe(*symbols)[: 5 * n], n
+            )
+            guards = ca.vertcat(velocity, force - least, largest - force)
+        if self.switches:
+            guards = ca.vertcat(guards, self.system.guards(*symbols)[: len(self.switches)])
+        return ca.Function("guards", list(symbols), [guards])
+
+    @cached_property
+    def resets(self) -> list[ca.Function]:
+        """States after each switch, pushes included."""
+        symbols = list(self.system.symbols)
+        columns = ca.horzsplit(self.system.resets(*symbols))
+        return [ca.Function("reset", symbols, [column]) for column in columns]
+
+    def _forward(self, function: ca.Function) -> ca.Function:
+        """Value and rate of change of a function along a state's rate, time passing."""
+        t, x, p, s = symbols = self.system.symbols
+        rate = ca.SX.sym("rate", self._n_x)
+        value = function(*symbols)
+        moved = ca.vertcat(rate, ca.SX.zeros(x.numel() - self._n_x))
+        slope = ca.jtimes(value, x, moved) + ca.jacobian(value, t)
+        return ca.Function("forward", [*symbols, rate], [value, slope])
+
+    def _back(self, function: ca.Function) -> ca.Function:
+        """Weights of a function's entries, carried back to those of state and parameters."""
+        _, x, p, _ = symbols = self.system.symbols
+        value = function(*symbols)
+        weights = ca.SX.sym("weights", value.numel())
+        slopes = ca.jtimes(value, ca.vertcat(x[: self._n_x], p), weights, True)
+        return ca.Function(
+            "back", [*symbols, weights], [slopes[: self._n_x], slopes[self._n_x :]]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A motion at one instant: just before what happens there, or just after."""
+
+    t: float
+    x: np.ndarray  # with pushes, which are 0
+    p: np.ndarray
+    s: np.ndarray
+    rate: np.ndarray  # (n_x,)
+    inside: float  # a time on this side, at which schedules hold what they hold here
+
+    @property
+    def arguments(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """As the functions of a System take them."""
+        return self.t, self.x, self.p, self.s
+
+
+@dataclass(frozen=True, eq=False)
+class Jump:
+    """What happens at one instant."""
+
+    jumps: Jumps
+    before: Place
+    after: Place
+    maps: tuple[tuple[ca.Function, np.ndarray], ...]  # of the state, in order, with modes
+    events: tuple[Event, ...]
+    guard: int | None  # which of `Jumps.guards` decides when; None where a schedule does
+
+    def back(self, costate: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Costate before from that after; derivatives by parameters before, and by those after."""
+        place, jumps = self.before, self.jumps
+        passed, rate = self._pass()
+        jump, by_after = costate @ (rate - self.after.rate), np.zeros_like(place.p)
+        for (function, modes), x in zip(reversed(self.maps), passed[-2::-1], strict=True):
+            weights = np.append(costate, np.zeros(len(x) - len(costate)))
+            by_x, by_p = jumps.back(function)(place.t, x, self.after.p, modes, weights)
+            costate, by_after = np.array(by_x).ravel(), by_after + np.array(by_p).ravel()
+        if self.guard is None:
+            return costate, np.zeros_like(by_after), by_after
+        speeds = np.array(jumps.forward(jumps.guards)(*place.arguments, place.rate)[1]).ravel()
+        weights = np.zeros(len(speeds))
+        weights[self.guard] = jump / speeds[self.guard]
+        by_x, by_p = jumps.back(jumps.guards)(*place.arguments, weights)
+        return costate - np.array(by_x).ravel(), -np.array(by_p).ravel(), by_after
+
+    def _pass(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """States after none, one, ... of the maps, and the rate of the last along the motion."""
+        passed, rate = [self.before.x], self.before.rate
+        for function, modes in self.maps:
+            value, slope = self.jumps.forward(function)(
+                self.before.t, passed[-1], self.after.p, modes, rate
+            )
+            passed.append(np.array(value).ravel())
+            rate = np.array(slope).ravel()[: len(rate)]
+        return passed, rate
+
+    def check(self, sizes: np.ndarray) -> None:
+        """Refuse a jump that is not as it was simulated; `sizes` (n_x,) of the states."""
+        n_x = len(sizes)
+        error = np.abs(self._pass()[0][-1][:n_x] - self.after.x[:n_x]) / sizes
+        if not error.max(initial=0.0) < _NEAR * (1 + np.abs(self.after.x[:n_x] / sizes).max()):
+            raise _not_understood(self.before.t)
+
+
+def _not_understood(t: float) -> SolveError:
+    return SolveError(
+        f"what happens at t = {t:.6g} has no derivative that the adjoint equation knows",
+        "take sensitivities forward in time",
+        code="unknown_jump",
+    )
+
+
+@lru_cache(maxsize=32)
+def _jumps_of(system: System) -> Jumps:
+    return Jumps(system)
+
+
+class Instants:
+    """Where a motion jumps."""
+
+    def __init__(self, motion: Trajectory, until: float) -> None:
+        assert motion.dense is not None
+        self._motion, self._dense, self._until = motion, motion.dense, until
+        self._jumps = _jumps_of(motion.system)
+        self._sizes = np.concatenate([np.full(s.size, s.nominal) for s in motion.system.model.x])
+
+    def all(self) -> list[Jump]:
+        """What happens, in order of time, beginning with the start."""
+        times = sorted({e.time for e in self._motion.events if e.time <= self._until})
+        found = [self._start(), *(self._at(t) for t in times)]
+        for jump in found:
+            jump.check(self._sizes)
+        return found
+
+    def _place(self, step: int, x: np.ndarray, inside: float) -> Place:
+        """Motion at the end of a step (of `Dense.time`) as it is `inside` the step on one side."""
+        motion, t, at = self._motion, float(self._dense.time[step]), np.array([inside])
+        p = motion.system.scheduled(motion.p, motion.schedules, at)[:, 0]
+        s = motion.s_at(at)[:, 0]
+        whole = np.append(x, np.zeros(motion.system.n_pushes))
+        rate = np.array(motion.system.rhs(t, whole, p, s)).ravel()[: len(x)]
+        return Place(t, whole, p, s, rate, inside)
+
+    def _after(self, step: int) -> Place:
+        time, last = self._dense.time, step == len(self._dense.time) - 1
+        x = self._motion.end if last else self._dense.coefficients[step, 0]
+        return self._place(step, x, time[step] if last else time[step : step + 2].mean())
+
+    def _start(self) -> Jump:
+        """What rests at the start has no velocity to begin with, however little it is pushed."""
+        after = self._after(0)
+        rests = self._motion.system.exact and np.any(after.s[: len(self._jumps.contacts)] == 0)
+        maps = ((self._motion.system.project, after.s),) if rests else ()
+        return Jump(self._jumps, after, after, maps, (), None)
+
+    def _at(self, t: float) -> Jump:
+        time = self._dense.time
+        step = int(np.searchsorted(time, t))
+        if time[step] != t or step == 0:
+            raise _not_understood(t)
+        x = self._dense.coefficients[step - 1, :2].sum(axis=0)
+        before = self._place(step, x, time[step - 1 : step + 1].mean())
+        after = self._after(step)
+        events = tuple(event for event in self._motion.events if event.time == t)
+        maps = self._maps(events, before.s, after.s)
+        return Jump(self._jumps, before, after, maps, events, self._guard(before, after, events))
+
+    def _maps(
+        self, events: tuple[Event, ...], before: np.ndarray, after: np.ndarray
+    ) -> tuple[tuple[ca.Function, np.ndarray], ...]:
+        """How the state changes: by resets, with the modes that were, and by impulses."""
+        found, modes, jumps = [], before, self._jumps
+        for event in events:
+            if event.kind == "switch":
+                found.append((jumps.resets[jumps.switches.index(event.name)], modes))
+                modes = after
+            elif event.kind == "impact" and not (found and found[-1][0] is jumps.system.project):
+                found.append((jumps.system.project, after))
+        return tuple(found)
+
+    def _guard(self, before: Place, after: Place, events: tuple[Event, ...]) -> int | None:
+        """Which guard has fired: of those that may have, the one that is nearest to 0 in time."""
+        jumps, n = self._jumps, len(self._jumps.contacts)
+        rows = list[int]()
+        for event in events:
+            if event.kind == "switch":
+                rows.append(3 * n + jumps.switches.index(event.name))
+                continue
+            i = jumps.contacts.index(event.name)
+            rows += [i] if before.s[i] != 0 else [n + i, 2 * n + i]
+        guards, speeds = jumps.forward(jumps.guards)(*before.arguments, before.rate)
+        off = np.abs(np.array(guards).ravel()[rows])
+        off /= np.maximum(np.abs(np.array(speeds).ravel()[rows]), np.finfo(float).tiny)
+        nearest = int(np.argmin(off))
+        if off[nearest] <= _NEAR * (self._dense.time[-1] - self._dense.time[0]):
+            return rows[nearest]
+        if np.array_equal(before.p, after.p):
+            raise _not_understood(before.t)
+        return None  # a schedule has gone on
