@@ -84,6 +84,8 @@ from wormopt.result import Result as Result
 from wormopt.runner import run as run
 from wormopt.scene import Scene as Scene
 from wormopt.scene import load_scene as load_scene
+from wormopt.simulation.adjoint.gradient import Gradient as Gradient
+from wormopt.simulation.adjoint.gradient import gradient as gradient
 from wormopt.simulation.ensemble import Ensemble as Ensemble
 from wormopt.simulation.ensemble import Scenario as Scenario
 from wormopt.simulation.ensemble import simulate_ensemble as simulate_ensemble

@@ -194,6 +194,7 @@ class Trajectory(SampledMotion):
         return self.s_at(t)[: len(self.system.contacts)]
 
     def s_at(self, t: np.ndarray) -> np.ndarray:
+        """Modes s of the System at times (m,), see `wormopt.simulation.functions`; (n_s, m)."""
         if len(self.modes) == 0:
             return np.zeros((0, len(t)))
         row = np.searchsorted(self.modes[:, 0], t, side="right") - 1

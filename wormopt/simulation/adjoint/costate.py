@@ -30,7 +30,7 @@ class Costate:
     def __init__(self, system: System) -> None:
         t, x, p, s = system.symbols
         self.n_x, self.n_p = system.model.n_x, p.numel()
-        n_fixed, n_s = system.n_fixed, system.n_s
+        n_fixed = system.n_fixed
         backwards, begin = ca.SX.sym("backwards"), ca.SX.sym("begin")
         polynomial = ca.SX.sym("polynomial", self.n_x, 8)
         piece = [ca.SX.sym(name, n) for name, n in (("begin", 1), ("length", 1), ("last", 1))]
@@ -59,7 +59,6 @@ class Costate:
             schedules=[past],
         )
         self.system = System(model, Exact())
-        self._n_s = n_s
 
 
 def _value(polynomial: ca.SX, share: ca.SX) -> ca.SX:
@@ -85,11 +84,13 @@ class Backwards:
     def __init__(
         self, motion: Trajectory, sizes: np.ndarray, tolerance: Tolerance, route: Route
     ) -> None:
-        self._motion, self._sizes, self._tolerance = motion, sizes, tolerance
+        self._motion, self._tolerance = motion, tolerance
         self._route: Route = route
         self._equation = costate_of(motion.system)
         nominal = [np.full(s.size, s.nominal) for s in motion.system.model.x]
         self._units = np.append(np.concatenate(nominal), sizes)
+        fixed = motion.p[: motion.system.n_fixed]
+        self._p = self._equation.system.parameters({"fixed": fixed, "size": sizes})
 
     @cached_property
     def _pieces(self) -> np.ndarray:
@@ -125,14 +126,13 @@ class Backwards:
         values[:, 2] = ((ends - dense.time[steps]) / np.diff(dense.time)[steps])[keep]
         (past,) = self._equation.system.model.schedules
         system, n_x = self._equation.system, self._equation.n_x
-        given = {"fixed": self._motion.p[: self._motion.system.n_fixed], "size": self._sizes}
         length = late - early
         sampled = np.append(late - stops[::-1], length)
         task = InitialValueProblem(
             system=system,
             span=(0.0, length),
             x0=np.append(costate * self._units[:n_x], np.zeros(self._equation.n_p)),
-            p=system.parameters(given),
+            p=self._p,
             schedules=(replace(past, breaks=np.append(breaks[:-1][keep], length), values=values),),
             tolerance=replace(self._tolerance, max_step=length),
             times=np.clip(sampled, 0.0, length),

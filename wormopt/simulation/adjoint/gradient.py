@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import get_args
 
 import casadi as ca
 import numpy as np
@@ -94,14 +95,16 @@ def gradient(
     >>> found.x0["velocity"].round(12), found.p["mass"].round(12)
     (array([1.]), array([0.5]))
     """
-    _check(motion)
+    _check(motion, route)
     number = _Number(motion, weights)
     if number.last is None:
         return number.gradient(np.zeros(motion.system.model.n_x))
     return number.gradient(number.follow(tolerance, route))
 
 
-def _check(motion: Trajectory) -> None:
+def _check(motion: object, route: object) -> None:
+    if route not in get_args(Route):
+        raise ArgumentError(f"route must be one of {', '.join(get_args(Route))}, not {route!r}")
     if not isinstance(motion, Trajectory):
         raise ArgumentError(f"motion must be a Trajectory, not {type(motion).__name__}")
     system, name = motion.system, motion.system.model.name
@@ -180,7 +183,8 @@ class _Number:
     def follow(self, tolerance: Tolerance, route: Route) -> np.ndarray:
         """Costate (n_x,) before the start; derivatives by parameters are added up on the way."""
         motion, dense = self._motion, self._motion.dense
-        assert dense is not None and self.last is not None
+        assert dense is not None
+        assert self.last is not None
         unit = float(np.abs(self._by_x * self._nominal).max())
         back = Backwards(motion, self._sizes(), tolerance, route)
         late = float(motion.time[self.last])

@@ -54,7 +54,7 @@ class Jumps:
 
     def _forward(self, function: ca.Function) -> ca.Function:
         """Value and rate of change of a function along a state's rate, time passing."""
-        t, x, p, s = symbols = self.system.symbols
+        t, x, *_ = symbols = self.system.symbols
         rate = ca.SX.sym("rate", self._n_x)
         value = function(*symbols)
         moved = ca.vertcat(rate, ca.SX.zeros(x.numel() - self._n_x))
@@ -67,9 +67,7 @@ class Jumps:
         value = function(*symbols)
         weights = ca.SX.sym("weights", value.numel())
         slopes = ca.jtimes(value, ca.vertcat(x[: self._n_x], p), weights, True)
-        return ca.Function(
-            "back", [*symbols, weights], [slopes[: self._n_x], slopes[self._n_x :]]
-        )
+        return ca.Function("back", [*symbols, weights], [slopes[: self._n_x], slopes[self._n_x :]])
 
 
 @dataclass(frozen=True, eq=False)

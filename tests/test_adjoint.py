@@ -1,0 +1,285 @@
+"""Gradients by the adjoint equation: against closed forms, differences, and each other."""
+
+import casadi as ca
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from effort import examples
+from hypothesis import given, settings
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.model.friction import Coulomb, Spike
+from wormopt.model.model import Contact, Model, Output, Signal, Switch
+from wormopt.model.schedule import Schedule
+from wormopt.simulation.adjoint.gradient import gradient
+from wormopt.simulation.options import Smooth, Tolerance
+from wormopt.simulation.simulate import simulate
+
+STEP = 1e-30  # of complex differences of closed forms, which are exact
+
+
+def slopes(closed, values: dict[str, float]) -> dict[str, float]:
+    """Derivatives of a closed form by each of its numbers."""
+    return {
+        name: closed(**{**values, name: value + 1j * STEP}).imag / STEP
+        for name, value in values.items()
+    }
+
+
+def block(load: ca.SX | float = 0.0, t: ca.SX | None = None, **parameters: float) -> Model:
+    """A block on rough ground with a load that pulls it."""
+    x, v, f, m, ahead = (ca.SX.sym(name) for name in ("x", "v", "f", "mass", "friction"))
+    more = [Signal(s.name(), s) for s in ca.symvar(ca.SX(load)) if t is None or s.name() != "t"]
+    return Model(
+        "block",
+        [Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
+        ca.vertcat(v, (load + f) / m),
+        p=[Signal("mass", m, value=2.0), Signal("friction", ahead, value=1.5), *more],
+        contacts=[Contact("block", v, f, Coulomb(ahead, 4.0))],
+        outputs=[Output("energy", m * v**2 / 2)],
+        t=t if t is not None else ca.SX.sym("t"),
+    )
+
+
+# -- closed forms ----------------------------------------------------------------------------------
+
+
+@settings(max_examples=examples(15), deadline=None)
+@given(
+    mass=st.floats(0.3, 3.0),
+    friction=st.floats(0.3, 3.0),
+    speed=st.floats(0.3, 3.0),
+)
+def test_a_block_that_stops_has_gone_as_far_as_its_energy_lasts(
+    mass: float, friction: float, speed: float
+):
+    """m v^2 / (2 F), whatever comes after."""
+    span = 2 * mass * speed / friction
+    start, numbers = {"velocity": speed}, {"mass": mass, "friction": friction}
+    found = gradient(simulate(BLOCK, span, x0=start, p=numbers, dense=True), {"position": [1.0]})
+    far = mass * speed**2 / (2 * friction)
+    assert found.x0["position"] == pytest.approx(1.0, abs=1e-12)
+    assert found.x0["velocity"] == pytest.approx(2 * far / speed, rel=1e-10)
+    assert found.p["mass"] == pytest.approx(far / mass, rel=1e-10)
+    assert found.p["friction"] == pytest.approx(-far / friction, rel=1e-10)
+
+
+BLOCK = block()
+
+
+def test_a_load_that_grows_lets_the_block_go_when_it_holds_no_more():
+    """It begins to slide at F / k, and has gone k (T - F/k)^3 / (6 m) at T."""
+    t, k = ca.SX.sym("t"), ca.SX.sym("growth")
+    numbers = {"mass": 2.0, "friction": 1.5, "growth": 0.8}
+    motion = simulate(block(k * t, t), 4.0, p=numbers, dense=True)
+    found = gradient(motion, {"position": [1.0]})
+    known = slopes(
+        lambda mass, friction, growth: growth * (4.0 - friction / growth) ** 3 / (6 * mass),
+        numbers,
+    )
+    for name, slope in known.items():
+        assert found.p[name] == pytest.approx(slope, rel=1e-10)
+    assert found.x0["velocity"] == pytest.approx(0.0, abs=1e-12)  # it would stop at once
+
+
+def bouncing() -> Model:
+    x, v, g, e = (ca.SX.sym(name) for name in ("x", "v", "g", "e"))
+    return Model(
+        "ball",
+        [Signal("height", x, value=1.0), Signal("rate", v, value=0.0)],
+        ca.vertcat(v, -g),
+        p=[Signal("gravity", g, value=9.0), Signal("restitution", e, value=0.8)],
+        switches=[Switch("bounce", -x, ca.vertcat(x, -e * v))],
+    )
+
+
+def test_a_ball_that_bounces_twice():
+    """A switch with a reset, at times that depend on all that is differentiated by."""
+
+    def closed(height, rate, gravity, restitution, time=1.4):
+        fall = (rate + (rate**2 + 2 * gravity * height) ** 0.5) / gravity
+        first = restitution * (rate**2 + 2 * gravity * height) ** 0.5
+        second, after = restitution * first, time - fall - 2 * first / gravity
+        return second * after - gravity * after**2 / 2
+
+    numbers = {"height": 1.0, "rate": 0.3, "gravity": 9.0, "restitution": 0.8}
+    motion = simulate(bouncing(), 1.4, x0={"rate": 0.3}, dense=True)
+    assert len(motion.events) == 2
+    assert motion.end[0] == pytest.approx(closed(**numbers), abs=1e-11)
+    found = gradient(motion, {"height": [1.0]})
+    by = {**found.x0, **found.p}
+    for name, slope in slopes(closed, numbers).items():
+        assert by[name] == pytest.approx(slope, rel=1e-9), name
+
+
+def scheduled(pieces: int) -> Model:
+    """x'' = u, pushed piece by piece, from rest on ground that nothing but u moves."""
+    x, v, u, begin, t = (ca.SX.sym(name) for name in ("x", "v", "u", "begin", "t"))
+    values = np.linspace(1.0, 2.0, pieces)[:, None]
+    push = Schedule("push", u, begin, np.linspace(0.0, 3.0, pieces + 1), values, periodic=True)
+    return Model(
+        "pushed",
+        [Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
+        ca.vertcat(v, u * (1 + t - begin)),
+        schedules=[push],
+        outputs=[Output("power", u * v)],
+        t=t,
+    )
+
+
+def test_values_of_a_schedule_that_repeats_count_each_time():
+    """A push u (1 + s) for a time h moves it by u (h (T - end) + h^2/2 (T - end + h/3) + h^2/2)."""
+    pieces, span, h = 6, 6.0, 0.5
+    motion = simulate(scheduled(pieces), span, times=[1.2, span], dense=True)
+    found = gradient(motion, {"position": [[0.0, 1.0]], "power": [[0.0, 0.0]]})
+    rest = span - h * (np.arange(2 * pieces) + 1)
+    moved = h * (1 + h / 2) * rest + h**2 / 2 + h**3 / 6
+    assert found.schedules["push"][:, 0] == pytest.approx(
+        moved[:pieces] + moved[pieces:], rel=1e-11
+    )
+
+
+def test_an_output_counts_parameters_that_stand_in_it():
+    """The power u v at t = 0.7, where u1 holds and v = u0 (h + h^2/2) + u1 (0.2 + 0.2^2/2)."""
+    model = scheduled(6)
+    motion = simulate(model, 1.0, times=[0.7, 1.0], dense=True)
+    found = gradient(motion, {"power": [[1.0, 0.0]]})
+    u = model.schedules[0].values[:, 0]
+    first, second = 0.5 + 0.5**2 / 2, 0.2 + 0.2**2 / 2
+    speed = u[0] * first + u[1] * second
+    expected = [u[1] * first, speed + u[1] * second, 0.0, 0.0, 0.0, 0.0]
+    assert found.schedules["push"][:, 0] == pytest.approx(expected, abs=1e-12)
+
+
+# -- differences of tight simulations --------------------------------------------------------------
+
+TIGHT = Tolerance(1e-13, 1e-14)
+ROUGH = wo.Coulomb(1.0, 10.0)
+WORM = wo.chain(
+    2, mass=1.0, stiffness=10.0, damping=0.5, rest_length=2.0, law=ROUGH, position=[4.7, 2.0, 0.1]
+)  # fmt: skip
+
+
+def differences(number, signals, key: str, step: float = 1e-4) -> dict[str, np.ndarray]:
+    """Of fourth order, by each entry of signals; `key` of what `simulate` takes."""
+    found = {}
+    for name, value in signals.items():
+        columns = []
+        for unit in np.eye(len(value)):
+            at = [number(**{key: {name: value + s * step * unit}}) for s in (1, -1, 2, -2)]
+            columns.append((8 * (at[0] - at[1]) - (at[2] - at[3])) / (12 * step))
+        found[name] = np.array(columns)
+    return found
+
+
+@pytest.mark.slow
+@settings(max_examples=examples(6), deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_chains_that_stick_and_slip_agree_with_differences(seed: int):
+    random = np.random.default_rng(seed)
+    start = np.array([4.0, 2.0, 0.0]) + random.uniform(-0.8, 0.8, 3)
+    numbers = {
+        "mass": random.uniform(0.5, 2.0, 3),
+        "stiffness": random.uniform(5.0, 15.0, 2),
+        "friction_forward": random.uniform(0.3, 1.0, 3),
+    }
+    weights, times = random.normal(size=(3, 12)), np.linspace(0.0, 2.7, 12)
+
+    def number(x0=None, p=None):
+        x0, p = {"position": start, **(x0 or {})}, {**numbers, **(p or {})}
+        motion = simulate(WORM, 2.7, x0=x0, p=p, times=times, tolerance=TIGHT)
+        return np.sum(weights * motion["position"]) + motion["energy"][0, -1] / 10
+
+    motion = simulate(
+        WORM, 2.7, x0={"position": start}, p=numbers, times=times, tolerance=TIGHT, dense=True
+    )
+    found = gradient(motion, {"position": weights, "energy": [0.1]}, tolerance=TIGHT)
+    known = {**differences(number, numbers, "p"), **differences(number, {"position": start}, "x0")}
+    size = max(np.abs(slope).max() for slope in known.values())
+    for name, slope in known.items():
+        assert {**found.p, **found.x0}[name] == pytest.approx(slope, abs=1e-6 * size), name
+
+
+def test_a_spike_that_is_thrown_back_stops_at_once():
+    """A bounce reverses a spiked block, which then does not move: only its place counts."""
+    x, v, f, wall = (ca.SX.sym(name) for name in ("x", "v", "f", "wall"))
+    hit = Switch("hit", x - wall, ca.vertcat(x, -0.5 * v))
+    model = Model(
+        "spiked",
+        [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)],
+        ca.vertcat(v, f),
+        p=[Signal("wall", wall, value=0.4)],
+        contacts=[Contact("spike", v, f, Spike(0.1))],
+        switches=[hit],
+    )
+    motion = simulate(model, 2.0, dense=True)
+    assert [event.kind for event in motion.events] == ["switch", "impact"]
+    found = gradient(motion, {"position": [1.0]})
+    assert found.p["wall"] == pytest.approx(1.0, abs=1e-12)
+    assert found.x0["velocity"] == pytest.approx(0.0, abs=1e-12)
+    assert found.x0["position"] == pytest.approx(0.0, abs=1e-12)
+
+
+# -- by other routes -------------------------------------------------------------------------------
+
+
+def test_python_and_compiled_code_agree():
+    motion = simulate(WORM, 2.0, dense=True)
+    compiled, plain = (
+        gradient(motion, {"position": [1.0, 2.0, 3.0]}, route=route) for route in ("auto", "python")
+    )
+    for one, other in ((compiled.p, plain.p), (compiled.x0, plain.x0)):
+        for name, value in one.items():
+            assert value == pytest.approx(other[name], abs=1e-10), name
+
+
+def test_smooth_contact_tends_to_the_exact_one():
+    start = {"velocity": 1.0}
+    exact = gradient(simulate(BLOCK, 3.0, x0=start, dense=True), {"position": [1.0]})
+    smooth = gradient(
+        simulate(BLOCK, 3.0, x0=start, contact=Smooth(1e-3), dense=True), {"position": [1.0]}
+    )
+    assert smooth.p["mass"] == pytest.approx(exact.p["mass"], rel=5e-3)
+    assert smooth.p["friction"] == pytest.approx(exact.p["friction"], rel=5e-3)
+    assert smooth.p["mass"] != pytest.approx(exact.p["mass"], rel=1e-6)
+
+
+def test_units_of_the_number_do_not_matter():
+    motion = simulate(WORM, 2.0, dense=True)
+    one, small = (gradient(motion, {"position": c * np.ones(3)}) for c in (1.0, 1e-9))
+    for name, value in one.p.items():
+        assert 1e9 * small.p[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
+
+
+def test_nothing_depends_on_what_is_not_weighed():
+    motion = simulate(WORM, 2.0, dense=True)
+    found = gradient(motion, {"position": np.zeros(3)})
+    assert not any(np.any(value) for value in (*found.x0.values(), *found.p.values()))
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ({"place": [1.0]}, "no state or output 'place'"),
+        ({"position": [1.0, 2.0]}, r"\(3, 2\) or \(3,\), not \(2,\)"),
+        ({"position": np.ones((3, 5))}, r"not \(3, 5\)"),
+        ({"position": [np.nan, 0.0, 0.0]}, "must be finite"),
+        ({"position": "far"}, "list of numbers"),
+        ([1.0], "by its name"),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused(weights, message: str):
+    motion = simulate(WORM, 0.1, dense=True)
+    with pytest.raises((ArgumentError, UnknownNameError), match=message):
+        gradient(motion, weights)
+
+
+def test_motions_that_cannot_be_followed_back_are_refused():
+    with pytest.raises(ArgumentError, match="dense=True"):
+        gradient(simulate(WORM, 0.1), {"position": [1.0, 0.0, 0.0]})
+    with pytest.raises(ArgumentError, match="must be a Trajectory, not Model"):
+        gradient(WORM, {"position": [1.0, 0.0, 0.0]})  # type: ignore[arg-type]
+    motion = simulate(WORM, 0.1, dense=True)
+    with pytest.raises(ArgumentError, match="route must be one of"):
+        gradient(motion, {"position": [1.0, 0.0, 0.0]}, route="fast")  # type: ignore[arg-type]
