@@ -221,6 +221,72 @@ def test_a_spike_that_is_thrown_back_stops_at_once():
     assert found.x0["position"] == pytest.approx(0.0, abs=1e-12)
 
 
+# -- against sensitivities forward in time ---------------------------------------------------------
+
+
+def assert_as_forward(model: Model, span: float, weights, asked: list[str], **how) -> None:
+    """Every derivative as the sum of weights times derivatives of the samples, to 1e-8."""
+    motion = simulate(model, span, sensitivities=asked, dense=True, **how)
+    found = gradient(motion, weights)
+    forward = np.zeros(len(motion.directions))
+    for name, w in weights.items():
+        forward += np.einsum(
+            "im,ikm->k", np.reshape(w, motion[name].shape), motion.derivative(name)
+        )
+    by = {**found.x0, **found.p, **found.schedules}
+    backward = np.concatenate([np.ravel(by[name]) for name in asked])
+    size = np.abs(forward).max()
+    assert size > 0.01
+    assert backward == pytest.approx(forward, abs=1e-8 * size)
+
+
+@settings(max_examples=examples(9), deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_chains_agree_with_sensitivities_forward_in_time(seed: int):
+    random = np.random.default_rng(seed)
+    start = np.array([4.0, 2.0, 0.0]) + random.uniform(-0.8, 0.8, 3)
+    asked = ["position", "velocity", "mass", "stiffness", "load", "friction_forward", "input"]
+    assert_as_forward(
+        WORM,
+        2.7,
+        {"position": random.normal(size=(3, 12)), "energy": random.normal(size=(1, 12))},
+        asked,
+        x0={"position": start},
+        p={"mass": random.uniform(0.5, 2.0, 3), "friction_forward": random.uniform(0.3, 1.0, 3)},
+        times=np.linspace(0.0, 2.7, 12),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("feedback", ["derivative", "filter"])
+def test_trackers_agree_with_sensitivities_forward_in_time(feedback: str):
+    """Contacts, a gain that grows, and a reference by a schedule, through some 28 events."""
+    plant = wo.chain(2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, law=ROUGH)
+    reference = wo.gait_reference(wo.fast_gait(period=1.0), plant.t, shift=0.0)
+    loop = wo.lambda_tracker(
+        plant, reference, tube_radius=0.2, adaptation=wo.Quadratic(growth=1e2), feedback=feedback
+    )
+    weights = np.random.default_rng(1).normal(size=(3, 34))
+    assert_as_forward(
+        loop,
+        3.3,
+        {"position": weights},
+        ["position", "gain", "mass", "tube_radius", "friction_forward", "reference"],
+        times=np.linspace(0.0, 3.3, 34),
+    )
+
+
+def test_a_ball_agrees_with_sensitivities_forward_in_time():
+    weights = np.array([[0.0, 1.0, -2.0, 0.5]])
+    assert_as_forward(
+        bouncing(),
+        1.4,
+        {"height": weights, "rate": weights[:, ::-1]},
+        ["height", "rate", "gravity", "restitution"],
+        times=[0.1, 0.3, 0.9, 1.4],
+    )
+
+
 # -- by other routes -------------------------------------------------------------------------------
 
 

@@ -11,6 +11,7 @@ from scipy.linalg import expm
 from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
+from wormopt.simulation.options import Tolerance
 from wormopt.simulation.periodic import periodic_orbit
 from wormopt.simulation.simulate import simulate
 
@@ -49,24 +50,33 @@ def test_linear_systems_answer_as_theory_says(
     assert orbit.motion["state"][:, 0] == pytest.approx(answer, abs=1e-8)
     assert orbit.drift < 1e-9
     known = np.linalg.eigvals(expm(matrix * period))
-    assert np.sort(np.abs(orbit.multipliers)) == pytest.approx(np.sort(np.abs(known)), abs=1e-7)
+    assert np.sort(np.abs(orbit.multipliers)) == pytest.approx(np.sort(np.abs(known)), abs=1e-9)
     assert orbit.stable
 
 
 def test_an_unstable_orbit_is_found_and_told():
     matrix = np.diag([0.3, -1.0])
     orbit = periodic_orbit(linear(2), 2 * np.pi, p={"matrix": matrix.ravel()})
-    assert orbit.multipliers.real == pytest.approx(np.exp(2 * np.pi * np.array([0.3, -1.0])), 1e-6)
+    assert orbit.multipliers.real == pytest.approx(np.exp(2 * np.pi * np.array([0.3, -1.0])), 1e-9)
     assert not orbit.stable
 
 
 def shaken(push: float) -> Model:
     """A unit mass on rough ground that a periodic force drives; it goes on without end."""
-    x, v, f, t = (ca.SX.sym(name) for name in "xvft")
-    ground = Contact("mass", v, f, Coulomb(0.5, 1.0))
-    states = [Signal("position", x), Signal("velocity", v)]
+    x, v, f, t, size, w, ahead, back = (ca.SX.sym(name) for name in "xvftPwFB")
+    ground = Contact("mass", v, f, Coulomb(ahead, back))
     return Model(
-        "shaken", x=states, ode=ca.vertcat(v, push * ca.cos(t) + f), t=t, contacts=[ground]
+        "shaken",
+        x=[Signal("position", x), Signal("velocity", v)],
+        ode=ca.vertcat(v, size * ca.cos(w * t) + f),
+        t=t,
+        p=[
+            Signal("push", size, value=push),
+            Signal("frequency", w, value=1.0),
+            Signal("friction", ahead, value=0.5),
+            Signal("backward", back, value=1.0),
+        ],
+        contacts=[ground],
     )
 
 
@@ -94,3 +104,124 @@ def test_what_does_not_repeat_is_told():
     for period, names in ((0.0, ["place"]), (1.0, [])):
         with pytest.raises(ArgumentError, match="positive period"):
             periodic_orbit(drifts, period, returning=names)
+
+
+# -- derivatives -----------------------------------------------------------------------------------
+
+
+def test_the_answer_of_a_linear_system_moves_with_matrix_push_and_frequency():
+    """x = Re(e^iwt R b) with R = (iw - A)^-1, and dR = R dA R - i R^2 dw."""
+    matrix = np.array([[-2.0, 0.6, 0.0], [-0.4, -1.5, 0.3], [0.2, 0.0, -3.0]])
+    push, w = np.array([1.0, -0.5, 0.3]), 1.7
+    orbit = periodic_orbit(
+        THREE,
+        2 * np.pi / w,
+        p={"matrix": matrix.ravel(), "push": push, "frequency": w},
+        samples=7,
+        sensitivities=["push[1]", "matrix[5]", "frequency"],
+        period_derivative={"frequency": -2 * np.pi / w**2},
+    )
+    R = np.linalg.inv(1j * w * np.eye(3) - matrix)
+    turn = np.exp(1j * w * orbit.motion.time)
+    by_matrix = R[:, 1] * (R @ push)[2]
+    by_frequency = -1j * np.outer(R @ R @ push, turn) + np.outer(
+        R @ push, 1j * orbit.motion.time * turn
+    )
+    found = orbit.motion.derivative("state")
+    assert orbit.motion.directions == ("push[1]", "matrix[5]", "frequency")
+    assert found[:, 0] == pytest.approx(np.outer(R[:, 1], turn).real, abs=1e-9)
+    assert found[:, 1] == pytest.approx(np.outer(by_matrix, turn).real, abs=1e-9)
+    assert found[:, 2] == pytest.approx(by_frequency.real, abs=1e-9)
+    assert orbit.mean_rate_derivative("state") == pytest.approx(0.0, abs=1e-9)
+
+
+def found_speed(push: float = 3.0, frequency: float = 1.0, friction: float = 0.5) -> float:
+    orbit = periodic_orbit(
+        SHAKEN,
+        2 * np.pi / frequency,
+        returning=["velocity"],
+        x0={"velocity": 1.0},
+        p={"push": push, "frequency": frequency, "friction": friction},
+        tolerance=Tolerance(1e-13, 1e-14),
+        samples=2,
+    )
+    return float(orbit.mean_rate("position")[0])
+
+
+SHAKEN = shaken(3.0)
+
+
+@pytest.mark.parametrize(
+    "push", [pytest.param(3.0, id="slides"), pytest.param(0.9, id="rests part of the time")]
+)
+def test_the_mean_speed_on_dry_ground_moves_with_what_drives_it(push: float):
+    orbit = periodic_orbit(
+        SHAKEN,
+        2 * np.pi,
+        returning=["velocity"],
+        x0={"velocity": 1.0},
+        p={"push": push},
+        sensitivities=["push", "friction", "frequency"],
+        period_derivative={"frequency": -2 * np.pi},
+    )
+    rests = any(event.kind == "stick" for event in orbit.motion.events)
+    assert rests == (push < 1)
+    slopes = orbit.mean_rate_derivative("position")[0]
+    h, base = 1e-3, {"push": push}
+    for name, slope in zip(orbit.motion.directions, slopes, strict=True):
+        at = {"push": push, "frequency": 1.0, "friction": 0.5}[name]
+        v = [found_speed(**{**base, name: at + k * h}) for k in (1, -1, 2, -2)]
+        assert slope == pytest.approx((8 * (v[0] - v[1]) - v[2] + v[3]) / (12 * h), rel=1e-6)
+    if rests:  # whatever comes before a rest is forgotten
+        assert orbit.multipliers == pytest.approx(0.0, abs=1e-14)
+
+
+def test_the_mean_speed_is_a_force_over_a_frequency():
+    """By units alone: a speed of a unit mass is force over frequency, times a function of ratios."""
+    orbit = periodic_orbit(
+        SHAKEN,
+        2 * np.pi,
+        returning=["velocity"],
+        x0={"velocity": 1.0},
+        p={"push": 1.7},
+        sensitivities={
+            "forces": {"push": 1.7, "friction": 0.5, "backward": 1.0},
+            "frequency": {"frequency": 1.0},
+        },
+        period_derivative={"frequency": -2 * np.pi},
+    )
+    speed = orbit.mean_rate("position")[0]
+    assert orbit.mean_rate_derivative("position")[0] == pytest.approx([speed, -speed], rel=1e-9)
+    velocity = orbit.motion["velocity"][0]
+    along = orbit.motion.derivative("velocity")[0, 0]
+    assert along == pytest.approx(velocity, abs=1e-9)
+
+
+def test_what_only_goes_on_has_a_multiplier_of_one():
+    x, t, k = ca.SX.sym("x"), ca.SX.sym("t"), ca.SX.sym("k")
+    model = Model(
+        "slow",
+        x=[Signal("place", x)],
+        ode=ca.cos(t) - k * x,
+        t=t,
+        p=[Signal("fading", k, value=1e-9)],
+    )
+    orbit = periodic_orbit(model, 2 * np.pi)
+    assert orbit.multipliers == pytest.approx(1.0, abs=1e-8)
+    with pytest.raises(SolveError, match="a multiplier is 1") as caught:
+        periodic_orbit(model, 2 * np.pi, sensitivities=["fading"])
+    assert caught.value.code == "singular"
+    with pytest.raises(SolveError, match="a multiplier is 1: leave states"):
+        periodic_orbit(model, 2 * np.pi, p={"fading": 0.0}, x0={"place": 1.0})
+
+
+def test_directions_that_an_orbit_does_not_have_are_refused():
+    how = {"returning": ["velocity"], "x0": {"velocity": 1.0}}
+    with pytest.raises(ArgumentError, match="does not depend on where velocity start"):
+        periodic_orbit(SHAKEN, 2 * np.pi, sensitivities=["velocity"], **how)
+    with pytest.raises(UnknownNameError, match="no direction 'weight'"):
+        periodic_orbit(
+            SHAKEN, 2 * np.pi, sensitivities=["push"], period_derivative={"weight": 1.0}, **how
+        )
+    with pytest.raises(ArgumentError, match="seek the orbit with sensitivities"):
+        periodic_orbit(SHAKEN, 2 * np.pi, **how).mean_rate_derivative("position")

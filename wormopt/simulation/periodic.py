@@ -1,9 +1,14 @@
-"""Periodic motions of a driven Model by shooting, and their Floquet multipliers."""
+"""Periodic motions of a driven Model by shooting, their Floquet multipliers and derivatives.
+
+The states z that return obey P(z, p) = z, with the return map P over a period T. Its slopes P_z are
+exact where motions can be differentiated; the orbit then moves with parameters and period by
+dz = (1 - P_z)^-1 (P_p dp + z' dT), the implicit function theorem, unless a multiplier is 1.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,13 +18,18 @@ from wormopt.model.model import Model
 from wormopt.model.values import by_name, check_names, signal_values
 from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
+from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact, Tolerance, Treatment
+from wormopt.simulation.sensitivity.directions import Sensitivities
+from wormopt.simulation.sensitivity.variation import has_derivatives
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-# Changes of the start by which the return map is differentiated, in nominal sizes, and last steps
-# that are as good as none.
+# Changes of the start by which the return map is differentiated where motions have no exact
+# derivatives, in nominal sizes, and last steps that are as good as none.
 _APART, _LAST_STEP = 1e-5, 1e-10
+# Least over largest singular value of 1 - P_z below which the orbit does not stand alone.
+_SINGULAR = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,22 +39,83 @@ class PeriodicOrbit:
     Parameters
     ----------
     motion : Trajectory
-        One period of it.
+        One period of it. Its derivatives are those of the orbit: a direction moves the start too,
+        so that the motion still repeats; states that only go on start where they did.
     drift : float
         Largest change of a returning state over the period, in nominal sizes.
     multipliers : ndarray of complex, shape (n,)
         Of the returning states, that of the largest size first (Floquet): small deviations are
         multiplied by them in a period.
+    start : ndarray, shape (n_x,)
+        State at which it begins.
+    period_derivative : ndarray, shape (k,)
+        Of the period along the directions of ``motion``.
     """
 
     motion: Trajectory
     drift: float
     multipliers: NDArray[np.complex128]
+    start: np.ndarray
+    period_derivative: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def stable(self) -> bool:
         """Whether all that is near it comes to it."""
         return bool(abs(self.multipliers[0]) < 1)
+
+    def mean_rate(self, name: str) -> np.ndarray:
+        """Change of a state per time: of a place, the mean speed.
+
+        Parameters
+        ----------
+        name : str
+            Of the state.
+
+        Returns
+        -------
+        ndarray, shape (size,)
+        """
+        return self._named((self.motion.end - self.start) / self.motion.end_time, name)
+
+    def mean_rate_derivative(self, name: str) -> np.ndarray:
+        """Derivative of the mean rate of a state along the directions of ``motion``.
+
+        Parameters
+        ----------
+        name : str
+            Of the state.
+
+        Returns
+        -------
+        ndarray, shape (size, k)
+
+        Raises
+        ------
+        ArgumentError
+            If the orbit was sought without ``sensitivities``.
+        """
+        if not self.motion.directions:
+            raise ArgumentError("seek the orbit with sensitivities=[...] to differentiate it")
+        motion, period = self.motion, self.motion.end_time
+        # at the end of a period that changes too
+        ahead = motion.end_derivative + np.outer(rate_at_end(motion), self.period_derivative)
+        moved = ahead - motion.state_derivatives[:, :, 0]
+        mean = (motion.end - self.start) / period
+        return self._named((moved - np.outer(mean, self.period_derivative)) / period, name)
+
+    def _named(self, values: np.ndarray, name: str) -> np.ndarray:
+        signals = self.motion.system.model.x
+        check_names({name: 0}, [s.name for s in signals], "state")
+        return by_name(signals, values)[name]
+
+
+def rate_at_end(motion: Trajectory) -> np.ndarray:
+    """Time derivative (n_x,) of the state right before the end of a motion."""
+    system, end = motion.system, motion.end_time
+    at = np.array([np.nextafter(end, -np.inf)])
+    p = system.scheduled(motion.p, motion.schedules, at)[:, 0]
+    x = np.append(motion.end, np.zeros(system.n_pushes))
+    return np.array(system.rhs(end, x, p, motion.s_at(at)[:, 0])).ravel()[: len(motion.end)]
 
 
 class _Returns:
@@ -55,26 +126,51 @@ class _Returns:
         rows = np.concatenate([np.full(s.size, s.name in names) for s in model.x])
         sizes = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
         self.rows, self.nominal = rows, sizes[rows]
+        self.names = [s.name for s in model.x if s.name in names]
         self.start = np.zeros(len(rows))
+        self._exact = has_derivatives(System(model, how["contact"]))  # type: ignore[arg-type]
+        self._last: tuple[np.ndarray, Trajectory] | None = None
+
+    def begin(self, z: np.ndarray) -> np.ndarray:
+        """State (n_x,) with returning states ``z``."""
+        x0 = self.start.copy()
+        x0[self.rows] = z
+        return x0
 
     def motion(self, z: np.ndarray, **how: object) -> Trajectory:
         """A period from returning states ``z``."""
-        x0 = self.start.copy()
-        x0[self.rows] = z
-        named = by_name(self.model.x, x0)
+        named = by_name(self.model.x, self.begin(z))
         return simulate(self.model, self.period, x0=named, **self._how, **how)  # type: ignore[arg-type]
 
+    def _returned(self, z: np.ndarray) -> Trajectory:
+        """A period, differentiated by where it begins if it can be; the last one is kept."""
+        if self._last is None or not np.array_equal(self._last[0], z):
+            how = {"sensitivities": self.names} if self._exact else {}
+            self._last = z.copy(), self.motion(z, **how)
+        return self._last[1]
+
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        return np.array([self.motion(z).end[self.rows] - z for z in x])
+        return np.array([self._returned(z).end[self.rows] - z for z in x])
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Of the change, by central differences."""
-        steps = np.diag(_APART * self.nominal)
+        """Of the change."""
+        return np.array([self.monodromy(z) for z in x]) - np.eye(x.shape[1])
+
+    def stands_beside_others(self, monodromy: np.ndarray) -> bool:
+        """Whether a multiplier is 1 but for rounding."""
+        change = (np.eye(len(monodromy)) - monodromy) * self.nominal / self.nominal[:, None]
+        sizes = np.linalg.svd(change, compute_uv=False)
+        return not sizes[-1] > _SINGULAR * max(sizes[0], 1.0)
+
+    def monodromy(self, z: np.ndarray) -> np.ndarray:
+        """Slopes (n, n) of the return map, by central differences where there are none exact."""
+        if self._exact:
+            return self._returned(z).end_derivative[self.rows]
         columns = [
-            [(self(z[None] + d, p) - self(z[None] - d, p))[0] / (2 * d.sum()) for d in steps]
-            for z in x
+            (self.motion(z + d).end - self.motion(z - d).end)[self.rows] / (2 * d.sum())
+            for d in np.diag(_APART * self.nominal)
         ]
-        return np.swapaxes(np.array(columns), 1, 2)
+        return np.array(columns).T
 
 
 def periodic_orbit(
@@ -87,6 +183,8 @@ def periodic_orbit(
     contact: Treatment = Exact(),  # noqa: B008  frozen
     tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
     samples: int = 201,
+    sensitivities: Sensitivities | None = None,
+    period_derivative: Mapping[str, float] | None = None,
     report: Report = silent,
 ) -> PeriodicOrbit:
     """Find a motion that repeats after the period of what drives a model.
@@ -108,6 +206,12 @@ def periodic_orbit(
         How exact each simulation is.
     samples : int, optional
         Equidistant instants of the motion to keep, both ends included.
+    sensitivities : sequence of str, or mapping of str to mapping, optional
+        Parameters, inputs and values of schedules by which the orbit is differentiated, as
+        `simulate` takes them.
+    period_derivative : mapping of str to float, optional
+        Derivative of the period along directions, by their labels, where it changes with them: with
+        the frequency w of what drives the model, -2 pi / w^2.
     report : callable, optional
         Told how far it is, see `wormopt.progress`.
 
@@ -118,11 +222,13 @@ def periodic_orbit(
     Raises
     ------
     ArgumentError
-        If the period is not positive, or no state returns.
+        If the period is not positive, no state returns, or sensitivities do not fit the model or
+        are asked for of contacts that have none.
     UnknownNameError
         If the model has no such state.
     SolveError
-        If none is found near the guess ("no_periodic_motion"), or a simulation gives up.
+        If none is found near the guess ("no_periodic_motion"), a simulation gives up, or
+        derivatives are asked for where a multiplier is 1 ("singular").
 
     Examples
     --------
@@ -153,12 +259,61 @@ def periodic_orbit(
     if not found:
         raise SolveError(
             "no motion that repeats was found near the guess",
-            "start from a motion that has settled, or take another period",
+            "a multiplier is 1: leave states that only go on out of `returning`"
+            if returns.stands_beside_others(returns.monodromy(z))
+            else "start from a motion that has settled, or take another period",
             code="no_periodic_motion",
         )
-    motion = returns.motion(z, times=np.linspace(0.0, period, samples))
-    change = (motion.end[returns.rows] - z) / returns.nominal
-    monodromy = returns.slopes(z[None], np.zeros(0))[0] + np.eye(len(z))
+    times = np.linspace(0.0, period, samples)
+    monodromy = returns.monodromy(z)
     multipliers = np.linalg.eigvals(monodromy).astype(complex)
     order = np.argsort(-np.abs(multipliers), kind="stable")
-    return PeriodicOrbit(motion, float(np.abs(change).max()), multipliers[order])
+    motion, moved = returns.motion(z, times=times), np.zeros(0)
+    if sensitivities is not None:
+        motion, moved = _differentiated(
+            returns, z, monodromy, times, sensitivities, period_derivative or {}
+        )
+    change = (motion.end[returns.rows] - z) / returns.nominal
+    return PeriodicOrbit(
+        motion, float(np.abs(change).max()), multipliers[order], returns.begin(z), moved
+    )
+
+
+def _differentiated(
+    returns: _Returns,
+    z: np.ndarray,
+    monodromy: np.ndarray,
+    times: np.ndarray,
+    sensitivities: Sensitivities,
+    period_derivative: Mapping[str, float],
+) -> tuple[Trajectory, np.ndarray]:
+    """The orbit with its derivatives, and those of the period."""
+    by_start = returns.motion(z, times=times, sensitivities=returns.names)
+    motion = returns.motion(z, times=times, sensitivities=sensitivities)
+    check_names(period_derivative, motion.directions, "direction")
+    if motion.along is not None and np.any(motion.along.x0[returns.rows]):
+        raise ArgumentError(
+            f"an orbit does not depend on where {', '.join(returns.names)} start; take directions "
+            "of parameters, inputs and schedules"
+        )
+    longer = np.array([float(period_derivative.get(name, 0.0)) for name in motion.directions])
+    if returns.stands_beside_others(monodromy):
+        raise SolveError(
+            "the orbit has no derivatives: a multiplier is 1, orbits lie beside it",
+            "leave states that only go on out of `returning`",
+            code="singular",
+        )
+    ends = motion.end_derivative + np.outer(rate_at_end(motion), longer)
+    begins = np.linalg.solve(np.eye(len(z)) - monodromy, ends[returns.rows])
+    events = tuple(
+        replace(event, derivative=event.derivative + other.derivative @ begins)  # type: ignore[operator]
+        for event, other in zip(motion.events, by_start.events, strict=True)
+    )
+    along = np.einsum("inm,nk->ikm", by_start.state_derivatives, begins)
+    motion = replace(
+        motion,
+        events=events,
+        state_derivatives=motion.state_derivatives + along,
+        end_derivative=motion.end_derivative + by_start.end_derivative @ begins,
+    )
+    return motion, longer

@@ -201,7 +201,7 @@ class Trajectory(SampledMotion):
         )
         p = self.system.scheduled(self.p, self.schedules, t)
         dp = self.along.scheduled(self.system.n_fixed, self.schedules, t)
-        s, every = self._s_at(t), range(self.along.k)
+        s, every = self.s_at(t), range(self.along.k)
         columns = [
             np.array(function(t[None], self.states, p, s, self.state_derivatives[:, k], dp[:, k]))
             for k in every

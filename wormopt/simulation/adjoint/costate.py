@@ -101,7 +101,7 @@ class Backwards:
         middle = begins + lengths / 2
         p = motion.system.scheduled(motion.p, motion.schedules, middle)[motion.system.n_fixed :]
         steps = len(lengths)
-        polynomials = dense.coefficients.reshape(steps, -1)
+        polynomials = dense.coefficients[:, :, : self._equation.n_x].reshape(steps, -1)
         return np.hstack(
             [np.c_[begins, lengths, np.ones(steps)], polynomials, motion.s_at(middle).T, p.T]
         )

@@ -175,7 +175,7 @@ class Instants:
 
     def _after(self, step: int) -> Place:
         time, last = self._dense.time, step == len(self._dense.time) - 1
-        x = self._motion.end if last else self._dense.coefficients[step, 0]
+        x = self._motion.end if last else self._dense.coefficients[step, 0, : len(self._sizes)]
         return self._place(step, x, time[step] if last else time[step : step + 2].mean())
 
     def _start(self) -> Jump:
@@ -190,7 +190,7 @@ class Instants:
         step = int(np.searchsorted(time, t))
         if time[step] != t or step == 0:
             raise _not_understood(t)
-        x = self._dense.coefficients[step - 1, :2].sum(axis=0)
+        x = self._dense.coefficients[step - 1, :2, : len(self._sizes)].sum(axis=0)
         before = self._place(step, x, time[step - 1 : step + 1].mean())
         after = self._after(step)
         events = tuple(event for event in self._motion.events if event.time == t)

@@ -141,6 +141,11 @@ def rhs_of(variation: Variation, k: int) -> ca.Function:
     return variation.rhs(k)
 
 
+def has_derivatives(system: System) -> bool:
+    """Whether motions have derivatives: not where contacts slide in the plane or share loads."""
+    return not (system.model.delays or (system.exact and (len(system.planar) or system.shares)))
+
+
 @lru_cache(maxsize=64)
 def variation(system: System, active: tuple[int, ...]) -> Variation:
     """Variational equations of a system along directions that move some entries of p.
