@@ -129,8 +129,8 @@ def test_the_answer_of_a_linear_system_moves_with_matrix_push_and_frequency():
     )
     found = orbit.motion.derivative("state")
     assert orbit.motion.directions == ("push[1]", "matrix[5]", "frequency")
-    assert found[:, 0] == pytest.approx(np.outer(R[:, 1], turn).real, abs=1e-9)
-    assert found[:, 1] == pytest.approx(np.outer(by_matrix, turn).real, abs=1e-9)
+    assert found[:, 0] == pytest.approx(np.real(np.outer(R[:, 1], turn)), abs=1e-9)
+    assert found[:, 1] == pytest.approx(np.real(np.outer(by_matrix, turn)), abs=1e-9)
     assert found[:, 2] == pytest.approx(by_frequency.real, abs=1e-9)
     assert orbit.mean_rate_derivative("state") == pytest.approx(0.0, abs=1e-9)
 
@@ -177,7 +177,7 @@ def test_the_mean_speed_on_dry_ground_moves_with_what_drives_it(push: float):
 
 
 def test_the_mean_speed_is_a_force_over_a_frequency():
-    """By units alone: a speed of a unit mass is force over frequency, times a function of ratios."""
+    """By units alone: of a unit mass, times a function of the ratios of forces."""
     orbit = periodic_orbit(
         SHAKEN,
         2 * np.pi,

@@ -135,14 +135,12 @@ def test_complex_eigenvalues_turn_with_the_stiffness():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        (["speed"], "no parameter or input 'speed'"),
+        (["speed"], "no state, parameter, input or schedule 'speed'"),
         (["push[2]"], "has 2 entries"),
-        ("push", "as a list"),
-        ({"d": {"push": [1.0, 2.0, 3.0]}}, "2 finite numbers"),
-        ({"d": {"push": [np.nan, 0.0]}}, "2 finite numbers"),
-        ({"d": {"push": 0.0}}, "nowhere other than 0"),
-        ({"d": {"force": 1.0}}, "no parameter or input 'force'"),
-        ({"d": 1.0}, "by its name"),
+        (["x"], "does not depend on where states start"),
+        ({"d": {"push": [1.0, 2.0, 3.0]}}, "not of the shape|one number or"),
+        ({"d": {"push": [np.nan, 0.0]}}, "must be finite"),
+        ({"d": 1.0}, "not float"),
     ],
 )
 def test_what_is_no_direction_is_refused(asked, message: str):

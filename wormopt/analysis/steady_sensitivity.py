@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 
 from wormopt.analysis.steady import SteadyState
-from wormopt.errors import SolveError
-from wormopt.model.direction import Asked, directions_of
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, pack
+from wormopt.simulation.functions import System
+from wormopt.simulation.options import Exact
+from wormopt.simulation.sensitivity.directions import Sensitivities, directions
 
 # Where the least singular value of the Jacobian is a smaller share of the largest, the state itself
 # is known no better than the distance to the fold.
@@ -94,7 +96,9 @@ def _derivatives(model: Model) -> tuple[ca.Function, ca.Function]:
     )
 
 
-def steady_sensitivity(state: SteadyState, sensitivities: Asked | None = None) -> SteadySensitivity:
+def steady_sensitivity(
+    state: SteadyState, sensitivities: Sensitivities | None = None
+) -> SteadySensitivity:
     """Differentiate a steady state and its eigenvalues by parameters and inputs.
 
     Parameters
@@ -132,9 +136,7 @@ def steady_sensitivity(state: SteadyState, sensitivities: Asked | None = None) -
     (('r',), array([[0.25]]), array([[-0.5]]))
     """
     model = state.model
-    signals = (*model.p, *model.u)
-    names = [signal.name for signal in signals]
-    along = directions_of(signals, names if sensitivities is None else sensitivities)
+    labels, columns = _columns(model, sensitivities)
     slopes, change = _derivatives(model)
     by_x, by_p = (np.array(slope) for slope in slopes(state.x, state.p))
     size = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
@@ -146,14 +148,29 @@ def steady_sensitivity(state: SteadyState, sensitivities: Asked | None = None) -
             "move a parameter away from there",
             code="singular",
         )
-    moved = -np.linalg.solve(by_x, by_p @ along.columns)
+    moved = -np.linalg.solve(by_x, by_p @ columns)
     changes = [
         np.array(change(state.x, state.p, dx, dp))
-        for dx, dp in zip(moved.T, along.columns.T, strict=True)
+        for dx, dp in zip(moved.T, columns.T, strict=True)
     ]
-    return SteadySensitivity(
-        state, along.labels, moved, _eigenvalues(state, by_x, changes), along.columns
-    )
+    return SteadySensitivity(state, labels, moved, _eigenvalues(state, by_x, changes), columns)
+
+
+def _columns(
+    model: Model, sensitivities: Sensitivities | None
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Labels and columns (n_p, k) of directions in parameters and inputs."""
+    signals = (*model.p, *model.u)
+    asked = [signal.name for signal in signals] if sensitivities is None else sensitivities
+    along = directions(System(model, Exact()), (), asked)
+    if along is None:
+        return (), np.zeros((pack(signals).numel(), 0))
+    if np.any(along.x0):
+        raise ArgumentError(
+            f"a steady state of {model.name} does not depend on where states start; take "
+            "directions of parameters and inputs"
+        )
+    return along.labels, along.p[: pack(signals).numel()]
 
 
 def _eigenvalues(

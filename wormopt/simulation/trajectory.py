@@ -256,7 +256,18 @@ class Trajectory(SampledMotion):
         return self.s_at(t)[: len(self.system.contacts)]
 
     def s_at(self, t: np.ndarray) -> np.ndarray:
-        """Modes s of the System at times (m,), see `wormopt.simulation.functions`; (n_s, m)."""
+        """Modes and onsets of the contacts, as functions of the System take them.
+
+        Parameters
+        ----------
+        t : ndarray, shape (m,)
+            Times; at an event what holds after it counts.
+
+        Returns
+        -------
+        ndarray, shape (n_s, m)
+            Of no rows where contact was treated as smooth.
+        """
         if len(self.modes) == 0:
             return np.zeros((0, len(t)))
         row = np.searchsorted(self.modes[:, 0], t, side="right") - 1
