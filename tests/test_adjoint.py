@@ -271,7 +271,7 @@ def test_trackers_agree_with_sensitivities_forward_in_time(feedback: str):
         loop,
         3.3,
         {"position": weights},
-        ["position", "gain", "mass", "tube_radius", "friction_forward", "reference"],
+        ["position", "gain", "mass", "friction_forward", "reference"],
         times=np.linspace(0.0, 3.3, 34),
     )
 

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.model import pack
 from wormopt.model.values import by_name, check_names, numbers
-from wormopt.simulation.adjoint.costate import Backwards
-from wormopt.simulation.adjoint.jumps import Instants
+from wormopt.simulation.adjoint.costate import Backwards, Kicks
+from wormopt.simulation.adjoint.jumps import Instants, Jump
 from wormopt.simulation.options import Route, Tolerance
 from wormopt.simulation.trajectory import Trajectory
 
@@ -118,12 +118,18 @@ def _check(motion: object, route: object) -> None:
         )
 
 
+def _crowded(times: np.ndarray, near: float) -> set[float]:
+    """Those of ascending times that are as good as one with the next or the last."""
+    close = np.diff(times) <= near
+    return set(times[np.append(close, False) | np.append(False, close)].tolist())
+
+
 class _Number:
     """A number, by its derivatives by the samples of a motion, and those found of it so far."""
 
     def __init__(self, motion: Trajectory, weights: Mapping[str, ArrayLike]) -> None:
         system, n_x = motion.system, motion.system.model.n_x
-        self._motion, m = motion, len(motion.time)
+        self._motion, self._unit, m = motion, 1.0, len(motion.time)
         self._nominal = np.concatenate([np.full(s.size, s.nominal) for s in system.model.x])
         check_names(weights, motion.names, "state or output")
         self._by_x, by_p = np.zeros((m, n_x)), np.zeros((m, len(motion.p)))
@@ -185,27 +191,53 @@ class _Number:
         motion, dense = self._motion, self._motion.dense
         assert dense is not None
         assert self.last is not None
-        unit = float(np.abs(self._by_x * self._nominal).max())
+        self._unit = float(np.abs(self._by_x * self._nominal).max())
         back = Backwards(motion, self._sizes(), tolerance, route)
-        late = float(motion.time[self.last])
-        jumps = {jump.before.t: jump for jump in Instants(motion, late).all()}
-        weighed = motion.time[np.any(self._by_x != 0, axis=1)].tolist()
-        breaks = self._breaks(late)
-        costate, by_x = np.zeros(motion.system.model.n_x), self._by_x / unit
-        for t in sorted({*weighed, *jumps}, reverse=True):
-            if late > t:
+        early, late = float(dense.time[0]), float(motion.time[self.last])
+        instants, near = Instants(motion, late), back.near(late)
+        crowded = _crowded(np.array([early, *instants.events, late]), near)
+        jumps = {j.before.t: j for j in instants.all if j.maps or j.before.t in crowded}
+        kicks = instants.kicks([j for j in instants.all if j.before.t not in jumps])
+        kicks = self._with_samples(kicks, np.array([early, *jumps, late]), near)
+        costate, breaks = np.zeros(motion.system.model.n_x), self._breaks(late)
+        for t in sorted({early, *jumps, late}, reverse=True):
+            if late - t > near:
                 stops = breaks[(breaks > t) & (breaks < late)]
-                costate, summed = back.go(costate, late, t, stops)
+                within = kicks.part((kicks.time > t) & (kicks.time < late))
+                costate, summed = back.go(costate, late, t, within, stops)
                 edges = np.concatenate([[t], stops, [late]])
                 for middle, row in zip((edges[:-1] + edges[1:]) / 2, summed, strict=True):
-                    self._add(middle, unit * row)
-            costate = costate + by_x[motion.time == t].sum(axis=0)
+                    self._add(middle, self._unit * row)
+            for k in np.flatnonzero(kicks.time == t).tolist():
+                costate, by_p = kicks.apply(k, costate)
+                self._add(t, self._unit * by_p)
             if t in jumps:
-                costate, before, after = jumps[t].back(costate)
-                self._add(jumps[t].before.inside, unit * before)
-                self._add(jumps[t].after.inside, unit * after)
+                costate = self._through(jumps[t], costate)
             late = t
-        return unit * costate
+        return self._unit * self._through(instants.start(), costate)
+
+    def _through(self, jump: Jump, costate: np.ndarray) -> np.ndarray:
+        """Costate before a jump."""
+        costate, before, after = jump.back(costate)
+        self._add(jump.before.inside, self._unit * before)
+        self._add(jump.after.inside, self._unit * after)
+        return costate
+
+    def _with_samples(self, kicks: Kicks, others: np.ndarray, near: float) -> Kicks:
+        """Kicks by events, and those by the weights of samples; one for each time."""
+        weighed = np.any(self._by_x != 0, axis=1)
+        sampled, known = self._motion.time[weighed], np.append(kicks.time, others)
+        off = np.abs(sampled[:, None] - known)
+        at = np.where(off.min(axis=1) <= near, known[off.argmin(axis=1)], sampled)
+        time = np.unique(np.append(kicks.time, at))
+        rows, (n_x, n_p) = (
+            np.searchsorted(time, kicks.time),
+            (self._by_x.shape[1], kicks.by_p.shape[1]),
+        )
+        found = Kicks(time, *(np.zeros((len(time), n)) for n in (n_x, n_x, n_x, n_p)))
+        np.add.at(found.add, np.searchsorted(time, at), self._by_x[weighed] / self._unit)
+        found.rate[rows], found.by_x[rows], found.by_p[rows] = kicks.rate, kicks.by_x, kicks.by_p
+        return found
 
     def _breaks(self, end: float) -> np.ndarray:
         """Times from the start to `end` at which a schedule goes on."""

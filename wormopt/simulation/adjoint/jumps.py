@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.simulation.adjoint.costate import Kicks
 from wormopt.simulation.functions import System
 from wormopt.simulation.trajectory import Event, Trajectory
 
@@ -148,54 +149,85 @@ def _jumps_of(system: System) -> Jumps:
 
 
 class Instants:
-    """Where a motion jumps."""
+    """Where a motion jumps, up to some time: by events at which only its rate does, and others."""
 
     def __init__(self, motion: Trajectory, until: float) -> None:
         assert motion.dense is not None
-        self._motion, self._dense, self._until = motion, motion.dense, until
+        self._motion, self._dense = motion, motion.dense
         self._jumps = _jumps_of(motion.system)
         self._sizes = np.concatenate([np.full(s.size, s.nominal) for s in motion.system.model.x])
+        self.events: dict[float, list[Event]] = {}
+        for event in motion.events:
+            if event.time <= until:
+                self.events.setdefault(event.time, []).append(event)
+        self._times = np.array(sorted(self.events))
+        self._step = np.searchsorted(self._dense.time, self._times)
+        wrong = (self._dense.time[self._step] != self._times) | (self._step == 0)
+        if wrong.any():
+            raise _not_understood(float(self._times[np.argmax(wrong)]))
 
-    def all(self) -> list[Jump]:
-        """What happens, in order of time, beginning with the start."""
-        times = sorted({e.time for e in self._motion.events if e.time <= self._until})
-        found = [self._start(), *(self._at(t) for t in times)]
-        for jump in found:
-            jump.check(self._sizes)
-        return found
+    def _places(self, steps: np.ndarray, x: np.ndarray, inside: np.ndarray) -> list[Place]:
+        """Motion at ends of steps (of `Dense.time`) with what holds `inside` a step beside them."""
+        motion, t = self._motion, self._dense.time[steps]
+        p = motion.system.scheduled(motion.p, motion.schedules, inside)
+        s = motion.s_at(inside)
+        whole = np.hstack([x, np.zeros((len(x), motion.system.n_pushes))])
+        rates = np.array(motion.system.rhs(t[None], whole.T, p, s)).T[:, : len(self._sizes)]
+        rows = zip(t, whole, p.T, s.T, rates, inside, strict=True)
+        return [Place(float(a), b, c, d, e, float(f)) for a, b, c, d, e, f in rows]
 
-    def _place(self, step: int, x: np.ndarray, inside: float) -> Place:
-        """Motion at the end of a step (of `Dense.time`) as it is `inside` the step on one side."""
-        motion, t, at = self._motion, float(self._dense.time[step]), np.array([inside])
-        p = motion.system.scheduled(motion.p, motion.schedules, at)[:, 0]
-        s = motion.s_at(at)[:, 0]
-        whole = np.append(x, np.zeros(motion.system.n_pushes))
-        rate = np.array(motion.system.rhs(t, whole, p, s)).ravel()[: len(x)]
-        return Place(t, whole, p, s, rate, inside)
+    def _after(self, steps: np.ndarray) -> list[Place]:
+        time, last = self._dense.time, len(self._dense.time) - 1
+        x = self._dense.coefficients[np.minimum(steps, last - 1), 0, : len(self._sizes)].copy()
+        x[steps == last] = self._motion.end
+        return self._places(steps, x, (time[steps] + time[np.minimum(steps + 1, last)]) / 2)
 
-    def _after(self, step: int) -> Place:
-        time, last = self._dense.time, step == len(self._dense.time) - 1
-        x = self._motion.end if last else self._dense.coefficients[step, 0, : len(self._sizes)]
-        return self._place(step, x, time[step] if last else time[step : step + 2].mean())
-
-    def _start(self) -> Jump:
+    def start(self) -> Jump:
         """What rests at the start has no velocity to begin with, however little it is pushed."""
-        after = self._after(0)
+        (after,) = self._after(np.array([0]))
         rests = self._motion.system.exact and np.any(after.s[: len(self._jumps.contacts)] == 0)
         maps = ((self._motion.system.project, after.s),) if rests else ()
         return Jump(self._jumps, after, after, maps, (), None)
 
-    def _at(self, t: float) -> Jump:
-        time = self._dense.time
-        step = int(np.searchsorted(time, t))
-        if time[step] != t or step == 0:
-            raise _not_understood(t)
-        x = self._dense.coefficients[step - 1, :2, : len(self._sizes)].sum(axis=0)
-        before = self._place(step, x, time[step - 1 : step + 1].mean())
-        after = self._after(step)
-        events = tuple(event for event in self._motion.events if event.time == t)
-        maps = self._maps(events, before.s, after.s)
-        return Jump(self._jumps, before, after, maps, events, self._guard(before, after, events))
+    @cached_property
+    def all(self) -> list[Jump]:
+        """What happens at events, in order of time."""
+        if not len(self._times):
+            return []
+        time, steps = self._dense.time, self._step
+        x = self._dense.coefficients[steps - 1, :2, : len(self._sizes)].sum(axis=1)
+        before = self._places(steps, x, (time[steps - 1] + time[steps]) / 2)
+        guards, speeds = self._all_guards(before)
+        found = []
+        for k, (here, after) in enumerate(zip(before, self._after(steps), strict=True)):
+            events = tuple(self.events[here.t])
+            maps = self._maps(events, here.s, after.s)
+            guard = self._guard(here, after, events, guards[k], speeds[k])
+            found.append(Jump(self._jumps, here, after, maps, events, guard))
+            found[-1].check(self._sizes)
+        return found
+
+    def _all_guards(self, places: list[Place]) -> tuple[np.ndarray, np.ndarray]:
+        """Guards and their rates, a row for each place."""
+        forward = self._jumps.forward(self._jumps.guards)
+        found = forward(*_stacked(places), np.array([place.rate for place in places]).T)
+        return np.array(found[0]).T, np.array(found[1]).T
+
+    def kicks(self, jumps: list[Jump]) -> Kicks:
+        """Jumps at which only the rate of the motion jumps, all at once."""
+        n_x, n_p, m = len(self._sizes), len(self._motion.p), len(jumps)
+        time, zero = np.array([jump.before.t for jump in jumps]), np.zeros((m, n_x))
+        if not jumps:
+            return Kicks(time, zero, zero, zero, np.zeros((0, n_p)))
+        places = [jump.before for jump in jumps]
+        _, speeds = self._all_guards(places)
+        weights = np.zeros_like(speeds)
+        for k, jump in enumerate(jumps):
+            if jump.guard is not None:
+                weights[k, jump.guard] = 1 / speeds[k, jump.guard]
+        by_x, by_p = self._jumps.back(self._jumps.guards)(*_stacked(places), weights.T)
+        rate = np.array([jump.before.rate - jump.after.rate for jump in jumps])
+        return Kicks(time, zero, rate, np.array(by_x).T, np.array(by_p).T)
 
     def _maps(
         self, events: tuple[Event, ...], before: np.ndarray, after: np.ndarray
@@ -210,7 +242,14 @@ class Instants:
                 found.append((jumps.system.project, after))
         return tuple(found)
 
-    def _guard(self, before: Place, after: Place, events: tuple[Event, ...]) -> int | None:
+    def _guard(
+        self,
+        before: Place,
+        after: Place,
+        events: tuple[Event, ...],
+        guards: np.ndarray,
+        speeds: np.ndarray,
+    ) -> int | None:
         """Which guard has fired: of those that may have, the one that is nearest to 0 in time."""
         jumps, n = self._jumps, len(self._jumps.contacts)
         rows = list[int]()
@@ -220,12 +259,16 @@ class Instants:
                 continue
             i = jumps.contacts.index(event.name)
             rows += [i] if before.s[i] != 0 else [n + i, 2 * n + i]
-        guards, speeds = jumps.forward(jumps.guards)(*before.arguments, before.rate)
-        off = np.abs(np.array(guards).ravel()[rows])
-        off /= np.maximum(np.abs(np.array(speeds).ravel()[rows]), np.finfo(float).tiny)
+        off = np.abs(guards[rows]) / np.maximum(np.abs(speeds[rows]), np.finfo(float).tiny)
         nearest = int(np.argmin(off))
         if off[nearest] <= _NEAR * (self._dense.time[-1] - self._dense.time[0]):
             return rows[nearest]
         if np.array_equal(before.p, after.p):
             raise _not_understood(before.t)
         return None  # a schedule has gone on
+
+
+def _stacked(places: list[Place]) -> tuple[np.ndarray, ...]:
+    """Arguments of the functions of a System, a column for each place."""
+    t = np.array([[place.t for place in places]])
+    return t, *(np.array([getattr(place, name) for place in places]).T for name in ("x", "p", "s"))
