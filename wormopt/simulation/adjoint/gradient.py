@@ -140,8 +140,7 @@ class _Number:
         self.last = int(weighed[-1]) if len(weighed) else None
         self._by_p = np.zeros(system.n_fixed)
         self._by_schedules = [np.zeros_like(s.values) for s in motion.schedules]
-        for t, row in zip(motion.time, by_p, strict=True):
-            self._add(t, row)
+        self._add(motion.time, by_p)
 
     def _samples(self, name: str, given: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives by states (m, n_x) and parameters (m, n_p) at the samples."""
@@ -166,13 +165,13 @@ class _Number:
         found = np.array(at(motion.time[None], motion.states, held, modes, w)).T.reshape(m, -1)
         return found[:, : x.numel()], found[:, x.numel() :]
 
-    def _add(self, t: float, by_p: np.ndarray) -> None:
-        """Count derivatives (n_p,) by the parameters as they are at a time."""
+    def _add(self, t: np.ndarray, by_p: np.ndarray) -> None:
+        """Count derivatives (m, n_p) by the parameters as they are at times (m,)."""
         n = self._motion.system.n_fixed
-        self._by_p += by_p[:n]
+        self._by_p += by_p[:, :n].sum(axis=0)
         for schedule, found in zip(self._motion.schedules, self._by_schedules, strict=True):
             end = n + 1 + schedule.values.shape[1]
-            found[schedule.locate(np.array([t]))[1][0]] += by_p[n + 1 : end]
+            np.add.at(found, schedule.locate(t)[1], by_p[:, n + 1 : end])
             n = end
 
     def _sizes(self) -> np.ndarray:
@@ -206,11 +205,10 @@ class _Number:
                 within = kicks.part((kicks.time > t) & (kicks.time < late))
                 costate, summed = back.go(costate, late, t, within, stops)
                 edges = np.concatenate([[t], stops, [late]])
-                for middle, row in zip((edges[:-1] + edges[1:]) / 2, summed, strict=True):
-                    self._add(middle, self._unit * row)
+                self._add((edges[:-1] + edges[1:]) / 2, self._unit * summed)
             for k in np.flatnonzero(kicks.time == t).tolist():
                 costate, by_p = kicks.apply(k, costate)
-                self._add(t, self._unit * by_p)
+                self._add(np.array([t]), self._unit * by_p[None])
             if t in jumps:
                 costate = self._through(jumps[t], costate)
             late = t
@@ -219,8 +217,8 @@ class _Number:
     def _through(self, jump: Jump, costate: np.ndarray) -> np.ndarray:
         """Costate before a jump."""
         costate, before, after = jump.back(costate)
-        self._add(jump.before.inside, self._unit * before)
-        self._add(jump.after.inside, self._unit * after)
+        sides = np.array([jump.before.inside, jump.after.inside])
+        self._add(sides, self._unit * np.array([before, after]))
         return costate
 
     def _with_samples(self, kicks: Kicks, others: np.ndarray, near: float) -> Kicks:
@@ -241,13 +239,19 @@ class _Number:
 
     def _breaks(self, end: float) -> np.ndarray:
         """Times from the start to `end` at which a schedule goes on."""
-        found, start = [], float(self._motion.dense.time[0])  # type: ignore[union-attr]
+        dense = self._motion.dense
+        assert dense is not None
+        found, start = [np.zeros(0)], float(dense.time[0])
         for schedule in self._motion.schedules:
-            t = schedule.next_break(start)
-            while t < end:
-                found.append(t)
-                t = schedule.next_break(t)
-        return np.unique(found)
+            period = schedule.breaks[-1]
+            turns = np.zeros(1)
+            if schedule.periodic:
+                first, last = (np.floor((t - schedule.start) / period) for t in (start, end))
+                turns = np.arange(first, last + 1)
+            inner = schedule.breaks[:-1] if schedule.periodic else schedule.breaks[1:-1]
+            found.append((schedule.start + turns[:, None] * period + inner).ravel())
+        times = np.unique(np.concatenate(found))
+        return times[(times > start) & (times < end)]
 
     def gradient(self, costate: np.ndarray) -> Gradient:
         """What was found, by name."""
