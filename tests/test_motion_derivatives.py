@@ -18,17 +18,13 @@ from wormopt.bench.cases import mag2, track
 from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
 from wormopt.control.reference import Reference, gait_reference
 from wormopt.control.switching import switching_tracker
-from wormopt.errors import ArgumentError, SolveError, UnknownNameError
+from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Output, Signal, Switch
-from wormopt.model.schedule import Schedule
-from wormopt.simulation.automaton import integrate as in_python
-from wormopt.simulation.ensemble import Scenario, simulate_ensemble
-from wormopt.simulation.options import Smooth, Tolerance
-from wormopt.simulation.simulate import _task, _trajectory, simulate
-from wormopt.simulation.trajectory import Trajectory
+from wormopt.model.model import Contact, Model, Output, Signal
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
-from wormopt.systems.spiked.construct import fast_gait, travelling_sine
+from wormopt.systems.spiked.construct import travelling_sine
 
 both = pytest.mark.parametrize("route", ["native", "python"])
 SHARP = Tolerance(1e-13, 1e-14)
@@ -69,9 +65,7 @@ def differences(model: Model, span: float, label: str, h: float, **more: Any) ->
     """Derivative of the end by Richardson's central differences of sharp motions."""
     name, _, entry = label.removesuffix("]").partition("[")
     ends = [
-        simulate(
-            model, span, tolerance=SHARP, **moved(model, name, int(entry or 0), k * h), **more
-        )
+        simulate(model, span, tolerance=SHARP, **moved(model, name, int(entry or 0), k * h), **more)
         for k in (1, -1, 2, -2)
     ]
     assert len({len(motion.events) for motion in ends}) == 1
@@ -116,9 +110,7 @@ def test_a_growing_load_lets_go_when_stiction_says(route: Any):
     # at rest the ground's force is minus the load
     force = sampled.derivative("force")[0, :, 0]
     np.testing.assert_allclose(force, [-6.0, 0.0, 0.0], atol=1e-13)
-    np.testing.assert_allclose(
-        sampled.derivative("energy")[0, 0, -1], m * v * speed[0], rtol=1e-10
-    )
+    np.testing.assert_allclose(sampled.derivative("energy")[0, 0, -1], m * v * speed[0], rtol=1e-10)
 
 
 def pair_matrix() -> np.ndarray:

@@ -16,7 +16,8 @@ from wormopt.model.values import by_name, check_names, numbers
 from wormopt.simulation.adjoint.costate import Backwards, Kicks
 from wormopt.simulation.adjoint.jumps import Instants, Jump
 from wormopt.simulation.options import Route, Tolerance
-from wormopt.simulation.trajectory import Trajectory
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Doubt, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +32,15 @@ class Gradient:
         By parameters and inputs.
     schedules : dict of str to ndarray, shape (pieces, size)
         By the values of schedules.
+    doubts : tuple of Doubt
+        Events at which derivatives do not exist or hold on one side only; the gradient is then
+        that of the branch that was followed.
     """
 
     x0: dict[str, np.ndarray]
     p: dict[str, np.ndarray]
     schedules: dict[str, np.ndarray]
+    doubts: tuple[Doubt, ...] = ()
 
 
 def gradient(
@@ -98,8 +103,11 @@ def gradient(
     _check(motion, route)
     number = _Number(motion, weights)
     if number.last is None:
-        return number.gradient(np.zeros(motion.system.model.n_x))
-    return number.gradient(number.follow(tolerance, route))
+        return number.gradient(np.zeros(motion.system.model.n_x), ())
+    late = float(motion.time[number.last])
+    happens = motion.system.exact or motion.system.model.switches
+    doubts = _doubts(motion, late, tolerance, route) if happens else ()
+    return number.gradient(number.follow(tolerance, route), doubts)
 
 
 def _check(motion: object, route: object) -> None:
@@ -116,6 +124,36 @@ def _check(motion: object, route: object) -> None:
             f"contacts of {name} slide in the plane or share loads, where exact treatment has no "
             "derivatives; simulate with contact=Smooth(v_reg)"
         )
+
+
+def _doubts(
+    motion: Trajectory, late: float, tolerance: Tolerance, route: Route
+) -> tuple[Doubt, ...]:
+    """What a simulation forward in time doubts along a direction in which everything moves."""
+    dense, model = motion.dense, motion.system.model
+    assert dense is not None
+    start = float(dense.time[0])
+    if late <= start:
+        return ()
+    random = np.random.default_rng(0)
+    held = by_name((*model.p, *model.u), motion.p[: motion.system.n_fixed - 1])
+    moved = {s.name: s.nominal * random.uniform(0.5, 1.5, s.size) for s in model.x}
+    for signal in (*model.p, *model.u):
+        size = np.where(held[signal.name] != 0, np.abs(held[signal.name]), signal.nominal)
+        moved[signal.name] = size * random.uniform(0.5, 1.5, signal.size)
+    for schedule in motion.schedules:
+        moved.setdefault(schedule.name, random.uniform(0.5, 1.5, schedule.values.shape))
+    return simulate(
+        model,
+        (start, late),
+        contact=motion.system.treatment,
+        x0=by_name(model.x, dense.coefficients[0, 0, : model.n_x]),
+        p=held,
+        schedules={schedule.name: schedule.values for schedule in motion.schedules},
+        tolerance=tolerance,
+        route=route,
+        sensitivities={"all": moved},
+    ).doubts
 
 
 def _crowded(times: np.ndarray, near: float) -> set[float]:
@@ -253,11 +291,12 @@ class _Number:
         times = np.unique(np.concatenate(found))
         return times[(times > start) & (times < end)]
 
-    def gradient(self, costate: np.ndarray) -> Gradient:
+    def gradient(self, costate: np.ndarray, doubts: tuple[Doubt, ...]) -> Gradient:
         """What was found, by name."""
         model, names = self._motion.system.model, [s.name for s in self._motion.schedules]
         return Gradient(
             by_name(model.x, costate),
             by_name((*model.p, *model.u), self._by_p[:-1]),
             dict(zip(names, self._by_schedules, strict=True)),
+            doubts,
         )
