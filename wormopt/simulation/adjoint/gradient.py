@@ -27,7 +27,8 @@ class Gradient:
     Parameters
     ----------
     x0 : dict of str to ndarray, shape (size,)
-        By the initial values of states.
+        By the initial values of states. By velocities of contacts that slide from rest, to the
+        side to which they slide; of those that stay at rest, 0.
     p : dict of str to ndarray, shape (size,)
         By parameters and inputs.
     schedules : dict of str to ndarray, shape (pieces, size)
@@ -129,7 +130,11 @@ def _check(motion: object, route: object) -> None:
 def _doubts(
     motion: Trajectory, late: float, tolerance: Tolerance, route: Route
 ) -> tuple[Doubt, ...]:
-    """What a simulation forward in time doubts along a direction in which everything moves."""
+    """What a simulation forward in time doubts along a direction in which everything moves.
+
+    But for what begins at 0: of a contact that slides from rest a velocity at the start would have
+    two derivatives, by which hardly anyone asks.
+    """
     dense, model = motion.dense, motion.system.model
     assert dense is not None
     start = float(dense.time[0])
@@ -137,7 +142,8 @@ def _doubts(
         return ()
     random = np.random.default_rng(0)
     held = by_name((*model.p, *model.u), motion.p[: motion.system.n_fixed - 1])
-    moved = {s.name: s.nominal * random.uniform(0.5, 1.5, s.size) for s in model.x}
+    begun = by_name(model.x, dense.coefficients[0, 0, : model.n_x])
+    moved = {name: x * random.uniform(0.5, 1.5, x.size) for name, x in begun.items()}
     for signal in (*model.p, *model.u):
         size = np.where(held[signal.name] != 0, np.abs(held[signal.name]), signal.nominal)
         moved[signal.name] = size * random.uniform(0.5, 1.5, signal.size)
@@ -147,7 +153,7 @@ def _doubts(
         model,
         (start, late),
         contact=motion.system.treatment,
-        x0=by_name(model.x, dense.coefficients[0, 0, : model.n_x]),
+        x0=begun,
         p=held,
         schedules={schedule.name: schedule.values for schedule in motion.schedules},
         tolerance=tolerance,
