@@ -1,5 +1,6 @@
 """Gradients by the adjoint equation: against closed forms, differences, and each other."""
 
+from dataclasses import replace
 from typing import Literal
 
 import casadi as ca
@@ -10,8 +11,9 @@ from effort import examples
 from hypothesis import given, settings
 
 import wormopt as wo
+from wormopt.bench.cases import mag2
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.model.friction import Coulomb, Spike
+from wormopt.model.friction import Coulomb, Spike, Stribeck
 from wormopt.model.model import Contact, Model, Output, Signal, Switch
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.adjoint.gradient import gradient
@@ -225,7 +227,9 @@ def test_a_spike_that_is_thrown_back_stops_at_once():
 # -- against sensitivities forward in time ---------------------------------------------------------
 
 
-def assert_as_forward(model: Model, span: float, weights, asked: list[str], **how) -> None:
+def assert_as_forward(
+    model: Model, span: float | tuple[float, float], weights, asked: list[str], **how
+) -> None:
     """Every derivative as the sum of weights times derivatives of the samples, to 1e-8."""
     motion = simulate(model, span, sensitivities=asked, dense=True, **how)
     found = gradient(motion, weights)
@@ -279,6 +283,62 @@ def test_trackers_agree_with_sensitivities_forward_in_time(
     )
 
 
+def two_masses(rates, contacts) -> Model:
+    """Two coordinates that two periodic forces pull; friction and a spring are parameters."""
+    x, v, f = (ca.SX.sym(name, 2) for name in "xvf")
+    t, friction, spring = (ca.SX.sym(name) for name in ("t", "friction", "spring"))
+    pull = ca.vertcat(3 * ca.cos(2 * t), 2 * ca.sin(3 * t)) - spring * x
+    return Model(
+        "two",
+        [Signal("place", x, value=[0.0, 0.1]), Signal("rate", v, value=[0.5, -0.2])],
+        ca.vertcat(v, rates(pull, v, f)),
+        t=t,
+        p=[Signal("friction", friction, value=1.0), Signal("spring", spring, value=0.4)],
+        contacts=[Contact(str(k), *each) for k, each in enumerate(contacts(v, f, friction))],
+    )
+
+
+LEVER = np.linalg.inv([[2.0, 0.7], [0.7, 1.5]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rates", "contacts"),
+    [
+        pytest.param(
+            lambda pull, v, f: LEVER @ (pull + f),
+            lambda v, f, F: [(v[0], f[0], Coulomb(F, 1.5)), (v[1], f[1], Coulomb(0.8, 1.2))],
+            id="forces act on both",
+        ),
+        pytest.param(
+            lambda pull, v, f: pull + ca.vertcat(f[0] - v[0] / 5, -f[0] - v[1] / 3),
+            lambda v, f, F: [(v[0] - v[1], f[0], Coulomb(F, 1.5))],
+            id="a velocity that is no state",
+        ),
+        pytest.param(
+            lambda pull, v, f: pull + f,
+            lambda v, f, F: [
+                (v[0], f[0], Stribeck(F, 1.5, 1.3 * F, 1.9, 0.2)),
+                (v[1], f[1], Stribeck(0.8, 1.2, 1.0, 1.5, 0.2)),
+            ],
+            id="forces that jump at release",
+        ),
+    ],
+)
+def test_kinds_of_contact_agree_with_sensitivities_forward_in_time(rates, contacts):
+    model = two_masses(rates, contacts)
+    asked = ["place", "rate", "friction", "spring"]
+    assert_as_forward(model, 12.0, {"place": [[0.0, 1.0], [0.0, 2.0]]}, asked)
+
+
+@pytest.mark.slow
+def test_the_magnetic_pair_agrees_through_all_its_events():
+    model = mag2()
+    asked = [signal.name for signal in (*model.x, *model.p)]
+    weights = {model.x[0].name: [[0.0, 1.0], [0.0, -1.0]]}
+    assert_as_forward(model, 400.0, weights, asked)
+
+
 def test_a_ball_agrees_with_sensitivities_forward_in_time():
     weights = np.array([[0.0, 1.0, -2.0, 0.5]])
     assert_as_forward(
@@ -288,6 +348,27 @@ def test_a_ball_agrees_with_sensitivities_forward_in_time():
         ["height", "rate", "gravity", "restitution"],
         times=[0.1, 0.3, 0.9, 1.4],
     )
+
+
+@pytest.mark.slow
+def test_samples_may_lie_at_events_and_on_one_another():
+    start = {"position": [4.3, 2.1, -0.3]}
+    events = np.array([event.time for event in simulate(WORM, (1.0, 4.0), x0=start).events])
+    assert len(events) == 3
+    beside = np.concatenate([events, events + 1e-15, events - 1e-13])
+    times = np.sort(np.concatenate([beside, [1.0, 1.0, 4.0, 4.0], np.linspace(1.0, 4.0, 7)]))
+    weights = np.random.default_rng(3).normal(size=(3, len(times)))
+    asked = ["position", "mass", "stiffness", "friction_forward"]
+    assert_as_forward(WORM, (1.0, 4.0), {"position": weights}, asked, x0=start, times=times)
+
+
+def test_a_motion_that_ends_early_counts_the_samples_that_it_came_to():
+    """x = 1 - g t^2 / 2 at 0, 0.3 and 0.4 s; it ends before 2 s."""
+    ball = bouncing()
+    ends = replace(ball.switches[0], terminal=True)
+    motion = simulate(replace(ball, switches=[ends]), 3.0, times=[0.0, 0.3, 0.4, 2.0], dense=True)
+    found = gradient(motion, {"height": np.ones((1, 3))})
+    assert found.p["gravity"] == pytest.approx(-(0.3**2 + 0.4**2) / 2, rel=1e-11)
 
 
 # -- by other routes -------------------------------------------------------------------------------

@@ -75,7 +75,8 @@ class Costate:
         )
         sizes = (("fires", 2), ("add", n), ("rate", n), ("by_x", n), ("by_p", self.n_p))
         fires, add, rate, by_x, by_p = kick = [ca.SX.sym(*each) for each in sizes]
-        value = ca.vertcat(*piece, ca.vec(polynomial), s, p[n_fixed:], *kick)
+        _, scheduled = ca.vertsplit(p, [0, n_fixed, self.n_p])  # a slice of none has a row
+        value = ca.vertcat(*piece, ca.vec(polynomial), s, scheduled, *kick)
         pieces = np.zeros((1, value.numel()))
         past = Schedule("past", value, begin, np.array([0.0, 1.0]), pieces)
         grown = costate + add

@@ -168,6 +168,12 @@ def _crowded(times: np.ndarray, near: float) -> set[float]:
     return set(times[np.append(close, False) | np.append(False, close)].tolist())
 
 
+def _merged(times: np.ndarray, near: float) -> np.ndarray:
+    """Ascending times, of which those that are as good as one are the first of them."""
+    first = np.append(True, np.diff(times) > near)
+    return times[first][np.cumsum(first) - 1]
+
+
 class _Number:
     """A number, by its derivatives by the samples of a motion, and those found of it so far."""
 
@@ -270,7 +276,7 @@ class _Number:
         weighed = np.any(self._by_x != 0, axis=1)
         sampled, known = self._motion.time[weighed], np.append(kicks.time, others)
         off = np.abs(sampled[:, None] - known)
-        at = np.where(off.min(axis=1) <= near, known[off.argmin(axis=1)], sampled)
+        at = np.where(off.min(axis=1) <= near, known[off.argmin(axis=1)], _merged(sampled, near))
         time = np.unique(np.append(kicks.time, at))
         rows, (n_x, n_p) = (
             np.searchsorted(time, kicks.time),
