@@ -374,6 +374,7 @@ def test_a_motion_that_ends_early_counts_the_samples_that_it_came_to():
 # -- by other routes -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_python_and_compiled_code_agree():
     motion = simulate(WORM, 2.0, dense=True)
     compiled, plain = (
