@@ -175,6 +175,18 @@ double find_event(Run *run, double h, long long *which) {
     return first;
 }
 
+/* Whether function j would fall next to nothing below 0 after theta, and rise again in the step. */
+int grazes(Run *run, double h, double theta, long long j) {
+    const long long n = n_functions(run);
+    const double end = run->scan[(N_SAMPLES - 1) * n + j];
+    int rises = 0;
+    for (int k = 0; k < N_SAMPLES - 1; k++) rises |= SAMPLES[k] > theta && run->scan[k * n + j] < end;
+    double at, largest = 0.0;
+    for (int k = 0; k < N_SAMPLES; k++) largest = fmax(largest, fabs(run->scan[k * n + j]));
+    return (rises || end > 0.0)
+           && lowest(run, j, h, theta, 1.0, &at) >= -run->in.small_value * function_size(run, j, largest);
+}
+
 /* Length of the step that ends at the event. The polynomial is of a lower order than the steps, so
    the step itself is taken and corrected by Newton's method; x_new holds its end. */
 double polish_event(Run *run, double h, double theta, long long which) {
