@@ -63,7 +63,7 @@ void suspect(Run *run, long long forced) {
 void doubt_decision(Run *run, long long forced, int at_start) {
     const long long n = run->in.n_contacts;
     const int stop = forced >= 0 && run->before[forced] != 0.0 && !run->in.coupled;
-    for (long long i = 0; i < n && run->in.k; i++) {
+    for (long long i = 0; i < n; i++) {
         const double mode = run->modes[i], share = share_left(run, i);
         if (mode == 0.0 && share <= run->in.small_value) doubt(run, run->out.t, i, mode, EDGE);
         if (run->suspect[i] == 0.0) continue;
@@ -81,13 +81,13 @@ double function_size(const Run *run, long long j, double range) {
 /* Of the lowest value of event function j that is no event, against its range there. */
 void note_touch(Run *run, long long j, double at, double value, double range) {
     const double size = function_size(run, j, range);
-    if (run->in.k && value <= run->in.small_value * size && run->touch[j] > at) run->touch[j] = at;
+    if (value <= run->in.small_value * size && run->touch[j] > at) run->touch[j] = at;
 }
 
 /* Of what was touched before `first` in the step of length h. */
 void doubt_touches(Run *run, double h, double first) {
     const long long n = run->in.exact ? run->in.n_contacts : 0;
-    for (long long j = 0; j < n_functions(run) && run->in.k; j++)
+    for (long long j = 0; j < n_functions(run); j++)
         if (run->touch[j] < first)
             doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);
 }
