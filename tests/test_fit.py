@@ -96,7 +96,7 @@ def test_what_lies_at_a_bound_is_told():
     found = fit_of_block([wo.Unknown("friction_forward", upper=2.0, start=1.0)], seeds=2)
     assert found.at_bound == ("friction_forward",)
     assert found.values[0] == 2.0
-    assert any("times the noise" in line for line in found.warnings)
+    assert any("times the noise said" in line for line in found.warnings)
 
 
 def test_logarithm_and_number_are_one_fit():
@@ -124,7 +124,7 @@ def test_outliers_are_borne_by_a_robust_loss():
     sought = [wo.Unknown("friction_forward", lower=0.1)]
     for loss, off in (("linear", 10.0), ("huber", 0.01), ("soft_l1", 0.01), ("cauchy", 0.01)):
         task = wo.FitTask(sliding_block(), [run], sought, loss=loss)  # type: ignore[arg-type]
-        found = wo.fit(task, seeds=2)
+        found = wo.fit(task, seeds=1)
         error = abs(found.values[0] - 2.5) / 2.5
         assert error < off
         assert (error > 0.1) == (loss == "linear")
@@ -154,6 +154,7 @@ def test_gaps_and_outputs_are_read():
     found = wo.fit(wo.FitTask(sliding_block(), [run], [wo.Unknown("friction_forward")]), seeds=1)
     assert found.values[0] == pytest.approx(2.5, rel=1e-6)
     assert found.residuals.shape == (46,)
+    assert found.continuity(3) < 1e-6
     back = found.task.split(found.residuals)["run"]["twice"]
     assert np.array_equal(np.isnan(back[0]), np.isnan(seen))
 
@@ -426,7 +427,7 @@ def test_nodes_lead_where_a_long_motion_goes_astray():
     task = wo.FitTask(swing, [run], [wo.Unknown("stiffness", start=1.3, lower=0.1, upper=10.0)])
     alone = wo.fit(task, seeds=1, nodes=0)
     assert abs(alone.values[0] - 1) > 0.1
-    assert any("times the noise" in line for line in alone.warnings)
+    assert any("times the noise said" in line for line in alone.warnings)
     found = wo.fit(task, seeds=1, nodes=40)
     assert found.converged
     assert abs(found.values[0] - 1) < 4 * found.standard_errors[0]

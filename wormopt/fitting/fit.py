@@ -17,7 +17,7 @@ from wormopt.fitting.descent import (
     ways_of,
 )
 from wormopt.fitting.estimate import Attempt, Fit
-from wormopt.fitting.levels import noise_of
+from wormopt.fitting.levels import MEDIAN, noise_of
 from wormopt.fitting.starts import starts_of
 from wormopt.fitting.task import FitTask
 from wormopt.progress import Report, silent
@@ -76,7 +76,7 @@ def fit(
         If the user stopped it; `partial` is the best fit so far, None before there is one.
     """
     _check(task, seeds, enough, nodes)
-    estimated = task.estimated
+    asked, estimated = task, task.estimated
     ends: list[Attempt] = []
     points: list[Descent] = []  # the best so far, or none
 
@@ -90,9 +90,9 @@ def fit(
             report("estimating noise", None)
             task, best = _with_levels(task, best, estimated)
     except KeyboardInterrupt:
-        partial = _told(task, points[0], ends, estimated, "interrupted") if points else None
+        partial = _told(asked, task, points[0], ends, "interrupted") if points else None
         raise Interrupted(partial) from None
-    return _told(task, best, ends, estimated)
+    return _told(asked, task, best, ends)
 
 
 def _of_starts(
@@ -149,25 +149,33 @@ def _with_levels(
     return task, best
 
 
+def _excess(asked: FitTask, task: FitTask, theta: np.ndarray) -> float:
+    """How many times what noise explains is left of the signal of which most is left.
+
+    Noise that nobody said is held against how readings scatter from one to the next.
+    """
+    plain, _ = task.plain(theta)
+    left = np.abs(plain[: task.count] * task.deviations / asked.deviations)
+    if task.loss == "linear":
+        return max(float(np.sqrt(np.mean(left[rows] ** 2))) for rows in task.groups.values())
+    return max(float(np.median(left[rows])) / MEDIAN for rows in task.groups.values())
+
+
 def _told(
-    task: FitTask,
-    best: Descent,
-    ends: list[Attempt],
-    estimated: tuple[str, ...],
-    reason: str = "",
+    asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
-    """Say what was found and whether it holds."""
+    """Say what was found and whether it holds; `asked` is the task before noise was estimated."""
     ends = sorted((replace(end, agrees=_agrees(best, end)) for end in ends), key=lambda e: e.cost)
     same = sum(end.agrees for end in ends)
-    plain, _ = task.plain(best.theta)
-    excess = float(np.sqrt(np.mean(plain[: task.count] ** 2)))
+    excess = _excess(asked, task, best.theta)
     warnings = list(task.warnings)
     if same < len(ends):
         warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
-    if excess > _EXPLAINED and not estimated:
+    if excess > _EXPLAINED:
+        which = "noise said" if not asked.estimated else "scatter of the readings"
         warnings.append(
-            f"residuals are {excess:.2g} times the noise said: the model does not tell all, or the "
-            "noise is larger"
+            f"residuals are {excess:.2g} times the {which}: the model does not tell all, or the "
+            "noise is of another kind"
         )
     if not reason and best.offset >= ARRIVED:
         reason = (
@@ -185,7 +193,7 @@ def _told(
         converged=not reason,
         reason=reason,
         starts=tuple(ends),
-        estimated=estimated,
+        estimated=asked.estimated,
         warnings=tuple(warnings),
     )
     return replace(found, warnings=(*warnings, *_doubted(found)))
