@@ -412,6 +412,8 @@ def test_eight_numbers_of_a_chain_come_back_from_scipys_motion(seed: int):
 def test_without_noise_numbers_are_exact():
     task, true, _ = scipy_chain(5, 4.0, 1e-8)
     found = wo.fit(task)
+    assert found.converged
+    assert all(end.agrees for end in found.starts)
     assert found.values == pytest.approx(true, rel=1e-6)
 
 

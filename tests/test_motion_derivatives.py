@@ -69,9 +69,7 @@ def differences(model: Model, span: float, label: str, h: float, **more: Any) ->
     """Derivative of the end by Richardson's central differences of sharp motions."""
     name, _, entry = label.removesuffix("]").partition("[")
     ends = [
-        simulate(
-            model, span, tolerance=SHARP, **moved(model, name, int(entry or 0), k * h), **more
-        )
+        simulate(model, span, tolerance=SHARP, **moved(model, name, int(entry or 0), k * h), **more)
         for k in (1, -1, 2, -2)
     ]
     assert len({len(motion.events) for motion in ends}) == 1
@@ -116,9 +114,7 @@ def test_a_growing_load_lets_go_when_stiction_says(route: Any):
     # at rest the ground's force is minus the load
     force = sampled.derivative("force")[0, :, 0]
     np.testing.assert_allclose(force, [-6.0, 0.0, 0.0], atol=1e-13)
-    np.testing.assert_allclose(
-        sampled.derivative("energy")[0, 0, -1], m * v * speed[0], rtol=1e-10
-    )
+    np.testing.assert_allclose(sampled.derivative("energy")[0, 0, -1], m * v * speed[0], rtol=1e-10)
 
 
 def pair_matrix() -> np.ndarray:

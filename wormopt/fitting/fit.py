@@ -74,6 +74,22 @@ def fit(
         If no start leads anywhere; the reason is that of the first.
     Interrupted
         If the user stopped it; `partial` is the best fit so far, None before there is one.
+
+    Examples
+    --------
+    How fast does it decay?
+
+    >>> import casadi as ca
+    >>> from wormopt.fitting.recording import Recording
+    >>> from wormopt.fitting.unknowns import Unknown
+    >>> from wormopt.model.model import Model, Signal
+    >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    >>> rates = [Signal("rate", rate, value=1.0)]
+    >>> decay = Model("decay", [Signal("x", x, value=1.0)], -rate * x, p=rates)
+    >>> seen = Recording([0.5, 1.0, 1.5], {"x": [0.37, 0.14, 0.05]}, span=(0.0, 1.5))
+    >>> found = fit(FitTask(decay, [seen], [Unknown("rate")]))
+    >>> found.converged, found.values.round(2), found.standard_errors.round(2)
+    (True, array([1.98]), array([0.01]))
     """
     _check(task, seeds, enough, nodes)
     asked, estimated = task, task.estimated
@@ -124,6 +140,8 @@ def _of_starts(
             f"no start of the fit could be simulated: {first}",
             "begin with other numbers, or narrower bounds",
         ) from first
+    # by the errors of this noise; what is estimated later may be far smaller
+    ends[:] = [replace(end, agrees=_agrees(best, end)) for end in ends]
     return best
 
 
@@ -165,11 +183,11 @@ def _told(
     asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
     """Say what was found and whether it holds; `asked` is the task before noise was estimated."""
-    ends = sorted((replace(end, agrees=_agrees(best, end)) for end in ends), key=lambda e: e.cost)
+    ends = sorted(ends, key=lambda end: end.cost)
     same = sum(end.agrees for end in ends)
     excess = _excess(asked, task, best.theta)
     warnings = list(task.warnings)
-    if same < len(ends):
+    if same < len(ends) and not reason:
         warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
     if excess > _EXPLAINED:
         which = "noise said" if not asked.estimated else "scatter of the readings"
