@@ -417,6 +417,24 @@ def test_without_noise_numbers_are_exact():
     assert found.values == pytest.approx(true, rel=1e-6)
 
 
+def test_ground_that_holds_whatever_the_number_is_no_bottom():
+    """Pushed by 1.5, a block of mass 2 slides on ground that resists with 1, and rests on 4."""
+    x, v, f = (ca.SX.sym(name) for name in "xvf")
+    (law,), numbers = lift([wo.Coulomb(1.0, 1.0)])
+    states = [wo.Signal("position", x, value=0.0), wo.Signal("velocity", v, value=0.0)]
+    ground = wo.Contact("block", v, f, law)
+    model = wo.Model("block", states, ca.vertcat(v, (1.5 + f) / 2), p=numbers, contacts=[ground])
+    run = wo.Recording(TIME, {"position": 0.125 * TIME**2}, noise={"position": 1e-3})
+    task = wo.FitTask(model, [run], [wo.Unknown("friction_forward", start=4.0, lower=0.1)])
+    held = wo.fit(task, seeds=1, nodes=0)
+    assert not held.converged
+    assert held.reason.startswith("the motion does not depend on friction_forward")
+    assert np.isinf(held.standard_errors[0])
+    found = wo.fit(task)
+    assert found.converged
+    assert found.values[0] == pytest.approx(1.0, rel=1e-6)
+
+
 @pytest.mark.slow
 def test_nodes_lead_where_a_long_motion_goes_astray():
     """A spring of 40 turns: a stiffness a third off is turns too fast, and a motion is lost."""

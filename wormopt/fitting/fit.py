@@ -200,6 +200,13 @@ def _told(
             f"the bottom was not reached: {best.offset:.2g} standard errors are left; events may "
             "appear or vanish there, or other starts help"
         )
+    still = np.flatnonzero(~np.any(best.jacobian, axis=0))
+    if not reason and excess > _EXPLAINED and still.size:
+        names = ", ".join(task.names[k] for k in still)
+        reason = (
+            f"the motion does not depend on {names} here, and does not fit; begin with other "
+            "numbers, at which it does"
+        )
     if not reason and len(ends) > 1 and same < 2 and excess > _EXPLAINED:
         reason = f"the best of {len(ends)} starts is alone and leaves {excess:.2g} times the noise"
     found = Fit(
