@@ -19,6 +19,8 @@ from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.trajectory import Trajectory
 
+# Numbers far off make motions stiff, which are no way to go: steps after which one is given up.
+_STEPS, _STEPS_A_READING = 10_000, 10
 # Relative tolerance over relative noise, and its limits.
 _LOST, _TOLERANCES = 1e-4, (1e-11, 1e-8)
 
@@ -57,7 +59,7 @@ class FitTask:
     loss : {"linear", "soft_l1", "huber", "cauchy"}, optional
         How large residuals count; all but "linear" bear outliers.
     tolerance : Tolerance, optional
-        Of simulations; by the noise if left out.
+        Of simulations; by the noise if left out, with few `max_steps`.
     route : {"auto", "native", "python", "cvodes"}, optional
         How to integrate, see `simulate`.
 
@@ -253,7 +255,8 @@ class FitTask:
             for block in self.blocks
         ]
         relative = float(np.clip(_LOST * min(shares), *_TOLERANCES))
-        return Tolerance(relative, relative / 100)
+        steps = _STEPS + _STEPS_A_READING * max(len(run.times) for run in self.recordings)
+        return Tolerance(relative, relative / 100, max_steps=steps)
 
     # -- residuals -------------------------------------------------------------------------
 
