@@ -15,6 +15,9 @@ from wormopt.fitting.unknowns import Unknown
 from wormopt.model.model import Model
 from wormopt.model.values import by_name, signal_values
 
+# Logarithms are sought no farther from their starts: a factor of 1e12.
+_REACH = 12 * math.log(10)
+
 
 @dataclass(frozen=True, eq=False)
 class Coordinate:
@@ -109,6 +112,7 @@ def _coordinate(
             raise ArgumentError(f"{name} starts from {begins:g}, which has no logarithm")
         lower, upper = (math.log(b) if b > 0 else -math.inf for b in (lower, upper))
         begins, nominal = math.log(begins), 1.0
+        lower, upper = max(lower, begins - _REACH), min(upper, begins + _REACH)
     begins = min(max(begins, lower), upper)
     return Coordinate(name, run, directions, lower, upper, begins, nominal, prior, unknown.log)
 
