@@ -1,0 +1,90 @@
+"""Covariances from a Jacobian: infinite along what the data do not tell, never small by mistake."""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Singular values below this share of the largest are errors of the Jacobian: motions are simulated
+# to 1e-8 and their derivatives to little less.
+TOLD = 1e-7
+_BLOCK = 256  # rows of a matrix that are worked on at once
+# An unknown takes part in what cannot be told if its share of such a direction is larger.
+_TAKES_PART = 1e-6
+
+
+def triangle(matrix: np.ndarray) -> np.ndarray:
+    """R (n, n) of the QR decomposition of a matrix (rows, n), block by block.
+
+    Threads of a linear algebra library get into each other's way on tall thin matrices.
+    """
+    n = matrix.shape[1]
+    block = max(_BLOCK, 4 * n)
+    while len(matrix) > block:
+        whole = np.vstack([matrix, np.zeros((-len(matrix) % block, n))])
+        matrix = np.asarray(np.linalg.qr(whole.reshape(-1, block, n), mode="r")).reshape(-1, n)
+    return np.asarray(np.linalg.qr(np.vstack([matrix, np.zeros((n, n))]), mode="r"))
+
+
+def spectrum(jacobian: np.ndarray, nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values (n,) and right singular vectors (n, n) of jacobian * nominal."""
+    _, s, rows = np.linalg.svd(triangle(jacobian * nominal))
+    return s, rows.T
+
+
+def _parts(spectrum: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Finite part of the scaled covariance, and the projector on what cannot be told."""
+    s, v = spectrum
+    told = s > TOLD * s.max(initial=0.0)
+    finite = (v[:, told] / s[told] ** 2) @ v[:, told].T
+    open_ = v[:, ~told] @ v[:, ~told].T
+    return finite, np.where(np.abs(open_) > _TAKES_PART**2, open_, 0.0)
+
+
+def covariance_of(spectrum: tuple[np.ndarray, np.ndarray], nominal: np.ndarray) -> np.ndarray:
+    """Covariance (n, n), infinite along what cannot be told."""
+    finite, open_ = _parts(spectrum)
+    with np.errstate(invalid="ignore"):
+        return np.where(open_ != 0, np.sign(open_) * np.inf, finite * np.outer(nominal, nominal))
+
+
+def correlation_of(spectrum: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Correlation (n, n), its limit where variances are infinite."""
+    finite, open_ = _parts(spectrum)
+    unknown = np.diag(open_) > 0
+    size = np.sqrt(np.where(unknown, np.diag(open_), np.diag(finite)))
+    both, neither = np.outer(unknown, unknown), np.outer(~unknown, ~unknown)
+    shared = np.where(both, open_, np.where(neither, finite, 0.0))
+    return np.clip(shared / np.outer(size, size), -1.0, 1.0)
+
+
+def held_at(
+    bounds: tuple[np.ndarray, np.ndarray], theta: np.ndarray, gradient: np.ndarray
+) -> np.ndarray:
+    """Which coordinates lie at a bound that pushes back, (n,)."""
+    lower, upper = bounds
+    near = 1e-8 * np.maximum(1.0, np.abs(theta))
+    return ((theta - lower < near) & (gradient >= 0)) | ((upper - theta < near) & (gradient <= 0))
+
+
+def offset_of(residuals: np.ndarray, jacobian: np.ndarray, free: np.ndarray) -> float:
+    """Length of the next step along free coordinates, in standard errors, over sqrt(n).
+
+    The measure of Bates and Watts (1981): the part of the residuals that the tangent space holds.
+    """
+    if not free.any():
+        return 0.0
+    n = int(free.sum())
+    small = triangle(np.column_stack([jacobian[:, free], residuals]))
+    size = np.linalg.norm(small[:n, :n], axis=0)
+    basis, s, _ = np.linalg.svd(small[:n, :n] / np.where(size > 0, size, 1.0))
+    told = s > TOLD * s.max()
+    return float(np.linalg.norm(basis[:, told].T @ small[:n, n]) / np.sqrt(n))
+
+
+def leverages(jacobian: np.ndarray) -> np.ndarray:
+    """Share of each row's residual that the unknowns take up, (rows,)."""
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(size > 0, size, 1.0)
+    s, v = spectrum(scaled, np.ones(len(size)))
+    told = s > TOLD * s.max(initial=0.0)
+    return np.sum((scaled @ (v[:, told] / s[told])) ** 2, axis=1)
