@@ -34,10 +34,12 @@ def refit(
 ) -> Point:
     """Fit what is `free` (n,) from `moved` (n,), until the squares would fall by no more.
 
-    Begins where the Jacobian of the neighbour `near` leads to. Raises SolveError where motions
-    cannot be followed.
+    Begins where the Jacobian of the neighbour `near` leads to, or at it where nothing has moved.
+    Raises SolveError where motions cannot be followed.
     """
-    point = near and point_at(task, _step(task, moved, near, free)[0])
+    point = near
+    if near is not None and not np.array_equal(moved, near.theta):
+        point = point_at(task, _step(task, moved, near, free)[0])
     point = point or point_at(task, moved)
     if point is None:
         held = ", ".join(n for n, is_free in zip(task.names, free, strict=True) if not is_free)

@@ -149,13 +149,13 @@ def profile(
     if unknown:
         raise UnknownNameError("the fit", "unknown", unknown, found.names)
     threshold = _threshold(found, level)
-    best = Point(found.theta, found.residuals, found.jacobian)
+    start = Point(found.theta, found.residuals, found.jacobian)
     made: dict[str, Profile] = {}
     try:
         for number, name in enumerate(chosen):
             report(f"profile of {name}", number / len(chosen))
             line = _Line(found.task, found.names.index(name), threshold)
-            made[name] = _profile(line, best, level)
+            made[name] = _profile(line, start, level)
     except KeyboardInterrupt:
         raise Interrupted(made) from None
     return made
@@ -171,14 +171,14 @@ def _threshold(found: Fit, level: float) -> float:
 
 def _profile(line: _Line, start: Point, level: float) -> Profile:
     """Both sides, begun anew from any point that is better."""
-    best = start
+    least = start
     while True:
+        best = line.refit(None, least)
         below, above = (line.side(best, sign) for sign in (-1, 1))
         points = [*reversed(below[0]), best, *above[0]]
         least = min(points, key=lambda point: point.squares)
         if least.squares >= best.squares - _LOWER * line.threshold:
             break
-        best = line.refit(None, least)
     task, k = line.task, line.index
     numbers = np.array([task.values(point.theta) for point in points])
     ends = (below[1], above[1])
@@ -196,7 +196,7 @@ def _profile(line: _Line, start: Point, level: float) -> Profile:
         float(task.values(best.theta)[k]),
         (low, high),
         (ends[0] is None, ends[1] is None),
-        fell if best is not start else 0.0,
+        fell if fell > _LOWER * line.threshold else 0.0,
     )
 
 
