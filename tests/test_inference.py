@@ -75,6 +75,7 @@ def test_what_holds_at_one_point_only_is_not_told_as_a_law():
     assert "to first order" in known.words[0]
 
 
+@pytest.mark.slow
 def test_three_that_scale_together_are_one_combination_and_two_ratios():
     def oscillation(t, p):
         rate = p["d"] / (2 * p["a"])
@@ -139,7 +140,7 @@ def by_hand(task: FitTask) -> tuple[np.ndarray, np.ndarray, float]:
     return best, inverse, float(np.sum((y - X @ best) ** 2))
 
 
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_profiles_of_a_line_are_those_of_the_textbook(known: bool):
     task = line_task(SD if known else None)
     best, inverse, left = by_hand(task)
@@ -158,6 +159,7 @@ def test_profiles_of_a_line_are_those_of_the_textbook(known: bool):
         assert made[name].rises == pytest.approx(away, rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_crooked_profile_is_that_of_the_best_partner_in_closed_form():
     model = formula(lambda t, p: {"y": p["a"] * ca.exp(-p["k"] * t)}, a=2.0, k=0.8)
     y = noisy(5, 2 * np.exp(-0.8 * T), 0.5)
@@ -231,6 +233,7 @@ def test_portmanteau_and_runs_by_hand():
     assert ljung_box(gap, 1)[0] == pytest.approx(9 * 11 * r1**2 / 7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
 def test_false_alarms_are_as_frequent_as_said(gaps: float):
     rng = np.random.default_rng(11)
