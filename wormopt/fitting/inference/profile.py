@@ -17,6 +17,7 @@ from scipy import stats
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.conditional import Point, refit, shortened
+from wormopt.fitting.levels import rows_estimated
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD
 from wormopt.numerics.roots import root
@@ -167,7 +168,7 @@ def _threshold(found: Fit, level: float) -> float:
     """Quantile of the rise of squares; noise that was estimated is as uncertain as its readings."""
     if not found.estimated:
         return float(stats.chi2.ppf(level, 1))
-    readings = sum(len(found.task.rows_without_noise(signal)) for signal in found.estimated)
+    readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
     return float(stats.f.ppf(level, 1, max(readings - len(found.theta), 1)))
 
 
