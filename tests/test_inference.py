@@ -26,6 +26,8 @@ from wormopt.fitting.unknowns import Unknown
 from wormopt.model.friction import Coulomb
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Signal
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.chain.build import chain
 
 T = np.linspace(0.0, 5.0, 41)
 SD = 0.3
@@ -101,6 +103,7 @@ def test_an_error_as_large_as_the_number_is_weak():
     found = of_formula(lambda t, p: {"y": p["a"] * t + p["b"] * ca.exp(-20 * t)}, a=1.0, b=0.008)
     known = identifiability(found)
     assert known.weak == ("b",)
+    assert known.gap == known.singular_values[-1] / known.error > 1
     assert known.errors[1] == pytest.approx(0.01 / 0.008, rel=0.01)
     assert known.words == ("b is known to 125 % only",)
 
@@ -210,10 +213,15 @@ def test_a_profile_finds_the_better_fit_and_says_so():
     assert "fit again" in made.words[0]
 
 
-def test_what_profiles_refuse():
+def test_what_is_refused():
     found = fit_at(line_task(SD), a=1.0, b=-0.5)
     with pytest.raises(ArgumentError, match="between 0 and 1"):
         profile(found, level=95.0)
+    for verb in (profile, identifiability, whiteness):
+        with pytest.raises(ArgumentError, match="not FitTask"):
+            verb(found.task)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="not dict"):
+        predict(found, {"y": [1.0]})  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="'c'"):
         profile(found, ["c"])
 
@@ -361,3 +369,28 @@ def test_intervals_of_a_block_on_dry_ground_hold_the_truth_as_often_as_said():
             held[name] += made.interval[0] <= true[name] <= made.interval[1]
     for count in held.values():
         assert stats.binomtest(count, draws, 0.95).pvalue > 1e-3, held
+
+
+def test_forces_of_a_worm_are_known_but_for_their_scale():
+    """Newton's law is the same with every mass and force times c: places tell ratios only."""
+    ground = Coulomb(1.0, 3.0)
+    worm = chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, law=ground)
+    times, start = np.linspace(0.0, 2.0, 41), {"position": [3.5, 0.0], "velocity": [0.0, 0.0]}
+    true = simulate(worm, 2.0, x0=start, times=times)["position"]
+    run = Recording(times, {"position": true}, noise={"position": 0.01}, x0=start)
+    named = {
+        "mass": 1.0,
+        "stiffness": 10.0,
+        "damping": 1.0,
+        "friction": 1.0,
+        "rest_length": 2.0,
+    }
+    unknowns = [
+        Unknown("mass", "mass"),
+        *map(Unknown, ("stiffness", "damping", "rest_length")),
+        Unknown("friction", {"friction_forward": [1.0, 1.0], "friction_backward": [3.0, 3.0]}),
+    ]
+    known = identifiability(fit_at(FitTask(worm, [run], unknowns), **named))
+    scale = "mass, stiffness, damping and friction scale alike: only their ratios are known"
+    assert known.words == (scale,)
+    assert np.isfinite(known.errors).tolist() == [n == "rest_length" for n in known.names]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.asked import check_fit
 from wormopt.fitting.inference.combination import Combination, combination, sparse_basis
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import spectrum
@@ -72,7 +73,7 @@ class Identifiability:
         if self.rank == 0:
             return 0.0
         beyond = self.singular_values[self.rank :]
-        return float(self.singular_values[self.rank - 1] / max(self.error, *beyond))
+        return float(self.singular_values[self.rank - 1] / max((self.error, *beyond)))
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -101,6 +102,8 @@ def identifiability(found: Fit) -> Identifiability:
 
     Raises
     ------
+    ArgumentError
+        If it is no fit.
     SolveError
         If the motions cannot be followed a second time, less exactly.
 
@@ -127,6 +130,7 @@ def identifiability(found: Fit) -> Identifiability:
     >>> print(*known.words)
     mass times c and stiffness times c change nothing: only mass / stiffness is known
     """
+    check_fit(found)
     task, theta = found.task, found.theta
     sizes = np.maximum(np.abs(theta), task.nominal)
     sizes[[c.log for c in task.coordinates]] = 1.0

@@ -18,6 +18,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.asked import check_fit
 from wormopt.fitting.inference.bounded import Unbounded
 from wormopt.fitting.levels import rows_estimated
 from wormopt.fitting.losses import robust
@@ -165,6 +166,7 @@ def posterior(
     >>> drawn.interval(0.95).round(2)  # doctest: +SKIP
     array([[0.82, 1.02]])
     """
+    check_fit(found)
     for name, given, least in (("draws", draws, 4), ("tune", tune, 50), ("chains", chains, 2)):
         if not (isinstance(given, int) and given >= least):
             raise ArgumentError(f"{name} must be a whole number, {least} or more, not {given!r}")

@@ -10,6 +10,7 @@ from scipy import stats
 
 from wormopt.errors import ArgumentError
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.asked import check_fit, check_level
 from wormopt.fitting.inference.conditional import refit
 from wormopt.fitting.levels import rows_estimated
 from wormopt.fitting.recording import Recording
@@ -135,8 +136,10 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
     >>> ahead.values["x"].round(3), ahead.model_error["x"].round(3)  # 0.6², 2 * 0.6 * 0.02
     (array([[1.  , 0.36]]), array([[0.   , 0.024]]))
     """
-    if not 0 < level < 1:
-        raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")
+    check_fit(found)
+    check_level(level)
+    if not isinstance(recording, Recording):
+        raise ArgumentError(f"recording must be a Recording, not {type(recording).__name__}")
     noise = {signal: sd for signal, sd in found.noise.items() if signal in recording.values}
     task = replace(found.task, recordings=[recording], noise=noise)
     own = np.array([c.run is not None for c in task.coordinates])

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
+from wormopt.errors import Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.asked import check_fit, check_level
 from wormopt.fitting.inference.conditional import Point, refit, shortened
 from wormopt.fitting.levels import rows_estimated
 from wormopt.fitting.task import FitTask
@@ -145,8 +146,8 @@ def profile(
     >>> [round(end, 2) for end in profile(found)["rate"].interval]  # -log(0.1 ± 1.96 * 0.05)
     [1.62, 6.21]
     """
-    if not 0 < level < 1:
-        raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")
+    check_fit(found)
+    check_level(level)
     chosen = found.names if names is None else tuple(names)
     unknown = [name for name in chosen if name not in found.names]
     if unknown:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import stats
 
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.asked import check_fit, check_level
 from wormopt.fitting.uncertainty import leverages
 from wormopt.shown import lines
 
@@ -101,6 +102,11 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
         Rows with fewer than eight readings are left out, and the size where the noise was
         estimated. Gaps are no readings; lags count samples.
 
+    Raises
+    ------
+    ArgumentError
+        If it is no fit, or the level is not between 0 and 1.
+
     Notes
     -----
     Correlations over gaps as D. Stoffer and C. Toloi, Statistics & Probability Letters 13 (1992)
@@ -121,6 +127,8 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
     >>> "correlation" in {each.test for each in whiteness(found).suspects}
     True
     """
+    check_fit(found)
+    check_level(level)
     task = found.task
     r, jacobian = task.plain(found.theta)
     free = 1 - leverages(jacobian)
