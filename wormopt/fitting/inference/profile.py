@@ -1,0 +1,288 @@
+"""Profile likelihoods: how far an unknown may go if all others make up for it as they can.
+
+Along an unknown the others are fitted anew, from what their neighbours say. With z the root of the
+rise of -2 log(likelihood), its confidence interval reaches where z² is the threshold; z is all but
+a straight line, so that few points are needed and the ends are soon found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from wormopt.errors import Interrupted, SolveError, UnknownNameError
+from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.asked import check_fit, check_level
+from wormopt.fitting.inference.conditional import Point, refit, shortened
+from wormopt.fitting.levels import rows_estimated
+from wormopt.fitting.task import FitTask
+from wormopt.fitting.uncertainty import TOLD
+from wormopt.numerics.roots import root
+from wormopt.progress import Report, silent
+from wormopt.shown import SHORT, lines, text
+
+_POINTS, _MOST = 4, 40  # to one side: about so many where z is straight, and never more
+_FAR = 1e3  # sizes of an unknown, after which its interval is open
+_MISSES = 4  # times that a step becomes shorter since motions cannot be followed
+_END = 2e-3  # of an interval's half, to which its end is found
+_SETTLED = 1e-4  # what a refit may leave of the squares, in thresholds
+_LOWER = 1e-2  # a fall of the squares, in thresholds, that counts
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Least misfit along one unknown, and the confidence interval that follows.
+
+    Parameters
+    ----------
+    name : str
+        The unknown.
+    level : float
+        Confidence level of the interval.
+    threshold : float
+        Rise of the squares at the interval's ends.
+    values : ndarray, shape (m,)
+        Values of the unknown, ascending.
+    rises : ndarray, shape (m,)
+        How much larger the squares of the residuals are there than at best.
+    numbers : ndarray, shape (m, n)
+        All unknowns there.
+    best : float
+        Value of the unknown that is best.
+    interval : (float, float)
+        Its ends; the unknown's bound, or infinite, where it is open.
+    open : (bool, bool)
+        Whether the readings do not end it below, and above.
+    fell : float
+        By how much the squares were below those of the fit: above 0 the fit is not the best.
+    """
+
+    name: str
+    level: float
+    threshold: float
+    values: np.ndarray
+    rises: np.ndarray
+    numbers: np.ndarray
+    best: float
+    interval: tuple[float, float]
+    open: tuple[bool, bool]
+    fell: float
+
+    def __repr__(self) -> str:
+        ends = " to ".join(text(end, SHORT) for end in self.interval)
+        return lines(f"Profile of {self.name}: {100 * self.level:g} % from {ends}", *self.words)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is out of the ordinary."""
+        sides = zip(("below", "above"), self.open, self.interval, strict=True)
+        told = [
+            f"the readings do not bound {self.name} {side}"
+            + (f"; its bound {text(end, SHORT)} does" if np.isfinite(end) else "")
+            for side, is_open, end in sides
+            if is_open
+        ]
+        if self.fell > 0:
+            told.append(
+                f"along {self.name} a better fit was found, its squares less by "
+                f"{text(self.fell, SHORT)}; fit again from {self.name} = {text(self.best, SHORT)}"
+            )
+        return tuple(told)
+
+
+def profile(
+    found: Fit,
+    names: Sequence[str] | None = None,
+    *,
+    level: float = 0.95,
+    report: Report = silent,
+) -> dict[str, Profile]:
+    """Find confidence intervals that need not be symmetric, by fits along each unknown.
+
+    Parameters
+    ----------
+    found : Fit
+        Numbers found.
+    names : sequence of str, optional
+        Of the unknowns; all if left out.
+    level : float, optional
+        Confidence level.
+    report : callable, optional
+        Told what share is done.
+
+    Returns
+    -------
+    dict of str to Profile
+        By the names of the unknowns. Priors count as readings do; of robust losses the intervals
+        are only as good as the loss describes the noise.
+
+    Raises
+    ------
+    ArgumentError
+        If the level is not between 0 and 1, or a name is unknown.
+    Interrupted
+        If the user stopped it; `partial` holds the profiles made so far.
+
+    Notes
+    -----
+    Thresholds are quantiles of chi² with one degree of freedom where the noise is known, else of
+    F. D. M. Bates and D. G. Watts, Nonlinear Regression Analysis, 1988, section 6.1.
+
+    Examples
+    --------
+    A little is left after a decay; how much more could have gone?
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    >>> decay = wo.Model("decay", [wo.Signal("x", x, value=1.0)], -rate * x,
+    ...                  p=[wo.Signal("rate", rate, value=1.0)])
+    >>> run = wo.Recording([0.0, 1.0], {"x": [1.0, 0.1]}, noise={"x": 0.05})
+    >>> found = wo.fit(wo.FitTask(decay, [run], [wo.Unknown("rate")]), seeds=1)
+    >>> [round(end, 2) for end in profile(found)["rate"].interval]  # -log(0.1 ± 1.96 * 0.05)
+    [1.62, 6.21]
+    """
+    check_fit(found)
+    check_level(level)
+    chosen = found.names if names is None else tuple(names)
+    unknown = [name for name in chosen if name not in found.names]
+    if unknown:
+        raise UnknownNameError("the fit", "unknown", unknown, found.names)
+    threshold = _threshold(found, level)
+    start = shortened(found.theta, found.residuals, found.jacobian)
+    made: dict[str, Profile] = {}
+    try:
+        for number, name in enumerate(chosen):
+            report(f"profile of {name}", number / len(chosen))
+            line = _Line(found.task, found.names.index(name), threshold)
+            made[name] = _profile(line, start, level)
+    except KeyboardInterrupt:
+        raise Interrupted(made) from None
+    return made
+
+
+def _threshold(found: Fit, level: float) -> float:
+    """Quantile of the rise of squares; noise that was estimated is as uncertain as its readings."""
+    if not found.estimated:
+        return float(stats.chi2.ppf(level, 1))
+    readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
+    return float(stats.f.ppf(level, 1, max(readings - len(found.theta), 1)))
+
+
+def _profile(line: _Line, start: Point, level: float) -> Profile:
+    """Both sides, begun anew from any point that is better."""
+    least = start
+    while True:
+        best = line.refit(None, least)
+        below, above = (line.side(best, sign) for sign in (-1, 1))
+        points = [*reversed(below[0]), best, *above[0]]
+        least = min(points, key=lambda point: point.squares)
+        if least.squares >= best.squares - _LOWER * line.threshold:
+            break
+    task, k = line.task, line.index
+    numbers = np.array([task.values(point.theta) for point in points])
+    ends = (below[1], above[1])
+    bounds = (task.bounds[0][k], task.bounds[1][k])
+    reached = [b if e is None else e for e, b in zip(ends, bounds, strict=True)]
+    low, high = (task.coordinates[k].value(v) for v in reached)
+    low = 0.0 if abs(low) < np.finfo(float).tiny else low  # of what has to be positive
+    fell = start.squares - best.squares
+    return Profile(
+        task.names[k],
+        level,
+        line.threshold,
+        numbers[:, k],
+        np.array([point.squares - best.squares for point in points]),
+        numbers,
+        float(task.values(best.theta)[k]),
+        (low, high),
+        (ends[0] is None, ends[1] is None),
+        fell if fell > _LOWER * line.threshold else 0.0,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """The line along one unknown, every point of it fitted in the others."""
+
+    task: FitTask
+    index: int
+    threshold: float
+
+    def side(self, best: Point, sign: int) -> tuple[list[Point], float | None]:
+        """Points from the best outwards, and the interval's end; None if it is open."""
+        k, target = self.index, np.sqrt(self.threshold)
+        size = max(abs(best.theta[k]), self.task.nominal[k])
+        bound = self.task.bounds[0 if sign < 0 else 1][k]
+        step = min(self._error(best) * target / _POINTS, size)
+        points, last, misses = [], best, 0
+        while len(points) < _MOST and sign * (bound - last.theta[k]) > 0:
+            step = min(step, abs(bound - last.theta[k]))
+            value = last.theta[k] + sign * step
+            point = self._tried(value, last, best)
+            if point is None:  # perhaps nearer by
+                step, misses = step / 4, misses + 1
+                if misses > _MISSES:
+                    break
+                continue
+            points.append(point)
+            if self._z(point, best) >= target:
+                inner, end = self._end(last, point, best)
+                return sorted([*points, *inner], key=lambda p: sign * p.theta[k]), end
+            if abs(value - best.theta[k]) > _FAR * size:
+                break
+            gain = self._z(point, best) - self._z(last, best)
+            step *= np.clip(target / _POINTS / gain, 0.5, 3.0) if gain > 0 else 3.0
+            last = point
+        return points, None
+
+    def _tried(self, value: float, last: Point, best: Point) -> Point | None:
+        """Refit from the neighbour, at the end from the best too; None where motions fail."""
+        found = None
+        for near in (last, best):
+            with suppress(SolveError):
+                point = self.refit(value, near)
+                found = point if found is None or point.squares < found.squares else found
+            if found is not None and self._z(found, best) < np.sqrt(self.threshold):
+                break
+        return found
+
+    def refit(self, value: float | None, near: Point) -> Point:
+        """Fit all others where this unknown has a value, all of them where it has none."""
+        free = np.ones(len(near.theta), bool)
+        moved = near.theta.copy()
+        if value is not None:
+            free[self.index], moved[self.index] = False, value
+        return refit(self.task, moved, free, near, _SETTLED * self.threshold)
+
+    def _z(self, point: Point, best: Point) -> float:
+        return float(np.sqrt(max(point.squares - best.squares, 0.0)))
+
+    def _error(self, best: Point) -> float:
+        """Standard error of the unknown, by what the others cannot make up for."""
+        others = np.delete(best.jacobian * self.task.nominal, self.index, axis=1)
+        column = best.jacobian[:, self.index]
+        made_up = others @ np.linalg.lstsq(others, column, rcond=TOLD)[0]
+        left = float(np.linalg.norm(column - made_up))
+        return 1 / left if left > TOLD * np.linalg.norm(column) else np.inf
+
+    def _end(self, inside: Point, outside: Point, best: Point) -> tuple[list[Point], float]:
+        """Where z crosses the threshold's root, and the points looked at."""
+        k, target, seen = self.index, np.sqrt(self.threshold), [inside, outside]
+
+        def above(value: float) -> float:
+            near = min(seen, key=lambda point: abs(point.theta[k] - value))
+            if near.theta[k] != value:
+                near = self.refit(value, near)
+                seen.append(near)
+            return self._z(near, best) - target
+
+        ends = float(inside.theta[k]), float(outside.theta[k])
+        end = ends[1]  # rather too far where motions between cannot be followed
+        with suppress(SolveError):
+            end = root(above, *ends, xtol=_END * abs(ends[1] - best.theta[k]))
+        return seen[2:], end
