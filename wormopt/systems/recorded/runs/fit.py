@@ -39,7 +39,7 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     table, clock = scene.table, time.perf_counter()
     model = model_of(scene)
     runs = runs_of(
-        table.recordings, scene.folder, model, table.units, table.noise, scene.name
+        table.recording, scene.folder, model, table.units, table.noise, scene.name
     )
     task = _task(scene, model, runs)
     read = time.perf_counter()
@@ -60,7 +60,7 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
 def model_of(scene: Scene[FitScene]) -> Model:
     """Build the Model of the scene in ``[model]``; SceneError if it has none."""
     table = scene.table
-    inner = scene_of(_with_time(table), scene.folder, table.units)
+    inner = scene_of(table.model, scene.folder, table.units)
     models_of = getattr(KINDS[inner.table.kind].load_study(), "models_of", None)
     if models_of is None:
         what = f'scenes of kind "{inner.table.kind}" have no Model that recordings could be'
@@ -77,16 +77,9 @@ def model_of(scene: Scene[FitScene]) -> Model:
     return models[table.which] if table.which in models else next(iter(models.values()))
 
 
-def _with_time(table: FitScene) -> dict[str, Any]:
-    """Tables of the model; a scene of kind "simulate" in them needs no end of its own."""
-    if table.model.get("kind") == "simulate" and "time" not in table.model:
-        return {**table.model, "time": {"end": 1.0}}
-    return table.model
-
-
 def _task(scene: Scene[FitScene], model: Model, runs: Sequence[Run]) -> FitTask:
     table = scene.table
-    unknowns = [_unknown(scene, k, one, model) for k, one in enumerate(table.unknowns)]
+    unknowns = [_unknown(scene, k, one, model) for k, one in enumerate(table.unknown)]
     recordings = [one.recording for one in runs if one.fitted]
     try:
         return FitTask(

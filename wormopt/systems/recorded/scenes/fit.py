@@ -233,12 +233,8 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
     which: Annotated[
         str, says("", "which model, by its label, where the scene in `[model]` has several")
     ] = ""
-    recordings: Annotated[tuple[RecordingTable, ...], says("", "runs of the worm")] = field(
-        name="recording"
-    )
-    unknowns: Annotated[tuple[FitUnknown, ...], says("", "numbers to be found")] = field(
-        name="unknown"
-    )
+    recording: Annotated[tuple[RecordingTable, ...], says("", "runs of the worm")]
+    unknown: Annotated[tuple[FitUnknown, ...], says("", "numbers to be found")]
     noise: Annotated[
         dict[str, Positive],
         says(
@@ -265,22 +261,22 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         for key in ("recording", "unknown"):
-            if not getattr(self, f"{key}s"):
+            if not getattr(self, key):
                 yield key, f"there is none; write a table [[{key}]]"
-        for k, unknown in enumerate(self.unknowns):
+        for k, unknown in enumerate(self.unknown):
             yield from unknown.faults(f"unknown[{k}]")
-        yield from named_twice((unknown.name for unknown in self.unknowns), "unknown")
+        yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
         try:
             scene_of(self.model, folder, self.units)
         except SceneError as error:
             yield from error.faults
-        for k, recording in enumerate(self.recordings):
+        for k, recording in enumerate(self.recording):
             yield from recording.faults(folder, self.units, f"recording[{k}]")
-        yield from named_twice((one.label for one in self.recordings), "recording")
+        yield from named_twice((one.label for one in self.recording), "recording")
         yield from self._faults_of_wants()
 
     def _faults_of_wants(self) -> Iterator[Fault]:
-        uses = [recording.use for recording in self.recordings]
+        uses = [recording.use for recording in self.recording]
         if uses and "fit" not in uses:
             yield "recording", 'all are kept aside; write use = "fit" for at least one'
         if "prediction" in self.want and "predict" not in uses:
