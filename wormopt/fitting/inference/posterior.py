@@ -11,13 +11,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
-from wormopt.fitting.bounded import Unbounded
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.bounded import Unbounded
 from wormopt.fitting.losses import robust
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD
@@ -210,9 +211,9 @@ def _libraries() -> tuple[Any, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FutureWarning)  # of arviz, once a day
-            import arviz
-            import nutpie
-            import nutpie.compiled_pyfunc
+            arviz = import_module("arviz")
+            nutpie = import_module("nutpie")
+            import_module("nutpie.compiled_pyfunc")
     except ImportError as error:
         what = "posterior: the package nutpie is not installed"
         raise ArgumentError(f"{what}; pip install 'wormopt[bayes]'") from error
@@ -262,7 +263,7 @@ class Density:
     def numbers(self, y: np.ndarray) -> np.ndarray:
         """Numbers (n,) drawn: of unknowns, then standard deviations."""
         u, scales = self._parts(y)
-        noise = [self.found.noise[signal] for signal in self.found.estimated]
+        noise = [self.task.level(signal) for signal in self.found.estimated]
         return np.concatenate([self.task.values(self._free.theta(u)), np.exp(scales) * noise])
 
     def log(self, y: np.ndarray) -> tuple[float, np.ndarray]:
@@ -303,7 +304,7 @@ class Density:
         """Which rows (rows, l) have which of the estimated noises."""
         found = np.zeros((len(self.found.residuals), len(self.found.estimated)))
         for k, signal in enumerate(self.found.estimated):
-            found[self.task.groups[signal], k] = 1.0
+            found[self.task.rows_without_noise(signal), k] = 1.0
         return found
 
     @cached_property
