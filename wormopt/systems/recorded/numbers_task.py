@@ -126,7 +126,9 @@ class NumbersTask:
             if one.use == "fit"
         ]
         priors = [
-            (t - u.prior[0]) / u.prior[1] for t, u in zip(theta, self.unknowns, strict=True) if u.prior
+            (t - u.prior[0]) / u.prior[1]
+            for t, u in zip(theta, self.unknowns, strict=True)
+            if u.prior
         ]
         found = np.array([*rows, *priors])
         return np.where(np.isfinite(found), np.clip(found, -_LOST, _LOST), _LOST)

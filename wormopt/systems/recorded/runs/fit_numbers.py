@@ -93,9 +93,7 @@ def run(scene: Scene[FitNumbersScene], report: Report) -> Result:
     return _result(study, begun, {"search": time.perf_counter() - clock})
 
 
-def _search(
-    scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]
-) -> _Study:
+def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
     """Go downhill from the start; `best` gathers where it has been, the best last."""
     jacobians: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
@@ -139,7 +137,11 @@ def _unit(study: _Study, unknown: KeyUnknown, units: str) -> str:
     *path, last = unknown.keys[0].split(".")
     for part in path:
         value = getattr(value, part, None)
-    kinds = {f.name: f.type for f in structs.fields(value)} if hasattr(value, "__struct_fields__") else {}
+    kinds = (
+        {f.name: f.type for f in structs.fields(value)}
+        if hasattr(value, "__struct_fields__")
+        else {}
+    )
     quantity = meaning(kinds[last])[0] if last in kinds else ""
     return unit_of(quantity, units) if quantity else "1"
 
@@ -205,7 +207,9 @@ def _measured(study: _Study, begun: Looked) -> Iterator[Variable]:
         arrays["changed"] = [float(one.changes[key]) for one in task.measured]
     declared = study.scene.table.variables
     for name, values in arrays.items():
-        yield Variable(name, "1", declared[name][1], np.array(values, dtype=float), declared[name][2])
+        yield Variable(
+            name, "1", declared[name][1], np.array(values, dtype=float), declared[name][2]
+        )
 
 
 def _checks(study: _Study) -> Iterator[Check]:
@@ -243,5 +247,3 @@ def _of_aside(study: _Study) -> Iterator[str]:
         if one.use == "predict" and not abs(value - one.value) <= 3 * one.deviation:
             named = one.text or f"{one.scalar} with {one.changes}"
             yield f"{named} was kept aside, and is not as predicted: {value:.4g} for {one.value:.4g}"
-
-
