@@ -229,7 +229,8 @@ def _bands(
     task: FitTask, theta: np.ndarray, spread: np.ndarray, open_: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Signals and their standard deviations by the model's numbers, (size, m) each."""
-    values, slopes = task.shootings[0].derivatives(theta)
+    motion, slopes = task.shootings[0].derivatives(theta)
+    values = {signal: motion[signal] for signal in slopes}
     sizes = {}
     for signal, slope in slopes.items():
         variance = np.sum(np.einsum("skm,kj->sjm", slope, spread) ** 2, axis=1)
