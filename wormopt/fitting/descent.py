@@ -239,7 +239,9 @@ def _led(task: FitTask, theta: np.ndarray, speed: float, way: Way) -> Iterator[D
 
 def contact_speed(task: FitTask, theta: np.ndarray) -> float:
     """Typical speed over the ground, by which smooth contact is wide or steep."""
-    usual = float(np.mean([c.nominal_speed for c in task.model.contacts] or [1.0]))
+    if not task.model.contacts:
+        return 1.0
+    usual = float(np.mean([c.nominal_speed for c in task.model.contacts]))
     try:
         motions = task.motions(theta)
     except SolveError:
