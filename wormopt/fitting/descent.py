@@ -82,7 +82,8 @@ def descend(
     for _ in range(_REGIONS):
         before = best
         best = _settled(task, _region(task, best, seen, rough))
-        if rough or best.offset < ARRIVED or best.cost > before.cost * (1 - 1e-6):
+        spent = best.evaluations >= _LOOKS
+        if rough or spent or best.offset < ARRIVED or best.cost > before.cost * (1 - 1e-6):
             break
     return best
 
