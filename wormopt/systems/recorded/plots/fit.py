@@ -19,6 +19,7 @@ from wormopt.plotting.parts import (
     label,
     legend_below,
     line,
+    narrow,
     needed,
     raised,
     shades,
@@ -59,7 +60,8 @@ def prediction(result: Result) -> Figure:
 
 def _panels(result: Result, runs: Sequence[int], *, ahead: bool = False) -> Figure:
     shown, signals = list(runs)[:_ABREAST], _signals(result, runs)
-    drawn = sheet(7.1, 0.6 + 2.5 * len(signals))
+    height = 0.6 + 2.5 * len(signals)
+    drawn = sheet(7.1, height, height + 0.9)
     rows = drawn.subplots(
         2 * len(signals), len(shown), sharex="col", squeeze=False,
         height_ratios=[2.2, 1.0] * len(signals),
@@ -121,9 +123,11 @@ def profiles(result: Result) -> Figure:
     names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
     values, rises = result["profile_value"].values, result["profile_rise"].values
     threshold: Any = needed(result, "profile_threshold")
-    rows = -(-len(names) // _PER_ROW)
-    drawn = sheet(7.1, 0.5 + 1.7 * rows)
-    panels = drawn.subplots(rows, min(len(names), _PER_ROW), squeeze=False, sharey=True)
+    abreast = min(len(names), 2 if narrow() else _PER_ROW)
+    rows = -(-len(names) // abreast)
+    height = 0.5 + 1.7 * rows
+    drawn = sheet(7.1, height, height + 0.6)
+    panels = drawn.subplots(rows, abreast, squeeze=False, sharey=True)
     for k, axes in enumerate(panels.flat):
         if k >= len(names):
             axes.set_visible(False)
@@ -135,9 +139,9 @@ def profiles(result: Result) -> Figure:
             axes.plot(fine, ((fine - best) / error) ** 2, color=GREY, linestyle=LIMIT, linewidth=1)
         axes.axhline(threshold, color=GREY, linestyle=":", linewidth=1)
         axes.set_ylim(0.0, 1.6 * threshold)
-        axes.xaxis.set_major_locator(MaxNLocator(3))
+        axes.xaxis.set_major_locator(MaxNLocator(2 if narrow() else 3))
         unit = raised(units[k])
-        axes.set_xlabel(f"{names[k]} ({unit})" if unit else names[k])
+        axes.set_xlabel(f"$p$: {names[k]} ({unit or 1})".replace("_", " "))
     for axes in panels[:, 0]:
         axes.set_ylabel("rise of $\\chi^2$")
     legend_below(

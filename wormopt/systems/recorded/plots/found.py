@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import GREY, LIMIT, MASSES, legend_below, line, number, raised, sheet
+from wormopt.plotting.parts import (
+    GREY,
+    LIMIT,
+    MASSES,
+    legend_below,
+    line,
+    narrow,
+    number,
+    raised,
+    sheet,
+)
 from wormopt.result import Result
 
 _BESIDE = 0.55  # of the sheet's width, for the bars; numbers stand beside them
@@ -17,7 +27,8 @@ def parameters(result: Result) -> Figure:
     value, error = result["estimate"].values, result["standard_error"].values
     ends = result["interval"].values
     count = len(names)
-    drawn = sheet(7.1, 0.9 + 0.28 * count)
+    height = 0.9 + 0.28 * count
+    drawn = sheet(7.1, height, height + 0.3)
     axes = drawn.subplots()
     scale = np.where(value != 0, np.abs(value), 1.0) / 100
     low, high = ((ends[:, side] - value) / scale for side in (0, 1))
@@ -38,8 +49,9 @@ def parameters(result: Result) -> Figure:
     axes.axvline(0.0, color=GREY, linewidth=0.6)
     axes.set_xlim(-reach, reach)
     axes.set_ylim(count - 0.5, -0.5)
+    axes.set_ylabel("number $p$")
     axes.set_yticks(range(count), names, parse_math=False)
-    axes.set_xlabel("from the number found (% of it)")
+    axes.set_xlabel(r"from the number found, $(p - \hat p)/\hat p$ (%)")
     legend_below(
         drawn, [line("found", MASSES[0], "", marker="o"), line("interval", MASSES[0], marker="|")]
     )
@@ -57,18 +69,20 @@ def correlation(result: Result) -> Figure:
     """Correlation of the errors of every two numbers."""
     names, values = result.attributes["unknowns"], result["correlation"].values
     count = len(names)
-    drawn = sheet(7.1, 1.2 + 0.42 * count)
+    drawn = sheet(7.1, 1.2 + 0.42 * count, 1.4 + 0.3 * count)
     axes = drawn.subplots()
     shown = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
-    for i in range(count if count <= 16 else 0):
+    for i in range(count if count <= (4 if narrow() else 16) else 0):
         for j in range(count):
             dark = abs(values[i, j]) > 0.6
             told = f"{values[i, j]:.2f}".replace("-", "−")
             axes.text(
                 j, i, told, ha="center", va="center", size=7, color="white" if dark else "black"
             )
-    axes.set_xticks(range(count), names, rotation=40, ha="right", parse_math=False)
+    axes.set_xticks(range(count), names, rotation=90, parse_math=False)
     axes.set_yticks(range(count), names, parse_math=False)
+    axes.set_xlabel("number $p_j$ (its error)")
+    axes.set_ylabel("number $p_i$")
     axes.grid(visible=False)
     drawn.colorbar(shown, ax=axes, label="correlation of errors", fraction=0.05)
     return drawn
