@@ -13,6 +13,7 @@ from wormopt.plotting.parts import (
     few_decades,
     legend_below,
     line,
+    narrow,
     sheet,
     tell,
 )
@@ -23,7 +24,7 @@ def measurements(result: Result) -> Figure:
     """Measurements with two standard deviations, and what the scene says before and after."""
     names, uses = result.attributes["measurements"], np.array(result.attributes["uses"])
     key = result.attributes["changed_key"]
-    drawn = sheet(7.1, 3.6)
+    drawn = sheet(7.1, 3.6, 4.2)
     axes = drawn.subplots()
     x = result["changed"].values if key else np.arange(len(names))
     measured, deviation = result["measured"].values, result["deviation"].values
@@ -36,10 +37,11 @@ def measurements(result: Result) -> Figure:
     axes.plot(x, result["at_start"].values, "x", color=GREY, markersize=6)
     axes.plot(x, result["fitted"].values, "D", color=RED, markersize=5, fillstyle="none")
     if key:
-        axes.set_xlabel(key, parse_math=False)
+        axes.set_xlabel(f"key $q$ ({key})".replace("_", " "))
         if x.min() > 0 and x.max() > 8 * x.min():
             axes.set_xscale("log")
-            few_decades(axes.xaxis)
+            if not narrow():
+                few_decades(axes.xaxis)
     else:
         axes.set_xticks(x, names, rotation=20, ha="right", parse_math=False)
     axes.set_ylabel(_of(result), parse_math=False)
