@@ -421,6 +421,30 @@ KINDS: dict[str, Kind] = {
         study="wormopt.systems.channel.runs.channel_worm",
         pictures={"channel_velocity": "wormopt.systems.channel.plots.channel:channel_velocity"},
     ),
+    "fit": Kind(
+        summary="numbers of a worm found from recordings of its motion, and how sure they are",
+        table="wormopt.systems.recorded.scenes.fit:FitScene",
+        study="wormopt.systems.recorded.runs.fit",
+        pictures={
+            "recordings": "wormopt.systems.recorded.plots.fit:recordings",
+            "parameters": "wormopt.systems.recorded.plots.found:parameters",
+            "correlation": "wormopt.systems.recorded.plots.found:correlation",
+            "profiles": "wormopt.systems.recorded.plots.fit:profiles",
+            "prediction": "wormopt.systems.recorded.plots.fit:prediction",
+        },
+        table_file=True,
+    ),
+    "fit-numbers": Kind(
+        summary="keys of a scene found from single numbers measured, velocities over frequency say",
+        table="wormopt.systems.recorded.scenes.fit_numbers:FitNumbersScene",
+        study="wormopt.systems.recorded.runs.fit_numbers",
+        pictures={
+            "measurements": "wormopt.systems.recorded.plots.fit_numbers:measurements",
+            "parameters": "wormopt.systems.recorded.plots.found:parameters",
+            "correlation": "wormopt.systems.recorded.plots.found:correlation",
+        },
+        table_file=True,
+    ),
     "segment-shapes": Kind(
         summary="a segment of that body between two coils: assumed shapes and the exact elastica",
         table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",
