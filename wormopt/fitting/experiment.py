@@ -1,34 +1,28 @@
-"""The verb `plan_experiment`: what to run next, so that the wanted numbers are known best."""
+"""A run to be planned, and what it would tell of what is unknown."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.fitting.choices import Choice
 from wormopt.fitting.information import Criterion, Knowledge
+from wormopt.fitting.unknowns import Unknown
 from wormopt.model.model import Model
 from wormopt.model.values import numbers
-from wormopt.progress import Report, silent
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
-# Chosen numbers, from -1 to 1, are moved by so much for the slope of the criterion: derivatives
-# jump by a sample's share where an event passes a sample, so a smaller step would see less.
-_STEP = 1e-4
-# Limits along a motion are looked at so many times; the check of a plan looks oftener.
-_LOOKS, _CLOSER = 200, 2000
+_LOOKS = 200
 _TOLERANCE = Tolerance(1e-9, 1e-10)
-_FINER = Tolerance(1e-11, 1e-12)
-# What a motion that cannot be followed, or that shows nothing of a wanted number, is worth.
-_WORTHLESS = 50.0
+
+Directions = dict[str, dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,20 +33,21 @@ class Experiment:
     ----------
     model : Model
         With the best values known of what is unknown, and the worm's start.
-    unknowns : mapping of str to (mapping of str to array_like)
-        Name of each unknown, and by how much each signal changes with it: the derivative of a
-        parameter, an input or a start, entry by entry.
+    unknowns : sequence of Unknown
+        What shall be known better, and what is not known beside it: a start, say. Its values are
+        the model's own; its priors are what is known before.
     measured : mapping of str to float
-        Standard deviation of the noise of each state or output that is measured; of all its
+        Standard deviation of the noise of each state or output that is measured: of all its
         entries, independent from sample to sample.
     times : array_like, shape (m,)
-        When it is measured, ascending from 0 on.
-    choices : sequence of Choice
-        Courses and numbers to choose: `Ramps`, `Waves`, `Held`.
+        When it is measured, ascending, not before 0, where the run begins.
+    choices : sequence of Ramps, Waves and Held
+        Courses and numbers that may be chosen.
     limits : mapping of str to (float, float), optional
         Least and largest value of states or outputs along the motion, infinite for none.
-    known : Knowledge, optional
-        What is known of the unknowns before.
+    known : array_like, shape (n, n), optional
+        Covariance of the unknowns' coordinates that earlier runs left, as a Fit has it; infinite
+        variances for what they did not tell.
     contact : Exact or Smooth, optional
         How contacts are treated.
 
@@ -60,41 +55,125 @@ class Experiment:
     ------
     ArgumentError
         If names are unknown to the model, sizes do not fit, or numbers are not positive.
+
+    Examples
+    --------
+    A worm of one link whose rest length is moved: which course tells its damping?
+
+    >>> import wormopt as wo
+    >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
+    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> todo = wo.Experiment(
+    ...     worm,
+    ...     [wo.Unknown("damping"), wo.Unknown("stiffness")],
+    ...     {"length": 0.01},
+    ...     np.linspace(0.0, 4.0, 41),
+    ...     [course],
+    ... )
+    >>> todo.size, todo.knowledge(np.array([1.0, 1.0, -1.0, -1.0])).rank
+    (4, 2)
     """
 
     model: Model
-    unknowns: Mapping[str, Mapping[str, ArrayLike]]
+    unknowns: Sequence[Unknown]
     measured: Mapping[str, float]
     times: ArrayLike
     choices: Sequence[Choice]
     limits: Mapping[str, tuple[float, float]] | None = None
-    known: Knowledge | None = None
+    known: ArrayLike | None = None
     contact: Treatment = Exact()  # noqa: RUF009  frozen
 
     def __post_init__(self) -> None:
-        times = numbers("times", self.times)
-        if times.ndim != 1 or len(times) < 2 or times[0] < 0 or np.any(np.diff(times) <= 0):
+        times = self.instants
+        if times.ndim != 1 or len(times) < 2 or times[0] < 0 or not np.all(np.diff(times) > 0):
             raise ArgumentError("times must ascend from 0 on, at least two of them")
-        object.__setattr__(self, "times", times)
         if not (self.unknowns and self.measured and self.choices):
             raise ArgumentError("an experiment needs something unknown, measured and to choose")
         for name, deviation in self.measured.items():
             if not 0 < deviation < np.inf:
                 raise ArgumentError(f"noise of {name} must be positive, not {deviation!r}")
+        self._check_names()
+        self._check_limits()
         signals = [choice.signal for choice in self.choices]
-        if len(set(signals)) < len(signals):
-            raise ArgumentError(f"each signal is chosen once, not {signals}")
-        if self.prior.names != tuple(self.unknowns):
-            raise ArgumentError(f"what is known is of {self.prior.names}, not of the unknowns")
+        sought = {signal for each in self.directions.values() for signal in each}
+        for name in signals:
+            if signals.count(name) > 1 or name in sought:
+                what = "chosen twice" if signals.count(name) > 1 else "both chosen and unknown"
+                raise ArgumentError(f"{name} is {what}; leave one out")
+        self.prior  # noqa: B018  checks what is known
+
+    def _check_names(self) -> None:
+        known = {signal.name for signal in (*self.model.x, *self.model.outputs)}
+        asked = [*self.measured, *(self.limits or {})]
+        lost = [name for name in asked if name not in known]
+        if lost:
+            raise UnknownNameError(self.model.name, "state or output", lost, sorted(known))
+
+    def _check_limits(self) -> None:
+        for name, (low, high) in (self.limits or {}).items():
+            if not low < high or (np.isinf(low) and np.isinf(high)):
+                raise ArgumentError(f"limits of {name}: [{low}, {high}] limits nothing, or all")
+
+    @cached_property
+    def instants(self) -> np.ndarray:
+        """Times of measurements (m,)."""
+        return numbers("times", self.times)
+
+    @cached_property
+    def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, bool], ...]:
+        """Name, directions, value and whether its logarithm is meant, of each number sought."""
+        own = {s.name: s.value for s in (*self.model.x, *self.model.p, *self.model.u)}
+        found = []
+        for unknown in self.unknowns:
+            for name, directions in unknown.directions(self.model):
+                value = _along(name, directions, own)
+                if unknown.log and not value > 0:
+                    raise ArgumentError(f"{name} is {value:g}, which has no logarithm")
+                found.append((name, directions, value, unknown.log))
+        return tuple(found)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the n numbers that are unknown."""
+        return tuple(name for name, *_ in self._numbers)
+
+    @property
+    def values(self) -> np.ndarray:
+        """Their values in the model (n,)."""
+        return np.array([value for _, _, value, _ in self._numbers])
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """By what errors of their coordinates (n,) are relative ones; 1 where a value is 0."""
+        return np.array([1.0 if log or not v else abs(v) for _, _, v, log in self._numbers])
+
+    @cached_property
+    def directions(self) -> Directions:
+        """Change of each signal with the coordinate of each unknown."""
+        return {
+            name: {signal: (v if log else 1.0) * d for signal, d in directions.items()}
+            for name, directions, v, log in self._numbers
+        }
+
+    @cached_property
     def prior(self) -> Knowledge:
-        """What is known before."""
-        return self.known or Knowledge.nothing(tuple(self.unknowns))
+        """What is known before, by priors and by earlier runs."""
+        rows, at = [np.zeros((0, len(self.names)))], 0
+        for unknown in self.unknowns:
+            size = len(unknown.directions(self.model))
+            if unknown.prior is not None:
+                deviation = np.broadcast_to(np.ravel(unknown.prior[1]), size)
+                rows.append(np.eye(len(self.names))[at : at + size] / deviation[:, None])
+            at += size
+        if self.known is None:
+            before = Knowledge.nothing(self.names)
+        else:
+            before = Knowledge.from_covariance(self.names, self.known)
+        return before.after(np.vstack(rows))
 
     @property
     def size(self) -> int:
-        """How many numbers are chosen."""
+        """How many numbers are chosen, each from -1 to 1."""
         return sum(choice.size for choice in self.choices)
 
     @cached_property
@@ -106,11 +185,51 @@ class Experiment:
         return model
 
     def parts(self, chosen: np.ndarray) -> list[np.ndarray]:
-        """Take the chosen numbers (size,) apart, choice by choice."""
-        return np.split(chosen, np.cumsum([choice.size for choice in self.choices])[:-1])
+        """Take chosen numbers apart, choice by choice.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            All of them.
+
+        Returns
+        -------
+        list of ndarray
+        """
+        ends = np.cumsum([choice.size for choice in self.choices])[:-1]
+        return np.split(np.asarray(chosen, dtype=float), ends)
+
+    def settings(self, chosen: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Parameters and schedules of ``driven`` by which it is run.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+
+        Returns
+        -------
+        p, schedules : dict of str to ndarray
+        """
+        p, schedules = {}, {}
+        for choice, part in zip(self.choices, self.parts(chosen), strict=True):
+            one, other = choice.values(part)
+            p, schedules = p | one, schedules | other
+        return p, schedules
 
     def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much courses exceed their own limits (m,), and derivatives (m, size)."""
+        """By how much courses exceed their own limits, as shares of them.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+
+        Returns
+        -------
+        excess : ndarray, shape (m,)
+        derivative : ndarray, shape (m, size)
+        """
         values, rows, at = [], [], 0
         for choice, part in zip(self.choices, self.parts(chosen), strict=True):
             value, slope = choice.excess(part)
@@ -122,7 +241,19 @@ class Experiment:
         return np.concatenate(values), np.vstack(rows)
 
     def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Take a share of all courses' changes."""
+        """Take a share of all courses' changes from where they begin.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        share : float
+            0 keeps courses still.
+
+        Returns
+        -------
+        ndarray, shape (size,)
+        """
         parts = zip(self.choices, self.parts(chosen), strict=True)
         return np.concatenate([choice.shrunk(part, share) for choice, part in parts])
 
@@ -134,40 +265,88 @@ class Experiment:
         route: Route = "auto",
         looks: int = _LOOKS,
     ) -> Run:
-        """Run it in the simulator; raises SolveError as `simulate`."""
-        times = np.asarray(self.times)
-        seen = np.union1d(times, np.linspace(0.0, times[-1], looks))
-        arguments = {
-            "span": times[-1],
-            "contact": self.contact,
-            "times": seen,
-            "tolerance": tolerance,
-            "route": route,
-        }
-        p, schedules = {}, {}
-        for choice, part in zip(self.choices, self.parts(chosen), strict=True):
-            one, other = choice.values(part)
-            p, schedules = p | one, schedules | other
-        motion, slopes = _derivatives(
-            self.driven, self.unknowns, tuple(self.measured), p, schedules, arguments
+        """Run it in the simulator.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        tolerance : Tolerance, optional
+            How exactly.
+        route : {"auto", "native", "python", "cvodes"}, optional
+            By which integrator.
+        looks : int, optional
+            How often limits along the motion are looked at, beside the times of measurements.
+
+        Returns
+        -------
+        Run
+
+        Raises
+        ------
+        SolveError
+            If the motion cannot be followed.
+        """
+        end = float(self.instants[-1])
+        seen = np.union1d(self.instants, np.linspace(0.0, end, looks))
+        p, schedules = self.settings(chosen)
+        motion = simulate(
+            self.driven,
+            end,
+            contact=self.contact,
+            p=p,
+            schedules=schedules,
+            times=seen,
+            tolerance=tolerance,
+            route=route,
+            sensitivities=self.directions,
         )
-        sampled = np.searchsorted(seen, times)
+        at = np.searchsorted(seen, self.instants)
         rows = [
-            slopes[name][:, :, sampled].transpose(0, 2, 1).reshape(-1, len(self.unknowns))
+            np.moveaxis(motion.derivative(name)[:, :, at], 1, 2).reshape(-1, len(self.names))
             / deviation
             for name, deviation in self.measured.items()
         ]
         return Run(motion, np.vstack(rows), self._limited(motion))
 
+    def knowledge(self, chosen: np.ndarray) -> Knowledge:
+        """What would be known after the run.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+
+        Returns
+        -------
+        Knowledge
+        """
+        return self.prior.after(self.run(chosen).jacobian)
+
+    def criterion(self, kind: str, wanted: Sequence[str] | None = None) -> Criterion:
+        """Small relative errors of some of the unknowns; the others are nuisances.
+
+        Parameters
+        ----------
+        kind : {"D", "A"}
+            Volume of their confidence region, or the sum of their variances.
+        wanted : sequence of str, optional
+            Their names; all if left out.
+
+        Returns
+        -------
+        Criterion
+        """
+        return Criterion.of(kind, self.names, wanted or self.names, self.sizes)
+
     def _limited(self, motion: Trajectory) -> np.ndarray:
-        """By how much limits along the motion are exceeded, as shares of their range."""
         found = [np.zeros(0)]
         for name, (low, high) in (self.limits or {}).items():
-            width = high - low if high - low < np.inf else max(abs(b) for b in (low, high, 1e-30) if abs(b) < np.inf)
-            found += [
-                ((motion[name] - high) / width).ravel() if high < np.inf else np.zeros(0),
-                ((low - motion[name]) / width).ravel() if low > -np.inf else np.zeros(0),
-            ]
+            ends = np.array([low, high])
+            told = ends[np.isfinite(ends)]
+            size = (high - low) if len(told) == 2 else max(abs(told[0]), 1e-30)
+            both = (motion[name] - high) / size, (low - motion[name]) / size
+            found += [part.ravel() for part in both if np.all(np.isfinite(part))]
         return np.concatenate(found)
 
 
@@ -180,22 +359,62 @@ class Run:
     excess: np.ndarray  # (m,) of limits along the motion, as shares of their ranges
 
 
-def _derivatives(model, unknowns, names, p, schedules, arguments):
-    """Differences, until the simulator gives derivatives."""
-    own = {s.name: np.array(s.value, float) for s in (*model.p, *model.u)} | p
-    starts = {s.name: np.broadcast_to(np.array(s.value, float), s.size) for s in model.x}
-    motion = simulate(model, p=p, schedules=schedules, **arguments)
-    columns = []
-    for direction in unknowns.values():
-        ends = []
-        for sign in (1, -1):
-            pp, xx = dict(p), {}
-            for name, d in direction.items():
-                h = sign * 1e-5
-                if name in starts:
-                    xx[name] = starts[name] + h * np.asarray(d)
-                else:
-                    pp[name] = own[name] + h * np.asarray(d)
-            ends.append(simulate(model, p=pp, x0=xx, schedules=schedules, **{**arguments, "tolerance": Tolerance(1e-11, 1e-12)}))
-        columns.append({n: (ends[0][n] - ends[1][n]) / 2e-5 for n in names})
-    return motion, {n: np.stack([c[n] for c in columns], axis=1) for n in names}
+def mean_rate(
+    experiment: Experiment,
+    model: Model,
+    output: str,
+    span: tuple[float, float],
+    *,
+    entry: int = 0,
+) -> Criterion:
+    """Ask for a small variance of a prediction: the mean rate of a state or output in some motion.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Whose unknowns there are.
+    model : Model
+        What moves then, with the same unknowns: the same worm under the gait it is built for.
+    output : str
+        Name of a state or output; of the mean speed it is that of the place.
+    span : (float, float)
+        First and last time.
+    entry : int, optional
+        Which entry of it.
+
+    Returns
+    -------
+    Criterion
+
+    Raises
+    ------
+    SolveError
+        If the motion cannot be followed.
+    ArgumentError
+        If the prediction depends on none of the unknowns.
+    """
+    first, last = span
+    motion = simulate(
+        model,
+        last,
+        contact=experiment.contact,
+        times=[first, last],
+        tolerance=_TOLERANCE,
+        sensitivities=experiment.directions,
+    )
+    row = np.diff(motion.derivative(output)[entry])[:, 0] / (last - first)
+    if not np.any(row):
+        raise ArgumentError(f"the mean rate of {output} depends on none of the unknowns")
+    return Criterion("A", row[None, :])
+
+
+def _along(name: str, directions: Mapping[str, np.ndarray], own: Mapping[str, object]) -> float:
+    """Value of an unknown in a model, whose entries are multiples of it."""
+    up = down = 0.0
+    for signal, direction in directions.items():
+        value = own.get(signal)
+        if value is None:
+            raise ArgumentError(f"{name}: the model brings no value of {signal}; give it one")
+        up += float(np.sum(direction * np.broadcast_to(np.asarray(value), direction.shape)))
+        down += float(np.sum(direction**2))
+    return up / down

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
 from wormopt.errors import ArgumentError
+from wormopt.fitting.uncertainty import TOLD
 from wormopt.model.values import numbers
 
-# Derivatives are exact to about this much of their size; less than it is no information.
-_NOISE = 1e-7
 # A direction that is not seen involves the unknowns that have more than this share of it.
 _INVOLVED = 1e-3
 
@@ -99,7 +98,7 @@ class Knowledge:
         length[length == 0] = 1.0
         _, values, right = np.linalg.svd(np.atleast_2d(self.root / length), full_matrices=True)
         values = np.pad(values, (0, len(self.names) - len(values)))
-        return length, values, right, int(np.sum(values > _NOISE * max(values[0], 1e-300)))
+        return length, values, right, int(np.sum(values > TOLD * max(values[0], 1e-300)))
 
     @property
     def rank(self) -> int:
