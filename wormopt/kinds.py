@@ -434,6 +434,17 @@ KINDS: dict[str, Kind] = {
         },
         table_file=True,
     ),
+    "experiment": Kind(
+        summary="which run of a worm tells its numbers best, within what it can do",
+        table="wormopt.systems.recorded.scenes.experiment:ExperimentScene",
+        study="wormopt.systems.recorded.runs.experiment",
+        pictures={
+            "course": "wormopt.systems.recorded.plots.experiment:course",
+            "errors": "wormopt.systems.recorded.plots.experiment:errors",
+            "regions": "wormopt.systems.recorded.plots.experiment:regions",
+        },
+        exports={"course.csv": "wormopt.systems.recorded.runs.experiment:as_csv"},
+    ),
     "segment-shapes": Kind(
         summary="a segment of that body between two coils: assumed shapes and the exact elastica",
         table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",

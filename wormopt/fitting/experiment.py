@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.fitting.choices import Choice
 from wormopt.fitting.information import Criterion, Knowledge
 from wormopt.fitting.unknowns import Unknown
@@ -19,6 +19,7 @@ from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
+# Limits along a motion are looked at so often beside the times of measurements.
 _LOOKS = 200
 _TOLERANCE = Tolerance(1e-9, 1e-10)
 
@@ -136,6 +137,12 @@ class Experiment:
     def names(self) -> tuple[str, ...]:
         """Names of the n numbers that are unknown."""
         return tuple(name for name, *_ in self._numbers)
+
+    @property
+    def unknowns_of(self) -> tuple[Unknown, ...]:
+        """Which Unknown each number is of."""
+        sizes = [(unknown, len(unknown.directions(self.model))) for unknown in self.unknowns]
+        return tuple(unknown for unknown, size in sizes for _ in range(size))
 
     @property
     def values(self) -> np.ndarray:
@@ -263,7 +270,6 @@ class Experiment:
         *,
         tolerance: Tolerance = _TOLERANCE,
         route: Route = "auto",
-        looks: int = _LOOKS,
     ) -> Run:
         """Run it in the simulator.
 
@@ -275,8 +281,6 @@ class Experiment:
             How exactly.
         route : {"auto", "native", "python", "cvodes"}, optional
             By which integrator.
-        looks : int, optional
-            How often limits along the motion are looked at, beside the times of measurements.
 
         Returns
         -------
@@ -287,12 +291,11 @@ class Experiment:
         SolveError
             If the motion cannot be followed.
         """
-        end = float(self.instants[-1])
-        seen = np.union1d(self.instants, np.linspace(0.0, end, looks))
+        seen = self._seen(_LOOKS)
         p, schedules = self.settings(chosen)
         motion = simulate(
             self.driven,
-            end,
+            float(seen[-1]),
             contact=self.contact,
             p=p,
             schedules=schedules,
@@ -308,6 +311,63 @@ class Experiment:
             for name, deviation in self.measured.items()
         ]
         return Run(motion, np.vstack(rows), self._limited(motion))
+
+    def closely(self, chosen: np.ndarray, looks: int) -> float:
+        """Largest excess of any limit, courses' and motion's.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        looks : int
+            How often the motion is looked at.
+
+        Returns
+        -------
+        float
+            As a share; infinite where the motion cannot be followed.
+        """
+        found = [self.excess(chosen)[0], np.abs(chosen) - 1]
+        if self.limits:
+            try:
+                found.append(self._limited(self.motion(chosen, self._seen(looks))))
+            except SolveError:
+                return np.inf
+        return float(np.max(np.concatenate(found)))
+
+    def motion(self, chosen: np.ndarray, times: np.ndarray) -> Trajectory:
+        """Simulate it without derivatives.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        times : ndarray, shape (m,)
+            When to sample it, from 0 on, to the end.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        SolveError
+            If the motion cannot be followed.
+        """
+        p, schedules = self.settings(chosen)
+        return simulate(
+            self.driven,
+            float(times[-1]),
+            contact=self.contact,
+            p=p,
+            schedules=schedules,
+            times=times,
+            tolerance=_TOLERANCE,
+        )
+
+    def _seen(self, looks: int) -> np.ndarray:
+        end = float(self.instants[-1])
+        return np.union1d(self.instants, np.linspace(0.0, end, looks))
 
     def knowledge(self, chosen: np.ndarray) -> Knowledge:
         """What would be known after the run.
