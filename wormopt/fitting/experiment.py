@@ -120,6 +120,11 @@ class Experiment:
         """Times of measurements (m,)."""
         return numbers("times", self.times)
 
+    @property
+    def end(self) -> float:
+        """Time at which the run ends, with the last measurement."""
+        return float(self.instants[-1])
+
     @cached_property
     def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, bool], ...]:
         """Name, directions, value and whether its logarithm is meant, of each number sought."""
@@ -291,26 +296,24 @@ class Experiment:
         SolveError
             If the motion cannot be followed.
         """
-        seen = self._seen(_LOOKS)
         p, schedules = self.settings(chosen)
         motion = simulate(
             self.driven,
-            float(seen[-1]),
+            self.end,
             contact=self.contact,
             p=p,
             schedules=schedules,
-            times=seen,
+            times=self.instants,
             tolerance=tolerance,
             route=route,
             sensitivities=self.directions,
         )
-        at = np.searchsorted(seen, self.instants)
         rows = [
-            np.moveaxis(motion.derivative(name)[:, :, at], 1, 2).reshape(-1, len(self.names))
+            np.moveaxis(motion.derivative(name), 1, 2).reshape(-1, len(self.names))
             / deviation
             for name, deviation in self.measured.items()
         ]
-        return Run(motion, np.vstack(rows), self._limited(motion))
+        return Run(motion, np.vstack(rows), self._limited(chosen, _LOOKS))
 
     def closely(self, chosen: np.ndarray, looks: int) -> float:
         """Largest excess of any limit, courses' and motion's.
@@ -320,7 +323,7 @@ class Experiment:
         chosen : ndarray, shape (size,)
             What is chosen.
         looks : int
-            How often the motion is looked at.
+            How often the motion is looked at, if it has limits.
 
         Returns
         -------
@@ -328,11 +331,10 @@ class Experiment:
             As a share; infinite where the motion cannot be followed.
         """
         found = [self.excess(chosen)[0], np.abs(chosen) - 1]
-        if self.limits:
-            try:
-                found.append(self._limited(self.motion(chosen, self._seen(looks))))
-            except SolveError:
-                return np.inf
+        try:
+            found.append(self._limited(chosen, looks))
+        except SolveError:
+            return np.inf
         return float(np.max(np.concatenate(found)))
 
     def motion(self, chosen: np.ndarray, times: np.ndarray) -> Trajectory:
@@ -365,10 +367,6 @@ class Experiment:
             tolerance=_TOLERANCE,
         )
 
-    def _seen(self, looks: int) -> np.ndarray:
-        end = float(self.instants[-1])
-        return np.union1d(self.instants, np.linspace(0.0, end, looks))
-
     def knowledge(self, chosen: np.ndarray) -> Knowledge:
         """What would be known after the run.
 
@@ -399,14 +397,18 @@ class Experiment:
         """
         return Criterion.of(kind, self.names, wanted or self.names, self.sizes)
 
-    def _limited(self, motion: Trajectory) -> np.ndarray:
+    def _limited(self, chosen: np.ndarray, looks: int) -> np.ndarray:
+        """By how much limits along the motion are exceeded, as shares of their ranges."""
         found = [np.zeros(0)]
-        for name, (low, high) in (self.limits or {}).items():
-            ends = np.array([low, high])
-            told = ends[np.isfinite(ends)]
-            size = (high - low) if len(told) == 2 else max(abs(told[0]), 1e-30)
-            both = (motion[name] - high) / size, (low - motion[name]) / size
-            found += [part.ravel() for part in both if np.all(np.isfinite(part))]
+        if not self.limits:
+            return found[0]
+        motion = self.motion(chosen, np.linspace(0.0, self.end, looks))
+        for name, (low, high) in self.limits.items():
+            told = [end for end in (low, high) if np.isfinite(end)]
+            size = high - low if len(told) == 2 else max(abs(told[0]), 1e-30)
+            values = motion[name].ravel()
+            found += [(values - high) / size] * (high in told)
+            found += [(low - values) / size] * (low in told)
         return np.concatenate(found)
 
 

@@ -339,7 +339,7 @@ def _facts(plan: Plan) -> dict[str, Any]:
         "derivatives": "exact, through every event",
         "search": "SLSQP from the best runs drawn at random",
         "not_told_apart": [words(unseen) for unseen in plan.known.unseen],
-        "doubts": len(plan.run.motion.doubts),
+        "doubts": len(getattr(plan.run.motion, "doubts", ())),
     }
 
 
@@ -351,8 +351,9 @@ def words(unseen: Mapping[str, float]) -> str:
 def _warnings(plan: Plan) -> Iterator[str]:
     for unseen in plan.known.unseen:
         yield f"the run does not tell apart: {words(unseen)} changes nothing that is measured"
-    if plan.run.motion.doubts:
-        first = plan.run.motion.doubts[0]
+    doubts = getattr(plan.run.motion, "doubts", ())
+    if doubts:
+        first = doubts[0]
         yield f"derivatives are one-sided: {first.reason}; what is expected may be off"
     if plan.value >= plan.rivals[0].value:
         yield "the search found nothing better than the best run drawn at random"
