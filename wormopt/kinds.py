@@ -445,6 +445,17 @@ KINDS: dict[str, Kind] = {
         },
         exports={"course.csv": "wormopt.systems.recorded.runs.experiment:as_csv"},
     ),
+    "fit-numbers": Kind(
+        summary="keys of a scene found from single numbers measured, velocities over frequency say",
+        table="wormopt.systems.recorded.scenes.fit_numbers:FitNumbersScene",
+        study="wormopt.systems.recorded.runs.fit_numbers",
+        pictures={
+            "measurements": "wormopt.systems.recorded.plots.fit_numbers:measurements",
+            "parameters": "wormopt.systems.recorded.plots.found:parameters",
+            "correlation": "wormopt.systems.recorded.plots.found:correlation",
+        },
+        table_file=True,
+    ),
     "segment-shapes": Kind(
         summary="a segment of that body between two coils: assumed shapes and the exact elastica",
         table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",

@@ -296,6 +296,8 @@ def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) 
         if not there.any():
             continue
         if not there.all():
-            said.append(f"gaps of {signal.name}[{k}], {np.sum(~there)} readings, are bridged by lines")
+            said.append(
+                f"gaps of {signal.name}[{k}], {np.sum(~there)} readings, are bridged by lines"
+            )
         found[k] = np.interp(time, time[there], row[there])
     return found

@@ -18,7 +18,6 @@ from wormopt.plotting.parts import (
     legend_above,
     legend_below,
     line,
-    raised,
     sheet,
     tell,
 )
@@ -33,7 +32,7 @@ def course(result: Result) -> Figure:
     """What is moved, and what is limited and measured along the motion."""
     moved = [name for name in result.attributes["courses"] if _moves(result, f"course_{name}")]
     shown = [f"course_{name}" for name in moved]
-    shown += [name for name in result.attributes["limited"] if name not in shown]
+    shown += [name for name in result.attributes["limits"] if name not in shown]
     shown += [name for name in ("position",) if name in result and name not in shown]
     drawn = sheet(7.1, 1.0 + 1.5 * len(shown), 1.0 + 1.7 * len(shown))
     rows = np.atleast_1d(drawn.subplots(len(shown), sharex=True))
@@ -43,7 +42,7 @@ def course(result: Result) -> Figure:
         colours = MASSES if name == "position" else LINKS
         for k, row in enumerate(values):
             axes.plot(
-                time.values, row, color=colours[k], linestyle=DASHES[k % len(DASHES)], label=f"{k}"
+                time.values, row, color=colours[k], linestyle=DASHES[k % len(DASHES)], label=f"[{k}]"
             )
         words = name.removeprefix("course_").replace("_", " ")
         words = f"{words}, chosen" if name.startswith("course_") else words
@@ -55,7 +54,7 @@ def course(result: Result) -> Figure:
     rows[-1].set_xlabel(label("time $t$", time.unit))
     rows[0].margins(x=0)
     drawn.align_ylabels()
-    tell(drawn, fact(result, "shrinkage", "region smaller than after the best random run, times"))
+    tell(drawn, fact(result, "shrinkage", "times smaller confidence region than after the best random run"))
     return drawn
 
 
@@ -127,8 +126,8 @@ def _draw_regions(axes: Axes, result: Result, pair: tuple[int, int]) -> None:
             ring = value[:, None] + np.linalg.cholesky(inner) @ circle
             axes.plot(*ring, color=colour, linestyle=dashes)
     axes.plot(*value, "+", color="black", markersize=5)
-    axes.set_xlabel(label(names[pair[0]].replace("_", " "), raised(units[pair[0]])))
-    axes.set_ylabel(label(names[pair[1]].replace("_", " "), raised(units[pair[1]])))
+    axes.set_xlabel(label(names[pair[0]].replace("_", " "), units[pair[0]]))
+    axes.set_ylabel(label(names[pair[1]].replace("_", " "), units[pair[1]]))
     axes.locator_params(nbins=4)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from wormopt.errors import UnknownNameError
 from wormopt.plotting.parts import (
@@ -128,7 +129,8 @@ def profiles(result: Result) -> Figure:
             fine = np.linspace(np.nanmin(values[k]), np.nanmax(values[k]), 101)
             axes.plot(fine, ((fine - best) / error) ** 2, color=GREY, linestyle=LIMIT, linewidth=1)
         axes.axhline(threshold, color=GREY, linestyle=":", linewidth=1)
-        axes.set_ylim(0.0, 2.0 * threshold)
+        axes.set_ylim(0.0, 1.6 * threshold)
+        axes.xaxis.set_major_locator(MaxNLocator(3))
         unit = raised(units[k])
         axes.set_xlabel(f"{names[k]} ({unit})" if unit else names[k])
     for axes in panels[:, 0]:

@@ -249,24 +249,25 @@ def _result(scene: Scene[ExperimentScene], plan: Plan, timings: Mapping[str, flo
                 for directions in experiment.directions.values()
             ],
             "courses": [choice.signal for choice in experiment.choices],
-            "limited": list(experiment.limits or {}),
+            "limits": {name: list(ends) for name, ends in scene.table.limits.items()},
         },
     )
 
 
 def _scalars(scene: Scene[ExperimentScene], plan: Plan) -> dict[str, Any]:
     best, middle = plan.rivals[0], plan.rivals[len(plan.rivals) // 2]
-    told = scene.table.prediction is not None
-    return {
+    found = {
         "shrinkage": plan.shrinks(best.known),
         "shrinkage_median": plan.shrinks(middle.known),
         "criterion": plan.value,
         "criterion_recheck": plan.recheck,
         "excess": plan.excess,
         "rank": plan.known.rank,
-        "prediction_error": float(np.exp(plan.value)) if told else None,
-        "prediction_error_random": float(np.exp(best.value)) if told else None,
     }
+    if scene.table.prediction is not None:
+        found["prediction_error"] = float(np.exp(plan.value))
+        found["prediction_error_random"] = float(np.exp(best.value))
+    return found
 
 
 def _numbers(plan: Plan, slopes: np.ndarray, units: str) -> dict[str, Scalar]:

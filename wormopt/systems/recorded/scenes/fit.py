@@ -202,14 +202,24 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
         ),
         "n_starts": ("count", "starts of the search"),
         "n_agreeing": ("count", "starts that ended at the same numbers"),
-        "gradient": ("1", "largest slope of the cost along a number, in its own size"),
+        "offset": ("1", "how far from the bottom the search ended, in standard errors"),
+        "prediction_coverage": (
+            "share",
+            "readings of a run kept aside that lie in the 95 % band of its prediction, a list "
+            "where there are several runs",
+        ),
+        "prediction_chi2": (
+            "1",
+            "mean square of its readings about the prediction, over what it should be: about 1",
+        ),
+        "profile_threshold": ("1", "rise of χ² at the ends of the intervals"),
     }
     variables: ClassVar = {
         "estimate": ("count", ("unknown",), "numbers found, in their own units"),
         "standard_error": ("count", ("unknown",), "their standard errors"),
         "interval": ("count", ("unknown", "end"), "their intervals, low and high"),
         "began": ("count", ("unknown",), "where the search began"),
-        "correlation": ("count", ("unknown", "unknown_too"), "of the errors of numbers found"),
+        "correlation": ("count", ("unknown", "other_unknown"), "of the errors of numbers found"),
         "profile_value": ("count", ("unknown", "profile"), "value that a number is held at"),
         "profile_rise": ("count", ("unknown", "profile"), "twice the rise of the cost then"),
         "start_cost": ("count", ("start",), "cost at which each start of the search ended"),
