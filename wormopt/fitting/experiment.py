@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -381,7 +382,7 @@ class Experiment:
         """
         return self.prior.after(self.run(chosen).jacobian)
 
-    def criterion(self, kind: str, wanted: Sequence[str] | None = None) -> Criterion:
+    def criterion(self, kind: Literal["D", "A"], wanted: Sequence[str] | None = None) -> Criterion:
         """Small relative errors of some of the unknowns; the others are nuisances.
 
         Parameters

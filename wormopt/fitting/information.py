@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import solve_triangular
 
 from wormopt.errors import ArgumentError
 from wormopt.fitting.uncertainty import TOLD
@@ -76,9 +76,10 @@ class Knowledge:
         inner = given[np.ix_(told, told)]
         root = np.zeros((told.sum(), len(names)))
         try:
-            if not np.allclose(inner, inner.T, rtol=1e-8, atol=0.0):
+            variances = np.diag(inner)
+            if not (np.all(variances > 0) and np.allclose(inner, inner.T, rtol=1e-8, atol=0.0)):
                 raise np.linalg.LinAlgError
-            size = np.sqrt(np.diag(inner))
+            size = np.sqrt(variances)
             factor = np.linalg.cholesky(inner / np.outer(size, size))
         except np.linalg.LinAlgError:
             what = "covariance must be symmetric and positive definite"
@@ -148,7 +149,7 @@ class Knowledge:
 
 
 def _triangular(rows: np.ndarray) -> np.ndarray:
-    return qr(rows, mode="r", check_finite=False)[0][: rows.shape[1]]
+    return np.linalg.qr(rows, mode="r")
 
 
 @dataclass(frozen=True, eq=False)

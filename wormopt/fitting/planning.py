@@ -26,7 +26,8 @@ _FINER = Tolerance(1e-11, 1e-12)
 _KEPT = 1e-6
 # A motion that cannot be followed, or shows nothing of what is wanted.
 _WORTHLESS = 100.0
-_HALVINGS = 12
+# A course is halved towards rest so often until it keeps limits; drawn anew so often if it cannot.
+_HALVINGS, _DRAWS = 12, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,8 +223,7 @@ class _Search:
         rng, found = np.random.default_rng(seed), []
         for number in range(count):
             report("drawing experiments", number / count)
-            parts = [choice.draw(rng) for choice in self.experiment.choices]
-            chosen = self.within(np.concatenate(parts))
+            chosen = self._drawn(rng)
             run = self.experiment.run(chosen)
             found.append(Rival(chosen, self.criterion(self.known(run)), self.known(run)))
         found.sort(key=lambda rival: rival.value)
@@ -241,17 +241,25 @@ class _Search:
             code="not_told",
         )
 
-    def within(self, chosen: np.ndarray) -> np.ndarray:
-        """Shrink courses until the motion keeps its limits, seen closely."""
+    def _drawn(self, rng: np.random.Generator) -> np.ndarray:
+        for _ in range(_DRAWS):
+            parts = [choice.draw(rng) for choice in self.experiment.choices]
+            chosen = self.within(np.concatenate(parts))
+            if chosen is not None:
+                return chosen
+        raise SolveError(
+            "limits along the motion are exceeded even where courses do not move",
+            "widen the limits, or begin elsewhere",
+            code="no_room",
+        )
+
+    def within(self, chosen: np.ndarray) -> np.ndarray | None:
+        """Shrink courses until the motion keeps its limits, seen closely; None if it never does."""
         if self.over(chosen) <= _KEPT:
             return chosen
         low, high = 0.0, 1.0
         if self.over(self.experiment.shrunk(chosen, low)) > _KEPT:
-            raise SolveError(
-                "limits along the motion are exceeded even where courses do not move",
-                "widen the limits, or begin elsewhere",
-                code="no_room",
-            )
+            return None
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             kept = self.over(self.experiment.shrunk(chosen, middle)) <= _KEPT
@@ -272,11 +280,12 @@ class _Search:
                 break
             margin += over
         else:
-            here = self.within(here)
-        value = min(value, self.look(here).value)
-        if self.found is None or self.look(here).value < self.found[0]:
-            self.found = value, here
-        return value
+            kept = self.within(here)
+            here = start if kept is None else kept
+        end = self.look(here).value
+        if self.found is None or end < self.found[0]:
+            self.found = end, here
+        return min(value, end)
 
     def _steps(self, start: np.ndarray, margin: float, tell: Callable[[], None]) -> np.ndarray:
         """Sequential quadratic programs, with a margin to limits along the motion."""

@@ -129,7 +129,8 @@ def _experiment(
         for one in table.unknown
     ]
     try:
-        model = _best(scene, model_of(scene), unknowns, known)
+        asked: Scene[Any] = scene
+        model = _best(scene, model_of(asked), unknowns, known)
         experiment = Experiment(
             model,
             unknowns,
@@ -207,13 +208,13 @@ def _criterion(
     table = scene.table
     if table.prediction is None:
         return experiment.criterion(table.criterion, _wanted(scene, experiment))
-    asked = replace_model(scene, table.prediction.model)
+    asked = _of_prediction(scene, table.prediction.model)
     model = _best(scene, model_of(asked), unknowns, known)
     first, last = table.prediction.span
     return mean_rate(experiment, model, table.prediction.output, (first, last))
 
 
-def replace_model(scene: Scene[ExperimentScene], model: dict[str, Any]) -> Scene[Any]:
+def _of_prediction(scene: Scene[ExperimentScene], model: dict[str, Any]) -> Scene[Any]:
     """Make the same scene with another scene in ``[model]``."""
     import msgspec
 
@@ -322,7 +323,8 @@ def _signals(plan: Plan, units: str) -> Iterator[Variable]:
         yield Variable(f"course_{name}", told(own[name], units), dims, course, f"course of {name}")
     quantities = {s.name: s.unit for s in (*experiment.model.x, *experiment.model.outputs)}
     motion = experiment.motion(plan.chosen, instants)
-    for name in dict.fromkeys([*experiment.measured, *(experiment.limits or {})]):
+    shown: list[str] = [*experiment.measured, *(experiment.limits or {})]
+    for name in sorted(set(shown)):
         dims = f"{name}_entry", "time"
         yield Variable(name, told(quantities[name], units), dims, motion[name], name)
 
