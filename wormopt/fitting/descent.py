@@ -10,15 +10,15 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import held_at, offset_of
+from wormopt.fitting.uncertainty import held_at, offset_of, triangle
 from wormopt.simulation.options import Smooth
 
 ARRIVED = 1e-3
 """Standard errors within which a fit is at the bottom."""
 # Widths of the smooth law, in typical contact speeds.
-_WIDTHS = (1.0, 0.2)
+_WIDTHS = (1.0,)
 # Steps at most, and the share of the cost that a step shall gain where a start is all one wants.
-_LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 25, 1e-2
+_LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 20, 1e-1
 # A trust region that shrank at a kink, or came to a bound, is opened again so many times.
 _REGIONS = 4
 # Standard errors, of one number alone, from which a bound counts as reached.
@@ -76,34 +76,40 @@ def _region(task: FitTask, begin: Descent, seen: Seen, rough: bool) -> Descent:
     """
     from scipy.optimize import least_squares
 
-    best, count, free = begin, begin.evaluations, ~_held(task, begin)
+    free = ~_held(task, begin)
     if begin.offset < ARRIVED or not free.any():
         return begin
+    points = {begin.theta.tobytes(): begin}
+    best, count = begin, begin.evaluations
 
-    def whole(part: np.ndarray) -> np.ndarray:
+    def at(part: np.ndarray) -> Descent | None:
+        nonlocal best, count
         theta = begin.theta.copy()
         theta[free] = part
-        return theta
+        key = theta.tobytes()
+        if key not in points:
+            count += 1
+            points.clear()  # it is asked for residuals and slopes of one point after the other
+            try:
+                points[key] = _look(task, theta, 0)
+            except (SolveError, ArgumentError):
+                return None
+        if points[key].cost <= best.cost:
+            best = points[key]
+            seen(best)
+        return points[key]
 
+    # SciPy sees n + 1 rows that have the same products: it is slow on tall thin matrices.
     def residuals(part: np.ndarray) -> np.ndarray:
-        nonlocal count
-        if np.array_equal(part, begin.theta[free]):
-            return begin.residuals
-        count += 1
-        try:
-            return task.misfit(whole(part))
-        except (SolveError, ArgumentError):
-            return np.full(len(begin.residuals), np.inf)
+        point = at(part)
+        return np.full(free.sum() + 1, np.inf) if point is None else _short(point, free)[:, -1]
 
     def jacobian(part: np.ndarray) -> np.ndarray:
-        nonlocal best, count
-        if not np.array_equal(part, begin.theta[free]):
-            count += 1
-            best = _look(task, whole(part), 0)
-            seen(best)
-        if best.offset < ARRIVED:
+        point = at(part)
+        assert point is not None
+        if point.offset < ARRIVED:
             raise _Arrived
-        return best.jacobian[:, free]
+        return _short(point, free)[:, :-1]
 
     with suppress(_Arrived):
         least_squares(
@@ -118,6 +124,11 @@ def _region(task: FitTask, begin: Descent, seen: Seen, rough: bool) -> Descent:
             gtol=1e-15,
         )
     return replace(best, evaluations=count)
+
+
+def _short(point: Descent, free: np.ndarray) -> np.ndarray:
+    """Jacobian and residuals in their last column, as few rows with the same products."""
+    return triangle(np.column_stack([point.jacobian[:, free], point.residuals]))
 
 
 def _settled(task: FitTask, found: Descent) -> Descent:
