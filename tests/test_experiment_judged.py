@@ -148,7 +148,7 @@ def test_fits_scatter_as_the_plan_expects():
             x0={"position": [4.0, 2.0, 0.0], "velocity": 0.0},
         )
         fitted = wo.fit(wo.FitTask(todo.driven, [run], UNKNOWNS), seeds=1)
-        assert fitted.converged
+        assert fitted.offset < 0.2, fitted.reason  # standard errors: a hundredth of the spread
         found.append(fitted.theta)
     off = (np.array(found) - VALUES) @ np.linalg.inv(np.linalg.cholesky(plan.known.covariance)).T
     # whitened by what was expected: chi-squared, all together and along each direction, and no bias

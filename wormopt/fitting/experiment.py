@@ -22,6 +22,7 @@ from wormopt.simulation.trajectory import Trajectory
 
 # Limits along a motion are looked at so often beside the times of measurements.
 _LOOKS = 200
+_FAR = 2.0  # standard errors within which measurements shall be linear
 _TOLERANCE = Tolerance(1e-9, 1e-10)
 
 Directions = dict[str, dict[str, np.ndarray]]
@@ -315,6 +316,57 @@ class Experiment:
             for name, deviation in self.measured.items()
         ]
         return Run(motion, np.vstack(rows), self._limited(chosen, _LOOKS))
+
+    def bent(self, chosen: np.ndarray) -> float:
+        """How far measurements are from linear in the unknowns over their expected errors.
+
+        Where masses begin or cease to stick within these errors, derivatives of one side say
+        little of the other, and expected errors are wrong. Looked at along the principal axes of
+        the confidence ellipsoid, two standard errors to both sides.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+
+        Returns
+        -------
+        float
+            Largest departure from the linearised measurements, in standard errors for each.
+
+        Raises
+        ------
+        SolveError
+            If a motion cannot be followed.
+        """
+        jacobian, worst = self.run(chosen).jacobian, 0.0
+        here = self._measured(chosen, np.zeros(len(self.names)))
+        for axis in self.prior.after(jacobian).axes.T:
+            for step in (-_FAR * axis, _FAR * axis):
+                departs = self._measured(chosen, step) - here - jacobian @ step
+                worst = max(worst, float(np.linalg.norm(departs)) / _FAR)
+        return worst
+
+    def _measured(self, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        """Measurements (r,) over their deviations, coordinates of the unknowns moved by `shift`."""
+        p, schedules = self.settings(chosen)
+        own = {s.name: np.asarray(s.value, float) for s in (*self.driven.p, *self.driven.u)}
+        moved = {s.name: np.asarray(s.value, float) for s in self.driven.x} | own | p
+        starts = {state.name for state in self.driven.x}
+        for directions, by in zip(self.directions.values(), shift, strict=True):
+            for name, direction in directions.items():
+                moved[name] = moved[name] + by * direction
+        motion = simulate(
+            self.driven,
+            self.end,
+            contact=self.contact,
+            x0={name: moved[name] for name in starts},
+            p={name: value for name, value in moved.items() if name not in starts},
+            schedules=schedules,
+            times=self.instants,
+            tolerance=_TOLERANCE,
+        )
+        return np.concatenate([motion[name].ravel() / sd for name, sd in self.measured.items()])
 
     def closely(self, chosen: np.ndarray, looks: int) -> float:
         """Largest excess of any limit, courses' and motion's.

@@ -122,13 +122,18 @@ class Knowledge:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance (n, n); infinite variances, and no correlation, for what is not seen."""
-        length, values, right, rank = self._factors
-        half = right[:rank].T / values[:rank] / length[:, None]
-        found = half @ half.T
+        _, _, right, rank = self._factors
+        found = self.axes @ self.axes.T
         lost = np.any(np.abs(right[rank:]) > _INVOLVED, axis=0)
         found[lost, :] = found[:, lost] = 0.0
         found[lost, lost] = np.inf
         return found
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Principal axes of the confidence ellipsoid (n, rank), one standard deviation long."""
+        length, values, right, rank = self._factors
+        return right[:rank].T / values[:rank] / length[:, None]
 
     @property
     def errors(self) -> np.ndarray:

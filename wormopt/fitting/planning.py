@@ -26,6 +26,9 @@ _FINER = Tolerance(1e-11, 1e-12)
 _KEPT = 1e-6
 # A motion that cannot be followed, or shows nothing of what is wanted.
 _WORTHLESS = 100.0
+# Measurements depart from linear ones by so much of each standard error at most; else courses are
+# sought beside, ever further away, so many at each distance.
+_BENT, _BESIDE, _TRIES = 0.1, (0.003, 0.01, 0.03, 0.1), 12
 # A course is halved towards rest so often until it keeps limits; drawn anew so often if it cannot.
 _HALVINGS, _DRAWS = 12, 30
 
@@ -61,6 +64,9 @@ class Plan:
         Criterion at which each start of the search ended.
     excess : float
         Largest excess of any limit, courses' and motion's, as a share; looked at closely.
+    bent : float
+        How far measurements depart from linear ones within two standard errors, in standard
+        errors for each: above 0.1, expected errors may be off, see `Experiment.bent`.
     recheck : float
         The criterion again, by the Python route with a hundredth of the tolerance.
     """
@@ -73,6 +79,7 @@ class Plan:
     rivals: tuple[Rival, ...]
     ends: tuple[float, ...]
     excess: float
+    bent: float
     recheck: float
 
     @property
@@ -282,10 +289,33 @@ class _Search:
         else:
             kept = self.within(here)
             here = start if kept is None else kept
+        here = self._settled(here)
         end = self.look(here).value
         if self.found is None or end < self.found[0]:
             self.found = end, here
         return min(value, end)
+
+    def _settled(self, chosen: np.ndarray) -> np.ndarray:
+        """Step off edges, beyond which masses stick that slid, within the errors expected.
+
+        Searches end on them: the criterion jumps there, and derivatives hold on one side only.
+        """
+        if self._bent(chosen) <= _BENT:
+            return chosen
+        rng = np.random.default_rng(0)
+        for distance in _BESIDE:
+            drawn = [chosen + distance * rng.standard_normal(len(chosen)) for _ in range(_TRIES)]
+            near = [one for one in map(self.within, np.clip(drawn, -1, 1)) if one is not None]
+            for one in sorted(near, key=lambda one: self.look(one).value):
+                if self._bent(one) <= _BENT:
+                    return one
+        return chosen
+
+    def _bent(self, chosen: np.ndarray) -> float:
+        try:
+            return self.experiment.bent(chosen)
+        except SolveError:
+            return np.inf
 
     def _steps(self, start: np.ndarray, margin: float, tell: Callable[[], None]) -> np.ndarray:
         """Sequential quadratic programs, with a margin to limits along the motion."""
@@ -328,5 +358,6 @@ class _Search:
             drawn,
             tuple(ends),
             self.over(chosen),
+            self._bent(chosen),
             self.criterion(self.known(again)),
         )
