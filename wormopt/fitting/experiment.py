@@ -332,19 +332,19 @@ class Experiment:
         Returns
         -------
         float
-            Largest departure from the linearised measurements, in standard errors for each.
-
-        Raises
-        ------
-        SolveError
-            If a motion cannot be followed.
+            Largest departure from the linearised measurements, in standard errors for each;
+            infinite where there is no such motion, or no such number.
         """
-        jacobian, worst = self.run(chosen).jacobian, 0.0
-        here = self._measured(chosen, np.zeros(len(self.names)))
-        for axis in self.prior.after(jacobian).axes.T:
-            for step in (-_FAR * axis, _FAR * axis):
-                departs = self._measured(chosen, step) - here - jacobian @ step
-                worst = max(worst, float(np.linalg.norm(departs)) / _FAR)
+        worst = 0.0
+        try:
+            jacobian = self.run(chosen).jacobian
+            here = self._measured(chosen, np.zeros(len(self.names)))
+            for axis in self.prior.after(jacobian).axes.T:
+                for step in (-_FAR * axis, _FAR * axis):
+                    departs = self._measured(chosen, step) - here - jacobian @ step
+                    worst = max(worst, float(np.linalg.norm(departs)) / _FAR)
+        except (SolveError, ArgumentError):  # friction below 0, say
+            return np.inf
         return worst
 
     def _measured(self, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:

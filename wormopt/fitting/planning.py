@@ -300,22 +300,16 @@ class _Search:
 
         Searches end on them: the criterion jumps there, and derivatives hold on one side only.
         """
-        if self._bent(chosen) <= _BENT:
+        if self.experiment.bent(chosen) <= _BENT:
             return chosen
         rng = np.random.default_rng(0)
         for distance in _BESIDE:
             drawn = [chosen + distance * rng.standard_normal(len(chosen)) for _ in range(_TRIES)]
             near = [one for one in map(self.within, np.clip(drawn, -1, 1)) if one is not None]
             for one in sorted(near, key=lambda one: self.look(one).value):
-                if self._bent(one) <= _BENT:
+                if self.experiment.bent(one) <= _BENT:
                     return one
         return chosen
-
-    def _bent(self, chosen: np.ndarray) -> float:
-        try:
-            return self.experiment.bent(chosen)
-        except SolveError:
-            return np.inf
 
     def _steps(self, start: np.ndarray, margin: float, tell: Callable[[], None]) -> np.ndarray:
         """Sequential quadratic programs, with a margin to limits along the motion."""
@@ -358,6 +352,6 @@ class _Search:
             drawn,
             tuple(ends),
             self.over(chosen),
-            self._bent(chosen),
+            self.experiment.bent(chosen),
             self.criterion(self.known(again)),
         )

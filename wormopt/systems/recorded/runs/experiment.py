@@ -35,6 +35,7 @@ from wormopt.systems.shared.settings import treatment_of
 
 # The second route shall find the same criterion, a logarithm, and limits be kept, to this.
 _AGREED, _KEPT = 1e-4, 1e-6
+_BENT = 0.1  # departure from linear measurements, in standard errors, of which nobody is warned
 _SHOWN = 1001  # instants of the course that results keep
 
 
@@ -263,6 +264,7 @@ def _scalars(scene: Scene[ExperimentScene], plan: Plan) -> dict[str, Any]:
         "criterion": plan.value,
         "criterion_recheck": plan.recheck,
         "excess": plan.excess,
+        "bent": plan.bent if np.isfinite(plan.bent) else None,
         "rank": plan.known.rank,
     }
     if scene.table.prediction is not None:
@@ -358,6 +360,12 @@ def _warnings(plan: Plan) -> Iterator[str]:
     if doubts:
         first = doubts[0]
         yield f"derivatives are one-sided: {first.reason}; what is expected may be off"
+    if plan.bent > _BENT:
+        told = f"{plan.bent:.2g} standard errors" if np.isfinite(plan.bent) else "more than told"
+        yield (
+            f"measurements depart from linear ones by {told} within two standard errors: what is "
+            "expected may be off; plan anew after the fit"
+        )
     if plan.value >= plan.rivals[0].value:
         yield "the search found nothing better than the best run drawn at random"
 

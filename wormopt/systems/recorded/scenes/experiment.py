@@ -153,6 +153,10 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
     signal (`course_<signal>`, with `course.csv` for the actuators), what is limited and what is
     measured over time, and the runs drawn at random, the best first.
 
+    Searches end where masses are about to stick or to let go: derivatives there say nothing of
+    the other side. So runs are taken beside, where measurements are all but linear in the
+    unknowns within two standard errors; a warning says where none was found.
+
     The trust report: the criterion again by the Python route with a hundredth of the tolerance,
     and the largest excess of a limit. Exit code 3: where they disagree, a limit is exceeded, or no
     run tells what is wanted; the message names the numbers that cannot be told apart then.
@@ -169,6 +173,11 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
         "criterion": ("1", "logarithm of the mean relative error of what is wanted"),
         "criterion_recheck": ("1", "the same by the second route"),
         "excess": ("share", "largest excess of a limit, below 0 where none is reached"),
+        "bent": (
+            "1",
+            "how far measurements depart from linear ones within two standard errors, in standard "
+            "errors; a warning says where it is much",
+        ),
         "prediction_error": ("1", "standard error of the prediction, in its own unit"),
         "prediction_error_random": ("1", "the same after the best run drawn at random"),
         "rank": ("count", "how many unknowns, or combinations of them, the run tells"),
