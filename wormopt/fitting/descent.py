@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.fitting.stretches import lifted
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import held_at, offset_of, triangle
 from wormopt.simulation.options import Smooth
@@ -17,6 +19,8 @@ ARRIVED = 1e-3
 """Standard errors within which a fit is at the bottom."""
 # Widths of the smooth law, in typical contact speeds.
 _WIDTHS = (1.0,)
+# Standard deviations of jumps between stretches, in usual sizes of the states.
+_JUMPS = (0.1, 0.01, 1e-3)
 # Steps at most, and the share of the cost that a step shall gain where a start is all one wants.
 _LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 20, 1e-1
 # A trust region that shrank at a kink, or came to a bound, is opened again so many times.
@@ -41,6 +45,19 @@ class Descent:
         return float(self.residuals @ self.residuals) / 2
 
 
+class Squares(Protocol):
+    """Residuals of which the sum of squares shall be small."""
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest coordinates."""
+        ...
+
+    def residuals(self, theta: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and their Jacobian; SolveError where there are none."""
+        ...
+
+
 Seen = Callable[[Descent], None]
 
 
@@ -49,7 +66,7 @@ class _Arrived(Exception):
 
 
 def descend(
-    task: FitTask,
+    task: Squares,
     theta: np.ndarray,
     seen: Seen = lambda _: None,
     *,
@@ -69,7 +86,7 @@ def descend(
     return best
 
 
-def _region(task: FitTask, begin: Descent, seen: Seen, rough: bool) -> Descent:
+def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
     """Take SciPy's trust region; what cannot be simulated is no way to go.
 
     What lies at a bound stays there.
@@ -131,7 +148,7 @@ def _short(point: Descent, free: np.ndarray) -> np.ndarray:
     return triangle(np.column_stack([point.jacobian[:, free], point.residuals]))
 
 
-def _settled(task: FitTask, found: Descent) -> Descent:
+def _settled(task: Squares, found: Descent) -> Descent:
     """Put what comes near a bound and pushes against it right there: steps never reach it."""
     lower, upper = task.bounds
     gradient = found.jacobian.T @ found.residuals
@@ -149,17 +166,17 @@ def _settled(task: FitTask, found: Descent) -> Descent:
     return there if there.cost <= found.cost * (1 + 1e-9) else found
 
 
-def _look(task: FitTask, theta: np.ndarray, count: int) -> Descent:
+def _look(task: Squares, theta: np.ndarray, count: int) -> Descent:
     residuals, jacobian = task.residuals(theta)
     free = ~held_at(task.bounds, theta, jacobian.T @ residuals)
     return Descent(theta, residuals, jacobian, offset_of(residuals, jacobian, free), count + 1)
 
 
-def _held(task: FitTask, at: Descent) -> np.ndarray:
+def _held(task: Squares, at: Descent) -> np.ndarray:
     return held_at(task.bounds, at.theta, at.jacobian.T @ at.residuals)
 
 
-def _inside(task: FitTask, theta: np.ndarray) -> np.ndarray:
+def _inside(task: Squares, theta: np.ndarray) -> np.ndarray:
     """SciPy wants to begin strictly between the bounds."""
     lower, upper = task.bounds
     room = np.minimum(upper - lower, np.maximum(1.0, np.abs(theta)))
@@ -173,17 +190,30 @@ def smoothed(task: FitTask, speed: float) -> list[FitTask]:
     return [replace(task, contact=Smooth(width * speed)) for width in _WIDTHS]
 
 
-def approach(task: FitTask, theta: np.ndarray, speed: float, seen: Seen) -> Descent:
-    """Lead a start downhill over smooth contact, whose valleys are wide, to the task's own."""
+def approach(task: FitTask, theta: np.ndarray, speed: float, nodes: int, seen: Seen) -> Descent:
+    """Lead a start downhill where valleys are wide, then to the task's own bottom.
+
+    They are wide over smooth contact, or in short stretches between nodes.
+    """
     count = 0
-    for smooth in smoothed(task, speed):
-        try:
-            found = descend(smooth, theta, rough=True)
-        except SolveError:  # too stiff, say: go on from where it began
-            continue
-        theta, count = found.theta, count + found.evaluations
+    with suppress(SolveError):  # too stiff, say: go on from where it came to
+        for found in _by_nodes(task, theta, nodes) if nodes else _smoothly(task, theta, speed):
+            theta, count = found.theta[: len(theta)], count + found.evaluations
     found = descend(task, theta, seen)
     return replace(found, evaluations=found.evaluations + count)
+
+
+def _smoothly(task: FitTask, theta: np.ndarray, speed: float) -> Iterator[Descent]:
+    for smooth in smoothed(task, speed):
+        yield descend(smooth, theta, rough=True)
+
+
+def _by_nodes(task: FitTask, theta: np.ndarray, nodes: int) -> Iterator[Descent]:
+    whole, w = lifted(task, theta, nodes)
+    for jump in _JUMPS:
+        found = descend(replace(whole, jump=jump), w, rough=True)
+        w = found.theta
+        yield found
 
 
 def contact_speed(task: FitTask, theta: np.ndarray) -> float:
