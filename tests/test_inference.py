@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.fit import fit
 from wormopt.fitting.inference.combination import sparse_basis
 from wormopt.fitting.inference.identifiability import identifiability
 from wormopt.fitting.inference.prediction import predict
@@ -22,6 +23,9 @@ from wormopt.fitting.inference.whiteness import ljung_box, runs_test, whiteness
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
+from wormopt.model.friction import Coulomb
+from wormopt.model.lift import lift
+from wormopt.model.model import Contact, Model, Signal
 
 T = np.linspace(0.0, 5.0, 41)
 SD = 0.3
@@ -324,3 +328,33 @@ def test_chi2_of_predictions_is_distributed_as_said():
     for own in (False, True):
         ps = [predict(*two_runs(2 * seed, own)[:2]).p for seed in range(150)]
         assert stats.kstest(ps, "uniform").pvalue > 1e-3
+
+
+# -- a block that slides and stops ---------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_intervals_of_a_block_on_dry_ground_hold_the_truth_as_often_as_said():
+    """Recordings by v t - F t² / 2 until it stops; thrown and braked with numbers of each draw."""
+    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
+    (law,), friction = lift([Coulomb(1.0, 1.0)])
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
+    contacts = [Contact("block", v, f, law)]
+    block = Model("block", states, ca.vertcat(v, f), p=friction, contacts=contacts)
+    held, times, rng = (
+        {"friction": 0, "throw": 0},
+        np.linspace(0.0, 2.0, 60),
+        np.random.default_rng(1),
+    )
+    unknowns = [Unknown("friction", "friction_forward", lower=0.0), Unknown("throw", "velocity")]
+    draws = 200
+    for _ in range(draws):
+        true = {"friction": rng.uniform(0.8, 2.0), "throw": rng.uniform(0.7, 1.5)}
+        until = np.minimum(times, true["throw"] / true["friction"])
+        way = true["throw"] * until - true["friction"] * until**2 / 2
+        read = way + 0.02 * rng.standard_normal(len(way))
+        run = Recording(times, {"position": read}, noise={"position": 0.02})
+        for name, made in profile(fit(FitTask(block, [run], unknowns), seeds=1)).items():
+            held[name] += made.interval[0] <= true[name] <= made.interval[1]
+    for count in held.values():
+        assert stats.binomtest(count, draws, 0.95).pvalue > 1e-3, held

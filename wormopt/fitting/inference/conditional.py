@@ -10,14 +10,14 @@ from scipy import optimize
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import TOLD, triangle
 
 _STEPS, _TRIALS = 3, 30  # of Gauss and Newton, and simulations of a search where these fail
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Coordinates (n,), residuals there and their Jacobian."""
+    """Coordinates (n,), residuals there and their Jacobian, as n + 1 rows of the same products."""
 
     theta: np.ndarray
     residuals: np.ndarray
@@ -27,6 +27,12 @@ class Point:
     def squares(self) -> float:
         """Sum of squares of the residuals."""
         return float(self.residuals @ self.residuals)
+
+
+def shortened(theta: np.ndarray, residuals: np.ndarray, jacobian: np.ndarray) -> Point:
+    """Make a point of all rows."""
+    rows = triangle(np.column_stack([jacobian, residuals]))
+    return Point(theta, rows[:, -1], rows[:, :-1])
 
 
 def refit(
@@ -58,7 +64,7 @@ def refit(
 def point_at(task: FitTask, theta: np.ndarray) -> Point | None:
     """None where the motion cannot be followed."""
     try:
-        return Point(theta, *task.residuals(theta))
+        return shortened(theta, *task.residuals(theta))
     except (SolveError, ArgumentError):
         return None
 

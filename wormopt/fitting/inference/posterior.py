@@ -21,7 +21,7 @@ from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.bounded import Unbounded
 from wormopt.fitting.losses import robust
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.progress import Report, silent
 from wormopt.shown import SHORT, lines, text
 
@@ -311,17 +311,15 @@ class Density:
     def _wide(self) -> np.ndarray:
         """Factor (n, n) of the covariance about the fit."""
         columns = self.found.jacobian * self._free.slopes(self._middle)
-        _, s, turned = np.linalg.svd(
-            np.vstack([columns, np.diag(np.sqrt(-self._free.log_slopes(self._middle)[2]))]),
-            full_matrices=False,
-        )
+        of_bounds = np.diag(np.sqrt(-self._free.log_slopes(self._middle)[2]))
+        s, turned = spectrum(np.vstack([columns, of_bounds]), np.ones(len(self._middle)))
         if (s <= TOLD * s.max()).any():
-            v = turned[-1]
-            names = [n for n, share in zip(self.task.names, v, strict=True) if abs(share) > 0.1]
+            shares = zip(self.task.names, turned[:, -1], strict=True)
+            names = [name for name, share in shares if abs(share) > 0.1]
             raise ArgumentError(
                 f"nothing bounds {', '.join(names)}: the readings cannot tell; give bounds on both "
                 "sides, or a prior"
             )
         whole = np.diag(np.append(1 / s, 1 / np.sqrt(2 * self._rows.sum(axis=0))))
-        whole[: len(s)] = turned.T @ whole[: len(s)]
+        whole[: len(s)] = turned @ whole[: len(s)]
         return whole

@@ -13,7 +13,7 @@ from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.conditional import refit
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.shown import SHORT, lines, text
 
 _DOUBTED = 0.01  # p below which a prediction is doubted
@@ -199,16 +199,17 @@ def _spread(
         columns = jacobian[:, own]
         spread[own] = -np.linalg.lstsq(columns, jacobian @ spread, rcond=TOLD)[0]
         noise = np.zeros((len(own), own.sum()))
-        _, size, turns = np.linalg.svd(columns, full_matrices=False)
-        noise[own] = turns.T / np.maximum(size, TOLD * size[0])
+        size, turns = spectrum(columns, np.ones(own.sum()))
+        noise[own] = turns / np.maximum(size, TOLD * size[0])
         return np.hstack([spread[:, told] / s[told], noise]), spread[:, ~told]
     return spread[:, told] / s[told], spread[:, ~told]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the columns."""
-    basis, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, s > TOLD * s.max(initial=0.0)]
+    s, v = spectrum(columns, np.ones(columns.shape[1]))
+    told = s > TOLD * s.max(initial=0.0)
+    return columns @ (v[:, told] / s[told])
 
 
 def _judged(r: np.ndarray, effects: np.ndarray, taken: np.ndarray) -> tuple[float, np.ndarray]:
@@ -229,14 +230,14 @@ def _bands(
     task: FitTask, theta: np.ndarray, spread: np.ndarray, open_: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Signals and their standard deviations by the model's numbers, (size, m) each."""
-    values, slopes = task.shootings[0].derivatives(theta)
+    motion, slopes = task.shootings[0].derivatives(theta)
     sizes = {}
     for signal, slope in slopes.items():
         variance = np.sum(np.einsum("skm,kj->sjm", slope, spread) ** 2, axis=1)
         moved = np.linalg.norm(np.einsum("skm,kj->sjm", slope, open_), axis=1)
         usual = np.linalg.norm(slope * task.nominal[:, None], axis=1).max(initial=0.0)
         sizes[signal] = np.where(moved > TOLD * usual, np.inf, np.sqrt(variance))
-    return values, sizes
+    return {signal: motion[signal] for signal in slopes}, sizes
 
 
 def _p(found: Fit, chi2: float, freedom: int) -> float:

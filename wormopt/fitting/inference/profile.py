@@ -15,7 +15,7 @@ from scipy import stats
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit
-from wormopt.fitting.inference.conditional import Point, refit
+from wormopt.fitting.inference.conditional import Point, refit, shortened
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD
 from wormopt.numerics.roots import root
@@ -149,7 +149,7 @@ def profile(
     if unknown:
         raise UnknownNameError("the fit", "unknown", unknown, found.names)
     threshold = _threshold(found, level)
-    start = Point(found.theta, found.residuals, found.jacobian)
+    start = shortened(found.theta, found.residuals, found.jacobian)
     made: dict[str, Profile] = {}
     try:
         for number, name in enumerate(chosen):

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from wormopt.fitting.estimate import Fit
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import leverages
 from wormopt.shown import lines
 
 TestName = Literal["correlation", "runs", "normal", "size"]
@@ -123,7 +123,7 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
     """
     task = found.task
     r, jacobian = task.plain(found.theta)
-    free = 1 - _leverages(jacobian)
+    free = 1 - leverages(jacobian)
     tests: list[ResidualTest] = []
     for block in task.blocks:
         run, known = task.runs[block.run], found.task.recordings[block.run].noise or {}
@@ -134,13 +134,6 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
             name = block.signal if len(rows) == 1 else f"{block.signal}[{k}]"
             tests += _tests(run.name, name, row, shares[k] if judged else None)
     return Whiteness(tuple(tests), level)
-
-
-def _leverages(jacobian: np.ndarray) -> np.ndarray:
-    """Share of each residual that the fit takes, (rows,)."""
-    size = np.linalg.norm(jacobian, axis=0)
-    basis, s, _ = np.linalg.svd(jacobian / np.where(size > 0, size, 1.0), full_matrices=False)
-    return np.sum(basis[:, s > TOLD * s.max(initial=0.0)] ** 2, axis=1)
 
 
 def _tests(
