@@ -42,9 +42,9 @@ class NumbersTask:
     scene: Scene[Any]
     measured: Sequence[MeasuredTable]
     unknowns: Sequence[KeyUnknown]
-    say: Say = lambda done, of: None
+    say: Say = lambda done, of: None  # noqa: ARG005  told to nobody
     runs: int = 0
-    _known: dict[bytes, Looked] = field(default_factory=dict)
+    known: dict[bytes, Looked] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -100,10 +100,35 @@ class NumbersTask:
         """Weighed residuals of measurements that are fitted, then of priors."""
         return self._weighed(self.look([theta])[0], theta)
 
+    @property
+    def steps(self) -> np.ndarray:
+        """Changes (n, n) of coordinates for differences, one in each row."""
+        return np.diag([u.step for u in self.unknowns] * self.nominal)
+
+    def inside(self, theta: np.ndarray) -> np.ndarray:
+        """Coordinates within their bounds."""
+        return np.clip(theta, *self.bounds)
+
+    def neighbours(self, theta: np.ndarray, share: float) -> list[np.ndarray]:
+        """Coordinates so many steps away, (2 n): each forward, then each back."""
+        moved = [theta + side * share * step for side in (1, -1) for step in self.steps]
+        return [self.inside(one) for one in moved]
+
+    def wide_residuals(self, theta: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """As `residuals`, by differences over neighbours on both sides."""
+        around = self.neighbours(theta, share)
+        self.look([theta, *around])
+        n = len(theta)
+        columns = [
+            (self.misfit(ahead) - self.misfit(back)) / (ahead - back)[k]
+            for k, (ahead, back) in enumerate(zip(around[:n], around[n:], strict=True))
+        ]
+        return self.misfit(theta), np.stack(columns, axis=1)
+
     def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighed residuals and their Jacobian by differences; SolveError if runs fail there."""
-        steps = np.diag([u.step for u in self.unknowns] * self.nominal)
-        lower, upper = self.bounds
+        steps = self.steps
+        _, upper = self.bounds
         steps[theta + steps.sum(axis=0) > upper] *= -1
         looks = self.look([theta, *(theta + step for step in steps)])
         r = self._weighed(looks[0], theta)
@@ -138,7 +163,7 @@ class NumbersTask:
     def look(self, thetas: Sequence[np.ndarray]) -> list[Looked]:
         """Compute the scene for all measurements, at several choices of numbers side by side."""
         new = {t.tobytes(): t for t in map(np.ascontiguousarray, thetas)}
-        new = {key: t for key, t in new.items() if key not in self._known}
+        new = {key: t for key, t in new.items() if key not in self.known}
         changes = list({repr(one.changes): one.changes for one in self.measured}.values())
         jobs = [
             (self.scene, self._overrides(theta) | change)
@@ -150,8 +175,8 @@ class NumbersTask:
             own = dict(zip(map(repr, changes), results[k * len(changes) :], strict=False))
             values = [own[repr(one.changes)][0].get(one.scalar, math.nan) for one in self.measured]
             reasons = tuple(reason for _, reason in own.values() if reason)
-            self._known[key] = Looked(np.array(values, dtype=float), reasons)
-        return [self._known[np.ascontiguousarray(theta).tobytes()] for theta in thetas]
+            self.known[key] = Looked(np.array(values, dtype=float), reasons)
+        return [self.known[np.ascontiguousarray(theta).tobytes()] for theta in thetas]
 
     def _overrides(self, theta: np.ndarray) -> dict[str, float]:
         numbers = zip(self.unknowns, self.values(theta).tolist(), strict=True)

@@ -48,10 +48,16 @@ def prediction(result: Result) -> Figure:
     aside = [k for k, use in enumerate(result.attributes["uses"]) if use == "predict"]
     if not aside:
         raise UnknownNameError("the result", "run kept aside", ["predict"], [])
-    return _panels(result, aside)
+    drawn = _panels(result, aside, ahead=True)
+    tell(
+        drawn,
+        fact(result, "prediction_coverage", "in the band", "%"),
+        fact(result, "prediction_chi2", "χ² over what it should be"),
+    )
+    return drawn
 
 
-def _panels(result: Result, runs: Sequence[int]) -> Figure:
+def _panels(result: Result, runs: Sequence[int], *, ahead: bool = False) -> Figure:
     shown, signals = list(runs)[:_ABREAST], _signals(result, runs)
     drawn = sheet(7.1, 0.6 + 2.5 * len(signals))
     rows = drawn.subplots(
@@ -67,13 +73,12 @@ def _panels(result: Result, runs: Sequence[int]) -> Figure:
             if column == 0:
                 words = name.replace("_", " ")
                 upper.set_ylabel(label(words, result[f"recorded_{name}"].unit))
-                lower.set_ylabel("residual\nover noise")
+                lower.set_ylabel("residual\nover band" if ahead else "residual\nover noise")
     for column, run in enumerate(shown):
         rows[0, column].set_title(result.attributes["runs"][run], parse_math=False)
         rows[-1, column].set_xlabel(label("time $t$", result["recorded_time"].unit))
-    entries = [line("reading", GREY, "", marker="."), line("fit", GREY)]
-    if f"band_{signals[0]}" in result:
-        entries[1] = line("prediction with its 95 % band", GREY)
+    told = "prediction with its 95 % band" if ahead else "fit"
+    entries = [line("reading", GREY, "", marker="."), line(told, GREY)]
     entries += [line(f"entry {k}", colour) for k, colour in enumerate(colours)] if most > 1 else []
     legend_below(drawn, entries)
     drawn.align_ylabels()

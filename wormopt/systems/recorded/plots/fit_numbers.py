@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import GREY, MASSES, RED, fact, legend_below, line, sheet, tell
+from wormopt.plotting.parts import (
+    GREY,
+    MASSES,
+    RED,
+    fact,
+    few_decades,
+    legend_below,
+    line,
+    sheet,
+    tell,
+)
 from wormopt.result import Result
 
 
@@ -29,9 +39,10 @@ def measurements(result: Result) -> Figure:
         axes.set_xlabel(key, parse_math=False)
         if x.min() > 0 and x.max() > 8 * x.min():
             axes.set_xscale("log")
+            few_decades(axes.xaxis)
     else:
         axes.set_xticks(x, names, rotation=20, ha="right", parse_math=False)
-    axes.set_ylabel("measured number")
+    axes.set_ylabel(_of(result), parse_math=False)
     entries = [line("measured, ± 2 standard deviations", MASSES[0], "", marker="o")]
     if "predict" in uses:
         entries.append(line("kept aside", MASSES[0], "", marker="s"))
@@ -42,3 +53,12 @@ def measurements(result: Result) -> Figure:
     legend_below(drawn, entries)
     tell(drawn, fact(result, "n_measurements", "measurements"), fact(result, "n_runs", "runs"))
     return drawn
+
+
+def _of(result: Result) -> str:
+    """What was measured, where all of it is one thing."""
+    names, units = (set(result.attributes[key]) for key in ("scalars", "scalar_units"))
+    if len(names) > 1:
+        return "measured numbers"
+    unit = units.pop()
+    return names.pop().replace("_", " ") + (f" ({unit})" if unit != "1" else "")

@@ -15,16 +15,15 @@ from wormopt.fitting.fit import fit
 from wormopt.fitting.inference.identifiability import Identifiability, identifiability
 from wormopt.fitting.inference.prediction import Prediction, predict
 from wormopt.fitting.inference.profile import Profile, profile
+from wormopt.fitting.inference.whiteness import Whiteness, whiteness
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
-from wormopt.fitting.inference.whiteness import Whiteness, whiteness
 from wormopt.kinds import KINDS
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
-from wormopt.simulation.options import Tolerance
 from wormopt.scene.scene import Scene
 from wormopt.systems.recorded.found import Found, Number, markdown
 from wormopt.systems.recorded.recordings import Run, runs_of
@@ -109,7 +108,6 @@ def _task(scene: Scene[FitScene], model: Model, runs: Sequence[Run]) -> FitTask:
             unknowns,
             contact=treatment_of(table.contact),
             loss=table.loss,
-            tolerance=Tolerance(1e-8, 1e-10),
         )
     except ArgumentError as error:
         raise SceneError(scene.name, [("unknown", str(error))]) from None

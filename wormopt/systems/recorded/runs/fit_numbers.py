@@ -24,6 +24,7 @@ from wormopt.systems.recorded.scenes.tables import scene_of
 
 # Of the error that a prior leaves, the share below which measurements tell nothing.
 _TELLS = 0.1
+_FINEST = 0.5  # of a step: how far neighbours are that a compass search tries last
 _SETTLED = 1e-3  # relative change of the cost, and of a number, that ends the search
 
 
@@ -87,14 +88,15 @@ def run(scene: Scene[FitNumbersScene], report: Report) -> Result:
     try:
         study = _search(scene, task, best)
     except KeyboardInterrupt:
-        kept = NumbersTask(inner, table.measured, table.unknown, _known=task._known)
-        partial = _partial(scene, kept, best[-1])
+        partial = _partial(scene, task, best[-1])
         raise Interrupted(partial.failed("interrupted before the search had ended")) from None
     return _result(study, begun, {"search": time.perf_counter() - clock})
 
 
 def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
     """Go downhill from the start; `best` gathers where it has been, the best last."""
+    if scene.table.search.method == "compass":
+        return _compass(scene, task, best)
     jacobians: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
 
     def slopes(theta: np.ndarray) -> np.ndarray:
@@ -106,12 +108,38 @@ def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndar
 
     steps = scene.table.search.steps
     found = least_squares(
-        task.misfit, task.start, slopes, task.bounds, x_scale=task.nominal, ftol=_SETTLED,
-        xtol=_SETTLED, gtol=None, max_nfev=steps,
+        task.misfit, task.start, slopes,  # pyright: ignore[reportArgumentType]
+        task.bounds, x_scale=task.nominal, ftol=_SETTLED, xtol=_SETTLED, gtol=1e-12,
+        max_nfev=steps,
     )  # fmt: skip
     ended = "" if found.status > 0 else f"it ended after {steps} steps; write more search.steps"
     r, jacobian = task.residuals(np.asarray(found.x))
     return _Study(scene, task, np.asarray(found.x), r, jacobian, ended)
+
+
+def _compass(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
+    """Go to the best of all neighbours, or halve the steps, until none is better."""
+    share = 1.0
+    for _ in range(scene.table.search.steps):
+        here = best[-1]
+        around = task.neighbours(here, share)
+        task.look(around)
+        nearest = min(around, key=lambda theta: _squares(task, theta))
+        if _squares(task, nearest) < _squares(task, here):
+            best.append(nearest)
+        elif share > _FINEST:
+            share /= 2
+        else:
+            break
+    r, jacobian = task.wide_residuals(best[-1], _FINEST)
+    better = min(_squares(task, theta) for theta in task.neighbours(best[-1], _FINEST))
+    ended = "a neighbour is better yet; write more search.steps" if better < r @ r else ""
+    return _Study(scene, task, best[-1], r, jacobian, ended)
+
+
+def _squares(task: NumbersTask, theta: np.ndarray) -> float:
+    r = task.misfit(theta)
+    return float(r @ r)
 
 
 # -- what is told ----------------------------------------------------------------------------------
@@ -172,11 +200,18 @@ def _result(study: _Study, begun: Looked, timings: Mapping[str, float]) -> Resul
             "unknowns": list(numbers.names),
             "unknown_units": [number.unit for number in numbers.numbers],
             "measurements": [one.text or one.scalar for one in task.measured],
+            "scalars": [one.scalar for one in task.measured],
+            "scalar_units": [_unit_of_scalar(task, one.scalar) for one in task.measured],
             "uses": [one.use for one in task.measured],
             "changed_key": _changed(task) or "",
             "table": markdown(numbers, scene.table.level),
         },
     )
+
+
+def _unit_of_scalar(task: NumbersTask, name: str) -> str:
+    table = task.scene.table
+    return unit_of(table.scalars[name][0], table.units)
 
 
 def _partial(scene: Scene[FitNumbersScene], task: NumbersTask, theta: np.ndarray) -> Result:
@@ -218,7 +253,8 @@ def _checks(study: _Study) -> Iterator[Check]:
         f"the next step would be {study.offset:.2g} standard errors; write more search.steps, or "
         "other steps of the unknowns where runs are irregular"
     )
-    passed = not study.ended and study.offset <= accepted
+    by_slopes = study.scene.table.search.method == "slopes"
+    passed = not study.ended and (study.offset <= accepted or not by_slopes)
     advice = f"the search has not converged: {advice}"
     yield Check("distance from the bottom", study.offset, accepted, advice, passed)
     reasons = study.look.reasons
@@ -246,4 +282,4 @@ def _of_aside(study: _Study) -> Iterator[str]:
     for one, value in zip(study.task.measured, study.look.values.tolist(), strict=True):
         if one.use == "predict" and not abs(value - one.value) <= 3 * one.deviation:
             named = one.text or f"{one.scalar} with {one.changes}"
-            yield f"{named} was kept aside, and is not as predicted: {value:.4g} for {one.value:.4g}"
+            yield f"{named} is not as predicted, but {one.value:.4g} in place of {value:.4g}"

@@ -67,12 +67,24 @@ class KeyUnknown(UnknownTable, frozen=True, kw_only=True):
 
 
 class NumberSearchTable(Table, frozen=True, kw_only=True):
-    """How long numbers are sought."""
+    """How numbers are sought."""
 
-    steps: Annotated[Looks, says("count", "at most, of Gauss and Newton")] = 20
+    method: Annotated[
+        Literal["slopes", "compass"],
+        says(
+            "",
+            "`slopes`: steps of Gauss and Newton; `compass`: to the best of all neighbours a "
+            "`step` away, then half as far, for runs so irregular that they have no slopes",
+        ),
+    ] = "slopes"
+    steps: Annotated[Looks, says("count", "at most")] = 20
     accepted: Annotated[
         Positive,
-        says("1", "largest distance from the bottom that counts as converged, in standard errors"),
+        says(
+            "1",
+            "largest distance from the bottom that counts as converged, in standard errors; "
+            "`compass` has converged where no neighbour is better",
+        ),
     ] = 0.1
 
 
@@ -83,7 +95,7 @@ class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
     as the search needs. What is known before (`prior`) counts as a measurement does, so that there
     may be fewer of these than unknowns; the trust report says which numbers the measurements tell
     anything about. Derivatives are differences of runs, with steps as they are told: runs that are
-    irregular want large ones. Guide: [fitting.md](../fitting.md).
+    irregular want large ones, and the method `compass`. Guide: [fitting.md](../fitting.md).
 
     Results hold every number found as a scalar of its name, with `NAME_error` and `NAME_interval`.
     Exit code 3: the search did not converge, or the scene fails at the numbers found.
@@ -95,7 +107,10 @@ class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
         "n_unknowns": ("count", "numbers that were sought"),
         "n_runs": ("count", "runs of the scene"),
         "cost": ("1", "half the sum of the squares of weighted residuals, priors included"),
-        "offset": ("1", "how far from the bottom the search ended, in standard errors"),
+        "offset": (
+            "1",
+            "how far from the bottom the search ended, in standard errors, by slopes",
+        ),
         "tells": (
             "share",
             "by how much measurements lessen the error of each number that a prior brings, a list",

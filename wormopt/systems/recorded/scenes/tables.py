@@ -104,10 +104,8 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
             if raw.get("kind") in _TIMED:  # recordings say how long it goes
                 raw.setdefault("time", {"end": 1.0})
             return scene_within(folder, key, raw)
-        if not isinstance(source, str):
-            raise SceneError(key, [("scene", "is no text; write the file or name of a scene")])
-        beside = folder / source
-        found = load_scene(str(beside) if beside.is_file() else source, raw)
+        beside = folder / str(source)
+        found = load_scene(str(beside) if beside.is_file() else str(source), raw)
     except SceneError as error:
         faults = [(f"{key}.{where}" if where else key, what) for where, what in error.faults]
         raise SceneError(key, faults) from None
