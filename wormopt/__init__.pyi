@@ -43,13 +43,13 @@ from wormopt.fitting.choices import Waves as Waves
 from wormopt.fitting.estimate import Attempt as Attempt
 from wormopt.fitting.estimate import Fit as Fit
 from wormopt.fitting.experiment import Experiment as Experiment
-from wormopt.fitting.experiment import mean_rate as mean_rate
 from wormopt.fitting.fit import fit as fit
 from wormopt.fitting.inference.identifiability import identifiability as identifiability
 from wormopt.fitting.inference.posterior import posterior as posterior
 from wormopt.fitting.inference.prediction import predict as predict
 from wormopt.fitting.inference.profile import profile as profile
 from wormopt.fitting.inference.whiteness import whiteness as whiteness
+from wormopt.fitting.planned import mean_rate as mean_rate
 from wormopt.fitting.planning import Plan as Plan
 from wormopt.fitting.planning import plan_experiment as plan_experiment
 from wormopt.fitting.recording import Recording as Recording

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.errors import ArgumentError, SolveError, UnknownNameError
+from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.fitting.choices import Choice
 from wormopt.fitting.information import Criterion, Knowledge
 from wormopt.fitting.unknowns import Unknown
@@ -311,84 +311,10 @@ class Experiment:
             sensitivities=self.directions,
         )
         rows = [
-            np.moveaxis(motion.derivative(name), 1, 2).reshape(-1, len(self.names))
-            / deviation
+            np.moveaxis(motion.derivative(name), 1, 2).reshape(-1, len(self.names)) / deviation
             for name, deviation in self.measured.items()
         ]
-        return Run(motion, np.vstack(rows), self._limited(chosen, _LOOKS))
-
-    def bent(self, chosen: np.ndarray) -> float:
-        """How far measurements are from linear in the unknowns over their expected errors.
-
-        Where masses begin or cease to stick within these errors, derivatives of one side say
-        little of the other, and expected errors are wrong. Looked at along the principal axes of
-        the confidence ellipsoid, two standard errors to both sides.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen.
-
-        Returns
-        -------
-        float
-            Largest departure from the linearised measurements, in standard errors for each;
-            infinite where there is no such motion, or no such number.
-        """
-        worst = 0.0
-        try:
-            jacobian = self.run(chosen).jacobian
-            here = self._measured(chosen, np.zeros(len(self.names)))
-            for axis in self.prior.after(jacobian).axes.T:
-                for step in (-_FAR * axis, _FAR * axis):
-                    departs = self._measured(chosen, step) - here - jacobian @ step
-                    worst = max(worst, float(np.linalg.norm(departs)) / _FAR)
-        except (SolveError, ArgumentError):  # friction below 0, say
-            return np.inf
-        return worst
-
-    def _measured(self, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        """Measurements (r,) over their deviations, coordinates of the unknowns moved by `shift`."""
-        p, schedules = self.settings(chosen)
-        own = {s.name: np.asarray(s.value, float) for s in (*self.driven.p, *self.driven.u)}
-        moved = {s.name: np.asarray(s.value, float) for s in self.driven.x} | own | p
-        starts = {state.name for state in self.driven.x}
-        for directions, by in zip(self.directions.values(), shift, strict=True):
-            for name, direction in directions.items():
-                moved[name] = moved[name] + by * direction
-        motion = simulate(
-            self.driven,
-            self.end,
-            contact=self.contact,
-            x0={name: moved[name] for name in starts},
-            p={name: value for name, value in moved.items() if name not in starts},
-            schedules=schedules,
-            times=self.instants,
-            tolerance=_TOLERANCE,
-        )
-        return np.concatenate([motion[name].ravel() / sd for name, sd in self.measured.items()])
-
-    def closely(self, chosen: np.ndarray, looks: int) -> float:
-        """Largest excess of any limit, courses' and motion's.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen.
-        looks : int
-            How often the motion is looked at, if it has limits.
-
-        Returns
-        -------
-        float
-            As a share; infinite where the motion cannot be followed.
-        """
-        found = [self.excess(chosen)[0], np.abs(chosen) - 1]
-        try:
-            found.append(self._limited(chosen, looks))
-        except SolveError:
-            return np.inf
-        return float(np.max(np.concatenate(found)))
+        return Run(motion, np.vstack(rows), self.limited(chosen, _LOOKS))
 
     def motion(self, chosen: np.ndarray, times: np.ndarray) -> Trajectory:
         """Simulate it without derivatives.
@@ -450,8 +376,20 @@ class Experiment:
         """
         return Criterion.of(kind, self.names, wanted or self.names, self.sizes)
 
-    def _limited(self, chosen: np.ndarray, looks: int) -> np.ndarray:
-        """By how much limits along the motion are exceeded, as shares of their ranges."""
+    def limited(self, chosen: np.ndarray, looks: int) -> np.ndarray:
+        """By how much limits along the motion are exceeded, as shares of their ranges.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        looks : int
+            How often the motion is looked at.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
         found = [np.zeros(0)]
         if not self.limits:
             return found[0]
@@ -472,55 +410,6 @@ class Run:
     motion: Trajectory
     jacobian: np.ndarray  # (r, n) of what is measured over its deviation, by the unknowns
     excess: np.ndarray  # (m,) of limits along the motion, as shares of their ranges
-
-
-def mean_rate(
-    experiment: Experiment,
-    model: Model,
-    output: str,
-    span: tuple[float, float],
-    *,
-    entry: int = 0,
-) -> Criterion:
-    """Ask for a small variance of a prediction: the mean rate of a state or output in some motion.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        Whose unknowns there are.
-    model : Model
-        What moves then, with the same unknowns: the same worm under the gait it is built for.
-    output : str
-        Name of a state or output; of the mean speed it is that of the place.
-    span : (float, float)
-        First and last time.
-    entry : int, optional
-        Which entry of it.
-
-    Returns
-    -------
-    Criterion
-
-    Raises
-    ------
-    SolveError
-        If the motion cannot be followed.
-    ArgumentError
-        If the prediction depends on none of the unknowns.
-    """
-    first, last = span
-    motion = simulate(
-        model,
-        last,
-        contact=experiment.contact,
-        times=[first, last],
-        tolerance=_TOLERANCE,
-        sensitivities=experiment.directions,
-    )
-    row = np.diff(motion.derivative(output)[entry])[:, 0] / (last - first)
-    if not np.any(row):
-        raise ArgumentError(f"the mean rate of {output} depends on none of the unknowns")
-    return Criterion("A", row[None, :])
 
 
 def _along(name: str, directions: Mapping[str, np.ndarray], own: Mapping[str, object]) -> float:

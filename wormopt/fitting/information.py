@@ -75,16 +75,7 @@ class Knowledge:
         told = np.isfinite(np.diag(given))
         inner = given[np.ix_(told, told)]
         root = np.zeros((told.sum(), len(names)))
-        try:
-            variances = np.diag(inner)
-            if not (np.all(variances > 0) and np.allclose(inner, inner.T, rtol=1e-8, atol=0.0)):
-                raise np.linalg.LinAlgError
-            size = np.sqrt(variances)
-            factor = np.linalg.cholesky(inner / np.outer(size, size))
-        except np.linalg.LinAlgError:
-            what = "covariance must be symmetric and positive definite"
-            raise ArgumentError(f"{what}; give it as the fit left it") from None
-        root[:, told] = solve_triangular(factor, np.diag(1 / size), lower=True)
+        root[:, told] = _inverse_root(inner)
         return cls(tuple(names), root)
 
     def after(self, jacobian: ArrayLike) -> Knowledge:
@@ -153,8 +144,22 @@ class Knowledge:
         return np.where(lost, np.inf, half)
 
 
+def _inverse_root(covariance: np.ndarray) -> np.ndarray:
+    """Triangle R of which R'R is the inverse; ArgumentError if there is none."""
+    variances = np.diag(covariance)
+    try:
+        if np.all(variances > 0) and np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0):
+            size = np.sqrt(variances)
+            factor = np.linalg.cholesky(covariance / np.outer(size, size))
+            return solve_triangular(factor, np.diag(1 / size), lower=True)
+    except np.linalg.LinAlgError:
+        pass
+    what = "covariance must be symmetric and positive definite"
+    raise ArgumentError(f"{what}; give it as the fit left it")
+
+
 def _triangular(rows: np.ndarray) -> np.ndarray:
-    return np.linalg.qr(rows, mode="r")
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
@@ -11,6 +12,7 @@ from scipy.optimize import minimize
 from wormopt.errors import ArgumentError, Interrupted, SolveError
 from wormopt.fitting.experiment import Experiment, Run
 from wormopt.fitting.information import Criterion, Knowledge
+from wormopt.fitting.planned import departure, largest_excess
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance
 
@@ -28,7 +30,7 @@ _KEPT = 1e-6
 _WORTHLESS = 100.0
 # Measurements depart from linear ones by so much of each standard error at most; else courses are
 # sought beside, ever further away, so many at each distance.
-_BENT, _BESIDE, _TRIES = 0.1, (0.003, 0.01, 0.03, 0.1), 12
+_LINEAR, _BESIDE, _TRIES = 0.1, (0.003, 0.01, 0.03, 0.1), 12
 # A course is halved towards rest so often until it keeps limits; drawn anew so often if it cannot.
 _HALVINGS, _DRAWS = 12, 30
 
@@ -64,9 +66,9 @@ class Plan:
         Criterion at which each start of the search ended.
     excess : float
         Largest excess of any limit, courses' and motion's, as a share; looked at closely.
-    bent : float
+    departure : float
         How far measurements depart from linear ones within two standard errors, in standard
-        errors for each: above 0.1, expected errors may be off, see `Experiment.bent`.
+        errors for each: above 0.1, expected errors may be off.
     recheck : float
         The criterion again, by the Python route with a hundredth of the tolerance.
     """
@@ -79,7 +81,7 @@ class Plan:
     rivals: tuple[Rival, ...]
     ends: tuple[float, ...]
     excess: float
-    bent: float
+    departure: float
     recheck: float
 
     @property
@@ -163,13 +165,13 @@ def plan_experiment(
         drawn = search.draw(rivals, seed, report)
         first = drawn[:starts]
         for number, rival in enumerate(first):
-            told = f"search {number + 1} of {len(first)}"
-            ends.append(search.improve(rival.chosen, lambda: report(told, number / len(first))))
+            told, done = f"search {number + 1} of {len(first)}", number / len(first)
+            ends.append(search.improve(rival.chosen, partial(report, told, done)))
         report("rechecking", None)
         return search.plan(drawn, ends)
     except KeyboardInterrupt:
-        partial = search.plan(drawn, ends) if search.found else None
-        raise Interrupted(partial) from None
+        best = search.plan(drawn, ends) if search.found else None
+        raise Interrupted(best) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,7 +277,7 @@ class _Search:
 
     def over(self, chosen: np.ndarray) -> float:
         """Largest excess of any limit, seen closely."""
-        return self.experiment.closely(chosen, _CLOSER)
+        return largest_excess(self.experiment, chosen, _CLOSER)
 
     def improve(self, start: np.ndarray, tell: Callable[[], None]) -> float:
         """Search from a point that keeps all limits; gives the criterion at the end."""
@@ -300,14 +302,14 @@ class _Search:
 
         Searches end on them: the criterion jumps there, and derivatives hold on one side only.
         """
-        if self.experiment.bent(chosen) <= _BENT:
+        if departure(self.experiment, chosen) <= _LINEAR:
             return chosen
         rng = np.random.default_rng(0)
         for distance in _BESIDE:
             drawn = [chosen + distance * rng.standard_normal(len(chosen)) for _ in range(_TRIES)]
             near = [one for one in map(self.within, np.clip(drawn, -1, 1)) if one is not None]
             for one in sorted(near, key=lambda one: self.look(one).value):
-                if self.experiment.bent(one) <= _BENT:
+                if departure(self.experiment, one) <= _LINEAR:
                     return one
         return chosen
 
@@ -352,6 +354,6 @@ class _Search:
             drawn,
             tuple(ends),
             self.over(chosen),
-            self.experiment.bent(chosen),
+            departure(self.experiment, chosen),
             self.criterion(self.known(again)),
         )

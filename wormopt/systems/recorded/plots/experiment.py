@@ -42,7 +42,11 @@ def course(result: Result) -> Figure:
         colours = MASSES if name == "position" else LINKS
         for k, row in enumerate(values):
             axes.plot(
-                time.values, row, color=colours[k], linestyle=DASHES[k % len(DASHES)], label=f"[{k}]"
+                time.values,
+                row,
+                color=colours[k],
+                linestyle=DASHES[k % len(DASHES)],
+                label=f"[{k}]",
             )
         words = name.removeprefix("course_").replace("_", " ")
         words = f"{words}, chosen" if name.startswith("course_") else words
@@ -54,7 +58,10 @@ def course(result: Result) -> Figure:
     rows[-1].set_xlabel(label("time $t$", time.unit))
     rows[0].margins(x=0)
     drawn.align_ylabels()
-    tell(drawn, fact(result, "shrinkage", "times smaller confidence region than after the best random run"))
+    tell(
+        drawn,
+        fact(result, "shrinkage", "times smaller confidence region than after the best random run"),
+    )
     return drawn
 
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.fitting.choices import Choice, Held, Ramps, Waves, base_of
-from wormopt.fitting.experiment import Experiment, mean_rate
+from wormopt.fitting.experiment import Experiment
 from wormopt.fitting.information import Criterion
+from wormopt.fitting.planned import mean_rate
 from wormopt.fitting.planning import Plan, plan_experiment
 from wormopt.fitting.unknowns import Unknown
 from wormopt.model.model import Model
@@ -35,7 +36,7 @@ from wormopt.systems.shared.settings import treatment_of
 
 # The second route shall find the same criterion, a logarithm, and limits be kept, to this.
 _AGREED, _KEPT = 1e-4, 1e-6
-_BENT = 0.1  # departure from linear measurements, in standard errors, of which nobody is warned
+_LINEAR = 0.1  # departure from linear measurements, in standard errors, of which nobody is warned
 _SHOWN = 1001  # instants of the course that results keep
 
 
@@ -116,9 +117,7 @@ class _Known:
         return found
 
 
-def _experiment(
-    scene: Scene[ExperimentScene], known: _Known
-) -> tuple[Experiment, Criterion]:
+def _experiment(scene: Scene[ExperimentScene], known: _Known) -> tuple[Experiment, Criterion]:
     table = scene.table
     unknowns = [
         Unknown(
@@ -264,7 +263,7 @@ def _scalars(scene: Scene[ExperimentScene], plan: Plan) -> dict[str, Any]:
         "criterion": plan.value,
         "criterion_recheck": plan.recheck,
         "excess": plan.excess,
-        "bent": plan.bent if np.isfinite(plan.bent) else None,
+        "departure": plan.departure if np.isfinite(plan.departure) else None,
         "rank": plan.known.rank,
     }
     if scene.table.prediction is not None:
@@ -277,9 +276,7 @@ def _numbers(plan: Plan, slopes: np.ndarray, units: str) -> dict[str, Scalar]:
     """Expected standard error of every unknown, and the numbers that are chosen and held."""
     model, found = plan.experiment.model, {}
     errors = plan.known.errors * slopes
-    for (name, directions), error in zip(
-        plan.experiment.directions.items(), errors, strict=True
-    ):
+    for (name, directions), error in zip(plan.experiment.directions.items(), errors, strict=True):
         unit = unit_of_directions(model, directions, units)
         finite = float(error) if np.isfinite(error) else None
         found[f"{label_of(name)}_error"] = Scalar(finite, unit)
@@ -344,7 +341,7 @@ def _facts(plan: Plan) -> dict[str, Any]:
         "derivatives": "exact, through every event",
         "search": "SLSQP from the best runs drawn at random",
         "not_told_apart": [words(unseen) for unseen in plan.known.unseen],
-        "doubts": len(getattr(plan.run.motion, "doubts", ())),
+        "doubts": len(plan.run.motion.doubts),
     }
 
 
@@ -356,12 +353,16 @@ def words(unseen: Mapping[str, float]) -> str:
 def _warnings(plan: Plan) -> Iterator[str]:
     for unseen in plan.known.unseen:
         yield f"the run does not tell apart: {words(unseen)} changes nothing that is measured"
-    doubts = getattr(plan.run.motion, "doubts", ())
+    doubts = plan.run.motion.doubts
     if doubts:
         first = doubts[0]
         yield f"derivatives are one-sided: {first.reason}; what is expected may be off"
-    if plan.bent > _BENT:
-        told = f"{plan.bent:.2g} standard errors" if np.isfinite(plan.bent) else "more than told"
+    if plan.departure > _LINEAR:
+        told = (
+            f"{plan.departure:.2g} standard errors"
+            if np.isfinite(plan.departure)
+            else "more than told"
+        )
         yield (
             f"measurements depart from linear ones by {told} within two standard errors: what is "
             "expected may be off; plan anew after the fit"
@@ -372,7 +373,7 @@ def _warnings(plan: Plan) -> Iterator[str]:
 
 def as_csv(result: Result) -> str | None:
     """The courses, for those who move the actuators."""
-    courses = [name for name in result.attributes.get("courses", ())]
+    courses = list(result.attributes.get("courses", ()))
     if not courses or "time" not in result:
         return None
     columns, heads = [result["time"].values], [f"time{_unit(result['time'].unit)}"]

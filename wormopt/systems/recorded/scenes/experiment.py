@@ -14,8 +14,8 @@ from wormopt.scene.types import (
     Finite,
     Positive,
     PositiveOrPair,
-    Seed,
     SceneTable,
+    Seed,
     Table,
     Title,
     extreme_numbers,
@@ -56,9 +56,9 @@ class ExperimentUnknown(Table, frozen=True, kw_only=True):
         Positive | None,
         says("", "its standard error as known before, of its logarithm with `log`"),
     ] = None
-    log: Annotated[
-        bool, says("", "whether errors are those of its logarithm: relative ones")
-    ] = False
+    log: Annotated[bool, says("", "whether errors are those of its logarithm: relative ones")] = (
+        False
+    )
     wanted: Annotated[
         bool, says("", "whether it shall be known well; else it is only in the way")
     ] = True
@@ -69,9 +69,7 @@ class Moved(Table, frozen=True, kw_only=True, tag_field="shape"):
 
     signal: Annotated[Name, says("", "an input or a parameter, `rest_length` say")]
     change: Annotated[Positive, says("", "largest change from where it begins, either way")]
-    rate: Annotated[
-        Positive | None, says("", "largest rate of change; none if left out")
-    ] = None
+    rate: Annotated[Positive | None, says("", "largest rate of change; none if left out")] = None
 
 
 class RampsTable(Moved, frozen=True, kw_only=True, tag="ramps"):
@@ -173,7 +171,7 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
         "criterion": ("1", "logarithm of the mean relative error of what is wanted"),
         "criterion_recheck": ("1", "the same by the second route"),
         "excess": ("share", "largest excess of a limit, below 0 where none is reached"),
-        "bent": (
+        "departure": (
             "1",
             "how far measurements depart from linear ones within two standard errors, in standard "
             "errors; a warning says where it is much",
@@ -242,9 +240,9 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
             "squares of its relative errors. A `[prediction]` takes the place of both",
         ),
     ] = "D"
-    prediction: Annotated[
-        PredictionTable | None, says("", "what the numbers are wanted for")
-    ] = None
+    prediction: Annotated[PredictionTable | None, says("", "what the numbers are wanted for")] = (
+        None
+    )
     contact: Contacts = field(default_factory=ExactContact)
     search: Annotated[ExperimentSearch, says("", "the search")] = field(
         default_factory=ExperimentSearch
