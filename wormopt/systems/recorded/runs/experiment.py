@@ -307,6 +307,7 @@ def _arrays(scene: Scene[ExperimentScene], plan: Plan, slopes: np.ndarray) -> li
     return [
         Variable(name, "1", declared[name][1], array, declared[name][2])
         for name, array in arrays.items()
+        if array.size
     ]
 
 
