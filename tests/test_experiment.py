@@ -343,14 +343,17 @@ def test_an_interrupted_search_keeps_the_best_run(tmp_path):
 
 @pytest.mark.slow
 def test_a_predicted_speed_is_what_is_asked_for(tmp_path):
-    """d(mean speed) by differences of scenes of their own; the plan is best for it."""
+    """d(mean speed) by differences of another motion, and the covariance, give its error."""
     model = SCENE[SCENE.index("[model]") : SCENE.index("[[unknown]]")]
     model += "[model.start]\nposition = [2.5, 0.0]\n"
     asked = model.replace("[model", "[prediction.model").replace("drag", "load = -0.5\ndrag")
     scene = SCENE + f"[prediction]\nspan = [0.0, 3.0]\n{asked}"
     (tmp_path / "scene.toml").write_text(scene)
     planned = wo.run(wo.load_scene(tmp_path / "scene.toml"))
-    worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.3, load=-0.5)
+    ground = wo.Coulomb(0.1, 0.2)
+    worm = wo.chain(
+        1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, load=-0.5, law=ground
+    )
 
     def speed(name: str, value: float) -> float:
         motion = wo.simulate(worm, 3.0, p={"drag": 0.3, name: value}, x0={"position": [2.5, 0.0]})
