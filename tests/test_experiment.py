@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError, UnknownNameError
-from wormopt.fitting.choices import Held, Ramps, Waves
+from wormopt.fitting.choices import Constant
+from wormopt.fitting.courses import Ramps, Waves
 from wormopt.fitting.information import Criterion, Knowledge
 
 NAMES = ("a", "b", "c")
@@ -120,15 +121,15 @@ def test_choices_that_cannot_be_are_refused():
     with pytest.raises(ArgumentError, match="empty"):
         Waves("u", (0.0,), (2.0, 1.0), 2, change=1.0)
     with pytest.raises(ArgumentError, match="no range"):
-        Held("u", 1.0, 1.0)
+        Constant("u", 1.0, 1.0)
     with pytest.raises(ArgumentError, match="no input or parameter 'steer'"):
-        Held("steer", 0.0, 1.0).put(sled())
+        Constant("steer", 0.0, 1.0).put(sled())
 
 
 # -- experiments with closed forms ----------------------------------------------------------------
 
 
-def pushed(push: Ramps | Held, unknown: wo.Unknown, **more) -> wo.Experiment:
+def pushed(push: Ramps | Constant, unknown: wo.Unknown, **more) -> wo.Experiment:
     """Two masses that a force pushes apart, with nothing between them: x_0'' = u/m."""
     times = np.arange(1, 11) / 10
     return wo.Experiment(sled(0.0), [unknown], {"position": 0.01}, times, [push], **more)
@@ -137,7 +138,7 @@ def pushed(push: Ramps | Held, unknown: wo.Unknown, **more) -> wo.Experiment:
 def test_the_best_constant_force_is_the_largest():
     """x = ±F t²/(2 m) of two masses: error of m is σ / sqrt(2 sum (F t²/(2 m²))²)."""
     both = wo.Unknown("mass", {"mass": [1.0, 1.0]})
-    todo = pushed(Held("input", 0.1, 2.0), both)
+    todo = pushed(Constant("input", 0.1, 2.0), both)
     plan = wo.plan_experiment(todo, todo.criterion("D"), rivals=3, starts=1)
     assert plan.chosen == pytest.approx([1.0])
     t = todo.instants
@@ -148,7 +149,7 @@ def test_the_best_constant_force_is_the_largest():
     assert ratio == pytest.approx(2.0 / max(force), rel=1e-6)
     assert plan.recheck == pytest.approx(plan.value, abs=1e-8)
     # a prior counts as much as it says, and a logarithm's error is relative
-    known = pushed(Held("input", 0.1, 2.0), wo.Unknown("m", "mass", log=True, prior=(0, error)))
+    known = pushed(Constant("input", 0.1, 2.0), wo.Unknown("m", "mass", log=True, prior=(0, error)))
     assert known.knowledge(plan.chosen).errors == pytest.approx([error / math.sqrt(2)], rel=1e-7)
 
 
@@ -156,7 +157,7 @@ def test_the_best_constant_force_is_the_largest():
 def test_limits_along_the_motion_hold_between_looks_too():
     """The masses go apart by F t²: with at most 1.5 of length at t = 1, F is 0.5."""
     both = wo.Unknown("mass", {"mass": [1.0, 1.0]})
-    todo = pushed(Held("input", 0.1, 2.0), both, limits={"length": (-np.inf, 1.5)})
+    todo = pushed(Constant("input", 0.1, 2.0), both, limits={"length": (-np.inf, 1.5)})
     plan = wo.plan_experiment(todo, todo.criterion("A"), rivals=3, starts=1)
     force = 0.1 + 1.9 * (plan.chosen[0] + 1) / 2
     assert force == pytest.approx(0.5, abs=1e-5)
@@ -193,7 +194,7 @@ def test_experiments_that_cannot_be_are_refused():
     with pytest.raises(ArgumentError, match="ascend"):
         made(times=[2.0, 1.0])
     with pytest.raises(ArgumentError, match="both chosen and unknown"):
-        made(choices=[Held("damping", 1.0, 2.0)])
+        made(choices=[Constant("damping", 1.0, 2.0)])
     with pytest.raises(ArgumentError, match="limits nothing"):
         made(limits={"length": (-np.inf, np.inf)})
     with pytest.raises(ArgumentError, match="covariance"):

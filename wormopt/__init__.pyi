@@ -37,9 +37,9 @@ from wormopt.errors import SolveError as SolveError
 from wormopt.errors import UnknownNameError as UnknownNameError
 from wormopt.errors import WormoptError as WormoptError
 from wormopt.exports.export import export as export
-from wormopt.fitting.choices import Held as Held
-from wormopt.fitting.choices import Ramps as Ramps
-from wormopt.fitting.choices import Waves as Waves
+from wormopt.fitting.choices import Constant as Constant
+from wormopt.fitting.courses import Ramps as Ramps
+from wormopt.fitting.courses import Waves as Waves
 from wormopt.fitting.estimate import Attempt as Attempt
 from wormopt.fitting.estimate import Fit as Fit
 from wormopt.fitting.experiment import Experiment as Experiment

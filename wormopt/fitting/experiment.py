@@ -44,7 +44,7 @@ class Experiment:
         entries, independent from sample to sample.
     times : array_like, shape (m,)
         When it is measured, ascending, not before 0, where the run begins.
-    choices : sequence of Ramps, Waves and Held
+    choices : sequence of Ramps, Waves and Constant
         Courses and numbers that may be chosen.
     limits : mapping of str to (float, float), optional
         Least and largest value of states or outputs along the motion, infinite for none.

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SceneError
-from wormopt.fitting.choices import Choice, Held, Ramps, Waves, base_of
+from wormopt.fitting.choices import Choice, Constant, base_of
+from wormopt.fitting.courses import Ramps, Waves
 from wormopt.fitting.experiment import Experiment
 from wormopt.fitting.information import Criterion
 from wormopt.fitting.planned import mean_rate
@@ -181,7 +182,7 @@ def _choice(model: Model, table: RampsTable | WavesTable | HeldTable, end: float
     base = base_of(model, table.signal)
     if isinstance(table, HeldTable):
         low, high = table.range
-        return Held(table.signal, low, high, (1.0,) * len(base))
+        return Constant(table.signal, low, high, (1.0,) * len(base))
     rate = np.inf if table.rate is None else table.rate
     if isinstance(table, RampsTable):
         return Ramps(table.signal, base, end, table.pieces, table.change, rate)
