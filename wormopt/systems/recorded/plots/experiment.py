@@ -60,7 +60,7 @@ def course(result: Result) -> Figure:
     drawn.align_ylabels()
     tell(
         drawn,
-        fact(result, "shrinkage", "times smaller confidence region than after the best random run"),
+        fact(result, "shrinkage", "confidence region smaller than after the best random run by"),
     )
     return drawn
 
