@@ -434,6 +434,17 @@ KINDS: dict[str, Kind] = {
         },
         table_file=True,
     ),
+    "experiment": Kind(
+        summary="which run of a worm tells its numbers best, within what it can do",
+        table="wormopt.systems.recorded.scenes.experiment:ExperimentScene",
+        study="wormopt.systems.recorded.runs.experiment",
+        pictures={
+            "course": "wormopt.systems.recorded.plots.experiment:course",
+            "errors": "wormopt.systems.recorded.plots.experiment:errors",
+            "regions": "wormopt.systems.recorded.plots.experiment:regions",
+        },
+        exports={"course.csv": "wormopt.systems.recorded.runs.experiment:as_csv"},
+    ),
     "fit-numbers": Kind(
         summary="keys of a scene found from single numbers measured, velocities over frequency say",
         table="wormopt.systems.recorded.scenes.fit_numbers:FitNumbersScene",

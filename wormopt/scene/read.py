@@ -92,6 +92,12 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
         return tuple(
             read_value(item, listed, f"{path}[{i}]", units, faults) for i, item in enumerate(raw)
         )
+    keyed = _keyed_in(kind)
+    if isinstance(raw, dict) and keyed is not None:
+        return {
+            name: read_value(item, keyed, f"{path}.{name}", units, faults)
+            for name, item in raw.items()
+        }
     try:
         return msgspec.convert(raw, kind)
     except msgspec.ValidationError as error:
@@ -178,6 +184,13 @@ def _words_in(kind: Any) -> list[str]:
     if get_origin(kind) is Literal:
         return [word for word in get_args(kind) if isinstance(word, str)]
     return [word for part in get_args(kind) for word in _words_in(part)]
+
+
+def _keyed_in(kind: Any) -> Any:
+    """Type of the values of a table with free keys; None for others, and where all is allowed."""
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    values = get_args(kind)[1] if get_origin(kind) is dict else Any
+    return None if values is Any else values
 
 
 def _listed_in(kind: Any) -> Any:

@@ -1,0 +1,424 @@
+"""A run to be planned, and what it would tell of what is unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.fitting.choices import Choice
+from wormopt.fitting.information import Criterion, Knowledge
+from wormopt.fitting.unknowns import Unknown
+from wormopt.model.model import Model
+from wormopt.model.values import numbers
+from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+
+# Limits along a motion are looked at so often beside the times of measurements.
+_LOOKS = 200
+_FAR = 2.0  # standard errors within which measurements shall be linear
+_TOLERANCE = Tolerance(1e-9, 1e-10)
+
+Directions = dict[str, dict[str, np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """A run to be planned: what is unknown, what is measured, what may be chosen within limits.
+
+    Parameters
+    ----------
+    model : Model
+        With the best values known of what is unknown, and the worm's start.
+    unknowns : sequence of Unknown
+        What shall be known better, and what is not known beside it: a start, say. Its values are
+        the model's own; its priors are what is known before.
+    measured : mapping of str to float
+        Standard deviation of the noise of each state or output that is measured: of all its
+        entries, independent from sample to sample.
+    times : array_like, shape (m,)
+        When it is measured, ascending, not before 0, where the run begins.
+    choices : sequence of Ramps, Waves and Constant
+        Courses and numbers that may be chosen.
+    limits : mapping of str to (float, float), optional
+        Least and largest value of states or outputs along the motion, infinite for none.
+    known : array_like, shape (n, n), optional
+        Covariance of the unknowns' coordinates that earlier runs left, as a Fit has it; infinite
+        variances for what they did not tell.
+    contact : Exact or Smooth, optional
+        How contacts are treated.
+
+    Raises
+    ------
+    ArgumentError
+        If names are unknown to the model, sizes do not fit, or numbers are not positive.
+
+    Examples
+    --------
+    A worm of one link whose rest length is moved: which course tells its damping?
+
+    >>> import wormopt as wo
+    >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
+    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> todo = wo.Experiment(
+    ...     worm,
+    ...     [wo.Unknown("damping"), wo.Unknown("stiffness")],
+    ...     {"length": 0.01},
+    ...     np.linspace(0.0, 4.0, 41),
+    ...     [course],
+    ... )
+    >>> todo.size, todo.knowledge(np.array([1.0, 1.0, -1.0, -1.0])).rank
+    (4, 2)
+    """
+
+    model: Model
+    unknowns: Sequence[Unknown]
+    measured: Mapping[str, float]
+    times: ArrayLike
+    choices: Sequence[Choice]
+    limits: Mapping[str, tuple[float, float]] | None = None
+    known: ArrayLike | None = None
+    contact: Treatment = Exact()  # noqa: RUF009  frozen
+
+    def __post_init__(self) -> None:
+        times = self.instants
+        if times.ndim != 1 or len(times) < 2 or times[0] < 0 or not np.all(np.diff(times) > 0):
+            raise ArgumentError("times must ascend from 0 on, at least two of them")
+        if not (self.unknowns and self.measured and self.choices):
+            raise ArgumentError("an experiment needs something unknown, measured and to choose")
+        for name, deviation in self.measured.items():
+            if not 0 < deviation < np.inf:
+                raise ArgumentError(f"noise of {name} must be positive, not {deviation!r}")
+        self._check_names()
+        self._check_limits()
+        signals = [choice.signal for choice in self.choices]
+        sought = {signal for each in self.directions.values() for signal in each}
+        for name in signals:
+            if signals.count(name) > 1 or name in sought:
+                what = "chosen twice" if signals.count(name) > 1 else "both chosen and unknown"
+                raise ArgumentError(f"{name} is {what}; leave one out")
+        self.prior  # noqa: B018  checks what is known
+
+    def _check_names(self) -> None:
+        known = {signal.name for signal in (*self.model.x, *self.model.outputs)}
+        asked = [*self.measured, *(self.limits or {})]
+        lost = [name for name in asked if name not in known]
+        if lost:
+            raise UnknownNameError(self.model.name, "state or output", lost, sorted(known))
+
+    def _check_limits(self) -> None:
+        for name, (low, high) in (self.limits or {}).items():
+            if not low < high or (np.isinf(low) and np.isinf(high)):
+                raise ArgumentError(f"limits of {name}: [{low}, {high}] limits nothing, or all")
+
+    @cached_property
+    def instants(self) -> np.ndarray:
+        """Times of measurements (m,)."""
+        return numbers("times", self.times)
+
+    @property
+    def end(self) -> float:
+        """Time at which the run ends, with the last measurement."""
+        return float(self.instants[-1])
+
+    @cached_property
+    def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, bool], ...]:
+        """Name, directions, value and whether its logarithm is meant, of each number sought."""
+        own = {s.name: s.value for s in (*self.model.x, *self.model.p, *self.model.u)}
+        found = []
+        for unknown in self.unknowns:
+            for name, directions in unknown.directions(self.model):
+                value = _along(name, directions, own)
+                if unknown.log and not value > 0:
+                    raise ArgumentError(f"{name} is {value:g}, which has no logarithm")
+                found.append((name, directions, value, unknown.log))
+        return tuple(found)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the n numbers that are unknown."""
+        return tuple(name for name, *_ in self._numbers)
+
+    @property
+    def unknowns_of(self) -> tuple[Unknown, ...]:
+        """Which Unknown each number is of."""
+        sizes = [(unknown, len(unknown.directions(self.model))) for unknown in self.unknowns]
+        return tuple(unknown for unknown, size in sizes for _ in range(size))
+
+    @property
+    def values(self) -> np.ndarray:
+        """Their values in the model (n,)."""
+        return np.array([value for _, _, value, _ in self._numbers])
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """By what errors of their coordinates (n,) are relative ones; 1 where a value is 0."""
+        return np.array([1.0 if log or not v else abs(v) for _, _, v, log in self._numbers])
+
+    @cached_property
+    def directions(self) -> Directions:
+        """Change of each signal with the coordinate of each unknown."""
+        return {
+            name: {signal: (v if log else 1.0) * d for signal, d in directions.items()}
+            for name, directions, v, log in self._numbers
+        }
+
+    @cached_property
+    def prior(self) -> Knowledge:
+        """What is known before, by priors and by earlier runs."""
+        rows, at = [np.zeros((0, len(self.names)))], 0
+        for unknown in self.unknowns:
+            size = len(unknown.directions(self.model))
+            if unknown.prior is not None:
+                deviation = np.broadcast_to(np.ravel(unknown.prior[1]), size)
+                rows.append(np.eye(len(self.names))[at : at + size] / deviation[:, None])
+            at += size
+        if self.known is None:
+            before = Knowledge.nothing(self.names)
+        else:
+            before = Knowledge.from_covariance(self.names, self.known)
+        return before.after(np.vstack(rows))
+
+    @property
+    def size(self) -> int:
+        """How many numbers are chosen, each from -1 to 1."""
+        return sum(choice.size for choice in self.choices)
+
+    @cached_property
+    def driven(self) -> Model:
+        """The model with all choices put in."""
+        model = self.model
+        for choice in self.choices:
+            model = choice.put(model)
+        return model
+
+    def parts(self, chosen: np.ndarray) -> list[np.ndarray]:
+        """Take chosen numbers apart, choice by choice.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            All of them.
+
+        Returns
+        -------
+        list of ndarray
+        """
+        ends = np.cumsum([choice.size for choice in self.choices])[:-1]
+        return np.split(np.asarray(chosen, dtype=float), ends)
+
+    def settings(self, chosen: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Parameters and schedules of ``driven`` by which it is run.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+
+        Returns
+        -------
+        p, schedules : dict of str to ndarray
+        """
+        p, schedules = {}, {}
+        for choice, part in zip(self.choices, self.parts(chosen), strict=True):
+            one, other = choice.values(part)
+            p, schedules = p | one, schedules | other
+        return p, schedules
+
+    def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much courses exceed their own limits, as shares of them.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+
+        Returns
+        -------
+        excess : ndarray, shape (m,)
+        derivative : ndarray, shape (m, size)
+        """
+        values, rows, at = [], [], 0
+        for choice, part in zip(self.choices, self.parts(chosen), strict=True):
+            value, slope = choice.excess(part)
+            row = np.zeros((len(value), self.size))
+            row[:, at : at + choice.size] = slope
+            values.append(value)
+            rows.append(row)
+            at += choice.size
+        return np.concatenate(values), np.vstack(rows)
+
+    def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
+        """Take a share of all courses' changes from where they begin.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        share : float
+            0 keeps courses still.
+
+        Returns
+        -------
+        ndarray, shape (size,)
+        """
+        parts = zip(self.choices, self.parts(chosen), strict=True)
+        return np.concatenate([choice.shrunk(part, share) for choice, part in parts])
+
+    def run(
+        self,
+        chosen: np.ndarray,
+        *,
+        tolerance: Tolerance = _TOLERANCE,
+        route: Route = "auto",
+    ) -> Run:
+        """Run it in the simulator.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        tolerance : Tolerance, optional
+            How exactly.
+        route : {"auto", "native", "python", "cvodes"}, optional
+            By which integrator.
+
+        Returns
+        -------
+        Run
+
+        Raises
+        ------
+        SolveError
+            If the motion cannot be followed.
+        """
+        p, schedules = self.settings(chosen)
+        motion = simulate(
+            self.driven,
+            self.end,
+            contact=self.contact,
+            p=p,
+            schedules=schedules,
+            times=self.instants,
+            tolerance=tolerance,
+            route=route,
+            sensitivities=self.directions,
+        )
+        rows = [
+            np.moveaxis(motion.derivative(name), 1, 2).reshape(-1, len(self.names)) / deviation
+            for name, deviation in self.measured.items()
+        ]
+        return Run(motion, np.vstack(rows), self.limited(chosen, _LOOKS))
+
+    def motion(self, chosen: np.ndarray, times: np.ndarray) -> Trajectory:
+        """Simulate it without derivatives.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        times : ndarray, shape (m,)
+            When to sample it, from 0 on, to the end.
+
+        Returns
+        -------
+        Trajectory
+
+        Raises
+        ------
+        SolveError
+            If the motion cannot be followed.
+        """
+        p, schedules = self.settings(chosen)
+        return simulate(
+            self.driven,
+            float(times[-1]),
+            contact=self.contact,
+            p=p,
+            schedules=schedules,
+            times=times,
+            tolerance=_TOLERANCE,
+        )
+
+    def knowledge(self, chosen: np.ndarray) -> Knowledge:
+        """What would be known after the run.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+
+        Returns
+        -------
+        Knowledge
+        """
+        return self.prior.after(self.run(chosen).jacobian)
+
+    def criterion(self, kind: Literal["D", "A"], wanted: Sequence[str] | None = None) -> Criterion:
+        """Small relative errors of some of the unknowns; the others are nuisances.
+
+        Parameters
+        ----------
+        kind : {"D", "A"}
+            Volume of their confidence region, or the sum of their variances.
+        wanted : sequence of str, optional
+            Their names; all if left out.
+
+        Returns
+        -------
+        Criterion
+        """
+        return Criterion.of(kind, self.names, wanted or self.names, self.sizes)
+
+    def limited(self, chosen: np.ndarray, looks: int) -> np.ndarray:
+        """By how much limits along the motion are exceeded, as shares of their ranges.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        looks : int
+            How often the motion is looked at.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+        """
+        found = [np.zeros(0)]
+        if not self.limits:
+            return found[0]
+        motion = self.motion(chosen, np.linspace(0.0, self.end, looks))
+        for name, (low, high) in self.limits.items():
+            told = [end for end in (low, high) if np.isfinite(end)]
+            size = high - low if len(told) == 2 else max(abs(told[0]), 1e-30)
+            values = motion[name].ravel()
+            found += [(values - high) / size] * (high in told)
+            found += [(low - values) / size] * (low in told)
+        return np.concatenate(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A planned run in the simulator."""
+
+    motion: Trajectory
+    jacobian: np.ndarray  # (r, n) of what is measured over its deviation, by the unknowns
+    excess: np.ndarray  # (m,) of limits along the motion, as shares of their ranges
+
+
+def _along(name: str, directions: Mapping[str, np.ndarray], own: Mapping[str, object]) -> float:
+    """Value of an unknown in a model, whose entries are multiples of it."""
+    up = down = 0.0
+    for signal, direction in directions.items():
+        value = own.get(signal)
+        if value is None:
+            raise ArgumentError(f"{name}: the model brings no value of {signal}; give it one")
+        up += float(np.sum(direction * np.broadcast_to(np.asarray(value), direction.shape)))
+        down += float(np.sum(direction**2))
+    return up / down

@@ -1,0 +1,222 @@
+"""What is known of unknown numbers: their Fisher information, kept as a triangular factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import solve_triangular
+
+from wormopt.errors import ArgumentError
+from wormopt.fitting.uncertainty import TOLD
+from wormopt.model.values import numbers
+
+# A direction that is not seen involves the unknowns that have more than this share of it.
+_INVOLVED = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """What is known of unknown numbers, as if by independent measurements with Gaussian noise.
+
+    Kept as a factor R of the Fisher information R'R, which is never formed: squared, half the
+    digits would be lost.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The n unknowns.
+    root : ndarray, shape (r, n)
+        Derivatives of what was measured, over its standard deviation, by the unknowns; any rows
+        with the same information do.
+
+    Raises
+    ------
+    ArgumentError
+        If the shape is another, or something is not finite.
+
+    Examples
+    --------
+    A straight line through the origin, measured at 1 and 2 with a deviation of 0.1:
+
+    >>> line = Knowledge.nothing(["slope"]).after(np.array([[1.0], [2.0]]) / 0.1)
+    >>> line.errors.round(6)
+    array([0.044721])
+    """
+
+    names: tuple[str, ...]
+    root: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        root = numbers("root", self.root)
+        if root.ndim != 2 or root.shape[1] != len(self.names):
+            raise ArgumentError(f"root must have {len(self.names)} columns, not {root.shape}")
+        object.__setattr__(self, "root", root)
+
+    @classmethod
+    def nothing(cls, names: Sequence[str]) -> Knowledge:
+        """Know nothing of the unknowns `names`."""
+        return cls(tuple(names), np.zeros((0, len(names))))
+
+    @classmethod
+    def from_covariance(cls, names: Sequence[str], covariance: ArrayLike) -> Knowledge:
+        """Know what a fit left, its covariance (n, n); infinite variances tell nothing.
+
+        Raises ArgumentError if it is not symmetric and positive definite where it is finite.
+        """
+        given = np.array(covariance, dtype=float)
+        if given.shape != (len(names), len(names)) or np.any(np.isnan(given)):
+            raise ArgumentError(f"covariance must be {len(names)} by {len(names)} numbers")
+        told = np.isfinite(np.diag(given))
+        inner = given[np.ix_(told, told)]
+        root = np.zeros((told.sum(), len(names)))
+        root[:, told] = _inverse_root(inner)
+        return cls(tuple(names), root)
+
+    def after(self, jacobian: ArrayLike) -> Knowledge:
+        """Measure more: derivatives (r, n) of it, over its standard deviation."""
+        stacked = np.vstack([self.root, numbers("jacobian", jacobian)])
+        return replace(self, root=_triangular(stacked))
+
+    @cached_property
+    def _factors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """Lengths of columns, singular values and right vectors of the rest, and the rank."""
+        length = np.linalg.norm(self.root, axis=0)
+        length[length == 0] = 1.0
+        _, values, right = np.linalg.svd(np.atleast_2d(self.root / length), full_matrices=True)
+        values = np.pad(values, (0, len(self.names) - len(values)))
+        return length, values, right, int(np.sum(values > TOLD * max(values[0], 1e-300)))
+
+    @property
+    def rank(self) -> int:
+        """How many combinations of the unknowns are seen at all."""
+        return self._factors[3]
+
+    @property
+    def unseen(self) -> tuple[dict[str, float], ...]:
+        """Combinations that change nothing that was measured, unknown by unknown."""
+        length, _, right, rank = self._factors
+        found = []
+        for vector in right[rank:]:
+            direction = vector / length
+            kept = np.abs(vector) > _INVOLVED
+            size = direction[kept][np.argmax(np.abs(direction[kept]))]
+            pairs = zip(np.array(self.names)[kept], direction[kept] / size, strict=True)
+            found.append({str(name): float(share) for name, share in pairs})
+        return tuple(found)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance (n, n); infinite variances, and no correlation, for what is not seen."""
+        _, _, right, rank = self._factors
+        found = self.axes @ self.axes.T
+        lost = np.any(np.abs(right[rank:]) > _INVOLVED, axis=0)
+        found[lost, :] = found[:, lost] = 0.0
+        found[lost, lost] = np.inf
+        return found
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Principal axes of the confidence ellipsoid (n, rank), one standard deviation long."""
+        length, values, right, rank = self._factors
+        return right[:rank].T / values[:rank] / length[:, None]
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Standard errors (n,) of the unknowns, infinite for what is not seen."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def spread(self, rows: np.ndarray) -> np.ndarray:
+        """Factor B (n, q) of the covariance B'B of combinations `rows` (q, n) of the unknowns.
+
+        Infinite where a combination is not seen.
+        """
+        length, values, right, rank = self._factors
+        seen = right @ (rows / length).T
+        size = np.linalg.norm(seen, axis=0)
+        half = seen[:rank] / values[:rank, None]
+        lost = np.linalg.norm(seen[rank:], axis=0) > _INVOLVED * size
+        return np.where(lost, np.inf, half)
+
+
+def _inverse_root(covariance: np.ndarray) -> np.ndarray:
+    """Triangle R of which R'R is the inverse; ArgumentError if there is none."""
+    variances = np.diag(covariance)
+    try:
+        if np.all(variances > 0) and np.allclose(covariance, covariance.T, rtol=1e-8, atol=0.0):
+            size = np.sqrt(variances)
+            factor = np.linalg.cholesky(covariance / np.outer(size, size))
+            return solve_triangular(factor, np.diag(1 / size), lower=True)
+    except np.linalg.LinAlgError:
+        pass
+    what = "covariance must be symmetric and positive definite"
+    raise ArgumentError(f"{what}; give it as the fit left it")
+
+
+def _triangular(rows: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+@dataclass(frozen=True, eq=False)
+class Criterion:
+    """What a measurement should be good for: small errors of combinations of the unknowns.
+
+    Parameters
+    ----------
+    kind : {"D", "A"}
+        Volume of the confidence region of the combinations, or the sum of their variances.
+    rows : ndarray, shape (q, n)
+        The combinations.
+
+    Raises
+    ------
+    ArgumentError
+        If the kind is another, or the rows are not independent where a volume is asked for.
+    """
+
+    kind: Literal["D", "A"]
+    rows: np.ndarray
+
+    def __post_init__(self) -> None:
+        rows = np.atleast_2d(numbers("rows", self.rows))
+        object.__setattr__(self, "rows", rows)
+        if self.kind not in ("D", "A"):
+            raise ArgumentError(f'kind must be "D" or "A", not {self.kind!r}')
+        if self.kind == "D" and np.linalg.matrix_rank(rows) < len(rows):
+            raise ArgumentError("the combinations of a volume must be independent")
+
+    @classmethod
+    def of(
+        cls,
+        kind: Literal["D", "A"],
+        names: Sequence[str],
+        wanted: Sequence[str],
+        sizes: ArrayLike,
+    ) -> Criterion:
+        """Ask for some of the unknowns, relative to their sizes (n,); the others are nuisances."""
+        lost = [name for name in wanted if name not in names]
+        if lost or not wanted:
+            raise ArgumentError(f"wanted must be some of {', '.join(names)}, not {lost}")
+        rows = np.diag(1 / np.abs(numbers("sizes", sizes)))
+        return cls(kind, rows[[list(names).index(name) for name in wanted]])
+
+    def __call__(self, known: Knowledge) -> float:
+        """Mean error of a combination, in the logarithm; infinite where one is not seen.
+
+        D: the q-th root of the volume over that of the unit ball. A: the root of the mean
+        variance.
+        """
+        spread = known.spread(self.rows)
+        if not np.all(np.isfinite(spread)):
+            return np.inf
+        if self.kind == "A":
+            return float(np.log(np.sum(spread**2) / len(self.rows)) / 2)
+        if len(spread) < len(self.rows):
+            return np.inf
+        pivots = np.abs(np.diag(_triangular(spread)))
+        return float(np.sum(np.log(pivots)) / len(pivots)) if np.all(pivots > 0) else np.inf

@@ -1,0 +1,117 @@
+"""What is asked of planned runs: limits seen closely, linear measurements, predictions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.fitting.experiment import Experiment
+from wormopt.fitting.information import Criterion
+from wormopt.model.model import Model
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+
+_FAR = 2.0  # standard errors within which measurements shall be linear
+_TOLERANCE = Tolerance(1e-9, 1e-10)
+
+
+def largest_excess(experiment: Experiment, chosen: np.ndarray, looks: int) -> float:
+    """Largest excess of any limit, as a share; infinite where the motion cannot be followed."""
+    found = [experiment.excess(chosen)[0], np.abs(chosen) - 1]
+    try:
+        found.append(experiment.limited(chosen, looks))
+    except SolveError:
+        return np.inf
+    return float(np.max(np.concatenate(found)))
+
+
+def departure(experiment: Experiment, chosen: np.ndarray) -> float:
+    """How far measurements are from linear in the unknowns over their expected errors.
+
+    Where masses begin or cease to stick within these errors, derivatives of one side say little
+    of the other, and expected errors are wrong. Looked at along the principal axes of the
+    confidence ellipsoid, two standard errors to both sides; in standard errors for each of them,
+    infinite where there is no such motion, or no such number.
+    """
+    worst = 0.0
+    try:
+        jacobian = experiment.run(chosen).jacobian
+        here = _measured(experiment, chosen, np.zeros(len(experiment.names)))
+        for axis in experiment.prior.after(jacobian).axes.T:
+            for step in (-_FAR * axis, _FAR * axis):
+                departs = _measured(experiment, chosen, step) - here - jacobian @ step
+                worst = max(worst, float(np.linalg.norm(departs)) / _FAR)
+    except (SolveError, ArgumentError):  # friction below 0, say
+        return np.inf
+    return worst
+
+
+def _measured(experiment: Experiment, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Measurements (r,) over their deviations, coordinates of the unknowns moved by `shift`."""
+    p, schedules = experiment.settings(chosen)
+    own = {s.name: np.asarray(s.value, float) for s in (*experiment.driven.p, *experiment.driven.u)}
+    moved = {s.name: np.asarray(s.value, float) for s in experiment.driven.x} | own | p
+    starts = {state.name for state in experiment.driven.x}
+    for directions, by in zip(experiment.directions.values(), shift, strict=True):
+        for name, direction in directions.items():
+            moved[name] = moved[name] + by * direction
+    motion = simulate(
+        experiment.driven,
+        experiment.end,
+        contact=experiment.contact,
+        x0={name: moved[name] for name in starts},
+        p={name: value for name, value in moved.items() if name not in starts},
+        schedules=schedules,
+        times=experiment.instants,
+        tolerance=_TOLERANCE,
+    )
+    return np.concatenate([motion[name].ravel() / sd for name, sd in experiment.measured.items()])
+
+
+def mean_rate(
+    experiment: Experiment,
+    model: Model,
+    output: str,
+    span: tuple[float, float],
+    *,
+    entry: int = 0,
+) -> Criterion:
+    """Ask for a small variance of a prediction: the mean rate of a state or output in some motion.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Whose unknowns there are.
+    model : Model
+        What moves then, with the same unknowns: the same worm under the gait it is built for.
+    output : str
+        Name of a state or output; of the mean speed it is that of the place.
+    span : (float, float)
+        First and last time.
+    entry : int, optional
+        Which entry of it.
+
+    Returns
+    -------
+    Criterion
+
+    Raises
+    ------
+    SolveError
+        If the motion cannot be followed.
+    ArgumentError
+        If the prediction depends on none of the unknowns.
+    """
+    first, last = span
+    motion = simulate(
+        model,
+        last,
+        contact=experiment.contact,
+        times=[first, last],
+        tolerance=_TOLERANCE,
+        sensitivities=experiment.directions,
+    )
+    row = np.diff(motion.derivative(output)[entry])[:, 0] / (last - first)
+    if not np.any(row):
+        raise ArgumentError(f"the mean rate of {output} depends on none of the unknowns")
+    return Criterion("A", row[None, :])

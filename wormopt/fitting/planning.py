@@ -1,0 +1,359 @@
+"""The verb `plan_experiment`: what to run next, so that the wanted numbers are known best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.optimize import minimize
+
+from wormopt.errors import ArgumentError, Interrupted, SolveError
+from wormopt.fitting.experiment import Experiment, Run
+from wormopt.fitting.information import Criterion, Knowledge
+from wormopt.fitting.planned import departure, largest_excess
+from wormopt.progress import Report, silent
+from wormopt.simulation.options import Tolerance
+
+# Chosen numbers, from -1 to 1, are moved by so much to find slopes: derivatives are exact to
+# about 1e-8, and where events pass samples they jump by little.
+_STEP = 1e-4
+_ROUNDS, _GAIN = 60, 1e-5
+# Limits along a motion are looked at this often in the end; what they exceed between the looks of
+# the search is taken off them, so many times.
+_CLOSER, _TIGHTER = 4001, 3
+_FINER = Tolerance(1e-11, 1e-12)
+# What exceeds a limit by less keeps it.
+_KEPT = 1e-6
+# A motion that cannot be followed, or shows nothing of what is wanted.
+_WORTHLESS = 100.0
+# Measurements depart from linear ones by so much of each standard error at most; else courses are
+# sought beside, ever further away, so many at each distance.
+_LINEAR, _BESIDE, _TRIES = 0.1, (0.003, 0.01, 0.03, 0.1), 12
+# A course is halved towards rest so often until it keeps limits; drawn anew so often if it cannot.
+_HALVINGS, _DRAWS = 12, 30
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """An experiment drawn at random within all limits."""
+
+    chosen: np.ndarray
+    value: float  # of the criterion
+    known: Knowledge
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The best experiment that was found.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What was to be planned.
+    criterion : Criterion
+        By what it was judged.
+    chosen : ndarray, shape (size,)
+        What is chosen, see `Experiment.parts`.
+    run : Run
+        Its run.
+    known : Knowledge
+        What is known after it.
+    rivals : tuple of Rival
+        Experiments drawn at random within the same limits, the best first.
+    ends : tuple of float
+        Criterion at which each start of the search ended.
+    excess : float
+        Largest excess of any limit, courses' and motion's, as a share; looked at closely.
+    departure : float
+        How far measurements depart from linear ones within two standard errors, in standard
+        errors for each: above 0.1, expected errors may be off.
+    recheck : float
+        The criterion again, by the Python route with a hundredth of the tolerance.
+    """
+
+    experiment: Experiment
+    criterion: Criterion
+    chosen: np.ndarray
+    run: Run
+    known: Knowledge
+    rivals: tuple[Rival, ...]
+    ends: tuple[float, ...]
+    excess: float
+    departure: float
+    recheck: float
+
+    @property
+    def value(self) -> float:
+        """Value of the criterion, a logarithm."""
+        return self.criterion(self.known)
+
+    def shrinks(self, other: Knowledge) -> float:
+        """By what factor the confidence region, or the error, is smaller than another's.
+
+        Parameters
+        ----------
+        other : Knowledge
+            What is known otherwise, after a rival's run say.
+
+        Returns
+        -------
+        float
+        """
+        power = len(self.criterion.rows) if self.criterion.kind == "D" else 1
+        return float(np.exp(power * (self.criterion(other) - self.value)))
+
+
+def plan_experiment(
+    experiment: Experiment,
+    criterion: Criterion,
+    *,
+    rivals: int = 20,
+    starts: int = 4,
+    seed: int = 0,
+    report: Report = silent,
+) -> Plan:
+    """Find the run within the limits after which the wanted numbers are known best.
+
+    Experiments are drawn at random, each as large as the limits allow; from the best of them on,
+    sequential quadratic programs (SLSQP) with slopes by differences of exact sensitivities.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What may be chosen, and what is measured.
+    criterion : Criterion
+        `Experiment.criterion` or `mean_rate`.
+    rivals : int, optional
+        How many are drawn.
+    starts : int, optional
+        From how many of them the search begins.
+    seed : int, optional
+        Of the draws.
+    report : callable, optional
+        Told how far it is, see `wormopt.progress`.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    SolveError
+        If limits are exceeded even where nothing is moved, or no run tells what is wanted; the
+        message names what cannot be told apart.
+    Interrupted
+        If the user stopped it; `partial` is the best Plan until then, None before there was one.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
+    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> todo = wo.Experiment(
+    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [course]
+    ... )
+    >>> plan = wo.plan_experiment(todo, todo.criterion("D"), rivals=5, starts=1)
+    >>> plan.shrinks(plan.rivals[0].known) > 1.0, plan.excess < 1e-6
+    (True, True)
+    """
+    if min(rivals, starts) < 1:
+        raise ArgumentError("there must be at least one rival and one start")
+    search, drawn, ends = _Search(experiment, criterion), (), []
+    try:
+        drawn = search.draw(rivals, seed, report)
+        first = drawn[:starts]
+        for number, rival in enumerate(first):
+            told, done = f"search {number + 1} of {len(first)}", number / len(first)
+            ends.append(search.improve(rival.chosen, partial(report, told, done)))
+        report("rechecking", None)
+        return search.plan(drawn, ends)
+    except KeyboardInterrupt:
+        best = search.plan(drawn, ends) if search.found else None
+        raise Interrupted(best) from None
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What is found at a point."""
+
+    run: Run | None
+    value: float
+    excess: np.ndarray  # of limits along the motion
+
+
+class _Search:
+    """Steps from look to look; remembers the best point that keeps all limits."""
+
+    def __init__(self, experiment: Experiment, criterion: Criterion) -> None:
+        self.experiment, self.criterion = experiment, criterion
+        self.found: tuple[float, np.ndarray] | None = None
+        self._last: tuple[bytes, _Look] | None = None
+        self._slopes: tuple[bytes, np.ndarray, np.ndarray] | None = None
+
+    def known(self, run: Run) -> Knowledge:
+        """What is known after a run."""
+        return self.experiment.prior.after(run.jacobian)
+
+    def look(self, chosen: np.ndarray) -> _Look:
+        """Run an experiment; the last one is remembered."""
+        key = np.asarray(chosen).tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._look(chosen)
+        return self._last[1]
+
+    def _look(self, chosen: np.ndarray) -> _Look:
+        try:
+            run = self.experiment.run(chosen)
+        except SolveError:
+            return _Look(None, _WORTHLESS, np.zeros(0))
+        return _Look(run, min(self.criterion(self.known(run)), _WORTHLESS), run.excess)
+
+    def slopes(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the criterion and of the excess, by looks beside."""
+        key = np.asarray(chosen).tobytes()
+        if self._slopes is None or self._slopes[0] != key:
+            here = self.look(chosen)
+            value, excess = np.zeros(len(chosen)), np.zeros((len(here.excess), len(chosen)))
+            for k in range(len(chosen)):
+                beside = np.array(chosen)
+                beside[k] -= np.copysign(_STEP, beside[k])  # inwards
+                there = self._look(beside)
+                step = beside[k] - chosen[k]
+                if there.run is not None and here.run is not None:
+                    value[k] = (there.value - here.value) / step
+                    excess[:, k] = (there.excess - here.excess) / step
+            self._slopes = key, value, excess
+        return self._slopes[1:]
+
+    def draw(self, count: int, seed: int, report: Report) -> tuple[Rival, ...]:
+        """Draw experiments, each as large as all limits allow; the best first."""
+        rng, found = np.random.default_rng(seed), []
+        for number in range(count):
+            report("drawing experiments", number / count)
+            chosen = self._drawn(rng)
+            run = self.experiment.run(chosen)
+            found.append(Rival(chosen, self.criterion(self.known(run)), self.known(run)))
+        found.sort(key=lambda rival: rival.value)
+        if not np.isfinite(found[0].value):
+            self._refuse(found[0].known)
+        self.found = found[0].value, found[0].chosen
+        return tuple(found)
+
+    def _refuse(self, known: Knowledge) -> None:
+        names = known.unseen[0] if known.unseen else {}
+        told = ", ".join(f"{share:+.3g} {name}" for name, share in names.items())
+        raise SolveError(
+            f"no experiment that was drawn tells what is wanted: nothing changes with {told}",
+            "measure something else, take more for known, or want less",
+            code="not_told",
+        )
+
+    def _drawn(self, rng: np.random.Generator) -> np.ndarray:
+        for _ in range(_DRAWS):
+            parts = [choice.draw(rng) for choice in self.experiment.choices]
+            chosen = self.within(np.concatenate(parts))
+            if chosen is not None:
+                return chosen
+        raise SolveError(
+            "limits along the motion are exceeded even where courses do not move",
+            "widen the limits, or begin elsewhere",
+            code="no_room",
+        )
+
+    def within(self, chosen: np.ndarray) -> np.ndarray | None:
+        """Shrink courses until the motion keeps its limits, seen closely; None if it never does."""
+        if self.over(chosen) <= _KEPT:
+            return chosen
+        low, high = 0.0, 1.0
+        if self.over(self.experiment.shrunk(chosen, low)) > _KEPT:
+            return None
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            kept = self.over(self.experiment.shrunk(chosen, middle)) <= _KEPT
+            low, high = (middle, high) if kept else (low, middle)
+        return self.experiment.shrunk(chosen, low)
+
+    def over(self, chosen: np.ndarray) -> float:
+        """Largest excess of any limit, seen closely."""
+        return largest_excess(self.experiment, chosen, _CLOSER)
+
+    def improve(self, start: np.ndarray, tell: Callable[[], None]) -> float:
+        """Search from a point that keeps all limits; gives the criterion at the end."""
+        margin, here, value = 0.0, start, self.look(start).value
+        for _ in range(_TIGHTER):
+            here = self._steps(here, margin, tell)
+            over = self.over(here)
+            if over <= _KEPT:
+                break
+            margin += over
+        else:
+            kept = self.within(here)
+            here = start if kept is None else kept
+        here = self._settled(here)
+        end = self.look(here).value
+        if self.found is None or end < self.found[0]:
+            self.found = end, here
+        return min(value, end)
+
+    def _settled(self, chosen: np.ndarray) -> np.ndarray:
+        """Step off edges, beyond which masses stick that slid, within the errors expected.
+
+        Searches end on them: the criterion jumps there, and derivatives hold on one side only.
+        """
+        if departure(self.experiment, chosen) <= _LINEAR:
+            return chosen
+        rng = np.random.default_rng(0)
+        for distance in _BESIDE:
+            drawn = [chosen + distance * rng.standard_normal(len(chosen)) for _ in range(_TRIES)]
+            near = [one for one in map(self.within, np.clip(drawn, -1, 1)) if one is not None]
+            for one in sorted(near, key=lambda one: self.look(one).value):
+                if departure(self.experiment, one) <= _LINEAR:
+                    return one
+        return chosen
+
+    def _steps(self, start: np.ndarray, margin: float, tell: Callable[[], None]) -> np.ndarray:
+        """Sequential quadratic programs, with a margin to limits along the motion."""
+        allowed = self.experiment.excess
+
+        def room(chosen: np.ndarray) -> np.ndarray:
+            return -np.concatenate([allowed(chosen)[0], self.look(chosen).excess + margin])
+
+        def by_chosen(chosen: np.ndarray) -> np.ndarray:
+            return -np.vstack([allowed(chosen)[1], self.slopes(chosen)[1]])
+
+        def value(chosen: np.ndarray) -> float:
+            tell()
+            return self.look(chosen).value
+
+        limits = {"type": "ineq", "fun": room, "jac": by_chosen}
+        answer = minimize(
+            value,
+            start,
+            jac=lambda chosen: self.slopes(chosen)[0],
+            method="SLSQP",
+            bounds=[(-1.0, 1.0)] * len(start),
+            constraints=[limits] if len(room(start)) else [],
+            options={"maxiter": _ROUNDS, "ftol": _GAIN},
+        )
+        return np.clip(answer.x, -1.0, 1.0)
+
+    def plan(self, drawn: tuple[Rival, ...], ends: list[float]) -> Plan:
+        """Look at the best point again, by another route."""
+        assert self.found is not None
+        chosen = self.found[1]
+        run = self.experiment.run(chosen)
+        again = self.experiment.run(chosen, tolerance=_FINER, route="python")
+        return Plan(
+            self.experiment,
+            self.criterion,
+            chosen,
+            run,
+            self.known(run),
+            drawn,
+            tuple(ends),
+            self.over(chosen),
+            departure(self.experiment, chosen),
+            self.criterion(self.known(again)),
+        )
