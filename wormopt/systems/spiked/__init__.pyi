@@ -1,5 +1,6 @@
 from wormopt.systems.spiked.bimodal import integrate as integrate
 from wormopt.systems.spiked.design.optimize import designed as designed
+from wormopt.systems.spiked.driven import driven_worm as driven_worm
 from wormopt.systems.spiked.limits import Limits as Limits
 from wormopt.systems.spiked.runs.reference import gait_of_shape as gait_of_shape
 from wormopt.systems.spiked.scenes.gait import Links as Links
