@@ -27,7 +27,7 @@ GROUPS = {
         "shown",
     },
     "base": {"model", "numerics", "quantities", "labelled", "digest", "saving", "result"},
-    "engine": {"simulation", "control", "ocp", "analysis", "magnetics"},
+    "engine": {"simulation", "control", "ocp", "analysis", "magnetics", "fitting"},
     "scene": {"scene"},
     "plotting": {"plotting"},
     "systems": {"systems"},

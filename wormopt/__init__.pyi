@@ -37,6 +37,12 @@ from wormopt.errors import SolveError as SolveError
 from wormopt.errors import UnknownNameError as UnknownNameError
 from wormopt.errors import WormoptError as WormoptError
 from wormopt.exports.export import export as export
+from wormopt.fitting.estimate import Attempt as Attempt
+from wormopt.fitting.estimate import Fit as Fit
+from wormopt.fitting.fit import fit as fit
+from wormopt.fitting.recording import Recording as Recording
+from wormopt.fitting.task import FitTask as FitTask
+from wormopt.fitting.unknowns import Unknown as Unknown
 from wormopt.model.delay import Delay as Delay
 from wormopt.model.friction import Coulomb as Coulomb
 from wormopt.model.friction import Held as Held

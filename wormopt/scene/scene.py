@@ -126,12 +126,24 @@ def load_scene(
     wrong = [*override(raw, overrides), *override(raw, tables)]
     if wrong:
         raise SceneError(file, wrong)
+    return _checked(file, name or known_as, folder, raw)
+
+
+def scene_within(folder: Path, name: str, tables: Mapping[str, Any]) -> Scene[Any]:
+    """Scene that stands as tables in another one, whose folder its file names are relative to.
+
+    Raises SceneError as `load_scene`.
+    """
+    return _checked(name, name, folder, as_toml(tables))
+
+
+def _checked(file: str, name: str, folder: Path, raw: dict[str, Any]) -> Scene[Any]:
     table, sweep = _read_kind(file, raw)
     wrong = list(table.faults(folder))
     wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
     if wrong:
         raise SceneError(file, wrong)
-    return Scene(name or known_as, folder, table, sweep)
+    return Scene(name, folder, table, sweep)
 
 
 def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:

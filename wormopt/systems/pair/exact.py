@@ -19,6 +19,7 @@ from wormopt.model.friction import Law
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.values import numbers
+from wormopt.systems.shared.parameters import parameter
 
 
 def magnetic_pair(
@@ -28,11 +29,13 @@ def magnetic_pair(
     frequency: float,
     mass: float = 1.0,
     stiffness: float = 1.0,
+    damping: float = 0.0,
     cosines: Sequence[float] | None = (1.0, 1.0),
 ) -> Model:
     """Build m x_1'' = c (x_2 - x_1) + F_1 - P G, m x_2'' = c (x_1 - x_2) + F_2 + P G, (16).
 
-    Places are displacements from where the link is at rest without field. In the chapter's
+    A dashpot beside the spring adds d (x_2' - x_1') to the force c (x_2 - x_1) that pulls both
+    masses together; (16) has none, d = 0. Places are displacements from where the link is at rest without field. In the chapter's
     dimensionless form mass and stiffness are 1, the push P is eps and so is the factor in front of
     the friction; forces in newton and times in seconds do as well, see `PairScales`.
 
@@ -46,6 +49,8 @@ def magnetic_pair(
         Angular frequency nu of the field, positive.
     mass, stiffness : float, optional
         Each mass m, spring constant c, positive.
+    damping : float, optional
+        Dashpot constant d, not negative.
     cosines : sequence of float, optional
         G(t) = sum_k cosines[k] cos(k nu t). None makes G the input ``field``: drive it by a Gait,
         or optimise it.
@@ -59,7 +64,7 @@ def magnetic_pair(
     Raises
     ------
     ArgumentError
-        If a number is not positive and finite, or the law no friction law.
+        If a number is not positive and finite, damping negative, or the law no friction law.
 
     Examples
     --------
@@ -74,7 +79,8 @@ def magnetic_pair(
     parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
     x, v = ca.SX.sym("x", 2), ca.SX.sym("v", 2)
     stretch, rate = x[1] - x[0], v[1] - v[0]
-    pull = parts.stiffness * stretch - parts.push * parts.field
+    dashpot = parameter("damping", damping, 1, "drag")
+    pull = parts.stiffness * stretch + dashpot.symbol * rate - parts.push * parts.field
     acceleration = (parts.forces + ca.vertcat(pull, -pull)) / parts.mass
     return Model(
         "magneto-elastic pair",
@@ -84,7 +90,7 @@ def magnetic_pair(
         ],
         ode=ca.vertcat(v, acceleration),
         u=parts.inputs,
-        p=parts.parameters,
+        p=[*parts.parameters, dashpot],
         t=parts.t,
         outputs=[
             Output("center", ca.sum1(x) / 2, "length"),

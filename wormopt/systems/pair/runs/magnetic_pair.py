@@ -12,12 +12,15 @@ import numpy as np
 
 from wormopt.analysis.steady import SteadyState
 from wormopt.errors import SolveError
+from wormopt.model.friction import Law, Stribeck, Viscous
+from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.pair.exact import magnetic_pair, scaled_law
 from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairScene
 from wormopt.systems.pair.steady import Pair
@@ -101,6 +104,35 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
         warnings=_warnings(table, found, late),
         timings={"average": averaged - begin, "simulate": simulated - averaged},
     )
+
+
+def models_of(scene: Scene[MagneticPairScene]) -> dict[str, Model]:
+    """Make the pair of (16), in the scene's units; without a dashpot, its `damping` is 0."""
+    table = scene.table
+    scales, push = Scales.of(table.pair), table.pair.smallness
+    mass = stiffness = 1.0
+    if sample := table.pair.sample:
+        mass, stiffness = sample.mass, sample.mass / scales.time**2
+        push *= stiffness * scales.length
+    pair = pair_of(table.pair, table.averaging.nodes)
+    return {
+        "": magnetic_pair(
+            law=[_law_in_units(law, push, scales.speed) for law in pair.laws],
+            push=push,
+            frequency=pair.frequency(table.detuning) / scales.time,
+            mass=mass,
+            stiffness=stiffness,
+            cosines=pair.cosines,
+        )
+    }
+
+
+def _law_in_units(law: Law, push: float, speed: float) -> Law:
+    """Law of which forces are told over the push, and velocities over a speed."""
+    law = scaled_law(law, push)
+    if isinstance(law, Viscous):
+        return replace(law, drag=law.drag / speed)
+    return replace(law, v_stribeck=speed * law.v_stribeck) if isinstance(law, Stribeck) else law
 
 
 def _simulated(

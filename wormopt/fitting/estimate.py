@@ -1,0 +1,144 @@
+"""Fit: the numbers found, and how well they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.fitting.task import FitTask
+from wormopt.fitting.uncertainty import correlation_of, covariance_of, held_at, spectrum
+from wormopt.shown import SHORT, lines, text
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Where one start led.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n,)
+        Coordinates it began with.
+    theta : ndarray, shape (n,)
+        Those it ended with.
+    cost : float
+        Half the sum of squares there, infinite if it could not even begin.
+    offset : float
+        How far from the bottom, in standard errors: length of the next step over sqrt(n).
+    evaluations : int
+        Simulations of all runs that it took, with derivatives or without.
+    agrees : bool
+        Whether it ended where the best did, within a tenth of the standard errors.
+    """
+
+    start: np.ndarray
+    theta: np.ndarray
+    cost: float
+    offset: float
+    evaluations: int
+    agrees: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The numbers found, and how well they are known.
+
+    Parameters
+    ----------
+    task : FitTask
+        What was fitted, with the noise found where it was to be estimated.
+    theta : ndarray, shape (n,)
+        Coordinates found, in the order of ``names``.
+    residuals : ndarray, shape (rows,)
+        Of `FitTask.residuals` there.
+    jacobian : ndarray, shape (rows, n)
+        Likewise.
+    offset : float
+        How far from the bottom, in standard errors: length of the next step over sqrt(n).
+    converged : bool
+        Whether that is nothing, and the best start is not alone.
+    reason : str
+        Why not; empty where converged.
+    starts : tuple of Attempt
+        Where every start ended, the best first.
+    estimated : tuple of str
+        Signals of which the noise was estimated.
+    warnings : tuple of str
+        What to know about recordings and result.
+    """
+
+    task: FitTask
+    theta: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+    offset: float
+    converged: bool
+    reason: str
+    starts: tuple[Attempt, ...]
+    estimated: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        found = ", ".join(
+            f"{name} {text(float(value), SHORT)} ± {text(float(error), 2)}"
+            for name, value, error in zip(
+                self.names, self.values, self.standard_errors, strict=True
+            )
+        )
+        state = "converged" if self.converged else f"not converged: {self.reason}"
+        return lines(f"Fit of {self.task.model.name} ({state})", found)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What was sought, entry by entry."""
+        return self.task.names
+
+    @property
+    def values(self) -> np.ndarray:
+        """Numbers found, (n,): coordinates, or what they are logarithms of."""
+        return self.task.values(self.theta)
+
+    @property
+    def cost(self) -> float:
+        """Half the sum of squares of the residuals."""
+        return float(self.residuals @ self.residuals) / 2
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """Standard deviation of the readings of each signal, of the last run that has it."""
+        return {b.signal: self.task.deviation(b.run, b.signal) for b in self.task.blocks}
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of what lies at a bound that pushes back."""
+        held = held_at(self.task.bounds, self.theta, self.jacobian.T @ self.residuals)
+        return tuple(name for name, stuck in zip(self.names, held, strict=True) if stuck)
+
+    @cached_property
+    def singular(self) -> tuple[np.ndarray, np.ndarray]:
+        """Singular values (n,) and right singular vectors (n, n), in columns.
+
+        Of the Jacobian by coordinates over their nominal sizes: a change by v nominal sizes along
+        a column changes the residuals by s v standard deviations.
+        """
+        return spectrum(self.jacobian, self.task.nominal)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance of the coordinates, (n, n), infinite along what cannot be told.
+
+        As if there were no bounds: what lies at one is not known better for it.
+        """
+        return covariance_of(self.singular, self.task.nominal)
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Standard errors of the numbers found, (n,)."""
+        return np.sqrt(np.diag(self.covariance)) * np.abs(self.task.slopes(self.theta))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation of the coordinates, (n, n)."""
+        return correlation_of(self.singular)

@@ -1,0 +1,159 @@
+"""What was measured along one motion, and what is known of it otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from wormopt.errors import ArgumentError
+from wormopt.model.model import Model
+from wormopt.model.values import numbers
+
+# Readings so many times larger than others are told: a factor of 1000 is a unit mistaken.
+APART = 1000.0
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Signals measured along one motion.
+
+    Parameters
+    ----------
+    time : array_like, shape (m,)
+        When, ascending; steps may differ.
+    values : mapping of str to array_like, shape (size, m) or (m,)
+        Readings of states and outputs of the model by name, NaN where there is none: a gap, or
+        an entry without a sensor.
+    noise : mapping of str to float, optional
+        Standard deviation of the readings of a signal, where it is known.
+    x0 : mapping of str to array_like, optional
+        Start of states where it is known and not the model's own.
+    p : mapping of str to array_like, optional
+        Parameters and inputs of this run where they are not the model's own.
+    schedules : mapping of str to ndarray, optional
+        Values of schedules in this run where they are not the model's own.
+    span : (float, float), optional
+        First and last time of the motion; those of the readings if left out. It starts from ``x0``
+        at the first.
+    model : Model, optional
+        What moved in this run, where it is not what is fitted: the same worm driven otherwise.
+    name : str, optional
+        What the run is called.
+
+    Raises
+    ------
+    ArgumentError
+        If times do not ascend, a reading is infinite, there is none, or nothing moves.
+
+    Examples
+    --------
+    >>> run = Recording([0.0, 0.1, 0.2], {"position": [0.0, np.nan, 0.3]}, name="coast")
+    >>> run.count
+    2
+    """
+
+    time: ArrayLike
+    values: Mapping[str, ArrayLike]
+    noise: Mapping[str, float] | None = None
+    x0: Mapping[str, ArrayLike] | None = None
+    p: Mapping[str, ArrayLike] | None = None
+    schedules: Mapping[str, np.ndarray] | None = None
+    span: tuple[float, float] | None = None
+    model: Model | None = None
+    name: str = "run"
+
+    def __post_init__(self) -> None:
+        _check_times(self.name, self.times)
+        if not isinstance(self.values, Mapping) or not self.values:
+            raise ArgumentError(f'{self.name}: write readings by name, {{"position": [...]}}')
+        first, last = self.ends
+        if not (first < last and first <= self.times[0] and self.times[-1] <= last):
+            raise ArgumentError(
+                f"{self.name}: readings from {self.times[0]:g} to {self.times[-1]:g} lie outside "
+                f"the motion's span ({first:g}, {last:g})"
+            )
+        for name, sd in (self.noise or {}).items():
+            if name not in self.values:
+                raise ArgumentError(f"{self.name}: noise of {name}, of which there are no readings")
+            if not (np.ndim(numbers(f"noise of {name}", sd)) == 0 and 0 < sd < np.inf):
+                raise ArgumentError(f"{self.name}: noise of {name} must be positive, not {sd!r}")
+        if all(_still(row) for rows in self.readings.values() for row in rows):
+            raise ArgumentError(
+                f"{self.name}: nothing moves, every signal keeps one value; look for a sensor that "
+                "is off, or a column that repeats"
+            )
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Times as an array (m,)."""
+        return np.atleast_1d(numbers(f"{self.name}: time", self.time))
+
+    @cached_property
+    def readings(self) -> dict[str, np.ndarray]:
+        """Readings as arrays (size, m)."""
+        return {str(n): _readings(self.name, n, v, len(self.times)) for n, v in self.values.items()}
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """First and last time of the motion."""
+        return self.span or (float(self.times[0]), float(self.times[-1]))
+
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return sum(int(np.isfinite(rows).sum()) for rows in self.readings.values())
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What looks wrong but may be right."""
+        told = []
+        for name, rows in self.readings.items():
+            still = [k for k, row in enumerate(rows) if _still(row)]
+            if still:
+                entries = ", ".join(f"{name}[{k}]" for k in still)
+                told.append(f"{self.name}: {entries} keeps one value all the time")
+            sizes = np.array([np.nanmax(np.abs(row), initial=0.0) for row in rows])
+            moving = sizes[sizes > 0]
+            if moving.size and moving.max() > APART * moving.min():
+                told.append(
+                    f"{self.name}: entries of {name} differ {moving.max() / moving.min():.0f} "
+                    "times in size; look at their units"
+                )
+        return tuple(told)
+
+
+def _check_times(name: str, times: np.ndarray) -> None:
+    if times.ndim != 1 or len(times) < 2:
+        raise ArgumentError(f"{name}: time must be a list of at least two instants")
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if wrong.size:
+        raise ArgumentError(f"{name}: time {wrong[0]} is {times[wrong[0]]}, no number")
+    back = np.flatnonzero(np.diff(times) <= 0)
+    if back.size:
+        k = int(back[0])
+        how = "stands twice" if times[k] == times[k + 1] else "goes backwards"
+        raise ArgumentError(
+            f"{name}: time {how}, {times[k]:g} and then {times[k + 1]:g} (readings {k} and {k + 1})"
+        )
+
+
+def _readings(run: str, name: object, given: object, count: int) -> np.ndarray:
+    rows = np.atleast_2d(numbers(f"{run}: {name}", given))
+    if rows.ndim != 2 or rows.shape[1] != count:
+        raise ArgumentError(f"{run}: {name} has the shape {rows.shape}, not (size, {count})")
+    if np.isinf(rows).any():
+        row, at = np.argwhere(np.isinf(rows))[0]
+        raise ArgumentError(f"{run}: {name}[{row}] is infinite in reading {at}")
+    if np.isnan(rows).all():
+        raise ArgumentError(f"{run}: {name} has no reading at all; leave it out")
+    return rows
+
+
+def _still(row: np.ndarray) -> bool:
+    """Whether all readings are one value; one reading alone tells nothing."""
+    there = row[np.isfinite(row)]
+    return there.size > 1 and bool(np.ptp(there) <= 4e-16 * np.abs(there).max())

@@ -1,0 +1,448 @@
+"""What is to be fitted: model, recordings, unknowns, noise, as weighted residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import get_args
+
+import numpy as np
+
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.fitting.coordinates import Coordinate, coordinates_of
+from wormopt.fitting.losses import Loss, robust
+from wormopt.fitting.recording import APART, Recording
+from wormopt.fitting.shooting import Shooting
+from wormopt.fitting.unknowns import Unknown
+from wormopt.model.model import Model
+from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
+from wormopt.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Block:
+    """Readings of one signal in one run, as rows of the residuals."""
+
+    run: int
+    signal: str
+    there: np.ndarray  # (size, m), where there is a reading
+    rows: slice
+
+
+@dataclass(frozen=True, eq=False)
+class FitTask:
+    """Recordings, the model that shall reproduce them, and the numbers it lacks.
+
+    Residuals are (model - reading) / standard deviation, one row for each reading, passed through
+    the loss; then (coordinate - mean) / deviation for each prior. Half their sum of squares is the
+    cost. A coordinate is the number itself, or its logarithm where the unknown says so.
+
+    Parameters
+    ----------
+    model : Model
+        What moved.
+    recordings : sequence of Recording
+        Its runs.
+    unknowns : sequence of Unknown
+        What is sought.
+    contact : Exact or Smooth, optional
+        How contacts are treated.
+    noise : mapping of str to float, optional
+        Standard deviations of readings by signal, where recordings do not say; what neither says
+        is estimated.
+    loss : {"linear", "soft_l1", "huber", "cauchy"}, optional
+        How large residuals count; all but "linear" bear outliers.
+    tolerance : Tolerance, optional
+        Of simulations.
+    route : {"auto", "native", "python", "cvodes"}, optional
+        How to integrate, see `simulate`.
+
+    Raises
+    ------
+    ArgumentError
+        If names, shapes or starts do not fit the model, or there is nothing to fit.
+
+    Examples
+    --------
+    A block slides and stops; how strongly does the ground resist?
+
+    >>> import casadi as ca
+    >>> from wormopt.model.friction import Coulomb
+    >>> from wormopt.model.lift import lift
+    >>> from wormopt.model.model import Contact, Signal
+    >>> x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
+    >>> (law,), friction = lift([Coulomb(1.0, 1.0)])
+    >>> states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
+    >>> ground = Contact("block", v, f, law)
+    >>> block = Model("block", states, ca.vertcat(v, f), p=friction, contacts=[ground])
+    >>> run = Recording([0.0, 0.2, 0.6], {"position": [0.0, 0.16, 0.25]}, noise={"position": 0.01})
+    >>> task = FitTask(block, [run], [Unknown("friction_forward")])
+    >>> residuals, jacobian = task.residuals(np.array([2.0]))
+    >>> task.names, residuals.round(6) + 0.0, jacobian.shape
+    (('friction_forward',), array([0., 0., 0.]), (3, 1))
+    """
+
+    model: Model
+    recordings: Sequence[Recording]
+    unknowns: Sequence[Unknown]
+    contact: Treatment = Exact()  # noqa: RUF009  frozen
+    noise: Mapping[str, float] | None = None
+    loss: Loss = "linear"
+    tolerance: Tolerance = Tolerance(1e-8, 1e-10)  # noqa: RUF009  frozen
+    route: Route = "auto"
+
+    def __post_init__(self) -> None:
+        _check(self)
+        readings = sum(run.count for run in self.recordings)
+        missing = (
+            len(self.coordinates) - readings - sum(c.prior is not None for c in self.coordinates)
+        )
+        if missing > 0:
+            raise ArgumentError(
+                f"{len(self.coordinates)} unknowns from {readings} readings; {missing} more are "
+                "needed, or priors"
+            )
+
+    # -- coordinates -----------------------------------------------------------------------
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """What is moved, one for each entry of ``theta``."""
+        return coordinates_of(self.model, self.runs, self.unknowns)
+
+    @cached_property
+    def runs(self) -> tuple[Recording, ...]:
+        """Recordings, numbered where they share a name."""
+        names = [run.name for run in self.recordings]
+        return tuple(
+            replace(run, name=f"{run.name} {k}") if names.count(run.name) > 1 else run
+            for k, run in enumerate(self.recordings)
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the entries of ``theta`` are called."""
+        return tuple(c.name for c in self.coordinates)
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest ``theta``, (n,) each, infinite where there is none."""
+        pairs = [(c.lower, c.upper) for c in self.coordinates]
+        lower, upper = np.array(pairs, dtype=float).reshape(-1, 2).T
+        return lower, upper
+
+    @property
+    def start(self) -> np.ndarray:
+        """Where to begin, (n,)."""
+        return np.array([c.start for c in self.coordinates])
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """Usual sizes of ``theta``, (n,), by which to scale it; 1 for a logarithm."""
+        return np.array([c.nominal for c in self.coordinates])
+
+    def values(self, theta: np.ndarray) -> np.ndarray:
+        """Turn coordinates into the numbers themselves.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        return np.array([c.value(t) for c, t in zip(self.coordinates, theta, strict=True)])
+
+    def slopes(self, theta: np.ndarray) -> np.ndarray:
+        """Derivative of each number by its coordinate.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        return np.array([c.slope(t) for c, t in zip(self.coordinates, theta, strict=True)])
+
+    # -- noise -----------------------------------------------------------------------------
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Signals of which nobody says the noise."""
+        known = self.noise or {}
+        found = [
+            signal
+            for run in self.recordings
+            for signal in run.readings
+            if signal not in known and signal not in (run.noise or {})
+        ]
+        return tuple(dict.fromkeys(found))
+
+    def deviation(self, run: int, signal: str) -> float:
+        """Standard deviation that the readings of a signal are weighed by.
+
+        Parameters
+        ----------
+        run : int
+            Number of the run.
+        signal : str
+            Its name.
+
+        Returns
+        -------
+        float
+            A rough one, from how readings scatter from one to the next, where nobody says.
+        """
+        own, shared = self.recordings[run].noise or {}, self.noise or {}
+        if signal in own:
+            return float(own[signal])
+        return float(shared[signal]) if signal in shared else self._rough[signal]
+
+    @cached_property
+    def _rough(self) -> dict[str, float]:
+        found: dict[str, list[float]] = {}
+        for run in self.recordings:
+            for signal in set(run.readings) & set(self.estimated):
+                found.setdefault(signal, []).append(_scatter(run.readings[signal]))
+        return {signal: float(np.median(sizes)) for signal, sizes in found.items()}
+
+    def with_noise(self, noise: Mapping[str, float]) -> FitTask:
+        """Make the same task with other standard deviations for what recordings do not say.
+
+        Parameters
+        ----------
+        noise : mapping of str to float
+            Standard deviations by signal.
+
+        Returns
+        -------
+        FitTask
+        """
+        return replace(self, noise={**(self.noise or {}), **noise})
+
+    # -- residuals -------------------------------------------------------------------------
+
+    @cached_property
+    def shootings(self) -> tuple[Shooting, ...]:
+        """Each run, to be simulated."""
+        how = self.contact, self.tolerance, self.route
+        return tuple(
+            Shooting(run.model or self.model, run, self.coordinates, number, *how)
+            for number, run in enumerate(self.runs)
+        )
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Which rows of the residuals are which readings; priors follow them."""
+        found, at = [], 0
+        for number, run in enumerate(self.recordings):
+            for signal, rows in run.readings.items():
+                there = np.isfinite(rows)
+                found.append(Block(number, signal, there, slice(at, at + int(there.sum()))))
+                at += int(there.sum())
+        return tuple(found)
+
+    @property
+    def count(self) -> int:
+        """Number of readings: of rows before those of the priors."""
+        return self.blocks[-1].rows.stop
+
+    @cached_property
+    def groups(self) -> dict[str, np.ndarray]:
+        """Rows of each signal, over all runs."""
+        rows: dict[str, list[np.ndarray]] = {}
+        for block in self.blocks:
+            rows.setdefault(block.signal, []).append(np.arange(block.rows.start, block.rows.stop))
+        return {signal: np.concatenate(parts) for signal, parts in rows.items()}
+
+    @cached_property
+    def deviations(self) -> np.ndarray:
+        """Standard deviation of each reading, (count,)."""
+        found = np.empty(self.count)
+        for block in self.blocks:
+            found[block.rows] = self.deviation(block.run, block.signal)
+        return found
+
+    def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted residuals with the loss in them, then priors, and their Jacobian.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        residuals : ndarray, shape (rows,)
+            Half their sum of squares is the cost.
+        jacobian : ndarray, shape (rows, n)
+            Their exact derivative.
+
+        Raises
+        ------
+        SolveError
+            If a motion could not be followed.
+        """
+        plain, slopes = self.plain(theta)
+        r, steep = robust(plain[: self.count], self.loss)
+        steep = np.append(steep, np.ones(len(plain) - self.count))
+        return np.append(r, plain[self.count :]), steep[:, None] * slopes
+
+    def misfit(self, theta: np.ndarray) -> np.ndarray:
+        """Give the residuals alone, which is cheaper.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        ndarray, shape (rows,)
+        """
+        predicted = [shooting.predicted(theta) for shooting in self.shootings]
+        r, _ = robust(self._weighed(predicted), self.loss)
+        return np.append(r, self._priors(theta)[0])
+
+    def plain(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted residuals without the loss, then priors, and their Jacobian.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        residuals : ndarray, shape (rows,)
+            In standard deviations.
+        jacobian : ndarray, shape (rows, n)
+            Their exact derivative.
+        """
+        theta = np.asarray(theta, dtype=float)
+        found = [shooting.derivatives(theta) for shooting in self.shootings]
+        jacobian = np.zeros((self.count, len(theta)))
+        for block in self.blocks:
+            derivative = np.moveaxis(found[block.run][1][block.signal], 1, 2)[block.there]
+            jacobian[block.rows, self.shootings[block.run].active] = derivative
+        jacobian /= self.deviations[:, None]
+        priors, slopes = self._priors(theta)
+        r = np.append(self._weighed([values for values, _ in found]), priors)
+        return r, np.vstack([jacobian, slopes])
+
+    def _weighed(self, predicted: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+        r = np.empty(self.count)
+        for block in self.blocks:
+            readings = self.recordings[block.run].readings[block.signal]
+            r[block.rows] = (predicted[block.run][block.signal] - readings)[block.there]
+        return r / self.deviations
+
+    def _priors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        known = [(k, c.prior) for k, c in enumerate(self.coordinates) if c.prior is not None]
+        r, slopes = np.zeros(len(known)), np.zeros((len(known), len(theta)))
+        for row, (k, (mean, deviation)) in enumerate(known):
+            r[row], slopes[row, k] = (theta[k] - mean) / deviation, 1 / deviation
+        return r, slopes
+
+    def split(self, rows: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+        """Put one number for each row back to where it was read.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (rows,)
+            Residuals, say; those of priors are left out.
+
+        Returns
+        -------
+        dict of str to dict of str to ndarray
+            Run -> signal -> (size, m), NaN where nothing was read.
+        """
+        found: dict[str, dict[str, np.ndarray]] = {run.name: {} for run in self.runs}
+        for block in self.blocks:
+            whole = np.full(block.there.shape, np.nan)
+            whole[block.there] = rows[block.rows]
+            found[self.runs[block.run].name][block.signal] = whole
+        return found
+
+    def motions(self, theta: np.ndarray) -> tuple[Trajectory, ...]:
+        """Simulate every run, sampled when it was read.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        tuple of Trajectory
+        """
+        theta = np.asarray(theta, dtype=float)
+        return tuple(shooting.motion(theta) for shooting in self.shootings)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What looks wrong in the recordings but may be right."""
+        usual = {state.name: state.nominal for state in self.model.x}
+        told = [line for run in self.runs for line in run.warnings]
+        for run in self.runs:
+            for signal in set(run.readings) & set(usual):
+                times = float(np.nanmax(np.abs(run.readings[signal]))) / usual[signal]
+                if times > APART or 0 < times < 1 / APART:
+                    told.append(
+                        f"{run.name}: readings of {signal} are {times:.2g} times what is usual "
+                        "for the model; look at their unit"
+                    )
+        return tuple(told)
+
+
+def _check(task: FitTask) -> None:
+    if not isinstance(task.model, Model):
+        raise ArgumentError(f"model must be a Model, not {type(task.model).__name__}")
+    for what, given, kind in (
+        ("recordings", task.recordings, Recording),
+        ("unknowns", task.unknowns, Unknown),
+    ):
+        if not isinstance(given, Sequence) or not given:
+            raise ArgumentError(f"{what} must be a list of at least one {kind.__name__}")
+        for each in given:
+            if not isinstance(each, kind):
+                raise ArgumentError(f"{what} must be {kind.__name__}s, not {each!r:.60}")
+    if task.loss not in get_args(Loss):
+        raise ArgumentError(f"loss must be one of {', '.join(get_args(Loss))}, not {task.loss!r}")
+    for run in task.recordings:
+        _check_run(task, run)
+    readings = {signal for run in task.recordings for signal in run.readings}
+    for name, sd in (task.noise or {}).items():
+        if name not in readings:
+            raise UnknownNameError("the recordings", "signal", [name], sorted(readings))
+        if not 0 < sd < np.inf:
+            raise ArgumentError(f"noise of {name} must be positive, not {sd!r}")
+
+
+def _check_run(task: FitTask, run: Recording) -> None:
+    model = run.model or task.model
+    known = {state.name: state.size for state in model.x}
+    known = {o.name: o.expression.numel() for o in model.outputs} | known
+    for signal, rows in run.readings.items():
+        if signal not in known:
+            raise UnknownNameError(model.name, "state or output", [signal], list(known))
+        if len(rows) != known[signal]:
+            raise ArgumentError(
+                f"{run.name}: {signal} has {known[signal]} entries, the readings have {len(rows)}; "
+                "fill those that were not measured with NaN"
+            )
+
+
+def _scatter(rows: np.ndarray) -> float:
+    """Noise by how readings depart from the line through their neighbours; never 0."""
+    there = [row[np.isfinite(row)] for row in rows]
+    second = np.concatenate([np.diff(row, 2) for row in there])
+    sizes = np.concatenate(there)
+    least = max(1e-5 * float(np.ptp(sizes)), 1e-12 * float(np.abs(sizes).max()), 1e-300)
+    return max(float(np.median(np.abs(second))) / (0.6745 * 6**0.5) if second.size else 0.0, least)

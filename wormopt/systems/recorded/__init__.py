@@ -1,0 +1,1 @@
+"""Worms that were recorded: their numbers found from what was measured."""

@@ -1,0 +1,301 @@
+"""Files of measured signals put beside a Model: what was seen of it, and what moved it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from wormopt.control.loop import feed
+from wormopt.control.reference import gait_reference
+from wormopt.errors import ArgumentError, Fault, SceneError
+from wormopt.fitting.recording import Recording
+from wormopt.model.gait import Gait
+from wormopt.model.model import Model, Output, Signal
+from wormopt.quantities import UNITS, unit_of
+from wormopt.scene.units import parsed
+from wormopt.systems.recorded.columns import Columns
+from wormopt.systems.recorded.scenes.fit import RecordingTable, entry_of, plain_numbers
+from wormopt.systems.recorded.scenes.tables import near
+
+_DRIVE = "recorded"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A recording beside the Model that moved, or is to move, as it was recorded."""
+
+    recording: Recording
+    use: str  # "fit" or "predict"
+    left_out: tuple[str, ...]  # columns that are no signals
+    drives: tuple[str, ...]  # inputs and parameters that were recorded
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def fitted(self) -> bool:
+        """Whether it is fitted, not kept aside."""
+        return self.use == "fit"
+
+
+def runs_of(
+    tables: Sequence[RecordingTable],
+    folder: Path,
+    model: Model,
+    units: str,
+    noise: Mapping[str, float],
+    file: str,
+) -> list[Run]:
+    """Read all recordings of a scene; SceneError, said of `file`, with all that is wrong."""
+    found: list[Run] = []
+    faults: list[Fault] = []
+    for k, table in enumerate(tables):
+        key = f"recording[{k}]"
+        try:
+            columns = _columns(table, folder, key)
+            found.append(_run(table, columns, model, units, noise, key))
+        except SceneError as error:
+            faults += error.faults
+        except ArgumentError as error:
+            faults.append((key, str(error)))
+    seen = {name for run in found for name in run.recording.values}
+    if not faults:
+        faults += (
+            (f"noise.{name}", f"there are no readings of it; {near(name, seen)}")
+            for name in noise
+            if name not in seen
+        )
+    if faults:
+        raise SceneError(file, faults)
+    return found
+
+
+def _columns(table: RecordingTable, folder: Path, key: str) -> Columns:
+    if Path(table.file).suffix.lower() == ".nc":
+        return _netcdf(folder / table.file, table.time, f"{key}.file")
+    faults: list[Fault] = []
+    columns = table.read(folder, faults, key)
+    if columns is None:
+        raise SceneError(table.file, faults)
+    return columns
+
+
+def _netcdf(path: Path, time: str, key: str) -> Columns:
+    """Columns of a NetCDF-3 file: what goes along the dimension of `time`, entry by entry."""
+    from scipy.io import netcdf_file
+
+    try:
+        with netcdf_file(path, "r", mmap=False) as file:
+            stored = {
+                name: (one.dimensions, np.array(one[:], dtype=float), _unit(one))
+                for name, one in file.variables.items()
+                if one.dimensions and one.data.dtype.kind in "fiu"
+            }
+    except Exception as error:  # the reader raises nearly anything on what is no such file
+        hint = 'write it anew, by xarray with to_netcdf(..., format="NETCDF3_64BIT")'
+        faults = [(key, f"{path.name} is no NetCDF-3 file ({error}); {hint}, or as CSV")]
+        raise SceneError(path.name, faults) from None
+    if time not in stored or len(stored[time][0]) != 1:
+        there = near(time, (name for name, (dims, _, _) in stored.items() if len(dims) == 1))
+        raise SceneError(path.name, [(key, f"{path.name} has no times {time}; {there}")])
+    (along,), instants, unit = stored.pop(time)
+    wrong = np.flatnonzero(~(np.isfinite(instants[1:]) & (np.diff(instants) > 0)))
+    if wrong.size or not np.isfinite(instants[:1]).all():
+        k = int(wrong[0]) if wrong.size else 0
+        what = f"times must ascend, at index {k + 1} stands {instants[min(k + 1, len(instants) - 1)]:g}"
+        raise SceneError(path.name, [(key, f"{path.name}: {what}; keep each instant once")])
+    values, units = {}, {"": unit}
+    for name, (dims, array, unit) in stored.items():
+        if along not in dims or len(dims) > 2:
+            continue
+        rows = np.atleast_2d(np.moveaxis(array, dims.index(along), -1))
+        for k, row in enumerate(rows):
+            column = f"{name}[{k}]" if len(dims) > 1 else name
+            values[column], units[column] = row.tolist(), unit
+    return Columns(instants.tolist(), values, units)
+
+
+def _unit(variable: object) -> str:
+    unit = getattr(variable, "units", b"")
+    return unit.decode(errors="replace") if isinstance(unit, bytes) else str(unit)
+
+
+def _run(
+    table: RecordingTable,
+    columns: Columns,
+    model: Model,
+    units: str,
+    noise: Mapping[str, float],
+    key: str,
+) -> Run:
+    places = _Places(model, table, units, key)
+    seen, driven, left = places.sorted(columns)
+    time = np.asarray(columns.time) * places.factor("time", places.unit_of("", columns), table.time)
+    first, last = table.window or (-np.inf, np.inf)
+    kept = (first <= time) & (time <= last)
+    values = {name: rows[:, kept] for name, rows in places.rows(seen, columns).items()}
+    if not any(np.isfinite(rows).any() for rows in values.values()):
+        raise SceneError(table.file, [(f"{key}.file", "holds no reading of any state or output")])
+    own, warnings = model, []
+    if driven:
+        courses = places.rows(driven, columns)
+        own = _driven(model, courses, time, table.between == "held", warnings)
+        warnings = [f"{table.label}: {what}" for what in warnings]
+    recording = Recording(
+        time[kept],
+        values,
+        noise={name: sd for name, sd in noise.items() if name in values} or None,
+        x0=plain_numbers(table.start),
+        p={k: v for k, v in plain_numbers(table.parameters).items()},
+        model=own if driven else None,
+        name=table.label,
+    )
+    drives = tuple(sorted({name for name, _ in driven.values()}))
+    return Run(recording, table.use, tuple(left), drives, tuple(warnings))
+
+
+# -- which column is what --------------------------------------------------------------------------
+
+_Place = tuple[str, int]
+"""Name and entry of a signal."""
+
+
+class _Places:
+    """Where columns of a recording belong in a Model."""
+
+    def __init__(self, model: Model, table: RecordingTable, units: str, key: str) -> None:
+        self._table, self._units, self._key = table, units, key
+        outputs = {o.name: (o.expression.numel(), o.unit) for o in model.outputs}
+        states = {s.name: (s.size, s.unit) for s in model.x}
+        self._drives = {s.name: (s.size, s.unit) for s in (*model.u, *model.p)}
+        self._seen = outputs | states
+
+    def sorted(self, columns: Columns) -> tuple[dict[str, _Place], dict[str, _Place], list[str]]:
+        """Columns that were seen, those that moved the worm, and others."""
+        seen: dict[str, _Place] = {}
+        driven: dict[str, _Place] = {}
+        left: list[str] = []
+        for column in columns.values:
+            named = self._table.columns.get(column)
+            place = self._place(column) if named is None else self._place(named)
+            if place is None and named is None:
+                left.append(column)
+            elif place is None:
+                self._refuse(f"columns.{column}", self._why_none(named or ""))
+            else:
+                (driven if place[0] in self._drives else seen)[column] = place
+        for places in (seen, driven):
+            for place in places.values():
+                if list(places.values()).count(place) > 1:
+                    self._refuse("columns", f"two columns are {place[0]}[{place[1]}]; keep one")
+        if not seen:
+            there = ", ".join([*self._seen])
+            what = "no column is a state or output of the model; say which is one by columns = "
+            example = f'{{{next(iter(columns.values), "x0")} = "{next(iter(self._seen))}"}}'
+            self._refuse("columns", f"{what}{example}; there are {there}")
+        return seen, driven, left
+
+    def _place(self, signal: str) -> _Place | None:
+        """Name and entry of a signal as users and our own tables write it: x[0], x_0, x."""
+        known = self._seen | self._drives
+        name, entry = entry_of(signal)
+        head, _, tail = signal.rpartition("_")
+        if name not in known and head in known and tail.isdecimal():
+            name, entry = head, int(tail)
+        if name not in known or (entry is None and known[name][0] > 1):
+            return None
+        return (name, entry or 0) if (entry or 0) < known[name][0] else None
+
+    def _why_none(self, signal: str) -> str:
+        known = self._seen | self._drives
+        name, entry = entry_of(signal)
+        if name not in known:
+            return f"the model has no signal {name}; {near(name, known)}"
+        size = known[name][0]
+        one = f"{name}[0]" if size == 2 else f"{name}[0] to {name}[{size - 1}]"
+        if entry is None:
+            return f"{name} has {size} entries; write one of {one}"
+        return f"{name} has {size} entries, counted from 0; write {name}[{size - 1}] or less"
+
+    def rows(self, places: Mapping[str, _Place], columns: Columns) -> dict[str, np.ndarray]:
+        """Readings (size, m) of every signal, in the scene's units; NaN where there is none."""
+        known, found = self._seen | self._drives, dict[str, np.ndarray]()
+        for column, (name, entry) in places.items():
+            size, quantity = known[name]
+            rows = found.setdefault(name, np.full((size, len(columns.time)), np.nan))
+            factor = self.factor(quantity, self.unit_of(column, columns), column)
+            rows[entry] = factor * np.asarray(columns.values[column])
+        return found
+
+    def unit_of(self, column: str, columns: Columns) -> str:
+        """Unit of a column, "" where nothing tells it; that of time is "" in the file."""
+        named = column or self._table.time
+        return self._table.units.get(named, columns.units.get(column, ""))
+
+    def factor(self, quantity: str, unit: str, column: str) -> float:
+        """What readings of a column are multiplied by."""
+        if not unit or self._units != "SI":
+            return 1.0
+        wanted = unit_of(quantity, "SI") if quantity in UNITS else quantity
+        try:
+            (size, dimension), (one, needed) = parsed(unit), parsed(wanted)
+        except ValueError as error:
+            self._refuse(f"units.{column}", f'"{unit}" {error}; {wanted} say')
+        if dimension != needed:
+            what = f'"{unit}" is no unit of {quantity.replace("_", " ")}; write {wanted}, or a'
+            self._refuse(f"units.{column}", f"{what} multiple of it")
+        return float(size / one)
+
+    def _refuse(self, key: str, what: str) -> None:
+        raise SceneError(self._table.file, [(f"{self._key}.{key}", what)])
+
+
+# -- what moved the worm ---------------------------------------------------------------------------
+
+
+def _driven(
+    model: Model, courses: Mapping[str, np.ndarray], time: np.ndarray, held: bool, said: list[str]
+) -> Model:
+    """Model whose inputs and parameters of these names follow recorded courses (size, m)."""
+    signals = [s for s in (*model.u, *model.p) if s.name in courses]
+    laws = ca.vertcat(ca.SX(0, 1), *_numbers_of_laws(model))
+    for s in signals:
+        if ca.depends_on(laws, s.symbol):
+            raise ArgumentError(f"{s.name} is a number of friction, which has no course in time")
+    rows = np.vstack([_whole(s, courses[s.name], time, said) for s in signals])
+    slope = np.zeros_like(rows[:, :-1]) if held else np.diff(rows) / np.diff(time)
+    course = Gait(time - time[0], np.stack([rows[:, :-1].T, slope.T], axis=2))
+    reference = gait_reference(course, model.t, shift=-time[0], periodic=False, name=_DRIVE)
+    fed = feed(model, signals, reference.value)
+    at, shown = 0, []
+    for s in signals:
+        shown.append(Output(s.name, reference.value[at : at + s.size], s.unit))
+        at += s.size
+    return replace(
+        fed,
+        p=[p for p in model.p if p not in signals],
+        outputs=[*(o for o in fed.outputs if o.name not in courses), *shown],
+        schedules=[*fed.schedules, *reference.schedules],
+    )
+
+
+def _numbers_of_laws(model: Model) -> Iterator[ca.SX]:
+    for contact in model.contacts:
+        values = (getattr(contact.law, item.name) for item in fields(contact.law))
+        yield from (value for value in values if isinstance(value, ca.SX))
+
+
+def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) -> np.ndarray:
+    """Course of all entries of a signal, without gaps; what was not recorded keeps its value."""
+    usual = np.broadcast_to(np.asarray(signal.value, dtype=float), signal.size)
+    found = np.tile(usual[:, None], len(time))
+    for k, row in enumerate(rows):
+        there = np.isfinite(row)
+        if not there.any():
+            continue
+        if not there.all():
+            said.append(f"gaps of {signal.name}[{k}], {np.sum(~there)} readings, are bridged by lines")
+        found[k] = np.interp(time, time[there], row[there])
+    return found

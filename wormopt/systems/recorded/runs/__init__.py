@@ -1,0 +1,1 @@
+"""Runs of kinds about recorded worms."""
