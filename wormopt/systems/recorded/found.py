@@ -1,0 +1,120 @@
+"""Numbers found from measurements, as results tell them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.stats import norm
+
+from wormopt.quantities import Scalar, Variable
+
+
+class Coordinates(Protocol):
+    """How what is sought, logarithms say, becomes numbers."""
+
+    def values(self, theta: np.ndarray) -> np.ndarray:
+        """Numbers (n,) of coordinates (n,)."""
+        ...
+
+    def slopes(self, theta: np.ndarray) -> np.ndarray:
+        """Their derivatives (n,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Number:
+    """What was sought."""
+
+    name: str
+    unit: str
+    began: float  # where the search began
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Numbers found, their errors and intervals."""
+
+    numbers: Sequence[Number]
+    value: np.ndarray  # (n,)
+    error: np.ndarray  # (n,) standard errors, infinite for what cannot be told
+    interval: np.ndarray  # (n, 2)
+    correlation: np.ndarray  # (n, n)
+
+    @classmethod
+    def of(
+        cls,
+        numbers: Sequence[Number],
+        coordinates: Coordinates,
+        theta: np.ndarray,
+        covariance: np.ndarray,
+        level: float,
+    ) -> Found:
+        """Take numbers found from coordinates and their covariance (n, n); intervals by it."""
+        spread = np.sqrt(np.diag(covariance))
+        reach = float(norm.ppf((1 + level) / 2)) * spread
+        ends = [coordinates.values(theta + side * reach) for side in (-1, 1)]
+        with np.errstate(all="ignore"):
+            correlation = covariance / np.outer(spread, spread)
+        value = coordinates.values(theta)
+        error = spread * np.abs(coordinates.slopes(theta))
+        return cls(numbers, value, error, np.stack(ends, axis=1), correlation)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What numbers are called."""
+        return tuple(number.name for number in self.numbers)
+
+    @property
+    def scalars(self) -> dict[str, Any]:
+        """Every number, its standard error and its interval, by its label."""
+        found: dict[str, Any] = {}
+        for k, number in enumerate(self.numbers):
+            found[label_of(number.name)] = Scalar(float(self.value[k]), number.unit)
+        for k, number in enumerate(self.numbers):
+            label = label_of(number.name)
+            error = float(self.error[k]) if np.isfinite(self.error[k]) else None
+            found[f"{label}_error"] = Scalar(error, number.unit)
+            found[f"{label}_interval"] = Scalar(self.interval[k].tolist(), number.unit)
+        return found
+
+    @property
+    def variables(self) -> list[Variable]:
+        """The same as arrays, each in its number's own unit."""
+        own = "in the unit of each"
+        return [
+            Variable("estimate", "1", ("unknown",), self.value, f"numbers found, {own}"),
+            Variable("standard_error", "1", ("unknown",), self.error, f"their errors, {own}"),
+            Variable("interval", "1", ("unknown", "end"), self.interval, f"intervals, {own}"),
+            Variable("began", "1", ("unknown",), [n.began for n in self.numbers], "first guesses"),
+            Variable(
+                "correlation", "1", ("unknown", "unknown_too"), self.correlation,
+                "correlation of the errors",
+            ),
+        ]  # fmt: skip
+
+
+def label_of(name: str) -> str:
+    """Name of a number as names of scalars are: letters, digits and _."""
+    label = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+    return label if label[:1].isalpha() else f"number_{label}"
+
+
+def markdown(found: Found, level: float) -> str:
+    """Table of numbers found."""
+    rows = [
+        f"| unknown | unit | began | found | standard error | {100 * level:g} % interval |",
+        "| --- | --- | ---: | ---: | ---: | --- |",
+    ]
+    for k, number in enumerate(found.numbers):
+        error = f"{found.error[k]:.2g}" if np.isfinite(found.error[k]) else "cannot be told"
+        low, high = found.interval[k]
+        told = f"{low:.5g} to {high:.5g}" if np.isfinite([low, high]).all() else "open"
+        rows.append(
+            f"| {number.name} | {number.unit} | {number.began:.5g} | {found.value[k]:.6g} | "
+            f"{error} | {told} |"
+        )
+    return "\n".join(rows) + "\n"
