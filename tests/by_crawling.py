@@ -3,11 +3,11 @@
 Shares nothing with the package: equations (3), (7) and (15) are typed in again.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from by_recordings import Array, Seen
+from by_recordings import Array, Seen, disturb
 from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
@@ -112,3 +112,13 @@ class Crawler:
 
 
 _SEEN = {"position": 1, "actuator_force": 2, "spike_load": 1}
+
+
+def recorded(
+    crawler: Crawler, noise: float, seed: int, *, end: float = 10.0, rate: float = 100.0
+) -> Seen:
+    """Actuator forces of a crawl, read between the instants at which they jump."""
+    times = (np.arange(round(end * rate)) + 0.5) / rate
+    seen = crawler.watch(np.append(0.0, times))
+    values = {"actuator_force": seen.values["actuator_force"][:, 1:]}
+    return disturb(replace(seen, time=times, values=values), {"actuator_force": noise}, seed)

@@ -58,6 +58,7 @@ USES: dict[str, set[str]] = {
     "channel": {"coils"},
     "peristaltic": {"coils"},
     "planar": set(),
+    "recorded": {"spiked"},
 }
 
 

@@ -50,6 +50,11 @@ class Believed:
         if self.covariance.shape != (size, size):
             raise ArgumentError(f"the covariance must be {size} by {size}")
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """The numbers in the covariance's order."""
+        return np.array([*self.mass, self.drag, self.load])
+
     def reach(self, confidence: float) -> float:
         """Standard deviations by which no linear combination of the numbers is off, all at once.
 
@@ -58,6 +63,12 @@ class Believed:
         found = int(np.count_nonzero(np.diag(self.covariance)))
         freedom = min(self.freedom, 1e9)
         return math.sqrt(found * float(fdtri(found, freedom, confidence))) if found else 0.0
+
+    def distance(self, numbers: np.ndarray) -> float:
+        """How far other numbers (n+3,) are, in standard errors: within `reach` they are covered."""
+        found = np.diag(self.covariance) > 0
+        off = (np.asarray(numbers) - self.numbers)[found]
+        return math.sqrt(off @ np.linalg.solve(self.covariance[np.ix_(found, found)], off))
 
     def worm(self, width: float) -> Worm:
         """The worm with a range of loads, as wide to both sides; no load is below 0."""
@@ -124,9 +135,7 @@ def needed_width(motion: Crawl, believed: Believed, reach: float, limits: Limits
     for stretch in motion.stretches:
         for burden in burdens:
             slopes = _slopes(motion.drive, stretch, burden)
-            off = np.sqrt(
-                np.maximum(0.0, np.einsum("pqm,pr,rqm->qm", slopes, believed.covariance, slopes))
-            )
+            off = _errors(slopes, believed.covariance)
             by_load = np.abs(slopes[-1])
             if np.any((by_load < 1e-9) & (off > 0)):
                 raise SolveError(
@@ -138,11 +147,21 @@ def needed_width(motion: Crawl, believed: Believed, reach: float, limits: Limits
     return _BETWEEN * reach * worst
 
 
+def _errors(slopes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard errors (forces, m) of forces with these slopes."""
+    variance = np.einsum("pqm,pr,rqm->qm", slopes, covariance, slopes)
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
+def _instants(stretch: Stretch) -> np.ndarray:
+    turn = np.cos(np.pi * np.arange(_INSTANTS) / (_INSTANTS - 1))
+    return (stretch.start + stretch.stop - (stretch.stop - stretch.start) * turn) / 2
+
+
 def _slopes(drive: Drive, stretch: Stretch, burden: Burden) -> np.ndarray:
     """Derivatives of forces by masses, drag and load, (n+3, forces, m), while masses rest."""
     masses = len(drive.mass)
-    turn = np.cos(np.pi * np.arange(_INSTANTS) / (_INSTANTS - 1))
-    s = (stretch.start + stretch.stop - (stretch.stop - stretch.start) * turn) / 2
+    s = _instants(stretch)
     v, a = drive.kinematic(stretch.piece, stretch.leader, s)
     each = np.zeros((masses + 2, masses, len(s)))  # what each mass asks of what holds it
     each[np.arange(masses), np.arange(masses)] = a
@@ -170,11 +189,24 @@ def _check(believed: Believed, limits: Limits, confidence: float) -> None:
         )
 
 
-# -- the truth -------------------------------------------------------------------------------------
+# -- beside the truth ------------------------------------------------------------------------------
 
 
-def on_plant(gait_of: Design, plant: Worm) -> Crawl:
+def on_plant(design: Design, plant: Worm) -> Crawl:
     """How the worm with other numbers crawls with a design's gait."""
-    limits = gait_of.task.limits
+    limits = design.task.limits
     load = plant.load_range[1]
-    return crawl(gait_of.gait, plant.masses, plant.drag, load, limits.sharing, limits.spike_load)
+    return crawl(design.gait, plant.masses, plant.drag, load, limits.sharing, limits.spike_load)
+
+
+def load_band(design: Design, believed: Believed, reach: float) -> tuple[np.ndarray, ...]:
+    """Time (m,), the load of a resting spike, and by how much it may be off at worst."""
+    motion = design.motion_under(believed.load)
+    times, loads, errors = [], [], []
+    for stretch in motion.stretches:
+        s, slopes = _instants(stretch), _slopes(motion.drive, stretch, "total")
+        shared = max(len(stretch.resting), 1)
+        times.append(motion.gait.breaks[stretch.piece] + s)
+        loads.append(np.tensordot(believed.numbers, slopes[:, 0], 1) / shared)
+        errors.append(reach * _errors(slopes, believed.covariance)[0] / shared)
+    return np.concatenate(times), np.concatenate(loads), np.concatenate(errors)
