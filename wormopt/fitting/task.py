@@ -19,6 +19,9 @@ from wormopt.model.model import Model
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.trajectory import Trajectory
 
+# Relative tolerance over relative noise, and its limits.
+_LOST, _TOLERANCES = 1e-4, (1e-11, 1e-8)
+
 
 @dataclass(frozen=True)
 class Block:
@@ -54,7 +57,7 @@ class FitTask:
     loss : {"linear", "soft_l1", "huber", "cauchy"}, optional
         How large residuals count; all but "linear" bear outliers.
     tolerance : Tolerance, optional
-        Of simulations.
+        Of simulations; by the noise if left out.
     route : {"auto", "native", "python", "cvodes"}, optional
         How to integrate, see `simulate`.
 
@@ -89,7 +92,7 @@ class FitTask:
     contact: Treatment = Exact()  # noqa: RUF009  frozen
     noise: Mapping[str, float] | None = None
     loss: Loss = "linear"
-    tolerance: Tolerance = Tolerance(1e-8, 1e-10)  # noqa: RUF009  frozen
+    tolerance: Tolerance | None = None
     route: Route = "auto"
 
     def __post_init__(self) -> None:
@@ -199,10 +202,39 @@ class FitTask:
         float
             A rough one, from how readings scatter from one to the next, where nobody says.
         """
-        own, shared = self.recordings[run].noise or {}, self.noise or {}
-        if signal in own:
-            return float(own[signal])
+        own = self.recordings[run].noise or {}
+        return float(own[signal]) if signal in own else self.level(signal)
+
+    def level(self, signal: str) -> float:
+        """Standard deviation of a signal where recordings do not say.
+
+        Parameters
+        ----------
+        signal : str
+            Its name.
+
+        Returns
+        -------
+        float
+        """
+        shared = self.noise or {}
         return float(shared[signal]) if signal in shared else self._rough[signal]
+
+    def rows_without_noise(self, signal: str) -> np.ndarray:
+        """Rows of a signal in the runs that do not say its noise.
+
+        Parameters
+        ----------
+        signal : str
+            Its name.
+
+        Returns
+        -------
+        ndarray of int
+        """
+        blocks = [b for b in self.blocks if b.signal == signal]
+        open_ = [b for b in blocks if signal not in (self.recordings[b.run].noise or {})]
+        return np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in open_])
 
     @cached_property
     def _rough(self) -> dict[str, float]:
@@ -226,12 +258,25 @@ class FitTask:
         """
         return replace(self, noise={**(self.noise or {}), **noise})
 
+    @cached_property
+    def precision(self) -> Tolerance:
+        """How exactly motions are simulated: so that errors are lost in the noise."""
+        if self.tolerance is not None:
+            return self.tolerance
+        shares = [
+            self.deviation(block.run, block.signal)
+            / np.nanmax(np.abs(self.recordings[block.run].readings[block.signal]))
+            for block in self.blocks
+        ]
+        relative = float(np.clip(_LOST * min(shares), *_TOLERANCES))
+        return Tolerance(relative, relative / 100)
+
     # -- residuals -------------------------------------------------------------------------
 
     @cached_property
     def shootings(self) -> tuple[Shooting, ...]:
         """Each run, to be simulated."""
-        how = self.contact, self.tolerance, self.route
+        how = self.contact, self.precision, self.route
         return tuple(
             Shooting(run.model or self.model, run, self.coordinates, number, *how)
             for number, run in enumerate(self.runs)

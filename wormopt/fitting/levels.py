@@ -1,0 +1,42 @@
+"""Noise of readings, estimated from what a fit leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wormopt.fitting.losses import robust
+from wormopt.fitting.task import FitTask
+
+# Readings cannot be told to be better than motions are simulated.
+_ERRORS = 100.0
+_MEDIAN = 0.6745  # of the size of normal noise
+
+
+def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[str, float]:
+    """Standard deviations of signals; what the unknowns take from the residuals is counted.
+
+    Of a robust fit by the median, so that outliers do not count.
+    """
+    r, jacobian = task.plain(theta)
+    _, steep = robust(r[: task.count], task.loss)
+    weights = np.append(steep, np.ones(len(r) - task.count))
+    basis, s, _ = np.linalg.svd(weights[:, None] * jacobian, full_matrices=False)
+    leverage = np.sum(basis[:, s > 1e-10 * s.max(initial=0.0)] ** 2, axis=1)
+    found = {}
+    for signal in signals:
+        rows = task.rows_without_noise(signal)
+        free = max(1.0 - float(leverage[rows].sum()) / len(rows), 1.0 / len(rows))
+        if task.loss == "linear":
+            size = float(np.sqrt(np.mean(r[rows] ** 2) / free))
+        else:
+            size = float(np.median(np.abs(r[rows])) / _MEDIAN / np.sqrt(free))
+        found[signal] = max(size * task.level(signal), _least(task, signal))
+    return found
+
+
+def _least(task: FitTask, signal: str) -> float:
+    readings = [run.readings[signal] for run in task.recordings if signal in run.readings]
+    largest = max(float(np.nanmax(np.abs(rows))) for rows in readings)
+    return _ERRORS * task.precision.relative * largest
