@@ -51,9 +51,9 @@ def forces(result: Result) -> Figure:
     legend(above, [*handles("link", len(read)), line("fit", "black", width=0.7)])
     tell(
         drawn,
-        fact(result, "load", "load found"),
+        fact(result, "load_found"),
         fact(result, "load_error", "standard error"),
-        fact(result, "drag", "drag"),
+        fact(result, "drag_found"),
     )
     drawn.align_ylabels()
     return drawn

@@ -70,7 +70,7 @@ def _runs(scene: Scene[FitDesignScene]) -> list[Run]:
     """Recordings, each beside the Model that its gait drives."""
     table, found = scene.table, list[Run]()
     worm = table.worm.worm
-    for k, recording in enumerate(table.recordings):
+    for k, recording in enumerate(table.recording):
         gait = gait_of_shape(recording.gait, scene, f"recording[{k}].gait")
         model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
         (one,) = runs_of([recording], scene.folder, model, table.units, {}, scene.name)
@@ -107,11 +107,11 @@ def _of_fit(table: FitDesignScene, fitted: Fit, runs: Sequence[Run]) -> Findings
     believed = believed_of(fitted, table)
     errors = np.sqrt(np.diag(believed.covariance))
     scalars = {
-        "mass": list(believed.mass),
+        "mass_found": list(believed.mass),
         "mass_error": errors[:-2].tolist(),
-        "drag": believed.drag,
+        "drag_found": believed.drag,
         "drag_error": float(errors[-2]),
-        "load": believed.load,
+        "load_found": believed.load,
         "load_error": float(errors[-1]),
         "n_readings": fitted.task.count,
     }

@@ -99,11 +99,11 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
     )
     scalars: ClassVar = DESIGN_SCALARS | {
         "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
-        "mass": ("mass", "point masses found"),
+        "mass_found": ("mass", "point masses found"),
         "mass_error": ("mass", "their standard errors, 0 where not fitted"),
-        "drag": ("drag", "drag found"),
+        "drag_found": ("drag", "drag found"),
         "drag_error": ("drag", "its standard error"),
-        "load": ("force", "load found"),
+        "load_found": ("force", "load found"),
         "load_error": ("force", "its standard error"),
         "n_readings": ("count", "readings that were fitted"),
         "confidence": (
@@ -153,9 +153,7 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
             "and on the plant; `gait`, `motion`, `spikes` as for kind `gait`",
         ),
     ] = ()
-    recordings: Annotated[tuple[CrawlRecording, ...], says("", "runs of the worm")] = field(
-        name="recording"
-    )
+    recording: Annotated[tuple[CrawlRecording, ...], says("", "runs of the worm")]
     fit: Annotated[FitTable, says("", "the fit")] = field(default_factory=FitTable)
     objective: Annotated[ObjectiveTable, says("", "what to seek")]
     confidence: Annotated[
@@ -184,13 +182,13 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
             yield "gait.impulses", "loads spikes without bounds; leave it out"
         if not self.fit.numbers:
             yield "fit.numbers", 'none is left to find; write ["load"] say'
-        if not self.recordings:
+        if not self.recording:
             yield "recording", "there is none; write a table [[recording]]"
-        for k, recording in enumerate(self.recordings):
+        for k, recording in enumerate(self.recording):
             key = f"recording[{k}]"
             yield from recording.faults(folder, self.units, key)
             yield from recording.gait.faults(self.worm.links, folder, f"{key}.gait")
-        yield from named_twice((one.label for one in self.recordings), "recording")
+        yield from named_twice((one.label for one in self.recording), "recording")
         if (plant := self.plant_worm) is not None:
             for key, message in plant.faults():
                 yield f"plant.{key}", message
