@@ -74,7 +74,7 @@ class Course:
         return self.coefficients[piece] @ (t - begin) ** np.arange(self.coefficients.shape[2])
 
 
-def square(period: float, low: Sequence[float], high: Sequence[float], phase: ArrayLike) -> Course:
+def square(period: float, low: ArrayLike, high: ArrayLike, phase: ArrayLike) -> Course:
     """Courses that jump between two values, each at its own share of the period."""
     phase = np.asarray(phase) % 1.0
     cuts = np.unique(np.round(np.concatenate([[0.0, 1.0], phase, (phase + 0.5) % 1.0]), 12))
