@@ -15,9 +15,10 @@ from wormopt.simulation.options import Smooth
 
 ARRIVED = 1e-3
 """Standard errors within which a fit is at the bottom."""
-# Widths of the smooth law, in typical contact speeds, and looks at the residuals with each.
-_WIDTHS, _LOOKS_SMOOTH, _NEAR_ENOUGH = (1.0, 0.2), 25, 0.3
-_LOOKS = 100
+# Widths of the smooth law, in typical contact speeds.
+_WIDTHS = (1.0, 0.2)
+# Steps at most, and the share of the cost that a step shall gain where a start is all one wants.
+_LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 25, 1e-2
 # A trust region that shrank at a kink, or came to a bound, is opened again so many times.
 _REGIONS = 4
 # Standard errors, of one number alone, from which a bound counts as reached.
@@ -52,24 +53,23 @@ def descend(
     theta: np.ndarray,
     seen: Seen = lambda _: None,
     *,
-    looks: int = _LOOKS,
-    near: float = ARRIVED,
+    rough: bool = False,
 ) -> Descent:
-    """Follow Gauss-Newton steps in a trust region until less than `near` standard errors are left.
+    """Follow Gauss-Newton steps in a trust region to the bottom, or until little is gained.
 
-    `seen` is shown every point on the way. Raises SolveError where the motion at the start cannot
-    be followed.
+    `seen` is shown every point on the way; `rough`: a start for what follows will do. Raises
+    SolveError where the motion at the start cannot be followed.
     """
     best = _look(task, _inside(task, theta), 0)
     for _ in range(_REGIONS):
         before = best
-        best = _settled(task, _region(task, best, seen, looks, near))
-        if best.offset < near or best.cost > before.cost * (1 - 1e-6):
+        best = _settled(task, _region(task, best, seen, rough))
+        if rough or best.offset < ARRIVED or best.cost > before.cost * (1 - 1e-6):
             break
     return best
 
 
-def _region(task: FitTask, begin: Descent, seen: Seen, looks: int, near: float) -> Descent:
+def _region(task: FitTask, begin: Descent, seen: Seen, rough: bool) -> Descent:
     """Take SciPy's trust region; what cannot be simulated is no way to go.
 
     What lies at a bound stays there.
@@ -77,7 +77,7 @@ def _region(task: FitTask, begin: Descent, seen: Seen, looks: int, near: float) 
     from scipy.optimize import least_squares
 
     best, count, free = begin, begin.evaluations, ~_held(task, begin)
-    if begin.offset < near or not free.any():
+    if begin.offset < ARRIVED or not free.any():
         return begin
 
     def whole(part: np.ndarray) -> np.ndarray:
@@ -101,7 +101,7 @@ def _region(task: FitTask, begin: Descent, seen: Seen, looks: int, near: float) 
             count += 1
             best = _look(task, whole(part), 0)
             seen(best)
-        if best.offset < near:
+        if best.offset < ARRIVED:
             raise _Arrived
         return best.jacobian[:, free]
 
@@ -109,13 +109,13 @@ def _region(task: FitTask, begin: Descent, seen: Seen, looks: int, near: float) 
         least_squares(
             residuals,
             begin.theta[free],
-            jacobian,
+            jacobian,  # pyright: ignore[reportArgumentType]
             bounds=tuple(bound[free] for bound in task.bounds),
             x_scale="jac",
-            max_nfev=looks,
-            ftol=1e-12,
+            max_nfev=_LOOKS_ROUGH if rough else _LOOKS,
+            ftol=_GAIN_ROUGH if rough else 1e-12,
             xtol=1e-12,
-            gtol=None,
+            gtol=1e-15,
         )
     return replace(best, evaluations=count)
 
@@ -167,7 +167,7 @@ def approach(task: FitTask, theta: np.ndarray, speed: float, seen: Seen) -> Desc
     count = 0
     for smooth in smoothed(task, speed):
         try:
-            found = descend(smooth, theta, looks=_LOOKS_SMOOTH, near=_NEAR_ENOUGH)
+            found = descend(smooth, theta, rough=True)
         except SolveError:  # too stiff, say: go on from where it began
             continue
         theta, count = found.theta, count + found.evaluations

@@ -54,7 +54,7 @@ class Shooting:
                 s.name == name for s in (*self.model.p, *self.model.u)
             ):
                 raise ArgumentError(f"{self.run.name}: {name} has no value; give one in p")
-        return known
+        return {name: np.nan_to_num(value) for name, value in known.items()}
 
     def values(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Values of all that may be sought."""
@@ -63,7 +63,7 @@ class Shooting:
             number = self.coordinates[k].value(theta[k])
             for signal, direction in self.coordinates[k].directions.items():
                 found[signal] += number * direction
-        return {name: np.nan_to_num(value) for name, value in found.items()}
+        return found
 
     def motion(self, theta: np.ndarray, times: np.ndarray | None = None) -> Trajectory:
         """Simulate the run at the times of its readings, or at others."""

@@ -12,6 +12,7 @@ from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import Crossing, Watch
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.layer import Layer
+from wormopt.simulation.sensitivity.columns import Columns
 from wormopt.simulation.sharing import Sharing
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper
 
@@ -38,6 +39,8 @@ class _Clock:
         self._p, self._schedules = p, task.schedules
         sizes = [1 + schedule.symbol.numel() for schedule in task.schedules]
         self._offsets = task.system.n_fixed + np.cumsum([0, *sizes])
+        self._along = task.directions.schedules if task.directions else ()
+        self._directions = p[len(task.p) :].reshape(len(task.p), -1)
         self.next = np.inf
 
     def follow(self, t: float) -> None:
@@ -47,6 +50,9 @@ class _Clock:
             begin, piece = schedule.locate(np.array([t]))
             self._p[self._offsets[i]] = begin[0]
             self._p[self._offsets[i] + 1 : self._offsets[i + 1]] = schedule.values[piece[0]]
+            if self._along:
+                rows = slice(self._offsets[i] + 1, self._offsets[i + 1])
+                self._directions[rows] = self._along[i][piece[0]]
             self.next = min(self.next, schedule.next_break(t))
 
 
@@ -56,7 +62,7 @@ class _Record:
 
     task: InitialValueProblem
     samples: list[np.ndarray] = field(default_factory=list)
-    events: list[tuple[float, float, float, float]] = field(default_factory=list)
+    events: list[tuple[float, ...]] = field(default_factory=list)
     modes: list[np.ndarray] = field(default_factory=list)
     ends: list[float] = field(default_factory=list)
     rows: list[np.ndarray] = field(default_factory=list)
@@ -91,7 +97,7 @@ class _Motion:
     """A motion under way."""
 
     def __init__(self, task: InitialValueProblem, stiff: bool) -> None:
-        system, p = task.system, task.p.copy()
+        system, p = task.system, task.all_p.copy()
         modes = system.sliding
         self._task, self._modes, self._record = task, modes, _Record(task)
         self._t, self._x, self._n_steps = task.span[0], task.x0.copy(), 0
@@ -101,7 +107,8 @@ class _Motion:
         self._stepper = _stepper(task, p, modes, stiff)
         sharing = Sharing(task, p, modes) if system.exact and system.shares else None
         self._watch, self._layer = Watch(task, p, modes, sharing), Layer(task, p, modes)
-        self._contacts = Contacts(task, p, modes, sharing) if system.exact else None
+        self._columns = columns = Columns(task, p, modes)
+        self._contacts = Contacts(task, p, modes, sharing, columns) if system.exact else None
         self._resets = None
         if system.model.switches:
             self._resets = Call(system.resets, ("p", p), ("s", modes))
@@ -157,8 +164,14 @@ class _Motion:
 
     def _take(self, step: Step) -> None:
         self._record.keep(step)
-        self._t, self._x = step.end, step.x_new
+        self._t, self._x = step.end, step.x_new[: len(self._x)]
+        self._columns.s = step.x_new[len(self._x) :].reshape(self._columns.s.shape).copy()
         self._n_steps += 1
+
+    @property
+    def _all(self) -> np.ndarray:
+        """State, and behind it its derivatives."""
+        return np.append(self._x, self._columns.s)
 
     def _go_to(self, step: Step, crossing: Crossing) -> None:
         """Step to an event and let it happen."""
@@ -171,6 +184,7 @@ class _Motion:
         self._stepper.h = step.h
         if located.arrived:
             self._count_crowd()
+            self._columns.leave(crossing.which, self._t, self._x)
             k = crossing.which - self._watch.n_contacts
             if k < 0:
                 self._decide(crossing.which)
@@ -199,14 +213,16 @@ class _Motion:
         else:
             raise GivenUp("events_accumulate")
         self._watch.raise_levels(self._t, self._x)
-        self._stepper.restart(self._t, self._x)
+        self._columns.arrive(self._t, self._x)
+        self._stepper.restart(self._t, self._all)
 
     def _fire(self, k: int, error: tuple[float, float] = (0.0, 0.0)) -> None:
         assert self._resets is not None
         columns = self._resets(self._t, self._x)[0].reshape(-1, len(self._x))
+        self._columns.carry("resets_along", self._t, self._x, k)
         self._x = columns[k].copy()
         which = len(self._task.system.contacts) + k
-        self._record.events.append((self._t, which, _SWITCH, 0))
+        self._record.events.append((self._t, which, _SWITCH, 0, *self._columns.dt))
         self._decide()
         self._watch.note_fired(k, self._t, self._x, error)
         self._ended |= self._task.system.model.switches[k].terminal
@@ -220,7 +236,8 @@ class _Motion:
         for contact in {*stopped, *(change.which for change in changes)}:
             self._watch.note_change(contact)
         if record:
-            self._record.events += [(self._t, c.which, c.kind, c.mode) for c in changes]
+            dt = self._columns.dt
+            self._record.events += [(self._t, c.which, c.kind, c.mode, *dt) for c in changes]
         if not record or np.any(before != self._modes):
             self._record.modes.append(np.array([self._t, *self._modes]))
 
@@ -228,8 +245,8 @@ class _Motion:
 
     def outcome(self, status: str) -> Outcome:
         """What was found."""
-        task, record, n_x = self._task, self._record, len(self._x)
-        record.keep_end(self._t, self._x)
+        task, record, x = self._task, self._record, self._all
+        record.keep_end(self._t, x)
         # An interrupted step may have left more behind than it came to.
         reached = int(np.searchsorted(task.times, self._t, side="right"))
         steps = min(int(np.searchsorted(record.ends, self._t, side="right")), len(record.rows))
@@ -237,13 +254,13 @@ class _Motion:
             status=status,
             route="python",
             t=float(self._t),
-            x=self._x.copy(),
-            samples=np.array(record.samples[:reached]).reshape(-1, n_x),
+            x=x,
+            samples=np.array(record.samples[:reached]).reshape(-1, len(x)),
             n_steps=self._n_steps,
             n_rejected=self._stepper.n_rejected,
             n_evaluations=self._stepper.n_evaluations,
-            events=np.array(record.events).reshape(-1, 4),
+            events=np.array(record.events).reshape(-1, 4 + self._columns.k),
             modes=np.array(record.modes).reshape(-1, 1 + task.system.n_s),
             dense_time=np.array([task.span[0], *record.ends[:steps]] if task.dense else []),
-            dense=np.array(record.rows[:steps]).reshape(-1, 8, n_x),
+            dense=np.array(record.rows[:steps]).reshape(-1, 8, len(x)),
         )

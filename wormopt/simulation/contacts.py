@@ -8,6 +8,7 @@ import numpy as np
 
 from wormopt.simulation.aiming import Aim
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem
+from wormopt.simulation.sensitivity.columns import Columns
 from wormopt.simulation.sharing import SHARE_REST, Sharing, Split
 from wormopt.simulation.steps import Call, GivenUp
 
@@ -58,9 +59,10 @@ class Contacts:
         p: np.ndarray,
         modes: np.ndarray,
         sharing: Sharing | None,
+        columns: Columns,
     ) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
-        self._sharing = sharing
+        self._sharing, self._columns = sharing, columns
         self._n = len(system.contacts)
         self._s, self._modes, self._coupled = modes, modes[: self._n], system.coupled
         self._v_rest, self._v_stop, self._f_rest = task.v_rest, task.v_stop, task.f_rest
@@ -123,6 +125,7 @@ class Contacts:
                 break
         else:
             raise GivenUp("no_contact_mode")
+        self._columns.carry_rest(t, x)
         if self._coupled:
             self._aim.sweep(t, x)
         self._aim.follow(t, x)
@@ -184,6 +187,7 @@ class Contacts:
         return found
 
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
+        self._columns.carry("project_along", t, x)
         x = self._project(t, x)[0].copy()
         x[self._states[(self._modes[self._rows] == 0) & (self._states >= 0)]] = 0.0
         return x

@@ -62,6 +62,7 @@ class Watch:
     ) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
         self._task, self._modes, self._sharing = task, modes, sharing
+        self._n_x = len(task.x0)
         self.n_contacts = len(system.contacts) if system.exact else 0
         self.n = self.n_contacts + len(system.model.switches)
         self._levels = np.zeros(self.n)
@@ -89,8 +90,12 @@ class Watch:
                 values[split.contacts] = 1 - split.share
         return values
 
+    def _rows(self, step: Step) -> np.ndarray:
+        """Of a step's polynomial what the states need."""
+        return step.rows[:, : self._n_x].ravel()
+
     def _within(self, which: int, step: Step, theta: float) -> float:
-        values = self._inside(theta, step.t, step.h, step.rows.ravel())[0]
+        values = self._inside(theta, step.t, step.h, self._rows(step))[0]
         if self._sharing and self._sharing.active:
             self._shared(values, step.t + theta * step.h, step.states(theta))
         return float(values[which])
@@ -161,7 +166,7 @@ class Watch:
 
         Raises GivenUp if an event function is not a number.
         """
-        values = self._scan(step.t, step.h, step.rows.ravel())[0].reshape(len(_SAMPLES), self.n)
+        values = self._scan(step.t, step.h, self._rows(step))[0].reshape(len(_SAMPLES), self.n)
         if self._sharing and self._sharing.active:
             for theta, row in zip(_SAMPLES, values, strict=True):
                 self._shared(row, step.t + theta * step.h, step.states(theta))
@@ -226,7 +231,7 @@ class Watch:
             tried = stepper.redo(step, length)
             if tried.end < min(step.t + length, step.end):
                 return Located(tried, arrived=False)
-            value = self.value(which, tried.end, tried.x_new)
+            value = self.value(which, tried.end, tried.x_new[: self._n_x])
             if abs(value) > least:
                 break
             best, least = tried, abs(value)

@@ -12,12 +12,12 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853
 
-from wormopt.simulation.functions import System
-from wormopt.simulation.initial_value import InitialValueProblem
+from wormopt.simulation.initial_value import SLACK, InitialValueProblem
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step
 
 # Steps are given up where so many more would be needed for stability alone: some seconds.
 _STIFF_STEPS = 50_000
+_TINY = float(np.finfo(float).tiny)
 
 
 class Explicit:
@@ -29,10 +29,10 @@ class Explicit:
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         self.h, self.n_rejected, self.n_evaluations = 0.0, 0, 0
-        self._task, self._t, self._x = task, task.span[0], task.x0
-        take, polynomial = _dop853(task.system)
+        self._task, self._t, self._x = task, task.span[0], task.start
+        take, polynomial = _dop853(task.rhs, len(task.x0))
         limits = ("absolute", task.absolute), ("relative", np.array([task.tolerance.relative]))
-        self._rhs = Call(task.system.rhs, ("p", p), ("s", modes))
+        self._rhs = Call(task.rhs, ("p", p), ("s", modes))
         self._take = Call(take, ("p", p), ("s", modes), *limits)
         self._polynomial = Call(polynomial, ("p", p), ("s", modes))
         self._next = 0.0
@@ -62,7 +62,9 @@ class Explicit:
         if h < floor_of_step(self._task, self._t) and not last:
             raise GivenUp("step_too_small")
         x_new, stages, self._last_stage, sums = self._stages(self._t, self._x, h, self._dx)
-        error = _error(*sums, h, len(x_new))
+        error = _norm(*sums, h, len(self._task.x0))
+        if self._task.k and error <= 1:
+            error = max(self._columns_error(x_new, stages, h), error)
         factor = 0.9 * error ** (-1 / 8) if error > 0 else 6.0
         if not error <= 1.0:
             bad = not np.isfinite(error)
@@ -72,6 +74,26 @@ class Explicit:
         self._next = max(h * min(max(factor, 1 / 3), 6.0), self.h if h < self.h else 0.0)
         self._last_slope = stages[-len(x_new) :]
         return self._closed(h, stop if last else self._t + h, x_new, stages)
+
+    def _columns_error(self, x_new: np.ndarray, stages: np.ndarray, h: float) -> float:
+        """Error of the step in S: the worst column counts.
+
+        Sizes of columns are their own, in units of the nominal sizes of states.
+        """
+        task, n_x, k = self._task, len(self._task.x0), self._task.k
+        x, end = (part[n_x:].reshape(-1, k) for part in (self._x, x_new))
+        nominal = task.absolute[: len(x), None]
+        own = np.maximum(np.abs(x), np.abs(end))
+        own = own + 0.1 * nominal * (own / nominal).max(axis=0)
+        slopes = stages.reshape(12, -1)[:, n_x:]
+        scale = SLACK * task.tolerance.relative * own + _TINY
+        five, three = (
+            np.sum(((e[:-1] @ slopes).reshape(-1, k) / scale) ** 2, axis=0)
+            for e in (DOP853.E5, DOP853.E3)
+        )
+        errors = np.array([_norm(*pair, h, len(x)) for pair in zip(five, three, strict=True)])
+        lost = ~np.isfinite(x).all(axis=0)  # behind an event that has no derivative
+        return float(np.where(lost, 0.0, errors).max())
 
     def _stages(self, t: float, x: np.ndarray, h: float, dx: np.ndarray) -> list[np.ndarray]:
         self.n_evaluations += 11
@@ -114,29 +136,31 @@ class Explicit:
         self.h = self._next
         self._t, self._x, self._dx = step.end, step.x_new, step.dx_new
         left = (self._task.span[1] - step.end) / step.h
-        way = self._last_stage, self._last_slope
+        n = len(self._task.x0)
+        way = self._last_stage[:n], self._last_slope[:n]
         if self._watch.sees(step, *way) and left > _STIFF_STEPS and not self._task.system.exact:
             raise GivenUp("stiff")
 
     def _first(self, stop: float) -> float:
         """Length of the first step, from the size of x, x' and x'' (Hairer's hinit)."""
         t, x, dx, task = self._t, self._x, self._dx, self._task
-        scale = task.absolute + task.tolerance.relative * np.abs(x)
-        size, slope = np.sum((x / scale) ** 2), np.sum((dx / scale) ** 2)
+        n = len(task.x0)
+        scale = task.absolute + task.tolerance.relative * np.abs(x[:n])
+        size, slope = np.sum((x[:n] / scale) ** 2), np.sum((dx[:n] / scale) ** 2)
         h = 1e-6 if size <= 1e-10 or slope <= 1e-10 else 0.01 * np.sqrt(size / slope)
         # a state that is all but 0 and moves says nothing of times
         left = task.span[1] - t
         h = min(max(h, 1e-9 * left), left)
         # beyond a break the formulas of this piece say nothing, polynomials of a short one least
         probe = min(h, stop - t)
-        change = (self._derivative(t + probe, x + probe * dx) - dx) / scale
+        change = (self._derivative(t + probe, x + probe * dx) - dx)[:n] / scale
         largest = max(np.sqrt(np.sum(change**2)) / probe, np.sqrt(slope))
         wanted = max(1e-6, h * 1e-3) if largest <= 1e-15 else (0.01 / largest) ** (1 / 8)
         wanted = min(100 * h, wanted)
         return float(wanted if np.isfinite(wanted) and wanted > 0 else h)
 
 
-def _error(five: float, three: float, h: float, n: int) -> float:
+def _norm(five: float, three: float, h: float, n: int) -> float:
     """Error of a step against the tolerances; at most 1 is good, NaN where numbers are bad."""
     scale = five + 0.01 * three
     if not scale < np.inf:
@@ -155,8 +179,8 @@ class _StiffnessWatch:
         if self._unseen < 1000 and self._hints == 0:
             return False
         self._unseen = 0
-        change = np.linalg.norm(step.dx_new - last_slope)
-        way = np.linalg.norm(step.x_new - last_stage)
+        change = np.linalg.norm(step.dx_new[: len(last_slope)] - last_slope)
+        way = np.linalg.norm(step.x_new[: len(last_stage)] - last_stage)
         if way > 0 and step.h * change / way > 6.1:
             self._denials = 0
             self._hints += 1
@@ -169,20 +193,21 @@ class _StiffnessWatch:
 
 
 @lru_cache(maxsize=64)
-def _dop853(system: System) -> tuple[ca.Function, ca.Function]:
-    """Functions that take a step and that fit its polynomial."""
-    rhs = system.rhs
+def _dop853(rhs: ca.Function, n_x: int) -> tuple[ca.Function, ca.Function]:
+    """Functions that take a step, with the error of n_x entries, and that fit its polynomial."""
     t, x, p, s = rhs.mx_in()
     n, h, dx = x.numel(), ca.MX.sym("h"), ca.MX.sym("dx", x.numel())
-    absolute, relative = ca.MX.sym("absolute", n), ca.MX.sym("relative")
+    absolute, relative = ca.MX.sym("absolute", n_x), ca.MX.sym("relative")
     slopes, stage = [dx], x
     for row, node in zip(DOP853.A[1:], DOP853.C[1:], strict=True):
         stage = x + h * (ca.horzcat(*slopes) @ ca.DM(row[: len(slopes)]))
         slopes.append(rhs(t + node * h, stage, p, s))
     stages = ca.horzcat(*slopes)
     x_new = x + h * (stages @ ca.DM(DOP853.B))
-    scale = absolute + relative * ca.fmax(ca.fabs(x), ca.fabs(x_new))
-    five, three = (ca.sumsqr((stages @ ca.DM(E[:-1])) / scale) for E in (DOP853.E5, DOP853.E3))
+    scale = absolute + relative * ca.fmax(ca.fabs(x), ca.fabs(x_new))[:n_x]
+    five, three = (
+        ca.sumsqr((stages[:n_x, :] @ ca.DM(E[:-1])) / scale) for E in (DOP853.E5, DOP853.E3)
+    )
     take = ca.Function(
         "take",
         [t, x, h, dx, p, s, absolute, relative],

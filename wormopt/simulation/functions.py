@@ -235,7 +235,8 @@ class System:
         return ca.substitute(expression, self._force_symbols, forces)
 
     @cached_property
-    def _ode(self) -> ca.SX:
+    def ode(self) -> ca.SX:
+        """X' as an expression of t, x, p and s."""
         ode = self._at_forces(self._free[0], self.forces)
         if not self.exact:
             return ode
@@ -296,7 +297,7 @@ class System:
     @cached_property
     def rhs(self) -> ca.Function:
         """X'."""
-        return self.function("rhs", self._ode)
+        return self.function("rhs", self.ode)
 
     @cached_property
     def velocities(self) -> ca.Function:
@@ -365,7 +366,7 @@ class System:
                 f"a switch of {self.model.name} waits for a contact force that other contacts "
                 "share; let it wait for something else, or treat contact as smooth"
             )
-        rates = ca.jtimes(guards, self.symbols[1], self._ode) + ca.jacobian(guards, self.model.t)
+        rates = ca.jtimes(guards, self.symbols[1], self.ode) + ca.jacobian(guards, self.model.t)
         return self.function("guards", ca.vertcat(guards, rates))
 
     @cached_property
@@ -397,7 +398,7 @@ class System:
         """Expressions of the smooth treatment by CasADi's names: t, x, z, p, ode, alg."""
         t, x, p, _ = self.symbols
         z, alg = pack(self.model.z), self._put(self.model.alg)
-        return {"t": t, "x": x, "z": z, "p": p, "ode": self._ode, "alg": alg}
+        return {"t": t, "x": x, "z": z, "p": p, "ode": self.ode, "alg": alg}
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:

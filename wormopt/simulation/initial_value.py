@@ -6,15 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from wormopt.model.model import Signal
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Smooth, Tolerance
+from wormopt.simulation.sensitivity.directions import Directions
+from wormopt.simulation.sensitivity.variation import Variation, rhs_of, variation
 
 KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
+
+SLACK = 10.0
+"""How much larger than those of states errors of derivatives may be, against their size."""
 
 # Largest error of an onset, in tolerances: steps err by far less than these allow. It falls with
 # the fourth power of the onset's length at least, so that little of it costs few steps.
@@ -33,6 +39,33 @@ class InitialValueProblem:
     tolerance: Tolerance
     times: np.ndarray  # (m,) ascending sample times within the span
     dense: bool = False  # keep the polynomials of all steps
+    directions: Directions | None = None  # along which derivatives go with it
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """x0, then row by row its derivatives along the directions."""
+        return self.x0 if self.directions is None else np.append(self.x0, self.directions.x0)
+
+    @cached_property
+    def all_p(self) -> np.ndarray:
+        """P, then row by row its directions."""
+        return self.p if self.directions is None else np.append(self.p, self.directions.p)
+
+    @cached_property
+    def k(self) -> int:
+        """How many directions there are."""
+        return self.directions.k if self.directions else 0
+
+    @cached_property
+    def variation(self) -> Variation | None:
+        """What derivatives along the directions need."""
+        along = self.directions
+        return variation(self.system, along.active(self.system.n_fixed)) if along else None
+
+    @cached_property
+    def rhs(self) -> ca.Function:
+        """X', with its derivatives along the directions behind it."""
+        return rhs_of(self.variation, self.k) if self.variation else self.system.rhs
 
     @cached_property
     def absolute(self) -> np.ndarray:
@@ -120,12 +153,13 @@ class Outcome:
     status: str
     route: str  # which integrator
     t: float  # how far it came
-    x: np.ndarray  # (n_x,) at `t`
+    x: np.ndarray  # (n_x,) at `t`, derivatives behind it as in `InitialValueProblem.start`
     samples: np.ndarray  # (reached, n_x) at the sample times reached
     n_steps: int
     n_rejected: int
     n_evaluations: int
-    # rows: time, contact (switches counted on), index in `KINDS`, mode from then on
+    # rows: time, contact (switches counted on), index in `KINDS`, mode from then on, then
+    # derivatives of the time
     events: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     # (1 + changes, 1 + contacts) time, modes from then on
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))

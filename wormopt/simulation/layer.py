@@ -22,7 +22,7 @@ class Layer:
     """
 
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
-        system = task.system
+        system, self._n_x = task.system, len(task.x0)
         self._states: list[int] = system.velocity_state.tolist()
         self._layers: list[float] = [] if system.exact else (_WIDTHS * task.v_layer).tolist()
         self._bends = None
@@ -48,7 +48,7 @@ class Layer:
             return False
         times, inner = step.t + _SAMPLES * step.h, step.states(_SAMPLES)
         pairs = zip(times, inner, strict=True)
-        v = np.array([self._velocities(t, x)[0].copy() for t, x in pairs])
+        v = np.array([self._velocities(t, x[: self._n_x])[0].copy() for t, x in pairs])
         v *= np.where(v[0] > 0, 1.0, -1.0)
         passes = (v[0] > self._layers) & (v[-1] > self._layers) & (v.min(axis=0) < self._layers)
         return bool(np.any(passes & suspects))

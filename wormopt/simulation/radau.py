@@ -9,7 +9,6 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import Radau
 
-from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step, powers
 
@@ -29,9 +28,9 @@ class Stiff:
     def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
         self.h, self.n_rejected, self.n_evaluations = 0.0, 0, 0
         self._task, self._solver = task, None
-        self._t, self._x = task.span[0], task.x0
-        self._rhs = Call(task.system.rhs, ("p", p), ("s", modes))
-        self._jacobian = Call(_jacobian(task.system), ("p", p), ("s", modes))
+        self._t, self._x = task.span[0], task.start
+        self._rhs = Call(task.rhs, ("p", p), ("s", modes))
+        self._jacobian = Call(_jacobian(task.rhs), ("p", p), ("s", modes))
 
     def _derivative(self, t: float, x: np.ndarray) -> np.ndarray:
         self.n_evaluations += 1
@@ -110,10 +109,10 @@ class Stiff:
 
 
 @lru_cache(maxsize=64)
-def _jacobian(system: System) -> ca.Function:
-    """Dense Jacobian of the ode."""
-    jacobian = system.rhs.factory("jacobian", ["t", "x", "p", "s"], ["jac:rhs:x"])
-    arguments = jacobian.sx_in()
+def _jacobian(rhs: ca.Function) -> ca.Function:
+    """Dense Jacobian of x' by x."""
+    jacobian = rhs.factory("jacobian", ["t", "x", "p", "s"], ["jac:rhs:x"])
+    arguments = jacobian.mx_in()
     return ca.Function(
         "jacobian", arguments, [ca.densify(jacobian(*arguments))], ["t", "x", "p", "s"], ["jac"]
     )

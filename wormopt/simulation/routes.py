@@ -45,7 +45,7 @@ def _native(
     from wormopt.simulation.native.kernel import compiled, integrate
 
     try:
-        ready = compiled(task.system)
+        ready = compiled(task.system, task.variation)
     except CompilerError:
         if required:
             raise

@@ -20,6 +20,7 @@ from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
+from wormopt.simulation.sensitivity.directions import Sensitivities, directions
 from wormopt.simulation.trajectory import Dense, Event, Trajectory
 
 Values = Mapping[str, ArrayLike]
@@ -75,6 +76,7 @@ def simulate(
     dense: bool = False,
     tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
     route: Route = "auto",
+    sensitivities: Sensitivities | None = None,
     report: Report = silent,
 ) -> Trajectory:
     """Integrate a model in time, by the method of steps where it has delays.
@@ -103,6 +105,10 @@ def simulate(
     route : {"auto", "native", "python", "cvodes"}, optional
         How to integrate. "auto" is compiled code where there is a compiler, and an implicit
         integrator where the motion is too stiff for explicit steps.
+    sensitivities : sequence of str, or mapping of str to mapping of str to array_like, optional
+        Numbers along which the motion is differentiated: names of parameters, inputs, states (then:
+        their start) and schedules, all entries of each, ``"mass[0]"`` for one; or for each label a
+        direction, as ``{"friction": {"friction_forward": [1, 1, 1]}}``, in one or several of them.
     report : callable, optional
         Told how far it is, see `wormopt.progress`.
 
@@ -147,6 +153,7 @@ def simulate(
         times=times,
         dense=dense,
         tolerance=tolerance,
+        sensitivities=sensitivities,
     )
     if model.delays:
         return _trajectory(*integrate_delayed(task, route, report))
@@ -181,6 +188,7 @@ def _task(
     times: ArrayLike | None,
     dense: bool,
     tolerance: Tolerance,
+    sensitivities: Sensitivities | None,
 ) -> InitialValueProblem:
     system = _system(model, contact)
     start, end = _ends(span)
@@ -189,15 +197,18 @@ def _task(
         np.all(np.diff(sampled) >= 0) and start <= sampled[0] and sampled[-1] <= end
     ):
         raise ArgumentError(f"sample times must ascend within [{start:g}, {end:g}]")
+    scheduled = _with_values(tuple(model.schedules), schedules)
+    along = directions(system, scheduled, sensitivities)
     return InitialValueProblem(
         system=system,
         span=(start, end),
         x0=np.append(signal_values(model.x, x0, "state", fill=0.0), np.zeros(system.n_pushes)),
         p=system.parameters(p),
-        schedules=_with_values(tuple(model.schedules), schedules),
+        schedules=scheduled,
         tolerance=tolerance,
         times=sampled,
         dense=dense,
+        directions=along,
     )
 
 
@@ -222,7 +233,12 @@ def _with_values(
 
 def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
     """What an integrator found, refused if it did not come to the end."""
-    reached, n_x = task.times[: len(outcome.samples)], task.system.model.n_x
+    reached, n_x, first = (
+        task.times[: len(outcome.samples)],
+        task.system.model.n_x,
+        len(task.x0),
+    )
+    dense = np.delete(outcome.dense, slice(n_x, first), axis=2)
     motion = Trajectory(
         system=task.system,
         route=outcome.route,
@@ -237,7 +253,10 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         n_steps=outcome.n_steps,
         n_rejected=outcome.n_rejected,
         n_evaluations=outcome.n_evaluations,
-        dense=Dense(outcome.dense_time, outcome.dense[:, :, :n_x]) if len(outcome.dense) else None,
+        dense=Dense(outcome.dense_time, dense) if len(dense) else None,
+        along=task.directions,
+        state_derivatives=outcome.samples[:, first:].T.reshape(n_x, task.k, len(reached)),
+        end_derivative=outcome.x[first:].reshape(n_x, task.k),
     )
     if outcome.status == "done":
         return motion
@@ -251,6 +270,8 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
 def _events(system: System, rows: np.ndarray) -> tuple[Event, ...]:
     names = [c.name for c in system.contacts] + [s.name for s in system.model.switches]
     return tuple(
-        Event(float(t), names[int(which)], KINDS[int(kind)], int(mode))
-        for t, which, kind, mode in rows
+        Event(
+            float(t), names[int(which)], KINDS[int(kind)], int(mode), along if along.size else None
+        )
+        for (t, which, kind, mode), along in zip(rows[:, :4], rows[:, 4:], strict=True)
     )

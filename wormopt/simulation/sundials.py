@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from wormopt.errors import interruptible
+from wormopt.errors import ArgumentError, interruptible
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report
@@ -67,6 +67,8 @@ def _refuse(task: InitialValueProblem) -> None:
     if model.switches:
         names = [switch.name for switch in model.switches]
         raise ValueError(f'CVODES and IDAS know no switches ({names}); take route = "python"')
+    if task.directions:
+        raise ArgumentError('CVODES and IDAS know no sensitivities; take route = "python"')
     if task.dense:
         raise ValueError('CVODES and IDAS do not keep the motion; name times or route = "python"')
 

@@ -12,6 +12,8 @@ from wormopt.errors import ArgumentError
 from wormopt.model.motion import SampledMotion
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
+from wormopt.simulation.sensitivity.directions import Directions
+from wormopt.simulation.sensitivity.variation import variation
 
 # Within a step, where a largest value is sought first; then its neighbourhood, so many times.
 # The last is before whatever jumps at the end of the step.
@@ -36,6 +38,8 @@ class Event:
         a "release" ends a stick; an "impact" is a velocity that jumps to zero.
     mode : int
         Direction of the contact from then on: +1, -1, or 0 at rest; 0 for a switch.
+    derivative : ndarray, shape (k,), optional
+        Of the time, along the directions that were asked for.
 
     Examples
     --------
@@ -47,6 +51,7 @@ class Event:
     name: str
     kind: str
     mode: int
+    derivative: np.ndarray | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +107,12 @@ class Trajectory(SampledMotion):
         Accepted and rejected steps, evaluations of the ode.
     dense : Dense, optional
         The whole motion, where it was asked for.
+    along : Directions, optional
+        Along which directions derivatives are known.
+    state_derivatives : ndarray, shape (n_x, k, m)
+        Of the states at the sample times, along them; after a jump where one happens then.
+    end_derivative : ndarray, shape (n_x, k)
+        Of the last state, at its time.
     """
 
     system: System
@@ -118,6 +129,9 @@ class Trajectory(SampledMotion):
     n_rejected: int = 0
     n_evaluations: int = 0
     dense: Dense | None = None
+    along: Directions | None = None
+    state_derivatives: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    end_derivative: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     __repr__ = SampledMotion.__repr__
 
@@ -149,6 +163,52 @@ class Trajectory(SampledMotion):
         return self.observe(self.system.model[name])
 
     @property
+    def directions(self) -> tuple[str, ...]:
+        """Labels of the directions along which derivatives are known."""
+        return self.along.labels if self.along else ()
+
+    def derivative(self, name: str) -> np.ndarray:
+        """Differentiate the samples of a signal along the directions that were asked for.
+
+        Parameters
+        ----------
+        name : str
+            A state, or anything the model knows by name.
+
+        Returns
+        -------
+        ndarray, shape (size, k, m)
+            For each direction, at fixed times.
+
+        Raises
+        ------
+        ArgumentError
+            If the motion was simulated without ``sensitivities``.
+        UnknownNameError
+            If the model has nothing of that name.
+        """
+        if self.along is None:
+            raise ArgumentError("simulate with sensitivities=[...] to differentiate the motion")
+        if name in self._rows:
+            return self.state_derivatives[self._rows[name]]
+        return self._observed_along(self.system.model[name])
+
+    def _observed_along(self, expression: ca.SX) -> np.ndarray:
+        assert self.along is not None
+        function, (t, m) = (
+            variation(self.system, ()).observed(expression),
+            (self.time, len(self.time)),
+        )
+        p = self.system.scheduled(self.p, self.schedules, t)
+        dp = self.along.scheduled(self.system.n_fixed, self.schedules, t)
+        s, every = self._s_at(t), range(self.along.k)
+        columns = [
+            np.array(function(t[None], self.states, p, s, self.state_derivatives[:, k], dp[:, k]))
+            for k in every
+        ]
+        return np.stack(columns, axis=1).reshape(-1, len(columns), m)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What a law of friction leaves open, for the trust report."""
         return self.system.warnings
@@ -176,7 +236,9 @@ class Trajectory(SampledMotion):
         first, last = self.dense.time[0], self.dense.time[-1]
         if t.size and not (first <= t.min() and t.max() <= last):
             raise ArgumentError(f"the motion goes from {first:g} to {last:g}")
-        return replace(self, time=t, states=self.dense(t))
+        x, (n_x, k) = self.dense(t), self.end_derivative.shape
+        states, along = x[: len(self.states)], x[len(self.states) :]
+        return replace(self, time=t, states=states, state_derivatives=along.reshape(n_x, k, len(t)))
 
     def modes_at(self, t: np.ndarray) -> np.ndarray:
         """Modes of the contacts that may rest, at any times.

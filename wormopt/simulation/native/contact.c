@@ -64,7 +64,7 @@ void event_values(Run *run, double t, const double *x, double *value) {
 }
 
 static void values_within(Run *run, double theta, double h, double *value) {
-    dense_state(run, theta, run->column);
+    dense_state(run, theta, run->column, run->in.n_x);
     event_values(run, run->out.t + theta * h, run->column, value);
 }
 
@@ -214,7 +214,7 @@ int dips_into_layer(Run *run, double h) {
             if (m >= 0) {
                 v = dense_component(run, m, k / 16.0);
             } else {
-                dense_state(run, k / 16.0, run->column);
+                dense_state(run, k / 16.0, run->column, run->in.n_x);
                 evaluate(run, run->in.velocities, run->out.t + h * k / 16.0, run->column, run->probe);
                 v = run->probe[i];
             }
@@ -295,6 +295,7 @@ static double jump_from(const Run *run, long long i) {
 /* Stop what rests. */
 static void stop(Run *run) {
     evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
+    carry(run, run->in.project_along, 0);
     memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
     for (long long r = 0; r < run->in.n_rows; r++)
         if (run->modes[run->in.row_contact[r]] == 0.0 && run->in.row_state[r] >= 0)
@@ -343,7 +344,7 @@ static int must_jump(const Run *run, long long forced) {
     return 0;
 }
 
-static double way_out(const Run *run, long long i) {
+double way_out(const Run *run, long long i) {
     const long long n = run->in.n_contacts;
     double force = run->probe[2 * n + i], least = run->probe[3 * n + i];
     return force - least < run->probe[4 * n + i] - force ? 1.0 : -1.0;
@@ -403,6 +404,7 @@ static void record_change(Run *run, long long i, long long forced, int jumped) {
         return;
     }
     row[0] = run->out.t, row[1] = i, row[2] = kind, row[3] = now;
+    memcpy(row + 4, run->event_along, run->in.k * sizeof(double));
 }
 
 /* Decide which contacts rest, from velocities and then from forces. `forced` is the contact of an
@@ -450,6 +452,8 @@ void decide_modes(Run *run, long long forced, int record) {
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);
     }
+    for (long long i = 0, any = 0; i < n && run->in.k && !any; i++) /* what rests has no velocity */
+        if ((any = run->modes[i] == 0.0)) carry(run, run->in.project_along, 0);
     if (run->in.coupled) sweep_onsets(run);
     if (run->in.aims) follow_onsets(run);
     int changed = !record || ended
@@ -487,6 +491,7 @@ void apply_event(Run *run, long long which, int jumped) {
         residual = 2.0 * fabs(run->value[which]) + fabs(rate) * floor_of_step(run);
     }
     evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);
+    carry(run, run->in.resets_along, k * run->in.n_x);
     memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
     double *row = grow(&run->out.events);
     if (!row) {
@@ -494,6 +499,7 @@ void apply_event(Run *run, long long which, int jumped) {
         return;
     }
     row[0] = run->out.t, row[1] = run->in.n_contacts + k, row[2] = SWITCH, row[3] = 0.0;
+    memcpy(row + 4, run->event_along, run->in.k * sizeof(double));
     decide_modes(run, -1, 1);
     note_fired(run, which, residual);
     if (run->in.terminal[k] && run->out.status == RUNNING) run->out.status = DONE;

@@ -46,6 +46,10 @@ static void follow_schedules(Run *run) {
         p[0] = s->start + run->cycle[i] * s->breaks[s->pieces] * (s->periodic != 0)
                + s->breaks[run->piece[i]];
         memcpy(p + 1, s->values + run->piece[i] * s->size, s->size * sizeof(double));
+        const long long many = s->size * run->in.k;
+        if (s->along)
+            memcpy(run->out.p + run->in.n_p + (s->offset + 1) * run->in.k,
+                   s->along + run->piece[i] * many, many * sizeof(double));
         run->t_break = fmin(run->t_break, break_after(run, i));
     }
 }
@@ -67,11 +71,11 @@ static void fit(Run *run, double h) {
 
 /* Samples within the closed step of length h, its end left to what comes next. */
 static void emit(Run *run, double h, double end) {
-    const long long n = run->in.n_x;
+    const long long n = run->in.n_all;
     while (run->out.n_sampled < run->in.n_times && run->in.times[run->out.n_sampled] < end) {
         double theta = (run->in.times[run->out.n_sampled] - run->out.t) / h;
         fit(run, h);
-        dense_state(run, fmax(theta, 0.0), run->out.samples + n * run->out.n_sampled++);
+        dense_state(run, fmax(theta, 0.0), run->out.samples + n * run->out.n_sampled++, n);
     }
     if (!run->in.keep_dense) return;
     fit(run, h);
@@ -85,7 +89,7 @@ static void emit(Run *run, double h, double end) {
 }
 
 static void emit_end(Run *run) {
-    const long long n = run->in.n_x;
+    const long long n = run->in.n_all;
     while (run->out.n_sampled < run->in.n_times && run->in.times[run->out.n_sampled] <= run->out.t)
         memcpy(run->out.samples + n * run->out.n_sampled++, run->out.x, n * sizeof(double));
 }
@@ -118,6 +122,7 @@ static void take_over(Run *run, double end) {
 /* Everything that may change without time passing, once schedules, state or modes have jumped. */
 static void start_afresh(Run *run) {
     fire_jumped_switches(run);
+    arrive(run);
     derivative(run, run->out.t, run->out.x, run->k[0]);
 }
 
@@ -135,6 +140,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
     if (run->out.t - run->crowd_start > 1e-10 * (run->in.t_end - run->in.t_start))
         run->crowd = 0, run->crowd_start = run->out.t;
     if (++run->crowd > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
+    leave(run, which);
     if (run->out.status == RUNNING) apply_event(run, which, 0);
     if (run->out.status == RUNNING) start_afresh(run);
     run->h_next = h;
@@ -220,20 +226,22 @@ EXPORT void wormopt_free(Run *run) {
         run->modes,  run->before, run->aims,        run->toward,          run->bend,
         run->fresh,  run->struck, run->released,    run->probe,           run->guard,
         run->reset,  run->value,  run->level,       run->scan,            run->column,
-        run->w,
+        run->w,      run->event_along,          run->slope,           run->slopes_x,
+        run->slopes_p, run->column_x,           run->column_p,        run->change,
+        run->column_error,
     };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     for (int i = 0; i < N_ALL; i++) free(run->k[i]);
     free(run->cycle), free(run->piece), free(run->iw), free(run->arg), free(run->res), free(run);
 }
 
-static int allocate(Run *run, long long n_p) {
+static int allocate(Run *run) {
     const Problem *in = &run->in;
-    const long long n = in->n_x, c = in->n_contacts, f = n_functions(run);
+    const long long n = in->n_all, c = in->n_contacts, f = n_functions(run);
     int good = 1;
 #define ROOM(pointer, count) good &= (pointer = calloc((size_t)(count) + 1, sizeof *(pointer))) != NULL
     ROOM(run->out.x, n);
-    ROOM(run->out.p, n_p);
+    ROOM(run->out.p, in->n_p * (1 + in->k));
     ROOM(run->out.samples, in->n_times * n);
     for (int i = 0; i < N_ALL; i++) ROOM(run->k[i], n);
     ROOM(run->x_new, n);
@@ -254,6 +262,14 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->level, f);
     ROOM(run->scan, 13 * f + 2 * c);
     ROOM(run->column, n);
+    ROOM(run->event_along, in->k);
+    ROOM(run->slope, in->n_x);
+    ROOM(run->slopes_x, in->in_x.count);
+    ROOM(run->slopes_p, in->in_p.count);
+    ROOM(run->column_x, in->n_x);
+    ROOM(run->column_p, in->n_p);
+    ROOM(run->change, in->n_x * (in->n_switches + 1) + 3 * c);
+    ROOM(run->column_error, 3 * in->k);
     ROOM(run->cycle, in->n_schedules);
     ROOM(run->piece, in->n_schedules);
     ROOM(run->iw, in->n_iw);
@@ -261,24 +277,25 @@ static int allocate(Run *run, long long n_p) {
     ROOM(run->arg, in->n_arg);
     ROOM(run->res, in->n_res);
 #undef ROOM
-    run->out.events.width = 4;
+    run->out.events.width = 4 + in->k;
     run->out.modes.width = 1 + in->n_s;
     run->out.dense.width = 1 + N_DENSE * n;
     return good;
 }
 
-/* Begin a run from x (n_x) with parameters p (n_p, the scheduled ones of no matter). NULL if memory
-   is out. The arrays of the problem must outlive the run, x and p need not. */
-EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double *p, long long n_p) {
+/* Begin a run from x (n_all) with parameters and their directions p (n_p, then row by row; those
+   that are scheduled of no matter). NULL if memory is out. The arrays of the problem must outlive
+   the run, x and p need not. */
+EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double *p) {
     Run *run = calloc(1, sizeof(Run));
     if (!run) return NULL;
     run->in = *problem;
-    if (!allocate(run, n_p)) {
+    if (!allocate(run)) {
         wormopt_free(run);
         return NULL;
     }
-    memcpy(run->out.x, x, problem->n_x * sizeof(double));
-    memcpy(run->out.p, p, n_p * sizeof(double));
+    memcpy(run->out.x, x, problem->n_all * sizeof(double));
+    memcpy(run->out.p, p, problem->n_p * (1 + problem->k) * sizeof(double));
     run->out.t = problem->t_start;
     run->crowd_start = -INFINITY;
     for (long long i = 0; i < problem->n_contacts; i++) {
@@ -289,7 +306,7 @@ EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double 
     decide_modes(run, -1, 0);
     set_levels(run, 1);
     start_afresh(run);
-    for (long long m = 0; m < problem->n_x; m++)
+    for (long long m = 0; m < problem->n_all; m++)
         if (!isfinite(run->out.x[m]) || !isfinite(run->k[0][m])) run->out.status = NOT_FINITE;
     return run;
 }

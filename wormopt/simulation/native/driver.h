@@ -10,10 +10,19 @@ typedef struct {
     double start;
     long long pieces, size, offset, periodic; /* offset of `begin` in p; the values follow it */
     const double *breaks, *values;
+    const double *along; /* per piece and value k entries of directions; NULL where there are none */
 } Schedule;
 
+/* Where the entries of a Jacobian stand. */
 typedef struct {
-    long long n_x, n_contacts, n_rows, n_s, n_switches, n_schedules, n_times;
+    long long count;
+    const long long *rows, *columns;
+} Entries;
+
+typedef struct {
+    long long n_x, n_all; /* states; with their derivatives along the directions, see variation.c */
+    long long n_model, n_p, k; /* states of the model, parameters, directions */
+    long long n_contacts, n_rows, n_s, n_switches, n_schedules, n_times;
     long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
     long long exact, coupled, shares, keep_dense, max_steps, stiff_steps;
     Function rhs;      /* (t, x, p, s) -> x' */
@@ -25,6 +34,11 @@ typedef struct {
     Function project;  /* (t, x, p, s) -> x with the velocities of contacts with s = 0 made zero */
     Function guards;   /* (t, x, p, s) -> guards of the switches, then their rates */
     Function resets;   /* (t, x, p, s) -> states after each switch, one column each */
+    Function slopes;   /* (t, x, p, s) -> x', entries of its derivatives by the model's x and by p */
+    /* (t, x, p, s, dt, dx, dp) -> changes of velocities and of distances from the least and the
+       largest force that hold; of project; of guards; of resets */
+    Function contacts_along, project_along, guards_along, resets_along;
+    Entries in_x, in_p;
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *planar;         /* per contact its place among those in the plane, or -1 */
     const long long *row_contact, *row_state; /* per component of velocity */
@@ -41,6 +55,7 @@ typedef struct {
     const Schedule *schedules;
     const double *times;             /* ascending, within [t, t_end] */
     double relative, max_step, t_start, t_end;
+    double slack; /* how much less exact derivatives may be than states */
 } Problem;
 
 typedef enum {
@@ -66,12 +81,13 @@ typedef struct {
 typedef struct {
     double t, h;
     long long status, n_steps, n_rejected, n_evaluations, n_sampled;
-    double *x;       /* n_x */
-    double *p;       /* parameters; the scheduled ones are written here */
-    double *samples; /* n_times rows of n_x */
-    Table events;    /* time, index of contact or n_contacts + index of switch, kind, mode */
+    double *x;       /* n_all */
+    double *p;       /* parameters, then row by row their directions; both as scheduled */
+    double *samples; /* n_times rows of n_all */
+    Table events;    /* time, index of contact or n_contacts + index of switch, kind, mode, k
+                        derivatives of the time */
     Table modes;     /* time, modes and directions of onset */
-    Table dense;     /* end of the step, 8 n_x coefficients */
+    Table dense;     /* end of the step, 8 n_all coefficients */
 } Report;
 
 #endif

@@ -9,17 +9,18 @@ from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
+from itertools import zip_longest
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from wormopt.model.planar_friction import PlanarLaw
-from wormopt.model.schedule import Schedule
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
-from wormopt.simulation.initial_value import InitialValueProblem, Outcome
+from wormopt.simulation.initial_value import SLACK, InitialValueProblem, Outcome
 from wormopt.simulation.native.build import library
+from wormopt.simulation.sensitivity.variation import Variation
 
 _FUNCTIONS = ("rhs", "velocities", "probe", "aims", "bends", "project", "guards", "resets")
 _STATUS = {
@@ -32,7 +33,9 @@ _STATUS = {
     -6: "no_contact_mode",
     -7: "no_memory",
 }
-_SOURCES = ("driver.c", "stepper.c", "contact.c", "aiming.c", "driver.h", "run.h", "tableau.h")
+_ALONG = ("slopes", "contacts_along", "project_along", "guards_along", "resets_along")
+_CODE = ("driver.c", "stepper.c", "contact.c", "aiming.c", "variation.c")
+_SOURCES = (*_CODE, "driver.h", "run.h", "tableau.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
@@ -43,7 +46,12 @@ class _Schedule(Structure):
         *((name, c_longlong) for name in ("pieces", "size", "offset", "periodic")),
         ("breaks", c_void_p),
         ("values", c_void_p),
+        ("along", c_void_p),
     )
+
+
+class _Entries(Structure):
+    _fields_ = (("count", c_longlong), ("rows", c_void_p), ("columns", c_void_p))
 
 
 class _Problem(Structure):
@@ -53,12 +61,15 @@ class _Problem(Structure):
         *(
             (name, c_longlong)
             for name in (
-                *("n_x", "n_contacts", "n_rows", "n_s", "n_switches", "n_schedules", "n_times"),
+                *("n_x", "n_all", "n_model", "n_p", "k"),
+                *("n_contacts", "n_rows", "n_s", "n_switches", "n_schedules", "n_times"),
                 *("n_iw", "n_w", "n_arg", "n_res"),
                 *("exact", "coupled", "shares", "keep_dense", "max_steps", "stiff_steps"),
             )
         ),
-        *((name, c_void_p) for name in _FUNCTIONS),
+        *((name, c_void_p) for name in (*_FUNCTIONS, *_ALONG)),
+        ("in_x", _Entries),
+        ("in_p", _Entries),
         *(
             (name, c_void_p)
             for name in (
@@ -78,7 +89,7 @@ class _Problem(Structure):
                 *("schedules", "times"),
             )
         ),
-        *((name, c_double) for name in ("relative", "max_step", "t_start", "t_end")),
+        *((name, c_double) for name in ("relative", "max_step", "t_start", "t_end", "slack")),
     )
 
 
@@ -115,7 +126,7 @@ def _driver() -> ctypes.CDLL:
     sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _SOURCES]
     driver = library("driver", sources, "-O3")
     driver.wormopt_start.restype = POINTER(_Report)
-    driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p, c_longlong]
+    driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
     driver.wormopt_advance.restype = c_longlong
     driver.wormopt_advance.argtypes = [POINTER(_Report), c_longlong]
     driver.wormopt_free.restype = None
@@ -180,16 +191,17 @@ class Compiled:
     fields: dict[str, int]  # entries of the problem: numbers and addresses
     arrays: dict[str, np.ndarray]  # entries of the problem that are arrays
     library: ctypes.CDLL  # kept loaded as long as the addresses are in use
+    entries: tuple[np.ndarray, ...]  # where those of Jacobians stand, see `Variation`
 
 
 @lru_cache(maxsize=64)
-def compiled(system: System) -> Compiled:
-    """Compile the functions of a system, or find them in the cache.
+def compiled(system: System, variation: Variation | None = None) -> Compiled:
+    """Compile the functions of a system, or find them in the cache; with derivatives or without.
 
     Raises CompilerError if there is no compiler or it fails.
     """
     _driver()
-    functions = system.functions
+    functions = system.functions | (variation.functions if variation else {})
     found = _library(_source(list(functions.values())))
     fields = {
         "n_contacts": len(system.contacts),
@@ -220,13 +232,15 @@ def compiled(system: System) -> Compiled:
         "directions": np.array(directions, dtype=np.int64),
         "terminal": np.array([s.terminal for s in system.model.switches], dtype=np.int64),
     }
-    return Compiled(fields, arrays, found)
+    entries = variation.entries if variation else ()
+    return Compiled(fields, arrays, found, entries)
 
 
-def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array, list[np.ndarray]]:
+def _schedules(task: InitialValueProblem) -> tuple[ctypes.Array, list[np.ndarray]]:
     """Mirror schedules; the arrays must be kept as long as the mirror is in use."""
-    kept, rows = [], []
-    for schedule in schedules:
+    kept, rows, offset = [], [], task.system.n_fixed
+    directions = task.directions.schedules if task.directions else ()
+    for schedule, along in zip_longest(task.schedules, directions):
         breaks = np.ascontiguousarray(schedule.breaks, dtype=float)
         values = np.ascontiguousarray(schedule.values, dtype=float)
         size = values.shape[1]
@@ -240,10 +254,17 @@ def _schedules(schedules: Sequence[Schedule], offset: int) -> tuple[ctypes.Array
                 schedule.periodic,
                 breaks.ctypes.data,
                 values.ctypes.data,
+                None if along is None else along.ctypes.data,
             )
         )
         offset += 1 + size
     return (_Schedule * len(rows))(*rows), kept
+
+
+def _mirrored(entries: np.ndarray) -> _Entries:
+    """Of entries the number, rows and columns."""
+    rows, columns = (entries[i].ctypes.data for i in range(2))
+    return _Entries(entries.shape[1], rows, columns)
 
 
 def integrate(
@@ -253,8 +274,8 @@ def integrate(
 
     A smooth motion is given up where stability alone would need `stiff_steps` more steps.
     """
-    driver, n_x = _driver(), len(task.x0)
-    schedules, kept = _schedules(task.schedules, task.system.n_fixed)
+    driver = _driver()
+    schedules, kept = _schedules(task)
     arrays = ready.arrays | {
         "v_rest": task.v_rest,
         "v_drift": task.v_drift,
@@ -266,7 +287,11 @@ def integrate(
         "times": np.ascontiguousarray(task.times, dtype=float),
     }
     problem = _Problem(
-        n_x=n_x,
+        n_x=len(task.x0),
+        n_all=len(task.start),
+        n_model=task.system.model.n_x,
+        n_p=len(task.p),
+        k=task.k,
         n_schedules=len(task.schedules),
         n_times=len(task.times),
         keep_dense=task.dense,
@@ -277,18 +302,20 @@ def integrate(
         max_step=task.max_step,
         t_start=task.span[0],
         t_end=task.span[1],
+        slack=SLACK,
         **ready.fields,
+        **dict(zip(("in_x", "in_p"), map(_mirrored, ready.entries), strict=False)),
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
-    x0, p = np.ascontiguousarray(task.x0), np.ascontiguousarray(task.p)
-    run = driver.wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data, len(p))
+    x0, p = np.ascontiguousarray(task.start), np.ascontiguousarray(task.all_p)
+    run = driver.wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data)
     if not run:
         raise MemoryError("no memory for the samples asked for")
     try:
         _advance(driver, run, task, report)
-        return _outcome(run.contents, _STATUS[run.contents.status], n_x, task)
+        return _outcome(run.contents, _STATUS[run.contents.status], task)
     except KeyboardInterrupt:
-        return _outcome(run.contents, "interrupted", n_x, task)
+        return _outcome(run.contents, "interrupted", task)
     finally:
         driver.wormopt_free(run)
         del kept
@@ -297,14 +324,14 @@ def integrate(
 def _advance(driver: ctypes.CDLL, run: Any, task: InitialValueProblem, report: Progress) -> None:
     """Go to the end, or as far as it goes."""
     start, end = task.span
-    chunk = max(_WORK_PER_CALL // len(task.x0), 20)
+    chunk = max(_WORK_PER_CALL // len(task.start), 20)
     report("simulating", 0.0)
     while driver.wormopt_advance(run, chunk) == 0:
         report("simulating", (run.contents.t - start) / (end - start))
 
 
-def _outcome(found: _Report, status: str, n_x: int, task: InitialValueProblem) -> Outcome:
-    dense = found.dense.array()
+def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:
+    dense, n_x = found.dense.array(), len(task.start)
     samples = np.ctypeslib.as_array(found.samples, (max(found.n_sampled, 1), n_x))
     return Outcome(
         status=status,

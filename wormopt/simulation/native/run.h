@@ -12,7 +12,7 @@ typedef struct {
     Problem in;
     double *k[N_ALL];      /* derivatives of the stages */
     double *x_new, *stage; /* end of the step; scratch, and the state of the last stage */
-    double *dense;         /* 8 rows of n_x */
+    double *dense;         /* 8 rows of n_all */
     double *modes, *before; /* s, now and before the last decision: +1, -1, 0 per contact, then
                                onsets */
     double *bend;          /* velocities that bend forces and speeds, at both ends of a step */
@@ -26,6 +26,11 @@ typedef struct {
     double *value, *level; /* per event function: value, and what it falls below at an event */
     double *scan;          /* values at the samples of a step, at the first event, levels */
     double *column;        /* a state in between */
+    double *event_along;   /* derivatives of the time of the event that is under way; else 0 */
+    double *slope;         /* x' where an event begins or ends */
+    double *slopes_x, *slopes_p; /* entries of Jacobians */
+    double *column_x, *column_p, *change; /* of S and of the directions; change along them */
+    double *column_error;  /* size and error of each column of S */
     double t_break;        /* next break of any schedule */
     double h_next, h_whole; /* next step; the one that a break or the end has cut */
     long long since_check, stiff_hints, unstiff_hints;
@@ -47,7 +52,7 @@ double step_error(Run *run, double h);
 void close_step(Run *run, double h);
 void fit_dense(Run *run, double h);
 double dense_component(const Run *run, long long i, double theta);
-void dense_state(const Run *run, double theta, double *x);
+void dense_state(const Run *run, double theta, double *x, long long count);
 double first_step(Run *run);
 int looks_stiff(Run *run, double h);
 
@@ -56,6 +61,7 @@ long long n_functions(const Run *run);
 void event_values(Run *run, double t, const double *x, double *value);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
+double way_out(const Run *run, long long i);
 int dips_into_layer(Run *run, double h);
 int goes_over_bend(Run *run, double h);
 void set_levels(Run *run, int at_start);
@@ -71,6 +77,13 @@ void begin_onset(Run *run, long long i);
 void turn_onset(Run *run, long long i);
 void sweep_onsets(Run *run);
 void follow_onsets(Run *run);
+
+/* variation.c */
+void vary(Run *run, double t, const double *x, double *dx);
+double columns_error(Run *run, double h);
+void leave(Run *run, long long which);
+void carry(Run *run, Function along, long long offset);
+void arrive(Run *run);
 
 /* driver.c */
 double *grow(Table *table);

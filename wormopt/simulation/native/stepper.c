@@ -15,7 +15,10 @@ void evaluate(Run *run, Function f, double t, const double *x, double *result) {
 
 void derivative(Run *run, double t, const double *x, double *dx) {
     run->out.n_evaluations++;
-    evaluate(run, run->in.rhs, t, x, dx);
+    if (run->in.k)
+        vary(run, t, x, dx);
+    else
+        evaluate(run, run->in.rhs, t, x, dx);
 }
 
 /* term of a stage: coefficient j of row i */
@@ -26,7 +29,7 @@ void derivative(Run *run, double t, const double *x, double *dx) {
 
 /* Take the stages of a step of length h from (t, x) with derivative k[0]; x_new is its end. */
 void stages(Run *run, double h) {
-    const long long n = run->in.n_x;
+    const long long n = run->in.n_all;
     const double t = run->out.t, *restrict x = run->out.x;
     double **k = run->k, *restrict y = run->stage, *restrict end = run->x_new;
     STAGE(1, T(1, 0));
@@ -65,7 +68,9 @@ double step_error(Run *run, double h) {
     }
     double scale = five + 0.01 * three;
     if (!(scale < INFINITY)) return NAN;
-    return scale > 0.0 ? fabs(h) * five / sqrt(n * scale) : 0.0;
+    const double error = scale > 0.0 ? fabs(h) * five / sqrt(n * scale) : 0.0;
+    const double other = run->in.k && error <= 1.0 ? columns_error(run, h) : 0.0;
+    return other <= error ? error : other; /* NaN counts */
 }
 
 /* Derivative at the end of the step. */
@@ -73,7 +78,7 @@ void close_step(Run *run, double h) { derivative(run, run->out.t + h, run->x_new
 
 /* Rows of the polynomial of a closed step, see `Dense` in trajectory.py. */
 void fit_dense(Run *run, double h) {
-    const long long n = run->in.n_x;
+    const long long n = run->in.n_all;
     const double t = run->out.t, *restrict x = run->out.x, *end = run->x_new;
     double **k = run->k, *y = run->reset, *d = run->dense; /* `stage` is kept for looks_stiff */
     STAGE(13, T(13, 0) + T(13, 6) + T(13, 7) + T(13, 8) + T(13, 9) + T(13, 10) + T(13, 11)
@@ -97,14 +102,14 @@ void fit_dense(Run *run, double h) {
 }
 
 double dense_component(const Run *run, long long i, double theta) {
-    const long long n = run->in.n_x;
+    const long long n = run->in.n_all;
     const double s = theta, r = 1.0 - theta, *d = run->dense + i;
     return d[0] + s * (d[n] + r * (d[2 * n] + s * (d[3 * n] + r * (d[4 * n]
            + s * (d[5 * n] + r * (d[6 * n] + s * d[7 * n]))))));
 }
 
-void dense_state(const Run *run, double theta, double *x) {
-    for (long long i = 0; i < run->in.n_x; i++) x[i] = dense_component(run, i, theta);
+void dense_state(const Run *run, double theta, double *x, long long count) {
+    for (long long i = 0; i < count; i++) x[i] = dense_component(run, i, theta);
 }
 
 /* Length of the first step, from the size of x, x' and x'' (Hairer's hinit). */
@@ -123,7 +128,7 @@ double first_step(Run *run) {
     h = fmin(fmax(h, 1e-9 * left), left);
     /* beyond a break the formulas of this piece say nothing, polynomials of a short one least */
     double probe = fmin(h, run->t_break - run->out.t);
-    for (long long m = 0; m < n; m++) run->stage[m] = x[m] + probe * f[m];
+    for (long long m = 0; m < run->in.n_all; m++) run->stage[m] = x[m] + probe * f[m];
     derivative(run, run->out.t + probe, run->stage, run->k[1]);
     for (long long m = 0; m < n; m++) {
         double scale = run->in.absolute[m] + run->in.relative * fabs(x[m]);

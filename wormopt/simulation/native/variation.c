@@ -1,0 +1,143 @@
+/* Derivatives of the motion along k directions: columns S of the model's states, row by row behind
+   x, by the variational equations; what events do to them. See sensitivity/variation.py. */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "run.h"
+
+static const double *directions(const Run *run) { return run->out.p + run->in.n_p; }
+
+static inline void multiply_by(const Entries *entries, const double *values, const double *from, double *to,
+                     long long k) {
+    for (long long e = 0; e < entries->count; e++) {
+        const double value = values[e], *restrict a = from + k * entries->columns[e];
+        double *restrict b = to + k * entries->rows[e];
+        for (long long c = 0; c < k; c++) b[c] += value * a[c];
+    }
+}
+
+/* Add to the rows of `to` those of `from` by the entries of a Jacobian. Short rows are unrolled. */
+static void multiply(const Entries *entries, const double *values, const double *from, double *to,
+                     long long k) {
+    switch (k) {
+    case 1: multiply_by(entries, values, from, to, 1); break;
+    case 2: multiply_by(entries, values, from, to, 2); break;
+    case 3: multiply_by(entries, values, from, to, 3); break;
+    case 4: multiply_by(entries, values, from, to, 4); break;
+    default: multiply_by(entries, values, from, to, k);
+    }
+}
+
+/* x' and S'. */
+void vary(Run *run, double t, const double *x, double *dx) {
+    const long long n = run->in.n_x, k = run->in.k;
+    run->res[1] = run->slopes_x, run->res[2] = run->slopes_p;
+    evaluate(run, run->in.slopes, t, x, dx);
+    memset(dx + n, 0, run->in.n_model * k * sizeof(double));
+    multiply(&run->in.in_x, run->slopes_x, x + n, dx + n, k);
+    multiply(&run->in.in_p, run->slopes_p, directions(run), dx + n, k);
+}
+
+/* Error of the step in S: the worst column counts. Sizes of columns are their own, in units of the
+   nominal sizes of states. */
+double columns_error(Run *run, double h) {
+    const long long n = run->in.n_model, k = run->in.k, first = run->in.n_x;
+    const double *x = run->out.x + first, *end = run->x_new + first, *absolute = run->in.absolute;
+    double *size = run->column_error, *five = size + k, *three = five + k, worst = 0.0;
+    double **slope = run->k;
+    memset(size, 0, 3 * k * sizeof(double));
+    for (long long m = 0, at = 0; m < n; m++)
+        for (long long c = 0; c < k; c++, at++)
+            size[c] = fmax(size[c], fmax(fabs(x[at]), fabs(end[at])) / absolute[m]);
+    for (long long m = 0, at = 0; m < n; m++)
+        for (long long c = 0; c < k; c++, at++) {
+#define J(E, j) E[j] * slope[j][first + at]
+#define SUM(E) J(E, 0) + J(E, 5) + J(E, 6) + J(E, 7) + J(E, 8) + J(E, 9) + J(E, 10) + J(E, 11)
+            const double own = fmax(fabs(x[at]), fabs(end[at])) + 0.1 * absolute[m] * size[c];
+            const double scale = 1.0 / (run->in.slack * run->in.relative * own + DBL_MIN);
+            const double e5 = (SUM(E5)) * scale, e3 = (SUM(E3)) * scale;
+#undef SUM
+#undef J
+            five[c] += e5 * e5;
+            three[c] += e3 * e3;
+        }
+    for (long long c = 0; c < k; c++) {
+        const double scale = five[c] + 0.01 * three[c];
+        const double error = scale > 0.0 ? fabs(h) * five[c] / sqrt(n * scale) : 0.0;
+        int lost = 0; /* behind an event that has no derivative */
+        for (long long m = 0; m < n; m++) lost |= !isfinite(x[k * m + c]);
+        if (!lost && !(error < INFINITY)) return NAN;
+        if (!lost) worst = fmax(worst, error);
+    }
+    return worst;
+}
+
+/* Change of a function's result by that of t, x and p; result in `change`. */
+static void along(Run *run, Function f, double dt, const double *dx, const double *dp) {
+    run->arg[4] = &dt, run->arg[5] = dx, run->arg[6] = dp;
+    evaluate(run, f, run->out.t, run->out.x, run->change);
+}
+
+/* Column c of S and of the directions. */
+static void take_column(Run *run, long long c) {
+    const long long k = run->in.k;
+    for (long long m = 0; m < run->in.n_model; m++)
+        run->column_x[m] = run->out.x[run->in.n_x + k * m + c];
+    for (long long j = 0; j < run->in.n_p; j++) run->column_p[j] = directions(run)[k * j + c];
+}
+
+static void add_slope(Run *run, double sign) {
+    const long long k = run->in.k;
+    evaluate(run, run->in.rhs, run->out.t, run->out.x, run->slope);
+    for (long long m = 0; m < run->in.n_model; m++)
+        for (long long c = 0; c < k; c++)
+            run->out.x[run->in.n_x + k * m + c] += sign * run->slope[m] * run->event_along[c];
+}
+
+/* Begin event `which`: how its time changes, and from then on the state at the event. */
+void leave(Run *run, long long which) {
+    const long long n = run->in.n_contacts, k = run->in.k, contacts = run->in.exact ? n : 0;
+    if (!k) return;
+    const int guard = which >= contacts;
+    long long row = guard ? which - contacts : which;
+    if (!guard && run->modes[which] == 0.0) {
+        evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+        row += way_out(run, which) > 0.0 ? n : 2 * n;
+    }
+    const Function f = guard ? run->in.guards_along : run->in.contacts_along;
+    evaluate(run, run->in.rhs, run->out.t, run->out.x, run->slope);
+    memset(run->column_p, 0, run->in.n_p * sizeof(double));
+    along(run, f, 1.0, run->slope, run->column_p);
+    const double rate = run->change[row];
+    for (long long c = 0; c < k; c++) {
+        take_column(run, c);
+        along(run, f, 0.0, run->column_x, run->column_p);
+        run->event_along[c] = run->change[row] == 0.0 ? 0.0 : -run->change[row] / rate;
+    }
+    add_slope(run, 1.0);
+}
+
+/* Take the change of the state through what is about to happen to the state itself. */
+void carry(Run *run, Function f, long long offset) {
+    const long long k = run->in.k, n = run->in.n_x;
+    for (long long c = 0; c < k; c++) {
+        take_column(run, c);
+        along(run, f, run->event_along[c], run->column_x, run->column_p);
+        for (long long m = 0; m < run->in.n_model; m++)
+            run->out.x[n + k * m + c] = run->change[offset + m];
+    }
+}
+
+/* End what began with `leave`: back to the state at a given time. */
+void arrive(Run *run) {
+    const long long k = run->in.k;
+    if (!k) return;
+    add_slope(run, -1.0);
+    for (long long r = 0; r < run->in.n_rows; r++) {
+        const long long i = run->in.row_contact[r], m = run->in.row_state[r];
+        if (run->in.exact && run->modes[i] == 0.0 && m >= 0)
+            memset(run->out.x + run->in.n_x + k * m, 0, k * sizeof(double));
+    }
+    memset(run->event_along, 0, k * sizeof(double));
+}

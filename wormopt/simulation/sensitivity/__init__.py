@@ -1,0 +1,1 @@
+"""Derivatives of motions: along which directions, by which equations, where there are none."""

@@ -1,0 +1,84 @@
+"""What events do to the derivatives of a motion in Python; compiled, it is native/variation.c."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wormopt.simulation.initial_value import InitialValueProblem
+from wormopt.simulation.steps import Call
+
+
+class Columns:
+    """The columns S of a motion, `s` (n_x, k), and how the time of the event under way changes.
+
+    `p`, with the directions behind it, and `modes` are rewritten by their owners.
+    """
+
+    def __init__(self, task: InitialValueProblem, p: np.ndarray, modes: np.ndarray) -> None:
+        n_p, system = len(task.p), task.system
+        self.k = task.k
+        self.s = task.directions.x0.copy() if task.directions else np.zeros((system.model.n_x, 0))
+        self.dt = np.zeros(self.k)
+        if task.variation is None:
+            return
+        self._directions = p[n_p:].reshape(n_p, self.k)  # a view: schedules rewrite it
+        self._n_x, self._states, self._rows = len(task.x0), system.row_state, system.row_contact
+        self._modes, self._exact = modes, system.exact
+        self._n_contacts = len(system.contacts) if system.exact else 0
+        shared = (("p", p), ("s", modes))
+        self._rhs = Call(system.rhs, *shared)
+        self._probe = Call(system.probe, *shared) if system.exact else None
+        along = task.variation.functions
+        self._along = {n: Call(f, *shared) for n, f in along.items() if n != "slopes"}
+
+    def leave(self, which: int, t: float, x: np.ndarray) -> None:
+        """Begin an event: how its time changes, and from then on the state at the event."""
+        if not self.k:
+            return
+        n, row = self._n_contacts, which
+        name = "contacts_along" if which < n else "guards_along"
+        if which >= n:
+            row -= n
+        elif self._modes[which] == 0:
+            assert self._probe is not None
+            force, least, largest = self._probe(t, x)[0][2 * n : 5 * n].reshape(3, n)[:, which]
+            row += n if force - least < largest - force else 2 * n
+        dx = self._rhs(t, x)[0].copy()
+        rate = self._change(name, t, x, 1.0, dx, np.zeros(len(self._directions)))[row]
+        changes = np.array([c[row] for c in self._each(name, t, x, self.dt)])
+        self.dt[:] = np.where(changes == 0, 0.0, -changes / rate)
+        self.s += np.outer(dx[: len(self.s)], self.dt)
+
+    def carry(self, name: str, t: float, x: np.ndarray, k: int = 0) -> None:
+        """Take the change of the state through what is about to happen to the state itself."""
+        if self.k:
+            rows = slice(k * self._n_x, k * self._n_x + len(self.s))
+            self.s = np.column_stack([c[rows] for c in self._each(name, t, x, self.dt)])
+
+    def carry_rest(self, t: float, x: np.ndarray) -> None:
+        """What rests has no velocity."""
+        if self.k and np.any(self._modes[: self._n_contacts] == 0):
+            self.carry("project_along", t, x)
+
+    def arrive(self, t: float, x: np.ndarray) -> None:
+        """End what began with `leave`: back to the state at a given time."""
+        if not self.k:
+            return
+        self.s -= np.outer(self._rhs(t, x)[0][: len(self.s)], self.dt)
+        if self._exact:
+            self.s[self._states[(self._modes[self._rows] == 0) & (self._states >= 0)]] = 0.0
+        self.dt[:] = 0.0
+
+    def _each(self, name: str, t: float, x: np.ndarray, dt: np.ndarray) -> list[np.ndarray]:
+        """Change along each direction."""
+        dx = np.zeros(self._n_x)
+        found = []
+        for c in range(self.k):
+            dx[: len(self.s)] = self.s[:, c]
+            found.append(self._change(name, t, x, dt[c], dx, self._directions[:, c]))
+        return found
+
+    def _change(
+        self, name: str, t: float, x: np.ndarray, dt: float, dx: np.ndarray, dp: np.ndarray
+    ) -> np.ndarray:
+        return self._along[name](t, x, dt, dx, dp)[0].copy()
