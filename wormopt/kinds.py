@@ -421,6 +421,19 @@ KINDS: dict[str, Kind] = {
         study="wormopt.systems.channel.runs.channel_worm",
         pictures={"channel_velocity": "wormopt.systems.channel.plots.channel:channel_velocity"},
     ),
+    "fit": Kind(
+        summary="numbers of a worm found from recordings of its motion, and how well they are known",
+        table="wormopt.systems.recorded.scenes.fit:FitScene",
+        study="wormopt.systems.recorded.runs.fit",
+        pictures={
+            "recordings": "wormopt.systems.recorded.plots.fit:recordings",
+            "parameters": "wormopt.systems.recorded.plots.found:parameters",
+            "correlation": "wormopt.systems.recorded.plots.found:correlation",
+            "profiles": "wormopt.systems.recorded.plots.fit:profiles",
+            "prediction": "wormopt.systems.recorded.plots.fit:prediction",
+        },
+        table_file=True,
+    ),
     "fit-design": Kind(
         summary="a gait that keeps its limits for a worm whose numbers were found from recordings",
         table="wormopt.systems.recorded.scenes.fit_design:FitDesignScene",

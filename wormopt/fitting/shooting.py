@@ -98,11 +98,11 @@ class Shooting:
         names = list(self.run.readings)
         columns: Mapping[str, list[np.ndarray]] = {name: [] for name in names}
         for k in self.active:
-            one, h = self.coordinates[k], 1e-6 * self.coordinates[k].nominal
-            ends = np.clip(theta[k] + np.array([-h, h]), one.lower, one.upper)
-            below, above = (self.predicted(np.where(np.arange(len(theta)) == k, end, theta)) for end in ends)  # noqa: E501
+            step = np.zeros(len(theta))
+            step[k] = 1e-6 * self.coordinates[k].nominal
+            above, below = self.predicted(theta + step), self.predicted(theta - step)
             for name in names:
-                columns[name].append((above[name] - below[name]) / (ends[1] - ends[0]))
+                columns[name].append((above[name] - below[name]) / (2 * step[k]))
         return {name: np.stack(columns[name], axis=1) for name in names}
 
 

@@ -91,7 +91,7 @@ class Found:
             Variable("interval", "1", ("unknown", "end"), self.interval, f"intervals, {own}"),
             Variable("began", "1", ("unknown",), [n.began for n in self.numbers], "first guesses"),
             Variable(
-                "correlation", "1", ("unknown", "unknown_too"), self.correlation,
+                "correlation", "1", ("unknown", "other_unknown"), self.correlation,
                 "correlation of the errors",
             ),
         ]  # fmt: skip

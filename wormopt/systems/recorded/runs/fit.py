@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,19 +13,24 @@ from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
 from wormopt.fitting.identifiability import Identifiability, identifiability
+from wormopt.fitting.prediction import Prediction, predict
+from wormopt.fitting.profile import Profile, profile
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
+from wormopt.fitting.whiteness import Whiteness, whiteness
 from wormopt.kinds import KINDS
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
+from wormopt.simulation.options import Tolerance
 from wormopt.scene.scene import Scene
-from wormopt.systems.recorded.found import Found, Number, label_of, markdown
+from wormopt.systems.recorded.found import Found, Number, markdown
 from wormopt.systems.recorded.recordings import Run, runs_of
 from wormopt.systems.recorded.scenes.fit import FitScene, FitUnknown
 from wormopt.systems.recorded.scenes.tables import near, scene_of
+from wormopt.systems.shared.proof import one_or_all
 from wormopt.systems.shared.settings import treatment_of
 
 
@@ -39,7 +44,7 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     table, clock = scene.table, time.perf_counter()
     model = model_of(scene)
     runs = runs_of(
-        table.recordings, scene.folder, model, table.units, table.noise, scene.name
+        table.recording, scene.folder, model, table.units, table.noise, scene.name
     )
     task = _task(scene, model, runs)
     read = time.perf_counter()
@@ -51,16 +56,34 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
         partial = _result(_Study(scene, model, runs, stop.partial), {})
         raise Interrupted(partial.failed("interrupted before all starts were done")) from None
     fitted = time.perf_counter()
-    report("what the recordings tell", None)
-    study = _Study(scene, model, runs, found, identifiability(found))
+    try:
+        study = _judged(scene, model, runs, found, report)
+    except KeyboardInterrupt:
+        partial = _result(_Study(scene, model, runs, found), {})
+        raise Interrupted(partial.failed("interrupted before the fit was judged")) from None
     timings = {"read": read - clock, "fit": fitted - read, "judge": time.perf_counter() - fitted}
     return _result(study, timings)
+
+
+def _judged(
+    scene: Scene[FitScene], model: Model, runs: Sequence[Run], found: Fit, report: Report
+) -> _Study:
+    """What the recordings tell of the numbers found, and the fit of runs kept aside."""
+    table = scene.table
+    report("what the recordings tell", None)
+    study = _Study(
+        scene, model, runs, found, identifiability(found), whiteness(found),
+        [predict(found, one.recording) for one in runs if not one.fitted],
+    )  # fmt: skip
+    if table.profiles:
+        study = replace(study, profiles=profile(found, level=table.level, report=report))
+    return study
 
 
 def model_of(scene: Scene[FitScene]) -> Model:
     """Build the Model of the scene in ``[model]``; SceneError if it has none."""
     table = scene.table
-    inner = scene_of(_with_time(table), scene.folder, table.units)
+    inner = scene_of(table.model, scene.folder, table.units)
     models_of = getattr(KINDS[inner.table.kind].load_study(), "models_of", None)
     if models_of is None:
         what = f'scenes of kind "{inner.table.kind}" have no Model that recordings could be'
@@ -77,16 +100,9 @@ def model_of(scene: Scene[FitScene]) -> Model:
     return models[table.which] if table.which in models else next(iter(models.values()))
 
 
-def _with_time(table: FitScene) -> dict[str, Any]:
-    """Tables of the model; a scene of kind "simulate" in them needs no end of its own."""
-    if table.model.get("kind") == "simulate" and "time" not in table.model:
-        return {**table.model, "time": {"end": 1.0}}
-    return table.model
-
-
 def _task(scene: Scene[FitScene], model: Model, runs: Sequence[Run]) -> FitTask:
     table = scene.table
-    unknowns = [_unknown(scene, k, one, model) for k, one in enumerate(table.unknowns)]
+    unknowns = [_unknown(scene, k, one, model) for k, one in enumerate(table.unknown)]
     recordings = [one.recording for one in runs if one.fitted]
     try:
         return FitTask(
@@ -95,6 +111,7 @@ def _task(scene: Scene[FitScene], model: Model, runs: Sequence[Run]) -> FitTask:
             unknowns,
             contact=treatment_of(table.contact),
             loss=table.loss,
+            tolerance=Tolerance(1e-8, 1e-10),
         )
     except ArgumentError as error:
         raise SceneError(scene.name, [("unknown", str(error))]) from None
@@ -130,6 +147,9 @@ class _Study:
     runs: Sequence[Run]
     found: Fit
     known: Identifiability | None = None
+    tests: Whiteness | None = None
+    predictions: Sequence[Prediction] = ()
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
 
     @property
     def numbers(self) -> Found:
@@ -139,7 +159,10 @@ class _Study:
             Number(c.name, unit_of_directions(self.model, c.directions, units), c.value(c.start))
             for c in fit.task.coordinates
         ]
-        return Found.of(table, fit.task, fit.theta, fit.covariance, self.scene.table.level)
+        found = Found.of(table, fit.task, fit.theta, fit.covariance, self.scene.table.level)
+        if not self.profiles:
+            return found
+        return replace(found, interval=np.array([self.profiles[n].interval for n in found.names]))
 
 
 def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units: str) -> str:
@@ -162,7 +185,7 @@ def _result(study: _Study, timings: Mapping[str, float]) -> Result:
     return conclude(
         scene,
         numbers.scalars | _scalars(study),
-        numbers.variables + seen,
+        numbers.variables + seen + _profiles(study),
         checks=_checks(found),
         facts=_facts(study),
         warnings=_warnings(study),
@@ -193,9 +216,20 @@ def _scalars(study: _Study) -> dict[str, Any]:
         "chi2_per_reading": float(np.mean(found.residuals[: task.count] ** 2)),
         "n_starts": len(found.starts),
         "n_agreeing": sum(attempt.agrees for attempt in found.starts),
-        "gradient": found.offset,
+        "offset": found.offset,
+        **_of_others(study),
         **{f"noise_{name}": _noise(study, name, sd) for name, sd in found.noise.items()},
     }
+
+
+def _of_others(study: _Study) -> dict[str, Any]:
+    """Of predictions and profiles, where there are any."""
+    ahead, held = study.predictions, [*study.profiles.values()]
+    found = {"profile_threshold": held[0].threshold} if held else {}
+    if ahead:
+        found["prediction_coverage"] = one_or_all([one.coverage for one in ahead])
+        found["prediction_chi2"] = one_or_all([one.chi2 / one.freedom for one in ahead])
+    return found
 
 
 def _noise(study: _Study, name: str, sd: float) -> Scalar:
@@ -211,39 +245,68 @@ def _signals(study: _Study) -> list[str]:
 
 
 def _seen(study: _Study) -> list[Variable]:
-    """Recordings, fits and weighted residuals, (run, entry, sample), NaN where there is nothing."""
-    fit, units = study.found, study.scene.table.units
-    fitted = [one for one in study.runs if one.fitted]
-    motions = dict(zip((id(one) for one in fitted), fit.task.motions(fit.theta), strict=True))
-    weighed = fit.task.split(fit.task.plain(fit.theta)[0])
-    longest = max(len(one.recording.times) for one in study.runs)
-    whole = (len(study.runs), longest)
-    times = np.full(whole, np.nan)
-    for k, one in enumerate(study.runs):
-        times[k, : len(one.recording.times)] = one.recording.times
+    """Recordings, fits and residuals, (run, entry, sample), NaN where there is nothing."""
+    units, runs = study.scene.table.units, study.runs
+    longest = max(len(one.recording.times) for one in runs)
+    told_of = _told_of_runs(study)
+    times = np.full((len(runs), longest), np.nan)
+    for row, one in zip(times, runs, strict=True):
+        row[: len(one.recording.times)] = one.recording.times
     found = [Variable("recorded_time", told("time", units), ("run", "sample"), times, "times")]
     for name in _signals(study):
-        size = next(len(o.recording.readings[name]) for o in study.runs if name in o.recording.values)
-        arrays = {what: np.full((whole[0], size, whole[1]), np.nan)
-                  for what in ("recorded", "fitted", "residual")}  # fmt: skip
-        for k, one in enumerate(study.runs):
-            count = len(one.recording.times)
-            if name in one.recording.readings:
-                arrays["recorded"][k, :, :count] = one.recording.readings[name]
-                if one.fitted:
-                    arrays["residual"][k, :, :count] = weighed[one.recording.name][name]
-            if id(one) in motions:
-                arrays["fitted"][k, :, :count] = motions[id(one)][name]
         unit = told(_quantities(study.model)[name], units)
-        words = {"recorded": "readings", "fitted": "the fit", "residual": "fit less reading, over noise"}
-        found += [
-            Variable(
-                f"{what}_{name}", "1" if what == "residual" else unit,
-                ("run", f"{name}_entry", "sample"), array, f"{name}: {words[what]}",
-            )
-            for what, array in arrays.items()
-        ]  # fmt: skip
+        size = max(len(r.get(name, ())) for what in told_of.values() for r in what)
+        for what, (unit_of_it, words) in {
+            "recorded": (unit, "readings"),
+            "fitted": (unit, "the fit, or the prediction"),
+            "residual": ("1", "fit less reading, over its standard deviation"),
+            "band": (unit, "standard deviation of readings about the prediction"),
+        }.items():
+            array = np.full((len(runs), size, longest), np.nan)
+            for whole, values in zip(array, told_of[what], strict=True):
+                if name in values:
+                    whole[:, : values[name].shape[1]] = values[name]
+            if np.isfinite(array).any():
+                dims = ("run", f"{name}_entry", "sample")
+                found.append(Variable(f"{what}_{name}", unit_of_it, dims, array, f"{name}: {words}"))
     return found
+
+
+def _told_of_runs(study: _Study) -> dict[str, list[Mapping[str, np.ndarray]]]:
+    """Of every run, in their order: readings, fit, residuals, band by signal."""
+    fit = study.found
+    motions, weighed = iter(fit.task.motions(fit.theta)), fit.task.split(fit.task.plain(fit.theta)[0])
+    names, ahead = iter(fit.task.runs), iter(study.predictions)
+    found: dict[str, list[Mapping[str, np.ndarray]]] = {
+        what: [] for what in ("recorded", "fitted", "residual", "band")
+    }
+    for one in study.runs:
+        readings = one.recording.readings
+        found["recorded"].append(readings)
+        if one.fitted:
+            motion = next(motions)
+            told_of_it = {name: motion[name] for name in readings}, weighed[next(names).name], {}
+        elif study.predictions:
+            own = next(ahead)
+            left = {name: (own.values[name] - readings[name]) / own.error[name] for name in readings}
+            told_of_it = own.values, left, own.error
+        else:  # interrupted before
+            told_of_it = {}, {}, {}
+        for what, values in zip(("fitted", "residual", "band"), told_of_it, strict=True):
+            found[what].append(values)
+    return found
+
+
+def _profiles(study: _Study) -> list[Variable]:
+    if not study.profiles:
+        return []
+    longest = max(len(one.values) for one in study.profiles.values())
+    arrays = np.full((2, len(study.profiles), longest), np.nan)
+    for k, one in enumerate(study.profiles.values()):
+        arrays[:, k, : len(one.values)] = one.values, one.rises
+    dims, words = ("unknown", "profile"), ("values held, in the unit of each", "rise of chi^2")
+    names = ("profile_value", "profile_rise")
+    return [Variable(*row[:1], "1", dims, *row[1:]) for row in zip(names, arrays, words, strict=True)]
 
 
 def _facts(study: _Study) -> dict[str, Any]:
@@ -263,6 +326,20 @@ def _facts(study: _Study) -> dict[str, Any]:
         "noise_estimated": list(found.estimated),
         "at_bound": list(found.at_bound),
         "not_told_apart": [] if known is None else list(known.words),
+        "residual_tests": [
+            {"test": t.test, "run": t.run, "signal": t.signal, "statistic": t.statistic, "p": t.p}
+            for t in (study.tests.tests if study.tests else ())
+        ],
+        "predictions": [
+            {
+                "run": one.recording.name,
+                "coverage": one.coverage,
+                "chi2": one.chi2,
+                "freedom": one.freedom,
+                "p": one.p,
+            }
+            for one in study.predictions
+        ],
         "derivatives": "exact, through every event",
         "columns_left_out": {o.recording.name: list(o.left_out) for o in study.runs if o.left_out},
         "recorded_drives": {o.recording.name: list(o.drives) for o in study.runs if o.drives},
@@ -274,6 +351,6 @@ def _warnings(study: _Study) -> Iterator[str]:
     for one in study.runs:
         yield from one.warnings
     yield from found.warnings
-    if study.known is not None:
-        yield from study.known.words
+    for judged in (study.known, study.tests, *study.predictions, *study.profiles.values()):
+        yield from () if judged is None else judged.words
     yield from (f"{name} is at its bound" for name in found.at_bound)

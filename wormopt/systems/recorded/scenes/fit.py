@@ -202,14 +202,24 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
         ),
         "n_starts": ("count", "starts of the search"),
         "n_agreeing": ("count", "starts that ended at the same numbers"),
-        "gradient": ("1", "largest slope of the cost along a number, in its own size"),
+        "offset": ("1", "how far from the bottom the search ended, in standard errors"),
+        "prediction_coverage": (
+            "share",
+            "readings of a run kept aside that lie in the 95 % band of its prediction, a list "
+            "where there are several runs",
+        ),
+        "prediction_chi2": (
+            "1",
+            "mean square of its readings about the prediction, over what it should be: about 1",
+        ),
+        "profile_threshold": ("1", "rise of χ² at the ends of the intervals"),
     }
     variables: ClassVar = {
         "estimate": ("count", ("unknown",), "numbers found, in their own units"),
         "standard_error": ("count", ("unknown",), "their standard errors"),
         "interval": ("count", ("unknown", "end"), "their intervals, low and high"),
         "began": ("count", ("unknown",), "where the search began"),
-        "correlation": ("count", ("unknown", "unknown_too"), "of the errors of numbers found"),
+        "correlation": ("count", ("unknown", "other_unknown"), "of the errors of numbers found"),
         "profile_value": ("count", ("unknown", "profile"), "value that a number is held at"),
         "profile_rise": ("count", ("unknown", "profile"), "twice the rise of the cost then"),
         "start_cost": ("count", ("start",), "cost at which each start of the search ended"),
@@ -233,12 +243,8 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
     which: Annotated[
         str, says("", "which model, by its label, where the scene in `[model]` has several")
     ] = ""
-    recordings: Annotated[tuple[RecordingTable, ...], says("", "runs of the worm")] = field(
-        name="recording"
-    )
-    unknowns: Annotated[tuple[FitUnknown, ...], says("", "numbers to be found")] = field(
-        name="unknown"
-    )
+    recording: Annotated[tuple[RecordingTable, ...], says("", "runs of the worm")]
+    unknown: Annotated[tuple[FitUnknown, ...], says("", "numbers to be found")]
     noise: Annotated[
         dict[str, Positive],
         says(
@@ -265,22 +271,22 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from extreme_numbers(self)
         for key in ("recording", "unknown"):
-            if not getattr(self, f"{key}s"):
+            if not getattr(self, key):
                 yield key, f"there is none; write a table [[{key}]]"
-        for k, unknown in enumerate(self.unknowns):
+        for k, unknown in enumerate(self.unknown):
             yield from unknown.faults(f"unknown[{k}]")
-        yield from named_twice((unknown.name for unknown in self.unknowns), "unknown")
+        yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
         try:
             scene_of(self.model, folder, self.units)
         except SceneError as error:
             yield from error.faults
-        for k, recording in enumerate(self.recordings):
+        for k, recording in enumerate(self.recording):
             yield from recording.faults(folder, self.units, f"recording[{k}]")
-        yield from named_twice((one.label for one in self.recordings), "recording")
+        yield from named_twice((one.label for one in self.recording), "recording")
         yield from self._faults_of_wants()
 
     def _faults_of_wants(self) -> Iterator[Fault]:
-        uses = [recording.use for recording in self.recordings]
+        uses = [recording.use for recording in self.recording]
         if uses and "fit" not in uses:
             yield "recording", 'all are kept aside; write use = "fit" for at least one'
         if "prediction" in self.want and "predict" not in uses:

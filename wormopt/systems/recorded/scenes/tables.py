@@ -21,6 +21,8 @@ Prior = Annotated[
 ]
 Seeds = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Level = Annotated[float, Meta(gt=0.5, lt=1, description="a number between 0.5 and 1, 0.95 say")]
+# Kinds whose scenes must say when they end.
+_TIMED = ("simulate", "track")
 FiniteOrList = Annotated[
     Finite | tuple[Finite, ...],
     Meta(description="a finite number, or a list of them, one per entry"),
@@ -101,6 +103,8 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
     try:
         if source is None:
             raw = {"schema": 1, "units": units} | raw
+            if raw.get("kind") in _TIMED:  # recordings say how long it goes
+                raw.setdefault("time", {"end": 1.0})
             return scene_within(folder, key, raw)
         if not isinstance(source, str):
             raise SceneError(key, [("scene", "is no text; write the file or name of a scene")])

@@ -1,0 +1,79 @@
+"""Recordings of problems/recordings, made by scipy's steps and events alone; no code of the package.
+
+python tests/make_recordings.py makes them anew. What they are made with stands below, and in
+`truth` of the tests: the scenes must find it again.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from by_recordings import Course, Ground, Seen, chain, disturb, follow, pair
+
+HERE = Path(__file__).parents[1] / "problems" / "recordings"
+
+CHAIN = {
+    "stiffness[0]": 62.0, "stiffness[1]": 47.0, "damping[0]": 1.3, "damping[1]": 0.8,
+    "rest_length[0]": 0.0615, "rest_length[1]": 0.0580, "forward": 0.17, "backward": 1.1,
+}  # fmt: skip
+CHAIN_MASS, CHAIN_START, CHAIN_NOISE = (0.30, 0.25, 0.30), (0.12, 0.06, 0.0), 3e-4
+PAIR = {"damping": 0.012, "forward": 0.5 * 0.036, "backward": 1.0 * 0.036}
+PAIR_PUSH, PAIR_NOISE = 0.036, 0.01
+
+
+def lines(time: np.ndarray, rows: np.ndarray) -> Course:
+    """Course on straight lines between samples (n, m)."""
+    slope = np.diff(rows) / np.diff(time)
+    return Course(time, np.stack([rows[:, :-1].T, slope.T], axis=2), periodic=False)
+
+
+def crawling(end: float, period: float, lag: float, seed: int) -> tuple[Seen, np.ndarray]:
+    """A worm of three masses pushed by measured forces; positions in metres, forces in newton."""
+    time = np.round(np.arange(0.0, end + 1e-9, 0.02), 9)
+    turn = 2 * np.pi * time / period
+    force = np.round([1.1 * np.sin(turn), 1.0 * np.sin(turn - lag)], 6)
+    one = Ground(CHAIN["forward"], CHAIN["backward"])
+    worm = chain(
+        np.array(CHAIN_MASS), *(np.array([CHAIN[f"{name}[{k}]"] for k in range(2)])
+                                for name in ("stiffness", "damping", "rest_length")),
+        [one] * 3, lines(time, force),
+    )  # fmt: skip
+    seen = follow(worm, time, np.array(CHAIN_START), np.zeros(3))
+    return disturb(seen, {"position": CHAIN_NOISE}, seed, gaps=0.02), force
+
+
+def pulsating(end: float, seed: int) -> Seen:
+    """The magneto-elastic pair (16), with a dashpot beside its spring."""
+    one = Ground(PAIR["forward"], PAIR["backward"])
+    body = pair(PAIR_PUSH, np.sqrt(2) + 0.5 * PAIR_PUSH, [one, one], damping=PAIR["damping"])
+    time = np.round(np.arange(0.0, end + 1e-9, 0.25), 9)
+    seen = follow(body, time, np.zeros(2), np.zeros(2))
+    return disturb(seen, {"position": PAIR_NOISE}, seed)
+
+
+def write(name: str, about: str, columns: Mapping[str, np.ndarray], form: str) -> None:
+    """Write a table; NaN as an empty cell."""
+    rows = np.stack([*columns.values()], axis=1)
+    text = [f"# {about}", ",".join(columns)]
+    text += [",".join("" if np.isnan(v) else format(v, form) for v in row) for row in rows]
+    (HERE / name).write_text("\n".join(text) + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Make all of them."""
+    HERE.mkdir(exist_ok=True)
+    about = "synthetic: equations (9), (10) by scipy's DOP853 with events, tests/make_recordings.py"
+    for name, numbers in (("a", (8.0, 1.0, 2.0, 1)), ("b", (5.0, 0.7, 1.2, 2))):
+        seen, force = crawling(*numbers)
+        x = 1e3 * seen.values["position"]
+        columns = {"time [s]": seen.time, **{f"x{k} [mm]": x[k] for k in range(3)}}
+        columns |= {f"u{k} [N]": force[k] for k in range(2)}
+        write(f"chain_{name}.csv", about, columns, ".7g")
+    seen = pulsating(80.0, 3)
+    about = "synthetic: equation (16) by scipy's DOP853 with events, tests/make_recordings.py"
+    columns = {"time": seen.time, **{f"position[{k}]": seen.values["position"][k] for k in (0, 1)}}
+    write("pair.csv", about, columns, ".6g")
+
+
+if __name__ == "__main__":
+    main()

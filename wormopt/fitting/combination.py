@@ -1,0 +1,190 @@
+"""Changes of unknowns that no reading shows, told in words.
+
+A direction of the null space of a Jacobian says what cannot be told apart at one point. Whether it
+leads on, along factors or along sums, is tried by residuals some way off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import linprog
+
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.fitting.task import FitTask
+
+Form = Literal["product", "sum", "here"]
+# Trial moves, in sizes, and what share of the single effects may be left: of what holds at one
+# point only that is about half the move, of what leads on round-off.
+_MOVES, _LEFT = (0.1, -0.1, 0.01, -0.01), 1e-3
+_FAR_FROM_ZERO = 0.01  # what is nearer, in its size, has no relative change
+_NICE, _NEAR = 6, 1e-3  # exponents are told as fractions with such denominators, if so near
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Unknowns that can change together while every reading stays explained as it was.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the unknowns.
+    form : {"product", "sum", "here"}
+        Whether it leads on along factors, along sums, or holds to first order at this point.
+    changes : tuple of float
+        How each changes, the largest by 1.
+    relative : bool
+        Whether changes are relative, or in the units of the unknowns.
+    """
+
+    names: tuple[str, ...]
+    form: Form
+    changes: tuple[float, ...]
+    relative: bool
+
+    def __str__(self) -> str:
+        """Say what changes nothing, and what is known all the same."""
+        if len(self.names) == 1:
+            return f"{self.names[0]} changes nothing that was measured"
+        pairs = list(zip(self.names, self.changes, strict=True))
+        if self.form == "here":
+            unit = " %" if self.relative else ""
+            moved = _listed([f"{name} by {c:+.3g}{unit}" for name, c in pairs])
+            return f"{moved} together change nothing, to first order"
+        letter = next(c for c in "cqsz" if c not in self.names)
+        word = _factor if self.form == "product" else _summand
+        kept = list(_products(pairs) if self.form == "product" else _sums(pairs))
+        is_known = "is known" if len(kept) == 1 else "are known"
+        moved = _listed([word(name, change, letter) for name, change in pairs])
+        return f"{moved} change nothing: only {_listed(kept)} {is_known}"
+
+
+def combination(
+    direction: np.ndarray, task: FitTask, theta: np.ndarray, sizes: np.ndarray, effects: np.ndarray
+) -> Combination:
+    """Find out how far a direction of the null space leads on.
+
+    `direction` (n,) is in `sizes` of the coordinates `theta`; `effects` (n,) are the norms of what
+    a change by its size does to the residuals.
+    """
+    logs = np.array([c.log for c in task.coordinates])
+    there = direction != 0
+    # a change of a logarithm is a relative one
+    shares = np.where(logs, 1.0, theta / sizes)
+    relative = bool(np.all(np.abs(shares[there]) > _FAR_FROM_ZERO))
+    factors = np.divide(direction, shares, out=np.zeros(len(theta)), where=there)
+    factors = factors / np.abs(factors).max() if relative else factors
+    slopes = direction * sizes * task.slopes(theta)
+
+    def leads_on(moved: Callable[[float], np.ndarray], moves: np.ndarray) -> bool:
+        alone = np.linalg.norm(effects * moves)
+        for way in _MOVES:
+            try:
+                change = task.misfit(moved(way)) - task.misfit(theta)
+            except (SolveError, ArgumentError):
+                continue
+            return bool(np.linalg.norm(change) <= _LEFT * abs(way) * alone)
+        return False
+
+    def along_factors(way: float) -> np.ndarray:
+        return np.where(logs, theta + way * factors, theta * np.exp(way * factors))
+
+    def along_sums(way: float) -> np.ndarray:
+        logarithms = theta + np.log1p(np.where(logs, way * direction, 0.0))
+        return np.where(logs, logarithms, theta + way * direction * sizes)
+
+    form: Form = "here"
+    if relative and leads_on(along_factors, factors * shares):
+        form = "product"
+    elif leads_on(along_sums, direction):
+        form = "sum"
+    relative = relative and form != "sum"
+    changes = factors if relative else slopes / np.abs(slopes).max()
+    names = tuple(name for name, is_in in zip(task.names, there, strict=True) if is_in)
+    return Combination(names, form, tuple(changes[there].tolist()), relative)
+
+
+def sparse_basis(null: np.ndarray, zero: float) -> np.ndarray:
+    """Directions (k, n) that span the columns of `null` (n, k), with few entries each.
+
+    For every row that of least sum of sizes with 1 there, by linear programs; of these the
+    shortest that are independent. Entries up to `zero` are none; the largest of each is 1.
+    """
+    n, k = null.shape
+    found = [_sparsest(null, row) for row in range(n) if np.linalg.norm(null[row]) > zero]
+    for each in found:
+        each /= each[np.argmax(np.abs(each))]
+        each[np.abs(each) <= zero] = 0.0
+    found.sort(key=lambda each: (np.count_nonzero(each), np.abs(each).sum()))
+    chosen = np.zeros((0, n))
+    for each in found:
+        tried = np.vstack([chosen, each / np.linalg.norm(each)])
+        if len(chosen) < k and np.linalg.svd(tried, compute_uv=False)[-1] > np.sqrt(zero):
+            chosen = tried
+    return chosen / np.abs(chosen).max(axis=1, keepdims=True)
+
+
+def _sparsest(null: np.ndarray, row: int) -> np.ndarray:
+    n, k = null.shape
+    cost = np.concatenate([np.zeros(k), np.ones(n)])
+    sides = np.block([[null, -np.eye(n)], [-null, -np.eye(n)]])
+    at = np.concatenate([null[row], np.zeros(n)])[None] / np.linalg.norm(null[row])
+    found = linprog(
+        cost, A_ub=sides, b_ub=np.zeros(2 * n), A_eq=at, b_eq=[1.0], bounds=(None, None)
+    )
+    return null @ (found.x[:k] if found.success else null[row])
+
+
+def _nice(value: float) -> str:
+    near = Fraction(value).limit_denominator(_NICE)
+    return str(near) if abs(value - near) <= _NEAR * abs(value) else f"{value:.3g}"
+
+
+def _power(name: str, exponent: float) -> str:
+    told = _nice(exponent)
+    return name if told == "1" else f"{name}^({told})" if "/" in told else f"{name}^{told}"
+
+
+def _factor(name: str, exponent: float, letter: str) -> str:
+    return f"{name} {'times' if exponent > 0 else 'over'} {_power(letter, abs(exponent))}"
+
+
+def _summand(name: str, slope: float, letter: str) -> str:
+    return f"{name} {_term(slope, letter)}"
+
+
+def _term(slope: float, name: str) -> str:
+    told = _nice(abs(slope))
+    return f"{'-' if slope < 0 else '+'} {name if told == '1' else f'{told} {name}'}"
+
+
+def _products(pairs: Sequence[tuple[str, float]]) -> Iterator[str]:
+    """Monomials that stay, of the first unknown with each of the others."""
+    (one, first), *others = pairs
+    for name, power in others:
+        # both exponents at least 1, that of the first positive
+        a, b = (1.0, -first / power) if abs(first) >= abs(power) else (-power / first, 1.0)
+        sign = np.sign(a)
+        yield _monomial((one, sign * a), (name, sign * b))
+
+
+def _monomial(*factors: tuple[str, float]) -> str:
+    over = " * ".join(_power(name, e) for name, e in factors if e > 0)
+    under = "".join(f" / {_power(name, -e)}" for name, e in factors if e < 0)
+    return f"{over}{under}"
+
+
+def _sums(pairs: Sequence[tuple[str, float]]) -> Iterator[str]:
+    """Sums that stay, of the first unknown with each of the others."""
+    (one, first), *others = pairs
+    for name, slope in others:
+        yield f"{one} {_term(-first / slope, name)}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    *most, last = words
+    return f"{', '.join(most)} and {last}" if most else last

@@ -1,0 +1,344 @@
+"""Profile likelihoods: how far an unknown may go if all others make up for it as they can.
+
+Along an unknown the others are fitted anew, from what their neighbours say. With z the root of the
+rise of -2 log(likelihood), its confidence interval reaches where z² is the threshold; z is all but
+a straight line, so that few points are needed and the ends are soon found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
+from wormopt.fitting.estimate import Fit
+from wormopt.fitting.task import FitTask
+from wormopt.fitting.uncertainty import TOLD
+from wormopt.numerics.roots import root
+from wormopt.progress import Report, silent
+from wormopt.shown import SHORT, lines, text
+
+_POINTS, _MOST = 4, 40  # to one side: about so many where z is straight, and never more
+_FAR = 1e3  # sizes of an unknown, after which its interval is open
+_END = 2e-3  # of an interval's half, to which its end is found
+_SETTLED = 1e-4  # what a refit may leave of the squares, in thresholds
+_LOWER = 1e-2  # a fall of the squares, in thresholds, that counts
+_STEPS, _TRIALS = 3, 30  # of a refit, and simulations of a search
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Least misfit along one unknown, and the confidence interval that follows.
+
+    Parameters
+    ----------
+    name : str
+        The unknown.
+    level : float
+        Confidence level of the interval.
+    threshold : float
+        Rise of the squares at the interval's ends.
+    values : ndarray, shape (m,)
+        Values of the unknown, ascending.
+    rises : ndarray, shape (m,)
+        How much larger the squares of the residuals are there than at best.
+    numbers : ndarray, shape (m, n)
+        All unknowns there.
+    best : float
+        Value of the unknown that is best.
+    interval : (float, float)
+        Its ends; the unknown's bound, or infinite, where it is open.
+    open : (bool, bool)
+        Whether the readings do not end it below, and above.
+    fell : float
+        By how much the squares were below those of the fit: above 0 the fit is not the best.
+    """
+
+    name: str
+    level: float
+    threshold: float
+    values: np.ndarray
+    rises: np.ndarray
+    numbers: np.ndarray
+    best: float
+    interval: tuple[float, float]
+    open: tuple[bool, bool]
+    fell: float
+
+    def __repr__(self) -> str:
+        ends = " to ".join(text(end, SHORT) for end in self.interval)
+        return lines(f"Profile of {self.name}: {100 * self.level:g} % from {ends}", *self.words)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is out of the ordinary."""
+        sides = zip(("below", "above"), self.open, self.interval, strict=True)
+        told = [
+            f"the readings do not bound {self.name} {side}"
+            + (f"; its bound {text(end, SHORT)} does" if np.isfinite(end) else "")
+            for side, is_open, end in sides
+            if is_open
+        ]
+        if self.fell > 0:
+            told.append(
+                f"along {self.name} a better fit was found, its squares less by "
+                f"{text(self.fell, SHORT)}; fit again from {self.name} = {text(self.best, SHORT)}"
+            )
+        return tuple(told)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    theta: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+
+    @property
+    def squares(self) -> float:
+        return float(self.residuals @ self.residuals)
+
+
+def profile(
+    found: Fit,
+    names: Sequence[str] | None = None,
+    *,
+    level: float = 0.95,
+    report: Report = silent,
+) -> dict[str, Profile]:
+    """Find confidence intervals that need not be symmetric, by fits along each unknown.
+
+    Parameters
+    ----------
+    found : Fit
+        Numbers found.
+    names : sequence of str, optional
+        Of the unknowns; all if left out.
+    level : float, optional
+        Confidence level.
+    report : callable, optional
+        Told what share is done.
+
+    Returns
+    -------
+    dict of str to Profile
+        By the names of the unknowns. Priors count as readings do; of robust losses the intervals
+        are only as good as the loss describes the noise.
+
+    Raises
+    ------
+    ArgumentError
+        If the level is not between 0 and 1, or a name is unknown.
+    Interrupted
+        If the user stopped it; `partial` holds the profiles made so far.
+
+    Notes
+    -----
+    Thresholds are quantiles of chi² with one degree of freedom where the noise is known, else of
+    F. D. M. Bates and D. G. Watts, Nonlinear Regression Analysis, 1988, section 6.1.
+
+    Examples
+    --------
+    Of a rate and the time it acts for, the readings tell the product:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    >>> decay = wo.Model("decay", [wo.Signal("x", x, value=1.0)], -rate * x,
+    ...                  p=[wo.Signal("rate", rate, value=1.0)])
+    >>> run = wo.Recording([0.0, 1.0], {"x": [1.0, 0.1]}, noise={"x": 0.05})
+    >>> found = wo.fit(wo.FitTask(decay, [run], [wo.Unknown("rate")]), seeds=1)
+    >>> [round(end, 3) for end in profile(found)["rate"].interval]  # -log(0.1 ± 1.96 * 0.05)
+    [1.619, 6.219]
+    """
+    if not 0 < level < 1:
+        raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")
+    chosen = found.names if names is None else tuple(names)
+    unknown = [name for name in chosen if name not in found.names]
+    if unknown:
+        raise UnknownNameError("the fit", "unknown", unknown, found.names)
+    threshold = _threshold(found, level)
+    best = _Point(found.theta, found.residuals, found.jacobian)
+    made: dict[str, Profile] = {}
+    try:
+        for number, name in enumerate(chosen):
+            report(f"profile of {name}", number / len(chosen))
+            line = _Line(found.task, found.names.index(name), threshold)
+            made[name] = _profile(line, best, level)
+    except KeyboardInterrupt:
+        raise Interrupted(made) from None
+    return made
+
+
+def _threshold(found: Fit, level: float) -> float:
+    """Quantile of the rise of squares; noise that was estimated is as uncertain as its readings."""
+    if not found.estimated:
+        return float(stats.chi2.ppf(level, 1))
+    readings = sum(len(found.task.groups[signal]) for signal in found.estimated)
+    return float(stats.f.ppf(level, 1, max(readings - len(found.theta), 1)))
+
+
+def _profile(line: _Line, start: _Point, level: float) -> Profile:
+    """Both sides, begun anew from any point that is better."""
+    best = start
+    while True:
+        below, above = (line.side(best, sign) for sign in (-1, 1))
+        points = [*reversed(below[0]), best, *above[0]]
+        least = min(points, key=lambda point: point.squares)
+        if least.squares >= best.squares - _LOWER * line.threshold:
+            break
+        best = line.refit(None, least)
+    task, k = line.task, line.index
+    numbers = np.array([task.values(point.theta) for point in points])
+    ends = (below[1], above[1])
+    bounds = (task.bounds[0][k], task.bounds[1][k])
+    reached = [b if e is None else e for e, b in zip(ends, bounds, strict=True)]
+    low, high = (task.coordinates[k].value(v) for v in reached)
+    fell = start.squares - best.squares
+    return Profile(
+        task.names[k],
+        level,
+        line.threshold,
+        numbers[:, k],
+        np.array([point.squares - best.squares for point in points]),
+        numbers,
+        float(task.values(best.theta)[k]),
+        (low, high),
+        (ends[0] is None, ends[1] is None),
+        fell if best is not start else 0.0,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """The line along one unknown, every point of it fitted in the others."""
+
+    task: FitTask
+    index: int
+    threshold: float
+
+    def side(self, best: _Point, sign: int) -> tuple[list[_Point], float | None]:
+        """Points from the best outwards, and the interval's end; None if it is open."""
+        k, target = self.index, np.sqrt(self.threshold)
+        size = max(abs(best.theta[k]), self.task.nominal[k])
+        bound = self.task.bounds[0 if sign < 0 else 1][k]
+        step = min(self._error(best) * target / _POINTS, size)
+        points, last = [], best
+        while len(points) < _MOST and sign * (bound - last.theta[k]) > 0:
+            value = last.theta[k] + sign * min(step, abs(bound - last.theta[k]))
+            try:
+                point = self.refit(value, last)
+                if self._z(point, best) > target:  # the others may do better from elsewhere
+                    point = min(point, self.refit(value, best), key=lambda p: p.squares)
+            except SolveError:
+                break
+            points.append(point)
+            if self._z(point, best) >= target:
+                inner, end = self._end(last, point, best)
+                return sorted([*points, *inner], key=lambda p: sign * p.theta[k]), end
+            if abs(value - best.theta[k]) > _FAR * size:
+                break
+            gain = self._z(point, best) - self._z(last, best)
+            step *= np.clip(target / _POINTS / gain, 0.5, 3.0) if gain > 0 else 3.0
+            last = point
+        return points, None
+
+    def refit(self, value: float | None, near: _Point) -> _Point:
+        """Fit all others where this unknown has a value, all of them where it has none.
+
+        Steps of Gauss and Newton, which from a neighbour are one or two; a search where they fail.
+        """
+        free = np.ones(len(near.theta), bool)
+        moved = near.theta.copy()
+        if value is not None:
+            free[self.index], moved[self.index] = False, value
+        guess, _ = self._step(moved, near, free)
+        point = self._point(guess) or self._point(moved)
+        if point is None:
+            raise SolveError(f"the motion cannot be followed along {self.task.names[self.index]}")
+        for _ in range(_STEPS):
+            guess, gain = self._step(point.theta, point, free)
+            if gain <= _SETTLED * self.threshold:
+                return point
+            trial = self._point(guess)
+            if trial is None or trial.squares >= point.squares:
+                break
+            point = trial
+        return self._searched(point, free)
+
+    def _step(
+        self, moved: np.ndarray, near: _Point, free: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Where all is best by the neighbour's Jacobian, and how much the squares fall by it."""
+        scale = self.task.nominal[free]
+        columns = near.jacobian[:, free] * scale
+        rise = near.residuals + near.jacobian @ (moved - near.theta)
+        step = np.linalg.lstsq(columns, -rise, rcond=TOLD)[0]
+        guess = moved.copy()
+        guess[free] += step * scale
+        inside = np.clip(guess, *self.task.bounds)
+        step = (inside - moved)[free] / scale
+        return inside, float(-step @ columns.T @ (2 * rise + columns @ step))
+
+    def _searched(self, start: _Point, free: np.ndarray) -> _Point:
+        seen = {start.theta[free].tobytes(): start}
+        blank = _Point(start.theta, start.residuals * np.nan, start.jacobian)
+
+        def at(x: np.ndarray) -> _Point:
+            if x.tobytes() not in seen:
+                theta = start.theta.copy()
+                theta[free] = x
+                # from NaN a search shrinks back
+                seen[x.tobytes()] = self._point(theta) or blank
+            return seen[x.tobytes()]
+
+        ftol = _SETTLED * self.threshold / max(start.squares, self.threshold)
+        least = optimize.least_squares(
+            lambda x: at(x).residuals,
+            start.theta[free],
+            lambda x: at(x).jacobian[:, free],
+            tuple(bound[free] for bound in self.task.bounds),
+            x_scale=self.task.nominal[free],
+            ftol=float(max(ftol, 1e-14)),
+            xtol=1e-10,
+            gtol=None,
+            max_nfev=_TRIALS,
+        )
+        return at(least.x)
+
+    def _point(self, theta: np.ndarray) -> _Point | None:
+        """None where the motion cannot be followed."""
+        try:
+            return _Point(theta, *self.task.residuals(theta))
+        except (SolveError, ArgumentError):
+            return None
+
+    def _z(self, point: _Point, best: _Point) -> float:
+        return float(np.sqrt(max(point.squares - best.squares, 0.0)))
+
+    def _error(self, best: _Point) -> float:
+        """Standard error of the unknown, by what the others cannot make up for."""
+        others = np.delete(best.jacobian * self.task.nominal, self.index, axis=1)
+        column = best.jacobian[:, self.index]
+        made_up = others @ np.linalg.lstsq(others, column, rcond=TOLD)[0]
+        left = float(np.linalg.norm(column - made_up))
+        return 1 / left if left > TOLD * np.linalg.norm(column) else np.inf
+
+    def _end(
+        self, inside: _Point, outside: _Point, best: _Point
+    ) -> tuple[list[_Point], float]:
+        """Where z crosses the threshold's root, and the points looked at."""
+        k, target, seen = self.index, np.sqrt(self.threshold), [inside, outside]
+
+        def above(value: float) -> float:
+            near = min(seen, key=lambda point: abs(point.theta[k] - value))
+            if near.theta[k] != value:
+                near = self.refit(value, near)
+                seen.append(near)
+            return self._z(near, best) - target
+
+        ends = float(inside.theta[k]), float(outside.theta[k])
+        half = abs(ends[1] - best.theta[k])
+        return seen[2:], root(above, *ends, xtol=_END * half)

@@ -1,0 +1,202 @@
+"""Whether what a fit leaves looks like noise: tests of residuals, signal by signal and run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from wormopt.fitting.estimate import Fit
+from wormopt.fitting.uncertainty import TOLD
+from wormopt.shown import lines
+
+TestName = Literal["correlation", "runs", "normal", "size"]
+_LAGS, _SHARE = 10, 5  # as many, at most a fifth of the readings (R. Hyndman, 2014)
+_FEWEST = 8  # readings that are tested
+_SHAPIRO = 5000  # readings up to which its p-values hold
+_SAYS = {
+    "correlation": "the residuals of {0} depend on those before: the model lacks something that "
+    "is slower than its sampling",
+    "runs": "the residuals of {0} keep their sign too long or too shortly",
+    "normal": "the residuals of {0} are not normal: outliers, or few steps of a sensor",
+    "size": "the residuals of {0} are {1} than the noise said",
+}
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """One test of one row of residuals.
+
+    Parameters
+    ----------
+    test : {"correlation", "runs", "normal", "size"}
+        Ljung and Box; signs in a row; Shapiro and Wilk, of many Jarque and Bera; chi².
+    run, signal : str
+        What was tested; a signal with several entries as "position[0]".
+    statistic : float
+        Of the test: for "size" the mean square over what it should be.
+    p : float
+        How likely white normal noise of the size said is at least so far off.
+    """
+
+    test: TestName
+    run: str
+    signal: str
+    statistic: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Tests of the residuals of a fit.
+
+    Parameters
+    ----------
+    tests : tuple of ResidualTest
+        All of them.
+    level : float
+        Chance that noise as said is found at fault by any of them.
+    """
+
+    tests: tuple[ResidualTest, ...]
+    level: float
+
+    def __repr__(self) -> str:
+        told = f"Whiteness: {len(self.suspects)} of {len(self.tests)} tests at fault"
+        return lines(told, *self.words)
+
+    @property
+    def suspects(self) -> tuple[ResidualTest, ...]:
+        """Those that noise would hardly show: p below the level over the number of tests."""
+        return tuple(each for each in self.tests if each.p * len(self.tests) < self.level)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What is at fault, sentence by sentence."""
+        return tuple(
+            _SAYS[each.test].format(
+                f"{each.signal} in {each.run}", "larger" if each.statistic > 1 else "smaller"
+            )
+            + f" (p = {each.p:.1g})"
+            for each in self.suspects
+        )
+
+
+def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
+    """Test whether residuals of a fit look like white normal noise of the size said.
+
+    Parameters
+    ----------
+    found : Fit
+        Numbers found. Residuals are taken without the loss.
+    level : float, optional
+        Chance of a false alarm in all tests together (Bonferroni).
+
+    Returns
+    -------
+    Whiteness
+        Rows with fewer than eight readings are left out, and the size where the noise was
+        estimated. Gaps are no readings; lags count samples.
+
+    Notes
+    -----
+    Correlations over gaps as D. Stoffer and C. Toloi, Statistics & Probability Letters 13 (1992)
+    391; without gaps they are those of Ljung and Box, Biometrika 65 (1978) 297. Sizes have the
+    degrees of freedom that the fit left to them.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    >>> decay = wo.Model("decay", [wo.Signal("x", x, value=1.0)], -rate * x,
+    ...                  p=[wo.Signal("rate", rate, value=1.0)])
+    >>> t = np.linspace(0.0, 3.0, 40)
+    >>> swings = np.exp(-t) + 0.1 * np.sin(2 * t)  # what the model cannot do
+    >>> run = wo.Recording(t, {"x": swings}, noise={"x": 0.05})
+    >>> found = wo.fit(wo.FitTask(decay, [run], [wo.Unknown("rate")]), seeds=1)
+    >>> sorted({each.test for each in whiteness(found).suspects})
+    ['correlation', 'runs']
+    """
+    r, jacobian = found.task.plain(found.theta)
+    free = 1 - _leverages(jacobian)
+    tests = tuple(
+        test
+        for run, signals in found.task.split(r).items()
+        for signal, rows in signals.items()
+        for k, row in enumerate(rows)
+        for test in _tests(
+            run,
+            signal if len(rows) == 1 else f"{signal}[{k}]",
+            row,
+            None if signal in found.estimated else found.task.split(free)[run][signal][k],
+        )
+    )
+    return Whiteness(tests, level)
+
+
+def _leverages(jacobian: np.ndarray) -> np.ndarray:
+    """Share of each residual that the fit takes, (rows,)."""
+    size = np.linalg.norm(jacobian, axis=0)
+    basis, s, _ = np.linalg.svd(jacobian / np.where(size > 0, size, 1.0), full_matrices=False)
+    return np.sum(basis[:, s > TOLD * s.max(initial=0.0)] ** 2, axis=1)
+
+
+def _tests(
+    run: str, signal: str, row: np.ndarray, free: np.ndarray | None
+) -> Iterator[ResidualTest]:
+    there = row[np.isfinite(row)]
+    if len(there) < _FEWEST or not np.ptp(there):
+        return
+    yield ResidualTest("correlation", run, signal, *ljung_box(row))
+    yield ResidualTest("runs", run, signal, *runs_test(there))
+    yield ResidualTest("normal", run, signal, *_normal(there))
+    if free is not None:
+        yield ResidualTest("size", run, signal, *_size(there, float(np.nansum(free))))
+
+
+def ljung_box(row: np.ndarray, lags: int | None = None) -> tuple[float, float]:
+    """Statistic of correlations up to so many lags, and p; NaN in `row` (m,) are gaps."""
+    there = np.isfinite(row)
+    n = int(there.sum())
+    r = np.where(there, row - row[there].mean(), 0.0)
+    lags = lags or min(_LAGS, n // _SHARE)
+    pairs = np.array([np.sum(there[k:] & there[:-k]) for k in range(1, lags + 1)])
+    products = np.array([r[k:] @ r[:-k] for k in range(1, lags + 1)])[pairs > 0]
+    squares = (products / (r @ r)) ** 2 / pairs[pairs > 0]
+    statistic = float(n * (n + 2) * squares.sum())
+    return statistic, float(stats.chi2.sf(statistic, len(squares)))
+
+
+def runs_test(r: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    """Number of runs above and below the median, in standard deviations, and p.
+
+    A. Wald and J. Wolfowitz, Annals of Mathematical Statistics 11 (1940) 147.
+    """
+    signs = np.sign(r - np.median(r))
+    above = signs[signs != 0] > 0
+    n, high = len(above), int(above.sum())
+    low = n - high
+    if min(high, low) < 2:  # all but one value
+        return 0.0, 1.0
+    runs = 1 + int(np.sum(above[1:] != above[:-1]))
+    mean = 1 + 2 * high * low / n
+    variance = (mean - 1) * (mean - 2) / (n - 1)
+    statistic = (runs - mean) / np.sqrt(variance)
+    return float(statistic), float(2 * stats.norm.sf(abs(statistic)))
+
+
+def _normal(r: np.ndarray) -> tuple[float, float]:
+    found = stats.shapiro(r) if len(r) <= _SHAPIRO else stats.jarque_bera(r)
+    return float(found.statistic), float(found.pvalue)
+
+
+def _size(r: np.ndarray, freedom: float) -> tuple[float, float]:
+    squares = float(r @ r)
+    if freedom <= 0:
+        return 1.0, 1.0
+    least = min(stats.chi2.cdf(squares, freedom), stats.chi2.sf(squares, freedom))
+    return squares / freedom, float(min(1.0, 2 * least))

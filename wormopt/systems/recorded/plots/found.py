@@ -1,0 +1,72 @@
+"""Numbers found from measurements: their intervals, and how their errors go together."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from wormopt.plotting.parts import GREY, LIMIT, MASSES, legend_below, line, number, raised, sheet
+from wormopt.result import Result
+
+_BESIDE = 0.55  # of the sheet's width, for the bars; numbers stand beside them
+
+
+def parameters(result: Result) -> Figure:
+    """Every number with its interval, over its size, and beside it in its own unit."""
+    names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
+    value, error = result["estimate"].values, result["standard_error"].values
+    ends = result["interval"].values
+    count = len(names)
+    drawn = sheet(7.1, 0.9 + 0.28 * count)
+    axes = drawn.subplots()
+    scale = np.where(value != 0, np.abs(value), 1.0) / 100
+    low, high = ((ends[:, side] - value) / scale for side in (0, 1))
+    reach = 1.15 * max(float(np.max(np.abs([low, high]), initial=0.0, where=np.isfinite([low, high]))), 1e-9)
+    for k in range(count):
+        known = np.isfinite([low[k], high[k]]).all()
+        axes.plot(
+            np.clip([low[k], high[k]], -reach, reach), [k, k], color=MASSES[0],
+            linestyle="-" if known else LIMIT, marker="|" if known else "",
+        )  # fmt: skip
+        told = f"{number(value[k], _digits(value[k], error[k]))} ± {number(error[k], 2)}"
+        told = told if np.isfinite(error[k]) else f"{number(value[k])}, cannot be told"
+        unit = raised(units[k])
+        axes.annotate(
+            f"{told} {unit}", (1.01, k), xycoords=("axes fraction", "data"), va="center"
+        )
+    axes.plot(np.zeros(count), range(count), "o", color=MASSES[0], markersize=4)
+    axes.axvline(0.0, color=GREY, linewidth=0.6)
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(count - 0.5, -0.5)
+    axes.set_yticks(range(count), names, parse_math=False)
+    axes.set_xlabel("from the number found (% of it)")
+    legend_below(
+        drawn, [line("found", MASSES[0], "", marker="o"), line("interval", MASSES[0], marker="|")]
+    )
+    return drawn
+
+
+def _digits(value: float, error: float) -> int:
+    """Digits of a number of which the error tells two."""
+    if not (np.isfinite(error) and error > 0 and value != 0):
+        return 4
+    return int(np.clip(np.ceil(np.log10(abs(value) / error)) + 2, 2, 8))
+
+
+def correlation(result: Result) -> Figure:
+    """Correlation of the errors of every two numbers."""
+    names, values = result.attributes["unknowns"], result["correlation"].values
+    count = len(names)
+    drawn = sheet(7.1, 1.2 + 0.42 * count)
+    axes = drawn.subplots()
+    shown = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
+    for i in range(count if count <= 16 else 0):
+        for j in range(count):
+            dark = abs(values[i, j]) > 0.6
+            told = f"{values[i, j]:.2f}".replace("-", "−")
+            axes.text(j, i, told, ha="center", va="center", size=7, color="white" if dark else "black")
+    axes.set_xticks(range(count), names, rotation=40, ha="right", parse_math=False)
+    axes.set_yticks(range(count), names, parse_math=False)
+    axes.grid(visible=False)
+    drawn.colorbar(shown, ax=axes, label="correlation of errors", fraction=0.05)
+    return drawn
