@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -65,31 +67,25 @@ def loads(result: Result) -> Figure:
     Needs ``band_time``, ``band_load``, ``band_error``; ``plant_time`` and the like where there is
     a plant, where the load of the gait that trusts the numbers found is shown too.
     """
-    time, load = result["band_time"].values, result["band_load"].values
-    error, unit = result["band_error"].values, result["band_load"].unit
-    drawn = sheet(7.1, 3.6, 4.2)
-    axes = drawn.subplots()
-    colour = LINKS[0]
-    axes.fill_between(time, load - error, load + error, color=colour, alpha=0.25, linewidth=0)
-    axes.plot(time, load, color=colour)
-    entries = [
-        line("with the numbers found", colour),
-        Patch(color=colour, alpha=0.25, label="wherever the numbers may lie"),
-    ]
-    if "plant_share" in result.scalars:
-        axes.plot(result["plant_time"].values, result["plant_load"].values, color="black",
-                  linestyle=DASHES[1], linewidth=1)  # fmt: skip
-        axes.plot(result["bold_time"].values, result["bold_load"].values, color=RED, linewidth=0.8)
-        entries += [
-            line("on the plant", "black", DASHES[1], 1),
-            line("on the plant, by the gait that trusts the numbers found", RED, width=0.8),
-        ]
     limit = scalar(result, "spike_load_limit")
-    entries += draw_limits(axes, ceilings(limit, 1)[:1], [GREY])
-    axes.set_ylabel(label("load of a resting spike", unit))
-    axes.set_xlabel(label("time $t$ in a cycle", result["band_time"].unit))
-    axes.set_ylim(bottom=0.0)
-    axes.margins(x=0)
+    alike = [limit] if isinstance(limit, float) else []
+    tall = 1.9 * len(alike)
+    drawn = sheet(7.1, 3.6 + tall, 4.0 + tall)
+    rows = 1 + len(alike)
+    panels = drawn.subplots(rows, sharex=True, squeeze=False, height_ratios=(2, 1)[:rows])
+    entries: list[Artist] = []
+    for axes in panels[:, 0]:
+        entries = _draw_loads(axes, result)
+        entries += draw_limits(axes, ceilings(limit, 1)[:1], [GREY])
+        axes.set_ylabel(label("load of a\nresting spike", result["band_load"].unit))
+        axes.margins(x=0)
+    panels[0, 0].set_ylim(bottom=0.0)
+    for most in alike:
+        room = float(result["band_error"].values.max())
+        panels[1, 0].set_ylim(most - 4 * room, most + room)
+        panels[1, 0].set_ylabel(label("the same\nnear the limit", result["band_load"].unit))
+    panels[-1, 0].set_xlabel(label("time $t$ in a cycle", result["band_time"].unit))
+    drawn.align_ylabels()
     legend_below(drawn, entries)
     tell(
         drawn,
@@ -97,3 +93,27 @@ def loads(result: Result) -> Figure:
         fact(result, "plant_spike_load_max", "largest load on the plant"),
     )
     return drawn
+
+
+def _draw_loads(axes: Axes, result: Result) -> list[Artist]:
+    """Band and curves; gives what a legend says of them."""
+    time, load = result["band_time"].values, result["band_load"].values
+    error, colour = result["band_error"].values, LINKS[0]
+    axes.fill_between(time, load - error, load + error, color=colour, alpha=0.25, linewidth=0)
+    axes.plot(time, load, color=colour)
+    entries: list[Artist] = [
+        line("with the numbers found", colour),
+        Patch(color=colour, alpha=0.25, label="wherever the numbers may lie"),
+    ]
+    if "plant_share" in result.scalars:
+        plant, bold = (
+            [result[f"{name}_{what}"].values for what in ("time", "load")]
+            for name in ("plant", "bold")
+        )
+        axes.plot(*plant, color="black", linestyle=DASHES[1], linewidth=1)
+        axes.plot(*bold, color=RED, linewidth=0.8)
+        entries += [
+            line("on the plant", "black", DASHES[1], 1),
+            line("on the plant, gait that trusts the numbers found", RED, width=0.8),
+        ]
+    return entries
