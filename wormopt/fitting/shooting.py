@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from wormopt.errors import ArgumentError, SolveError
+from wormopt.errors import ArgumentError
 from wormopt.fitting.coordinates import Coordinate, known_values
 from wormopt.fitting.recording import Recording
 from wormopt.model.model import Model
 from wormopt.simulation.options import Route, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-
-Derivatives = dict[str, np.ndarray]  # signal -> (size, k, m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,47 +63,37 @@ class Shooting:
                 found[signal] += number * direction
         return found
 
-    def motion(self, theta: np.ndarray, times: np.ndarray | None = None) -> Trajectory:
+    def motion(
+        self, theta: np.ndarray, times: np.ndarray | None = None, *, derivatives: bool = False
+    ) -> Trajectory:
         """Simulate the run at the times of its readings, or at others."""
-        values = self.values(theta)
-
-        def of(signals: Sequence[object]) -> dict[str, np.ndarray]:
-            return {s.name: values[s.name] for s in signals}  # type: ignore[attr-defined]
-
+        values, model = self.values(theta), self.model
         return simulate(
-            self.model,
+            model,
             self.run.ends,
             contact=self.contact,
-            x0=of(self.model.x),
-            p=of((*self.model.p, *self.model.u)),
-            schedules=of(self.model.schedules),
+            x0={s.name: values[s.name] for s in model.x},
+            p={s.name: values[s.name] for s in (*model.p, *model.u)},
+            schedules={s.name: values[s.name] for s in model.schedules},
             times=self.run.times if times is None else times,
             tolerance=self.tolerance,
             route=self.route,
+            sensitivities=self._directions if derivatives else None,
         )
+
+    @cached_property
+    def _directions(self) -> dict[str, dict[str, np.ndarray]]:
+        return {self.coordinates[k].name: self.coordinates[k].directions for k in self.active}
 
     def predicted(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Signals that were read, (size, m) each."""
         motion = self.motion(theta)
         return {name: motion[name] for name in self.run.readings}
 
-    def derivatives(self, theta: np.ndarray) -> tuple[dict[str, np.ndarray], Derivatives]:
-        """Signals that were read, and their derivatives along the active coordinates."""
-        return self.predicted(theta), self._differences(theta)
-
-    def _differences(self, theta: np.ndarray) -> Derivatives:
-        """Central differences, which a kink between makes wrong."""
-        names = list(self.run.readings)
-        columns: Mapping[str, list[np.ndarray]] = {name: [] for name in names}
-        for k in self.active:
-            step = np.zeros(len(theta))
-            step[k] = 1e-6 * self.coordinates[k].nominal
-            above, below = self.predicted(theta + step), self.predicted(theta - step)
-            for name in names:
-                columns[name].append((above[name] - below[name]) / (2 * step[k]))
-        return {name: np.stack(columns[name], axis=1) for name in names}
-
-
-def failed(error: Exception) -> bool:
-    """Whether a motion could not be followed, which is no defect of a fit."""
-    return isinstance(error, SolveError | ArgumentError)
+    def derivatives(self, theta: np.ndarray) -> tuple[Trajectory, dict[str, np.ndarray]]:
+        """Motion, and of signals that were read derivatives (size, k, m) by active coordinates."""
+        motion = self.motion(theta, derivatives=True)
+        slopes = np.array([self.coordinates[k].slope(theta[k]) for k in self.active])
+        return motion, {
+            name: motion.derivative(name) * slopes[:, None] for name in self.run.readings
+        }

@@ -378,10 +378,10 @@ class FitTask:
             jacobian[block.rows, self.shootings[block.run].active] = derivative
         jacobian /= self.deviations[:, None]
         priors, slopes = self._priors(theta)
-        r = np.append(self._weighed([values for values, _ in found]), priors)
+        r = np.append(self._weighed([motion for motion, _ in found]), priors)
         return r, np.vstack([jacobian, slopes])
 
-    def _weighed(self, predicted: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
+    def _weighed(self, predicted: Sequence[Mapping[str, np.ndarray] | Trajectory]) -> np.ndarray:
         r = np.empty(self.count)
         for block in self.blocks:
             readings = self.recordings[block.run].readings[block.signal]
