@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
 from wormopt.fitting.recording import Recording
@@ -20,7 +20,7 @@ from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.recorded.recordings import Run, runs_of
-from wormopt.systems.recorded.scenes.fit_design import FitDesignScene
+from wormopt.systems.recorded.scenes.fit_design import CrawlRecording, FitDesignScene
 from wormopt.systems.spiked import (
     Believed,
     Crawl,
@@ -45,7 +45,7 @@ def run(scene: Scene[FitDesignScene], report: Report) -> Result:
     """Fit, design, try; SolveError where the fit does not converge or no gait keeps the limits."""
     table, clock = scene.table, perf_counter()
     runs = _runs(scene)
-    fitted = _fit(table, runs, report)
+    fitted = _fit(scene, runs, report)
     found = Findings(timings={"fit": perf_counter() - clock}) | _of_fit(table, fitted, runs)
     if not fitted.converged:
         return (found | _not_converged(fitted)).result(scene)
@@ -67,26 +67,46 @@ def run(scene: Scene[FitDesignScene], report: Report) -> Result:
 
 
 def _runs(scene: Scene[FitDesignScene]) -> list[Run]:
-    """Recordings, each beside the Model that its gait drives."""
-    table, found = scene.table, list[Run]()
-    worm = table.worm.worm
-    for k, recording in enumerate(table.recording):
-        gait = gait_of_shape(recording.gait, scene, f"recording[{k}].gait")
-        model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
-        (one,) = runs_of([recording], scene.folder, model, table.units, {}, scene.name)
-        own = one.recording.model or model
-        begun = replace(one.recording, model=own, span=(0.0, float(one.recording.times[-1])))
-        found.append(replace(one, recording=begun))
+    """Recordings, each beside the Model that its gait drives; SceneError with all that is wrong."""
+    found, faults = list[Run](), list[Fault]()
+    for k, recording in enumerate(scene.table.recording):
+        key = f"recording[{k}]"
+        try:
+            found.append(_run(scene, recording, key))
+        except SceneError as error:
+            faults += [(where.replace("recording[0]", key), what) for where, what in error.faults]
+        except ArgumentError as error:
+            faults.append((key, str(error)))
+    if faults:
+        raise SceneError(scene.name, faults)
     return found
 
 
-def _fit(table: FitDesignScene, runs: Sequence[Run], report: Report) -> Fit:
+def _run(scene: Scene[FitDesignScene], recording: CrawlRecording, key: str) -> Run:
+    """One recording, begun at time 0 with the worm at rest."""
+    worm = scene.table.worm.worm
+    gait = gait_of_shape(recording.gait, scene, f"{key}.gait")
+    try:
+        model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
+    except ArgumentError as error:
+        raise SceneError(scene.name, [(f"{key}.gait", str(error))]) from None
+    (one,) = runs_of([recording], scene.folder, model, scene.table.units, {}, scene.name)
+    read = one.recording
+    begun = replace(read, model=read.model or model, span=(0.0, float(read.times[-1])))
+    return replace(one, recording=begun)
+
+
+def _fit(scene: Scene[FitDesignScene], runs: Sequence[Run], report: Report) -> Fit:
+    asked = scene.table.fit
     recordings: list[Recording] = [run.recording for run in runs if run.fitted]
     model = recordings[0].model
     assert model is not None
-    unknowns = [Unknown(name) for name in table.fit.numbers]
-    task = FitTask(model, recordings, unknowns, noise=table.fit.noise or None)
-    return fit(task, seeds=table.fit.search.seeds, seed=table.fit.search.seed, report=report)
+    unknowns = [Unknown(name) for name in asked.numbers]
+    try:
+        task = FitTask(model, recordings, unknowns, noise=asked.noise or None)
+    except ArgumentError as error:
+        raise SceneError(scene.name, [("fit", str(error))]) from None
+    return fit(task, seeds=asked.search.seeds, seed=asked.search.seed, report=report)
 
 
 def believed_of(fitted: Fit, table: FitDesignScene) -> Believed:

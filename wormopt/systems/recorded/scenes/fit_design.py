@@ -188,6 +188,8 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
             key = f"recording[{k}]"
             yield from recording.faults(folder, self.units, key)
             yield from recording.gait.faults(self.worm.links, folder, f"{key}.gait")
+            if recording.use != "fit":
+                yield f"{key}.use", 'runs are kept aside in kind "fit"; leave it out'
         yield from named_twice((one.label for one in self.recording), "recording")
         if (plant := self.plant_worm) is not None:
             for key, message in plant.faults():
