@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.fitting.stretches import lifted
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import held_at, offset_of
+from wormopt.fitting.uncertainty import held_at, offset_of, triangle
 from wormopt.simulation.options import Smooth
 
 ARRIVED = 1e-3
 """Standard errors within which a fit is at the bottom."""
 # Widths of the smooth law, in typical contact speeds.
-_WIDTHS = (1.0, 0.2)
+_WIDTHS = (1.0,)
+# Standard deviations of jumps between stretches, in usual sizes of the states.
+_JUMPS = (0.1, 0.01, 1e-3)
 # Steps at most, and the share of the cost that a step shall gain where a start is all one wants.
-_LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 25, 1e-2
+_LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 20, 1e-1
 # A trust region that shrank at a kink, or came to a bound, is opened again so many times.
 _REGIONS = 4
 # Standard errors, of one number alone, from which a bound counts as reached.
@@ -41,6 +45,19 @@ class Descent:
         return float(self.residuals @ self.residuals) / 2
 
 
+class Squares(Protocol):
+    """Residuals of which the sum of squares shall be small."""
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest coordinates."""
+        ...
+
+    def residuals(self, theta: np.ndarray, /) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals and their Jacobian; SolveError where there are none."""
+        ...
+
+
 Seen = Callable[[Descent], None]
 
 
@@ -49,7 +66,7 @@ class _Arrived(Exception):
 
 
 def descend(
-    task: FitTask,
+    task: Squares,
     theta: np.ndarray,
     seen: Seen = lambda _: None,
     *,
@@ -69,41 +86,47 @@ def descend(
     return best
 
 
-def _region(task: FitTask, begin: Descent, seen: Seen, rough: bool) -> Descent:
+def _region(task: Squares, begin: Descent, seen: Seen, rough: bool) -> Descent:
     """Take SciPy's trust region; what cannot be simulated is no way to go.
 
     What lies at a bound stays there.
     """
     from scipy.optimize import least_squares
 
-    best, count, free = begin, begin.evaluations, ~_held(task, begin)
+    free = ~_held(task, begin)
     if begin.offset < ARRIVED or not free.any():
         return begin
+    points = {begin.theta.tobytes(): begin}
+    best, count = begin, begin.evaluations
 
-    def whole(part: np.ndarray) -> np.ndarray:
+    def at(part: np.ndarray) -> Descent | None:
+        nonlocal best, count
         theta = begin.theta.copy()
         theta[free] = part
-        return theta
+        key = theta.tobytes()
+        if key not in points:
+            count += 1
+            points.clear()  # it is asked for residuals and slopes of one point after the other
+            try:
+                points[key] = _look(task, theta, 0)
+            except (SolveError, ArgumentError):
+                return None
+        if points[key].cost <= best.cost:
+            best = points[key]
+            seen(best)
+        return points[key]
 
+    # SciPy sees n + 1 rows that have the same products: it is slow on tall thin matrices.
     def residuals(part: np.ndarray) -> np.ndarray:
-        nonlocal count
-        if np.array_equal(part, begin.theta[free]):
-            return begin.residuals
-        count += 1
-        try:
-            return task.misfit(whole(part))
-        except (SolveError, ArgumentError):
-            return np.full(len(begin.residuals), np.inf)
+        point = at(part)
+        return np.full(free.sum() + 1, np.inf) if point is None else _short(point, free)[:, -1]
 
     def jacobian(part: np.ndarray) -> np.ndarray:
-        nonlocal best, count
-        if not np.array_equal(part, begin.theta[free]):
-            count += 1
-            best = _look(task, whole(part), 0)
-            seen(best)
-        if best.offset < ARRIVED:
+        point = at(part)
+        assert point is not None
+        if point.offset < ARRIVED:
             raise _Arrived
-        return best.jacobian[:, free]
+        return _short(point, free)[:, :-1]
 
     with suppress(_Arrived):
         least_squares(
@@ -120,7 +143,12 @@ def _region(task: FitTask, begin: Descent, seen: Seen, rough: bool) -> Descent:
     return replace(best, evaluations=count)
 
 
-def _settled(task: FitTask, found: Descent) -> Descent:
+def _short(point: Descent, free: np.ndarray) -> np.ndarray:
+    """Jacobian and residuals in their last column, as few rows with the same products."""
+    return triangle(np.column_stack([point.jacobian[:, free], point.residuals]))
+
+
+def _settled(task: Squares, found: Descent) -> Descent:
     """Put what comes near a bound and pushes against it right there: steps never reach it."""
     lower, upper = task.bounds
     gradient = found.jacobian.T @ found.residuals
@@ -138,17 +166,17 @@ def _settled(task: FitTask, found: Descent) -> Descent:
     return there if there.cost <= found.cost * (1 + 1e-9) else found
 
 
-def _look(task: FitTask, theta: np.ndarray, count: int) -> Descent:
+def _look(task: Squares, theta: np.ndarray, count: int) -> Descent:
     residuals, jacobian = task.residuals(theta)
     free = ~held_at(task.bounds, theta, jacobian.T @ residuals)
     return Descent(theta, residuals, jacobian, offset_of(residuals, jacobian, free), count + 1)
 
 
-def _held(task: FitTask, at: Descent) -> np.ndarray:
+def _held(task: Squares, at: Descent) -> np.ndarray:
     return held_at(task.bounds, at.theta, at.jacobian.T @ at.residuals)
 
 
-def _inside(task: FitTask, theta: np.ndarray) -> np.ndarray:
+def _inside(task: Squares, theta: np.ndarray) -> np.ndarray:
     """SciPy wants to begin strictly between the bounds."""
     lower, upper = task.bounds
     room = np.minimum(upper - lower, np.maximum(1.0, np.abs(theta)))
@@ -162,17 +190,30 @@ def smoothed(task: FitTask, speed: float) -> list[FitTask]:
     return [replace(task, contact=Smooth(width * speed)) for width in _WIDTHS]
 
 
-def approach(task: FitTask, theta: np.ndarray, speed: float, seen: Seen) -> Descent:
-    """Lead a start downhill over smooth contact, whose valleys are wide, to the task's own."""
+def approach(task: FitTask, theta: np.ndarray, speed: float, nodes: int, seen: Seen) -> Descent:
+    """Lead a start downhill where valleys are wide, then to the task's own bottom.
+
+    They are wide over smooth contact, or in short stretches between nodes.
+    """
     count = 0
-    for smooth in smoothed(task, speed):
-        try:
-            found = descend(smooth, theta, rough=True)
-        except SolveError:  # too stiff, say: go on from where it began
-            continue
-        theta, count = found.theta, count + found.evaluations
+    with suppress(SolveError):  # too stiff, say: go on from where it came to
+        for found in _by_nodes(task, theta, nodes) if nodes else _smoothly(task, theta, speed):
+            theta, count = found.theta[: len(theta)], count + found.evaluations
     found = descend(task, theta, seen)
     return replace(found, evaluations=found.evaluations + count)
+
+
+def _smoothly(task: FitTask, theta: np.ndarray, speed: float) -> Iterator[Descent]:
+    for smooth in smoothed(task, speed):
+        yield descend(smooth, theta, rough=True)
+
+
+def _by_nodes(task: FitTask, theta: np.ndarray, nodes: int) -> Iterator[Descent]:
+    whole, w = lifted(task, theta, nodes)
+    for jump in _JUMPS:
+        found = descend(replace(whole, jump=jump), w, rough=True)
+        w = found.theta
+        yield found
 
 
 def contact_speed(task: FitTask, theta: np.ndarray) -> float:

@@ -24,7 +24,13 @@ _EXPLAINED = 1.5
 
 
 def fit(
-    task: FitTask, *, seeds: int = 8, enough: int = 3, seed: int = 0, report: Report = silent
+    task: FitTask,
+    *,
+    seeds: int = 8,
+    enough: int = 3,
+    nodes: int = 0,
+    seed: int = 0,
+    report: Report = silent,
 ) -> Fit:
     """Find the numbers with which a model reproduces recordings best.
 
@@ -37,6 +43,9 @@ def fit(
         within the bounds.
     enough : int, optional
         How many starts have to end at the best before no other is tried.
+    nodes : int, optional
+        Where so many are asked for, each run is cut at as many of its readings while starts are
+        led downhill (multiple shooting): for long runs, and motions that soon go elsewhere.
     seed : int, optional
         Of the random numbers that starts are drawn with.
     report : callable, optional
@@ -57,7 +66,7 @@ def fit(
     Interrupted
         If the user stopped it; `partial` is the best fit so far, None before there is one.
     """
-    _check(task, seeds, enough)
+    _check(task, seeds, enough, nodes + 1 if isinstance(nodes, Integral) else nodes)
     estimated = task.estimated
     ends: list[Attempt] = []
     points: list[Descent] = []  # the best so far, or none
@@ -67,7 +76,7 @@ def fit(
             points[:] = [point]
 
     try:
-        best = _of_starts(task, starts_of(task, seeds, seed), enough, ends, seen, report)
+        best = _of_starts(task, starts_of(task, seeds, seed), enough, nodes, ends, seen, report)
         if estimated:
             report("estimating noise", None)
             task, best = _with_levels(task, best, estimated)
@@ -81,6 +90,7 @@ def _of_starts(
     task: FitTask,
     starts: np.ndarray,
     enough: int,
+    nodes: int,
     ends: list[Attempt],
     seen: Seen,
     report: Report,
@@ -90,7 +100,7 @@ def _of_starts(
     for number, start in enumerate(starts):
         report(f"fitting from start {number + 1} of {len(starts)}", number / len(starts))
         try:
-            found = approach(task, start, speed, seen)
+            found = approach(task, start, speed, nodes, seen)
         except (SolveError, ArgumentError) as error:
             first = first or error
             ends.append(Attempt(start, start, np.inf, np.inf, 0))
@@ -176,4 +186,6 @@ def _check(task: object, *counts: object) -> None:
         raise ArgumentError(f"fit takes a FitTask, not {type(task).__name__}")
     for count in counts:
         if not isinstance(count, Integral) or count < 1:
-            raise ArgumentError(f"seeds and enough are whole numbers from 1 on, not {count!r}")
+            raise ArgumentError(
+                f"seeds, enough and nodes are whole numbers, the first two from 1 on, not {count!r}"
+            )

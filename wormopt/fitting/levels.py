@@ -8,6 +8,7 @@ import numpy as np
 
 from wormopt.fitting.losses import robust
 from wormopt.fitting.task import FitTask
+from wormopt.fitting.uncertainty import leverages
 
 # Readings cannot be told to be better than motions are simulated.
 _ERRORS = 100.0
@@ -22,8 +23,7 @@ def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[s
     r, jacobian = task.plain(theta)
     _, steep = robust(r[: task.count], task.loss)
     weights = np.append(steep, np.ones(len(r) - task.count))
-    basis, s, _ = np.linalg.svd(weights[:, None] * jacobian, full_matrices=False)
-    leverage = np.sum(basis[:, s > 1e-10 * s.max(initial=0.0)] ** 2, axis=1)
+    leverage = leverages(weights[:, None] * jacobian)
     found = {}
     for signal in signals:
         rows = task.rows_without_noise(signal)

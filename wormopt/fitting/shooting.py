@@ -78,11 +78,12 @@ class Shooting:
             times=self.run.times if times is None else times,
             tolerance=self.tolerance,
             route=self.route,
-            sensitivities=self._directions if derivatives else None,
+            sensitivities=self.directions if derivatives else None,
         )
 
     @cached_property
-    def _directions(self) -> dict[str, dict[str, np.ndarray]]:
+    def directions(self) -> dict[str, dict[str, np.ndarray]]:
+        """Directions of the active coordinates, by their names."""
         return {self.coordinates[k].name: self.coordinates[k].directions for k in self.active}
 
     def predicted(self, theta: np.ndarray) -> dict[str, np.ndarray]:

@@ -353,7 +353,7 @@ class FitTask:
         """
         predicted = [shooting.predicted(theta) for shooting in self.shootings]
         r, _ = robust(self._weighed(predicted), self.loss)
-        return np.append(r, self._priors(theta)[0])
+        return np.append(r, self.priors(theta)[0])
 
     def plain(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted residuals without the loss, then priors, and their Jacobian.
@@ -377,7 +377,7 @@ class FitTask:
             derivative = np.moveaxis(found[block.run][1][block.signal], 1, 2)[block.there]
             jacobian[block.rows, self.shootings[block.run].active] = derivative
         jacobian /= self.deviations[:, None]
-        priors, slopes = self._priors(theta)
+        priors, slopes = self.priors(theta)
         r = np.append(self._weighed([motion for motion, _ in found]), priors)
         return r, np.vstack([jacobian, slopes])
 
@@ -388,7 +388,21 @@ class FitTask:
             r[block.rows] = (predicted[block.run][block.signal] - readings)[block.there]
         return r / self.deviations
 
-    def _priors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def priors(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals of the priors, and their Jacobian.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n,)
+            Coordinates.
+
+        Returns
+        -------
+        residuals : ndarray, shape (priors,)
+            In standard deviations.
+        jacobian : ndarray, shape (priors, n)
+            Their derivative.
+        """
         known = [(k, c.prior) for k, c in enumerate(self.coordinates) if c.prior is not None]
         r, slopes = np.zeros(len(known)), np.zeros((len(known), len(theta)))
         for row, (k, (mean, deviation)) in enumerate(known):

@@ -7,15 +7,27 @@ import numpy as np
 # Singular values below this share of the largest are errors of the Jacobian: motions are simulated
 # to 1e-8 and their derivatives to little less.
 TOLD = 1e-7
+_BLOCK = 256  # rows of a matrix that are worked on at once
 # An unknown takes part in what cannot be told if its share of such a direction is larger.
 _TAKES_PART = 1e-6
 
 
+def triangle(matrix: np.ndarray) -> np.ndarray:
+    """R (n, n) of the QR decomposition of a matrix (rows, n), block by block.
+
+    Threads of a linear algebra library get into each other's way on tall thin matrices.
+    """
+    n = matrix.shape[1]
+    block = max(_BLOCK, 4 * n)
+    while len(matrix) > block:
+        whole = np.vstack([matrix, np.zeros((-len(matrix) % block, n))])
+        matrix = np.linalg.qr(whole.reshape(-1, block, n), mode="r").reshape(-1, n)
+    return np.linalg.qr(np.vstack([matrix, np.zeros((n, n))]), mode="r")
+
+
 def spectrum(jacobian: np.ndarray, nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Singular values (n,) and right singular vectors (n, n) of jacobian * nominal."""
-    n = len(nominal)
-    triangle = np.linalg.qr(np.vstack([jacobian * nominal, np.zeros((n, n))]), mode="r")
-    _, s, rows = np.linalg.svd(triangle)
+    _, s, rows = np.linalg.svd(triangle(jacobian * nominal))
     return s, rows.T
 
 
@@ -61,8 +73,18 @@ def offset_of(residuals: np.ndarray, jacobian: np.ndarray, free: np.ndarray) -> 
     """
     if not free.any():
         return 0.0
-    columns = jacobian[:, free]
-    size = np.linalg.norm(columns, axis=0)
-    basis, s, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    n = int(free.sum())
+    small = triangle(np.column_stack([jacobian[:, free], residuals]))
+    size = np.linalg.norm(small[:n, :n], axis=0)
+    basis, s, _ = np.linalg.svd(small[:n, :n] / np.where(size > 0, size, 1.0))
     told = s > TOLD * s.max()
-    return float(np.linalg.norm(basis[:, told].T @ residuals) / np.sqrt(free.sum()))
+    return float(np.linalg.norm(basis[:, told].T @ small[:n, n]) / np.sqrt(n))
+
+
+def leverages(jacobian: np.ndarray) -> np.ndarray:
+    """Share of each row's residual that the unknowns take up, (rows,)."""
+    size = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.where(size > 0, size, 1.0)
+    s, v = spectrum(scaled, np.ones(len(size)))
+    told = s > TOLD * s.max(initial=0.0)
+    return np.sum((scaled @ (v[:, told] / s[told])) ** 2, axis=1)

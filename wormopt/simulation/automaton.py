@@ -152,6 +152,7 @@ class _Motion:
             self._stepper.shorten(step, 0.5)
             return
         crossing = self._watch.find(step) if self._watch.n else None
+        self._note_touches(step, crossing)
         if crossing:
             self._go_to(step, crossing)
         else:
@@ -161,6 +162,14 @@ class _Motion:
             self._clock.follow(self._t)
             self._decide()
             self._start_afresh()
+
+    def _note_touches(self, step: Step, crossing: Crossing | None) -> None:
+        """Doubt derivatives where an event before the first one all but happened."""
+        before = crossing.theta if crossing else 2.0
+        for which, theta in self._watch.touched if self._columns.k else ():
+            if theta < before:
+                mode = self._modes[which] if which < self._watch.n_contacts else 0.0
+                self._columns.doubts.touch(step.t + theta * step.h, which, float(mode))
 
     def _take(self, step: Step) -> None:
         self._record.keep(step)
@@ -212,6 +221,8 @@ class _Motion:
             self._fire(k)
         else:
             raise GivenUp("events_accumulate")
+        if self._ended:
+            return  # the end moves with its event, and so does the state there
         self._watch.raise_levels(self._t, self._x)
         self._columns.arrive(self._t, self._x)
         self._stepper.restart(self._t, self._all)
@@ -232,7 +243,9 @@ class _Motion:
         if self._contacts is None:
             return
         before = self._modes.copy()
-        self._x, changes, stopped = self._contacts.decide(self._t, self._x, forced)
+        self._x, changes, stopped = self._contacts.decide(
+            self._t, self._x, forced, at_start=not record
+        )
         for contact in {*stopped, *(change.which for change in changes)}:
             self._watch.note_change(contact)
         if record:
@@ -261,6 +274,7 @@ class _Motion:
             n_evaluations=self._stepper.n_evaluations,
             events=np.array(record.events).reshape(-1, 4 + self._columns.k),
             modes=np.array(record.modes).reshape(-1, 1 + task.system.n_s),
+            doubts=np.array(self._columns.doubts.rows).reshape(-1, 4),
             dense_time=np.array([task.span[0], *record.ends[:steps]] if task.dense else []),
             dense=np.array(record.rows[:steps]).reshape(-1, 8, len(x)),
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.simulation.aiming import Aim
-from wormopt.simulation.initial_value import KINDS, InitialValueProblem
+from wormopt.simulation.initial_value import F_REST, KINDS, InitialValueProblem
 from wormopt.simulation.sensitivity.columns import Columns
 from wormopt.simulation.sharing import SHARE_REST, Sharing, Split
 from wormopt.simulation.steps import Call, GivenUp
@@ -66,6 +66,7 @@ class Contacts:
         self._n = len(system.contacts)
         self._s, self._modes, self._coupled = modes, modes[: self._n], system.coupled
         self._v_rest, self._v_stop, self._f_rest = task.v_rest, task.v_stop, task.f_rest
+        self._held_by = task.f_rest / F_REST
         self._least_onset, self._drift = task.reach[1], task.v_drift
         self._states, self._rows, self._sliding = (
             system.row_state,
@@ -86,7 +87,7 @@ class Contacts:
         return _Probe(*found[:-1].reshape(5, -1), determined=float(found[-1]))
 
     def decide(
-        self, t: float, x: np.ndarray, forced: int | None = None
+        self, t: float, x: np.ndarray, forced: int | None = None, *, at_start: bool = False
     ) -> tuple[np.ndarray, list[Change], list[int]]:
         """Decide which contacts rest, from velocities and then from forces.
 
@@ -102,9 +103,12 @@ class Contacts:
             x = self._hold(t, x)
             probe = self._look(t, x)
         velocity = probe.velocity
+        forced_mode = None if forced is None else float(before[forced])
         leaving = [i for i in [forced] if i is not None and before[i] == 0]
         jump = self._by_velocity(t, velocity, forced)
         stopped = self._modes == 0
+        others = stopped & (before != 0) & (np.arange(self._n) != forced)
+        suspects = self._columns.suspects(t, x, others)
         hit = stopped & (np.abs(velocity) > rest)
         if forced is not None:
             hit[forced] = False
@@ -125,6 +129,11 @@ class Contacts:
                 break
         else:
             raise GivenUp("no_contact_mode")
+        if self._columns.k:
+            shares = probe.margin / self._held_by
+            self._columns.doubts.decision(
+                t, self._modes, shares, suspects, forced_mode, at_start=at_start
+            )
         self._columns.carry_rest(t, x)
         if self._coupled:
             self._aim.sweep(t, x)
@@ -230,6 +239,10 @@ class Contacts:
             return False
         if self._coupled:
             gone = [int(np.argmax(outside))]
+        if self._columns.k:
+            for i in gone:
+                lacking = float(-probe.margin[i] / self._held_by[i])
+                self._columns.doubts.let_go(t, i, float(probe.toward[i]), lacking)
         self._release(t, x, gone, probe)
         return True
 

@@ -23,7 +23,7 @@ from scipy.optimize import minimize_scalar, root_scalar
 
 from wormopt.simulation.functions import System
 from wormopt.simulation.grip import ENTRIES
-from wormopt.simulation.initial_value import InitialValueProblem
+from wormopt.simulation.initial_value import F_REST, InitialValueProblem
 from wormopt.simulation.sharing import SHARE_REST, Sharing
 from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
 
@@ -63,6 +63,7 @@ class Watch:
         system, shared = task.system, (("p", p), ("s", modes))
         self._task, self._modes, self._sharing = task, modes, sharing
         self._n_x = len(task.x0)
+        self.touched: list[tuple[int, float]] = []  # what all but crossed in the last step, where
         self.n_contacts = len(system.contacts) if system.exact else 0
         self.n = self.n_contacts + len(system.model.switches)
         self._levels = np.zeros(self.n)
@@ -176,6 +177,7 @@ class Watch:
         dips = (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
         suspects = np.flatnonzero((values.min(axis=0) < 0) | dips.any(axis=0))
         small = self._small()
+        self.touched = []
         found = [self._first(int(j), step, values[:, j], small[j]) for j in suspects]
         crossings = [crossing for crossing in found if crossing]
         if crossings:
@@ -200,9 +202,18 @@ class Watch:
                 low: Any = minimize_scalar(above, **near)
                 if low.fun < 0:
                     return Crossing(j, _root(above, ends[0], low.x), level)
+                if low.fun + level <= self._next_to_nothing(j, max(value[k - 2], here)):
+                    self.touched.append((j, float(low.x)))
             if here > small:
                 level = 0.0
         return None
+
+    def _next_to_nothing(self, j: int, around: float) -> float:
+        """Value of an event function that errors of the motion may bridge; `around` are others."""
+        if j < self.n_contacts:
+            held = self._task.f_rest[j] / F_REST
+            around = self._task.system.contacts[j].nominal_speed if self._modes[j] else held
+        return self._task.small_value * around
 
     @staticmethod
     def _dips(value: np.ndarray) -> bool:

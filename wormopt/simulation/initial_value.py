@@ -19,6 +19,9 @@ from wormopt.simulation.sensitivity.variation import Variation, rhs_of, variatio
 KINDS = ("reversal", "stick", "release", "impact", "switch")
 """Kinds of events by their numbers."""
 
+F_REST = 1e-13
+"""Share of what a contact can hold that is nothing but rounding."""
+
 SLACK = 10.0
 """How much larger than those of states errors of derivatives may be, against their size."""
 
@@ -73,6 +76,15 @@ class InitialValueProblem:
         pushed = self._nominal_speeds[self.system.row_contact][: self.system.n_pushes]
         return self.tolerance.absolute * np.append(_nominals(self.system.model.x), pushed)
 
+    @cached_property
+    def all_absolute(self) -> np.ndarray:
+        """Absolute tolerances of states, then of derivatives as large as they are nominally."""
+        if self.directions is None:
+            return self.absolute
+        own = self.absolute[: self.system.model.n_x]
+        sizes = self.directions.sizes(own / self.tolerance.absolute, self.p, self.schedules)
+        return np.append(self.absolute, SLACK * np.outer(own, sizes))
+
     @property
     def _nominal_speeds(self) -> np.ndarray:
         return np.array([c.nominal_speed for c in self.system.contacts], dtype=float)
@@ -122,7 +134,20 @@ class InitialValueProblem:
         held = np.abs(probe[3 * n : 5 * n].reshape(2, n))
         held = np.where(np.isfinite(held), held, 0.0).max(axis=0, initial=0.0)
         nominal = np.array([c.nominal_force for c in self.system.contacts])
-        return 1e-13 * np.where(held > 0, held, nominal)
+        return F_REST * np.where(held > 0, held, nominal)
+
+    @property
+    def small_value(self) -> float:
+        """Share of a velocity or a force that errors of the motion may bridge."""
+        return 100 * (self.tolerance.relative + self.tolerance.absolute)
+
+    @property
+    def small_rate(self) -> float:
+        """Share of its parts below which the rate of an event function is next to nothing.
+
+        What falls so slowly falls to no more below 0 than errors of the motion may lift it.
+        """
+        return float(np.sqrt(10 * (self.tolerance.relative + self.tolerance.absolute)))
 
     @property
     def max_step(self) -> float:
@@ -161,6 +186,8 @@ class Outcome:
     # rows: time, contact (switches counted on), index in `KINDS`, mode from then on, then
     # derivatives of the time
     events: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    # rows: time, contact or switch, its mode, reason, see `wormopt.simulation.sensitivity.doubts`
+    doubts: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     # (1 + changes, 1 + contacts) time, modes from then on
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
     # (steps + 1,) ends of the steps, where kept

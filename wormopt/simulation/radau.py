@@ -47,7 +47,7 @@ class Stiff:
     def _solver_from(self, t: float, x: np.ndarray, stop: float, h: float) -> Radau:
         options: dict[str, Any] = {
             "rtol": max(self._task.tolerance.relative, _LEAST_RELATIVE),
-            "atol": self._task.absolute,
+            "atol": self._task.all_absolute,
             "jac": self._slopes,
             "max_step": self._task.max_step,
             "first_step": min(h, stop - t) if h > 0 else None,

@@ -21,7 +21,8 @@ from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.sensitivity.directions import Sensitivities, directions
-from wormopt.simulation.trajectory import Dense, Event, Trajectory
+from wormopt.simulation.sensitivity.doubts import REASONS
+from wormopt.simulation.trajectory import Dense, Doubt, Event, Trajectory
 
 Values = Mapping[str, ArrayLike]
 
@@ -238,6 +239,7 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         task.system.model.n_x,
         len(task.x0),
     )
+    events = _events(task.system, outcome.events)
     dense = np.delete(outcome.dense, slice(n_x, first), axis=2)
     motion = Trajectory(
         system=task.system,
@@ -248,13 +250,14 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         states=outcome.samples[:, :n_x].T,
         end_time=outcome.t,
         end=outcome.x[:n_x],
-        events=_events(task.system, outcome.events),
+        events=events,
         modes=outcome.modes,
         n_steps=outcome.n_steps,
         n_rejected=outcome.n_rejected,
         n_evaluations=outcome.n_evaluations,
         dense=Dense(outcome.dense_time, dense) if len(dense) else None,
         along=task.directions,
+        doubts=_doubts(task.system, outcome.doubts, events),
         state_derivatives=outcome.samples[:, first:].T.reshape(n_x, task.k, len(reached)),
         end_derivative=outcome.x[first:].reshape(n_x, task.k),
     )
@@ -267,8 +270,26 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
     raise SolveError(reason, suggestion, motion, outcome.status)
 
 
+def _doubts(system: System, rows: np.ndarray, events: tuple[Event, ...]) -> tuple[Doubt, ...]:
+    """What casts doubt, by its event; one that all but happened is made up."""
+    names, happened = _names(system), {(e.time, e.name): e for e in events}
+    found = {}
+    for t, which, mode, reason in rows.tolist():
+        name, why = names[int(which)], REASONS[int(reason)]
+        kind = "reversal" if mode else "stick" if why == "edge" else "release"
+        kind = "switch" if which >= len(system.contacts) else kind
+        made_up = Event(t, name, kind, int(mode))
+        found[t, name, why] = Doubt(happened.get((t, name), made_up), why)
+    return tuple(found.values())
+
+
+def _names(system: System) -> list[str]:
+    """Of what events happen to."""
+    return [c.name for c in system.contacts] + [s.name for s in system.model.switches]
+
+
 def _events(system: System, rows: np.ndarray) -> tuple[Event, ...]:
-    names = [c.name for c in system.contacts] + [s.name for s in system.model.switches]
+    names = _names(system)
     return tuple(
         Event(
             float(t), names[int(which)], KINDS[int(kind)], int(mode), along if along.size else None

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from wormopt.errors import ArgumentError, interruptible
+from wormopt.errors import interruptible
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report
@@ -67,8 +67,6 @@ def _refuse(task: InitialValueProblem) -> None:
     if model.switches:
         names = [switch.name for switch in model.switches]
         raise ValueError(f'CVODES and IDAS know no switches ({names}); take route = "python"')
-    if task.directions:
-        raise ArgumentError('CVODES and IDAS know no sensitivities; take route = "python"')
     if task.dense:
         raise ValueError('CVODES and IDAS do not keep the motion; name times or route = "python"')
 
@@ -95,6 +93,10 @@ class _Grid:
         for breaks, values in pieces:
             rows.append(values[np.searchsorted(breaks, middle) - 1].T)
         self.scheduled = np.vstack(rows)
+        if task.directions:
+            along = task.directions.scheduled(task.system.n_fixed, task.schedules, middle)
+            along = along[task.system.n_fixed :].swapaxes(0, 1).reshape(-1, len(middle))
+            self.scheduled = np.vstack([self.scheduled, along])
 
 
 def _pieces(schedule: Schedule, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +127,7 @@ class _Run:
         """Number of points of time up to which two runs agree."""
         count = min(len(self.states), len(other.states))
         mine, its = np.array(self.states[:count]), np.array(other.states[:count])
-        absolute = self.task.absolute * other.relative / self.task.tolerance.relative
+        absolute = self.task.all_absolute * other.relative / self.task.tolerance.relative
         size = other.relative * np.abs(its).max(axis=0) + absolute
         apart = np.flatnonzero(np.any(np.abs(mine - its) > _AGREE * size, axis=1))
         return int(apart[0]) if len(apart) else count
@@ -157,11 +159,12 @@ def _plugin(task: InitialValueProblem) -> str:
 
 def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report) -> _Run:
     """Find the motion to a relative tolerance."""
-    run = _Run(task, grid, relative, [task.x0])
+    run = _Run(task, grid, relative, [task.start])
     if not np.all(np.isfinite(task.x0)):
         run.status = "not_finite"
         return run
     guess = signal_values(tuple(task.system.model.z), {}, "algebraic variable", fill=0.0)
+    guess = np.append(guess, np.zeros(len(guess) * task.k))
     span, last = task.span[1] - task.span[0], len(grid.times) - 1
     todo = [(k, min(k + _CHUNK, last)) for k in range(0, last, _CHUNK)][::-1]
     while todo:
@@ -227,22 +230,41 @@ def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end:
 
 
 def _sizes(task: InitialValueProblem) -> np.ndarray:
-    """Nominal size of every state."""
-    return task.absolute / task.tolerance.absolute
+    """Nominal size of every state, and of its derivatives."""
+    return task.all_absolute / task.tolerance.absolute
 
 
 def _scaled(task: InitialValueProblem) -> dict[str, ca.SX]:
     """The system in states of nominal size 1, since both codes know but one absolute tolerance."""
     dae, scale, n_fixed = task.system.dae, ca.DM(_sizes(task)), task.system.n_fixed
-    x = ca.SX.sym("x", scale.numel())
-    ode, alg = ca.substitute([dae["ode"], dae["alg"]], [dae["x"]], [scale * x])
+    x = ca.SX.sym("x", dae["x"].numel())
+    states = scale[: x.numel()]
+    ode, alg = ca.substitute([dae["ode"], dae["alg"]], [dae["x"]], [states * x])
     fixed, scheduled = ca.vertsplit(dae["p"], [0, n_fixed, dae["p"].numel()])
-    return {
+    system = {
         "t": dae["t"],
         "x": x,
         "z": dae["z"],
         "p": fixed,
         "u": scheduled,
-        "ode": ode / scale,
+        "ode": ode / states,
         "alg": alg,
     }
+    return _varied(task, system, scale) if task.directions else system
+
+
+def _varied(task: InitialValueProblem, system: dict[str, ca.SX], scale: ca.DM) -> dict[str, ca.SX]:
+    """The system with its variational equations; directions of schedules are inputs too."""
+    assert task.directions is not None
+    k, n_x, n_z = task.k, system["x"].numel(), system["z"].numel()
+    rows, along_z = ca.SX.sym("S", k, n_x), ca.SX.sym("Z", n_z, k)
+    along_u = ca.SX.sym("along", system["u"].numel(), k)
+    along_x = rows.T * ca.reshape(scale[n_x:], k, n_x).T / ca.repmat(scale[:n_x], 1, k)
+    along_p = ca.DM(task.directions.p[: system["p"].numel()])
+    inner = ca.vertcat(*(system[name] for name in ("x", "z", "p", "u")))
+    change = ca.vertcat(along_x, along_z, along_p, along_u)
+    ode = ca.jtimes(system["ode"], inner, change) * ca.repmat(scale[:n_x], 1, k)
+    ode = ca.vec(ode.T) / scale[n_x:]
+    alg = ca.vec(ca.jtimes(system["alg"], inner, change)) if n_z else ca.SX(0, 1)
+    more = {"x": rows, "z": along_z, "u": along_u, "ode": ode, "alg": alg}
+    return system | {n: ca.vertcat(system[n], ca.vec(part)) for n, part in more.items()}

@@ -54,6 +54,31 @@ class Event:
     derivative: np.ndarray | None = field(default=None, compare=False, repr=False)
 
 
+@dataclass(frozen=True)
+class Doubt:
+    """An event at which the derivatives of a motion do not exist, or hold on one side only.
+
+    Those behind it are of the branch that was followed.
+
+    Parameters
+    ----------
+    event : Event
+        What happened, or all but happened.
+    reason : {"grazing", "simultaneous", "edge"}
+        "grazing": it happens so slowly that a small change would undo it, or all but happens;
+        "simultaneous": another one happens at this instant, and a change may turn their order;
+        "edge": a force is at the limit of what holds, and a change may let go or not.
+
+    Examples
+    --------
+    >>> Doubt(Event(1.3, "mass 0", "stick", 0), "edge").reason
+    'edge'
+    """
+
+    event: Event
+    reason: str
+
+
 @dataclass(frozen=True, eq=False)
 class Dense:
     """Polynomials of every step.
@@ -112,7 +137,9 @@ class Trajectory(SampledMotion):
     state_derivatives : ndarray, shape (n_x, k, m)
         Of the states at the sample times, along them; after a jump where one happens then.
     end_derivative : ndarray, shape (n_x, k)
-        Of the last state, at its time.
+        Of the last state, at its time; where a switch ends the motion, at that of the switch.
+    doubts : tuple of Doubt
+        Where derivatives do not exist, or hold on one side only.
     """
 
     system: System
@@ -132,6 +159,7 @@ class Trajectory(SampledMotion):
     along: Directions | None = None
     state_derivatives: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     end_derivative: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    doubts: tuple[Doubt, ...] = ()
 
     __repr__ = SampledMotion.__repr__
 

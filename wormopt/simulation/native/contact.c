@@ -14,6 +14,7 @@
 #include "run.h"
 
 enum { N_SAMPLES = 11 };
+static const double F_REST = 1e-13; /* as in `InitialValueProblem.f_rest` */
 static const double SAMPLES[N_SAMPLES] = {0.0,   1.0 / 64, 0.125, 0.25,      0.375, 0.5,
                                           0.625, 0.75,     0.875, 63.0 / 64, 1.0};
 
@@ -136,10 +137,13 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
         if (k >= 2) { /* a dip between samples */
             double a = value[(k - 2) * n + j], b = value[(k - 1) * n + j], at;
             double depth = fmin(a, here) - b;
-            if (b < a && b <= here && b - level < 4 * fmax(fmax(a, here) - b, depth)
-                && lowest(run, j, h, SAMPLES[k - 2], SAMPLES[k], &at) < level) {
-                double low = value_within(run, j, at, h);
-                return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
+            if (b < a && b <= here && b - level < 4 * fmax(fmax(a, here) - b, depth)) {
+                const double least = lowest(run, j, h, SAMPLES[k - 2], SAMPLES[k], &at);
+                if (least < level) {
+                    double low = value_within(run, j, at, h);
+                    return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
+                }
+                note_touch(run, j, at, least, fmax(a, here));
             }
         }
         if (k > 0 && here > small(run, j)) level = 0.0;
@@ -155,6 +159,7 @@ double find_event(Run *run, double h, long long *which) {
     for (long long i = 0; i < N_SAMPLES * n; i++)
         if (isnan(run->scan[i])) run->out.status = NOT_FINITE;
     double first = 2.0;
+    for (long long j = 0; j < n; j++) run->touch[j] = INFINITY;
     for (long long j = 0; j < n; j++) {
         double theta = first_crossing(run, j, h, run->scan, first);
         if (theta >= first) continue;
@@ -166,6 +171,7 @@ double find_event(Run *run, double h, long long *which) {
     for (int k = 1; k < N_SAMPLES && SAMPLES[k] < first && first <= 1.0; k++)
         for (long long j = 0; j < n; j++)
             if (j != *which && run->scan[k * n + j] > small(run, j)) run->level[j] = 0.0;
+    doubt_touches(run, h, first);
     return first;
 }
 
@@ -350,6 +356,13 @@ double way_out(const Run *run, long long i) {
     return force - least < run->probe[4 * n + i] - force ? 1.0 : -1.0;
 }
 
+double force_scale(const Run *run, long long i) { return run->in.f_rest[i] / F_REST; }
+
+/* Share of what holds a resting contact that is not needed. */
+double share_left(const Run *run, long long i) {
+    return margin(run->probe, run->in.n_contacts, i) / force_scale(run, i);
+}
+
 static double excess(const Run *run, long long i) {
     return -margin(run->probe, run->in.n_contacts, i) / fmax(run->in.f_rest[i], 1e-300);
 }
@@ -368,6 +381,8 @@ static int let_go(Run *run) {
     for (long long i = 0; i < n; i++) {
         if (run->modes[i] != 0.0 || (run->in.coupled ? i != worst : !(excess(run, i) > 1.0))) continue;
         if (!allowed(run, i, way_out(run, i))) run->out.status = NO_CONTACT_MODE;
+        if (run->in.k && -share_left(run, i) <= run->in.small_value)
+            doubt(run, run->out.t, i, way_out(run, i), EDGE);
         run->modes[i] = way_out(run, i);
         begin_onset(run, i);
     }
@@ -425,7 +440,9 @@ void decide_modes(Run *run, long long forced, int record) {
     hold(run);
     memcpy(run->scan, run->probe, n * sizeof(double)); /* velocities before a jump */
     double toward = forced >= 0 ? way_out(run, forced) : 0.0;
-    if (modes_by_velocity(run, forced, run->scan)) {
+    const int jump = modes_by_velocity(run, forced, run->scan);
+    if (run->in.k) suspect(run, forced);
+    if (jump) {
         if (run->in.coupled && must_jump(run, forced)) run->out.status = NO_CONTACT_MODE;
         do stop(run);
         while (run->in.coupled && run->in.aims && take_along(run));
@@ -452,6 +469,7 @@ void decide_modes(Run *run, long long forced, int record) {
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);
     }
+    doubt_decision(run, forced, !record);
     for (long long i = 0, any = 0; i < n && run->in.k && !any; i++) /* what rests has no velocity */
         if ((any = run->modes[i] == 0.0)) carry(run, run->in.project_along, 0);
     if (run->in.coupled) sweep_onsets(run);

@@ -228,7 +228,8 @@ EXPORT void wormopt_free(Run *run) {
         run->reset,  run->value,  run->level,       run->scan,            run->column,
         run->w,      run->event_along,          run->slope,           run->slopes_x,
         run->slopes_p, run->column_x,           run->column_p,        run->change,
-        run->column_error,
+        run->column_error,        run->last_along,  run->suspect,         run->touch,
+        run->out.doubts.data,
     };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     for (int i = 0; i < N_ALL; i++) free(run->k[i]);
@@ -263,6 +264,9 @@ static int allocate(Run *run) {
     ROOM(run->scan, 13 * f + 2 * c);
     ROOM(run->column, n);
     ROOM(run->event_along, in->k);
+    ROOM(run->last_along, in->k);
+    ROOM(run->suspect, c);
+    ROOM(run->touch, f);
     ROOM(run->slope, in->n_x);
     ROOM(run->slopes_x, in->in_x.count);
     ROOM(run->slopes_p, in->in_p.count);
@@ -279,6 +283,7 @@ static int allocate(Run *run) {
 #undef ROOM
     run->out.events.width = 4 + in->k;
     run->out.modes.width = 1 + in->n_s;
+    run->out.doubts.width = 4;
     run->out.dense.width = 1 + N_DENSE * n;
     return good;
 }
@@ -297,7 +302,7 @@ EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double 
     memcpy(run->out.x, x, problem->n_all * sizeof(double));
     memcpy(run->out.p, p, problem->n_p * (1 + problem->k) * sizeof(double));
     run->out.t = problem->t_start;
-    run->crowd_start = -INFINITY;
+    run->crowd_start = run->last_time = -INFINITY;
     for (long long i = 0; i < problem->n_contacts; i++) {
         run->released[i] = -INFINITY;
         run->modes[i] = 1.0; /* the velocities decide below, before anything is recorded */

@@ -38,6 +38,8 @@ typedef struct {
     /* (t, x, p, s, dt, dx, dp) -> changes of velocities and of distances from the least and the
        largest force that hold; of project; of guards; of resets */
     Function contacts_along, project_along, guards_along, resets_along;
+    /* (t, x, p, s) -> how large what these sum up over time is; see doubts.c */
+    Function contact_parts, guard_parts;
     Entries in_x, in_p;
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *planar;         /* per contact its place among those in the plane, or -1 */
@@ -55,6 +57,8 @@ typedef struct {
     const Schedule *schedules;
     const double *times;             /* ascending, within [t, t_end] */
     double relative, max_step, t_start, t_end;
+    double small_rate, small_value; /* shares that are next to nothing */
+    double unit;  /* absolute tolerance of a state of nominal size 1 */
     double slack; /* how much less exact derivatives may be than states */
 } Problem;
 
@@ -72,6 +76,8 @@ typedef enum {
 
 typedef enum { REVERSAL = 0, STICK = 1, RELEASE = 2, IMPACT = 3, SWITCH = 4 } Kind;
 
+typedef enum { GRAZING = 0, SIMULTANEOUS = 1, EDGE = 2 } Reason;
+
 /* Rows of doubles that grow. */
 typedef struct {
     double *data;
@@ -87,6 +93,7 @@ typedef struct {
     Table events;    /* time, index of contact or n_contacts + index of switch, kind, mode, k
                         derivatives of the time */
     Table modes;     /* time, modes and directions of onset */
+    Table doubts;    /* time, index as in events, mode, reason */
     Table dense;     /* end of the step, 8 n_all coefficients */
 } Report;
 

@@ -33,8 +33,11 @@ _STATUS = {
     -6: "no_contact_mode",
     -7: "no_memory",
 }
-_ALONG = ("slopes", "contacts_along", "project_along", "guards_along", "resets_along")
-_CODE = ("driver.c", "stepper.c", "contact.c", "aiming.c", "variation.c")
+_ALONG = (
+    *("slopes", "contacts_along", "project_along", "guards_along", "resets_along"),
+    *("contact_parts", "guard_parts"),
+)
+_CODE = ("driver.c", "stepper.c", "contact.c", "aiming.c", "variation.c", "doubts.c")
 _SOURCES = (*_CODE, "driver.h", "run.h", "tableau.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
@@ -89,7 +92,8 @@ class _Problem(Structure):
                 *("schedules", "times"),
             )
         ),
-        *((name, c_double) for name in ("relative", "max_step", "t_start", "t_end", "slack")),
+        *((name, c_double) for name in ("relative", "max_step", "t_start", "t_end")),
+        *((name, c_double) for name in ("small_rate", "small_value", "unit", "slack")),
     )
 
 
@@ -116,7 +120,7 @@ class _Report(Structure):
             for name in ("status", "n_steps", "n_rejected", "n_evaluations", "n_sampled")
         ),
         *((name, POINTER(c_double)) for name in ("x", "p", "samples")),
-        *((name, _Table) for name in ("events", "modes", "dense")),
+        *((name, _Table) for name in ("events", "modes", "doubts", "dense")),
     )
 
 
@@ -302,6 +306,9 @@ def integrate(
         max_step=task.max_step,
         t_start=task.span[0],
         t_end=task.span[1],
+        small_rate=task.small_rate,
+        small_value=task.small_value,
+        unit=task.tolerance.absolute,
         slack=SLACK,
         **ready.fields,
         **dict(zip(("in_x", "in_p"), map(_mirrored, ready.entries), strict=False)),
@@ -344,6 +351,7 @@ def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:
         n_evaluations=found.n_evaluations,
         events=found.events.array(),
         modes=found.modes.array(),
+        doubts=found.doubts.array(),
         dense_time=np.concatenate([[task.span[0]], dense[:, 0]]) if task.dense else np.zeros(0),
         dense=dense[:, 1:].reshape(len(dense), 8, n_x),
     )

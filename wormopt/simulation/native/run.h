@@ -30,6 +30,11 @@ typedef struct {
     double *slope;         /* x' where an event begins or ends */
     double *slopes_x, *slopes_p; /* entries of Jacobians */
     double *column_x, *column_p, *change; /* of S and of the directions; change along them */
+    double *suspect;       /* whether a contact stops along with another, see doubts.c */
+    double *touch;         /* per event function where in a step it all but falls to 0; else INFINITY */
+    double *last_along, last_time; /* of the last event: derivatives of its time, its time */
+    long long last;        /* which it was */
+    int last_stop;         /* it was the stop of a contact that does not act on others */
     double *column_error;  /* size and error of each column of S */
     double t_break;        /* next break of any schedule */
     double h_next, h_whole; /* next step; the one that a break or the end has cut */
@@ -61,6 +66,8 @@ long long n_functions(const Run *run);
 void event_values(Run *run, double t, const double *x, double *value);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
+double force_scale(const Run *run, long long i);
+double share_left(const Run *run, long long i);
 double way_out(const Run *run, long long i);
 int dips_into_layer(Run *run, double h);
 int goes_over_bend(Run *run, double h);
@@ -78,7 +85,16 @@ void turn_onset(Run *run, long long i);
 void sweep_onsets(Run *run);
 void follow_onsets(Run *run);
 
+/* doubts.c */
+void doubt(Run *run, double t, long long which, double mode, Reason reason);
+void doubt_event(Run *run, long long which, double rate, double parts);
+void suspect(Run *run, long long forced);
+void doubt_decision(Run *run, long long forced, int at_start);
+void note_touch(Run *run, long long j, double at, double value, double range);
+void doubt_touches(Run *run, double h, double first);
+
 /* variation.c */
+double change_along(Run *run, Function f, long long c);
 void vary(Run *run, double t, const double *x, double *dx);
 double columns_error(Run *run, double h);
 void leave(Run *run, long long which);

@@ -87,6 +87,18 @@ static void take_column(Run *run, long long c) {
     for (long long j = 0; j < run->in.n_p; j++) run->column_p[j] = directions(run)[k * j + c];
 }
 
+/* Change of a function's result along direction c, in `change`; gives the size of that column of S,
+   in units of the nominal sizes of states. */
+double change_along(Run *run, Function f, long long c) {
+    double size = 0.0;
+    take_column(run, c);
+    for (long long m = 0; m < run->in.n_model; m++)
+        size = fmax(size, fabs(run->column_x[m]) / run->in.absolute[m]);
+    size *= run->in.unit;
+    along(run, f, run->event_along[c], run->column_x, run->column_p);
+    return size;
+}
+
 static void add_slope(Run *run, double sign) {
     const long long k = run->in.k;
     evaluate(run, run->in.rhs, run->out.t, run->out.x, run->slope);
@@ -115,6 +127,9 @@ void leave(Run *run, long long which) {
         along(run, f, 0.0, run->column_x, run->column_p);
         run->event_along[c] = run->change[row] == 0.0 ? 0.0 : -run->change[row] / rate;
     }
+    evaluate(run, guard ? run->in.guard_parts : run->in.contact_parts, run->out.t, run->out.x,
+             run->change);
+    doubt_event(run, which, rate, run->change[row]);
     add_slope(run, 1.0);
 }
 
@@ -122,8 +137,7 @@ void leave(Run *run, long long which) {
 void carry(Run *run, Function f, long long offset) {
     const long long k = run->in.k, n = run->in.n_x;
     for (long long c = 0; c < k; c++) {
-        take_column(run, c);
-        along(run, f, run->event_along[c], run->column_x, run->column_p);
+        change_along(run, f, c);
         for (long long m = 0; m < run->in.n_model; m++)
             run->out.x[n + k * m + c] = run->change[offset + m];
     }

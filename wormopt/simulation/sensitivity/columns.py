@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wormopt.simulation.initial_value import InitialValueProblem
+from wormopt.simulation.sensitivity.doubts import Doubts
 from wormopt.simulation.steps import Call
 
 
@@ -18,7 +19,7 @@ class Columns:
         n_p, system = len(task.p), task.system
         self.k = task.k
         self.s = task.directions.x0.copy() if task.directions else np.zeros((system.model.n_x, 0))
-        self.dt = np.zeros(self.k)
+        self.dt, self.doubts = np.zeros(self.k), Doubts(task)
         if task.variation is None:
             return
         self._directions = p[n_p:].reshape(n_p, self.k)  # a view: schedules rewrite it
@@ -36,6 +37,7 @@ class Columns:
         if not self.k:
             return
         n, row = self._n_contacts, which
+        mode = float(self._modes[which]) if which < n else 0.0
         name = "contacts_along" if which < n else "guards_along"
         if which >= n:
             row -= n
@@ -47,7 +49,16 @@ class Columns:
         rate = self._change(name, t, x, 1.0, dx, np.zeros(len(self._directions)))[row]
         changes = np.array([c[row] for c in self._each(name, t, x, self.dt)])
         self.dt[:] = np.where(changes == 0, 0.0, -changes / rate)
+        parts = self._along[name.replace("s_along", "_parts")](t, x)[0][row]
+        self.doubts.event(t, which, mode, self.dt, float(rate), float(parts))
         self.s += np.outer(dx[: len(self.s)], self.dt)
+
+    def suspects(self, t: float, x: np.ndarray, stopped: np.ndarray) -> np.ndarray:
+        """Which of the contacts that stop have velocities that change."""
+        if not (self.k and stopped.any()):
+            return np.zeros_like(stopped)
+        changes = self._each("contacts_along", t, x, self.dt)
+        return stopped & self.doubts.suspects([c[: len(stopped)] for c in changes], self.s)
 
     def carry(self, name: str, t: float, x: np.ndarray, k: int = 0) -> None:
         """Take the change of the state through what is about to happen to the state itself."""

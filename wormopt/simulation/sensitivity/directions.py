@@ -34,6 +34,17 @@ class Directions:
         """How many there are."""
         return len(self.labels)
 
+    def sizes(
+        self, nominal_x: np.ndarray, p: np.ndarray, schedules: Sequence[Schedule]
+    ) -> np.ndarray:
+        """Relative changes (k,) of what each moves most."""
+        found = [self.x0 / nominal_x[:, None], self.p / np.where(p == 0, 1.0, np.abs(p))[:, None]]
+        for schedule, along in zip(schedules, self.schedules, strict=True):
+            largest = np.abs(schedule.values).max(initial=0.0)
+            found.append(along.reshape(-1, self.k) / (largest or 1.0))
+        sizes = np.abs(np.concatenate(found)).max(axis=0)
+        return np.where(sizes == 0, 1.0, sizes)
+
     def active(self, n_fixed: int) -> tuple[int, ...]:
         """Entries of p that they move."""
         moved, at = np.any(self.p != 0, axis=1), n_fixed

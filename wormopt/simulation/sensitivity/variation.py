@@ -82,6 +82,29 @@ class Variation:
         return self._derivative("contacts_along", ca.vertcat(velocity, force - low, high - force))
 
     @cached_property
+    def contact_parts(self) -> ca.Function:
+        """Sizes of what the rates of `contacts_along` are sums of."""
+        system = self.system
+        _, acceleration, force, low, high = ca.vertsplit(
+            self._called(system.probe)[:-1], len(system.contacts)
+        )
+        pulled = ca.fabs(system.pulled)
+        margins = ca.vertcat(force - low, high - force)
+        parts = ca.vertcat(pulled + ca.fabs(acceleration - system.pulled), self._parts(margins))
+        return system.function("contact_parts", parts)
+
+    @cached_property
+    def guard_parts(self) -> ca.Function:
+        """Sizes of what the rates of guards are sums of."""
+        guards = self._called(self.system.guards)[: len(self.system.model.switches)]
+        return self.system.function("guard_parts", self._parts(guards))
+
+    def _parts(self, values: ca.SX) -> ca.SX:
+        t, x, _, _ = self.system.symbols
+        gradient = ca.fabs(ca.jacobian(values, x))
+        return gradient @ ca.fabs(self.system.ode) + ca.fabs(ca.jacobian(values, t))
+
+    @cached_property
     def project_along(self) -> ca.Function:
         """Of the impulses that stop the contacts with s = 0."""
         return self._derivative("project_along", self._called(self.system.project))
@@ -102,9 +125,9 @@ class Variation:
         """Those that this system needs, by name."""
         names = ["slopes"]
         if self.system.exact:
-            names += ["contacts_along", "project_along"]
+            names += ["contacts_along", "project_along", "contact_parts"]
         if self.system.model.switches:
-            names += ["guards_along", "resets_along"]
+            names += ["guards_along", "resets_along", "guard_parts"]
         return {name: getattr(self, name) for name in names}
 
     def rhs(self, k: int) -> ca.Function:

@@ -1,0 +1,89 @@
+/* Where the derivatives of a motion do not exist, or are one-sided; see sensitivity/doubts.py. */
+#include <math.h>
+#include <string.h>
+
+#include "run.h"
+
+static const double AT_ONCE = 1e-10;  /* of the whole time */
+static const double ALIKE = 1e-6;     /* relative; changes that differ by no more are the same */
+
+void doubt(Run *run, double t, long long which, double mode, Reason reason) {
+    double *row = grow(&run->out.doubts);
+    if (!row) {
+        run->out.status = NO_MEMORY;
+        return;
+    }
+    if (!run->in.exact) which += run->in.n_contacts; /* only switches have events then */
+    row[0] = t, row[1] = which, row[2] = mode, row[3] = reason;
+}
+
+static double largest(const double *values, long long count) {
+    double found = 0.0;
+    for (long long c = 0; c < count; c++) found = fmax(found, fabs(values[c]));
+    return found;
+}
+
+/* Of an event whose time's derivatives are known: `rate` of its function, against its parts. */
+void doubt_event(Run *run, long long which, double rate, double parts) {
+    const long long k = run->in.k, contacts = run->in.exact ? run->in.n_contacts : 0;
+    const double mode = which < contacts ? run->modes[which] : 0.0, t = run->out.t;
+    if (fabs(rate) <= run->in.small_rate * parts) doubt(run, t, which, mode, GRAZING);
+    /* stops of contacts that do not act on each other may come in any order */
+    const int stop = mode != 0.0 && !run->in.coupled;
+    double apart = 0.0;
+    for (long long c = 0; c < k; c++)
+        apart = fmax(apart, fabs(run->event_along[c] - run->last_along[c]));
+    const double size = fmax(largest(run->event_along, k), largest(run->last_along, k));
+    if (t - run->last_time <= AT_ONCE * (run->in.t_end - run->in.t_start) && which != run->last
+        && apart > ALIKE * size && !(stop && run->last_stop))
+        doubt(run, t, which, mode, SIMULTANEOUS);
+    run->last = which, run->last_time = t, run->last_stop = stop;
+    memcpy(run->last_along, run->event_along, k * sizeof(double));
+}
+
+/* Of what stops, but for the contact of an event: whether its velocity would change. */
+void suspect(Run *run, long long forced) {
+    const long long n = run->in.n_contacts, k = run->in.k;
+    int any = 0;
+    for (long long i = 0; i < n; i++) {
+        run->suspect[i] = 0.0;
+        any |= i != forced && run->before[i] != 0.0 && run->modes[i] == 0.0;
+    }
+    for (long long c = 0; c < k && any; c++) {
+        const double size = change_along(run, run->in.contacts_along, c);
+        for (long long i = 0; i < n; i++) {
+            const int stops = i != forced && run->before[i] != 0.0 && run->modes[i] == 0.0;
+            if (stops && fabs(run->change[i]) > ALIKE * size * run->in.nominal_speed[i])
+                run->suspect[i] = 1.0;
+        }
+    }
+}
+
+/* Of a decision; the probe is that of the modes decided. At the start nothing comes before. */
+void doubt_decision(Run *run, long long forced, int at_start) {
+    const long long n = run->in.n_contacts;
+    const int stop = forced >= 0 && run->before[forced] != 0.0 && !run->in.coupled;
+    for (long long i = 0; i < n && run->in.k; i++) {
+        const double mode = run->modes[i], share = share_left(run, i);
+        if (mode == 0.0 && share <= run->in.small_value) doubt(run, run->out.t, i, mode, EDGE);
+        if (run->suspect[i] == 0.0) continue;
+        if (at_start ? mode != 0.0 : mode != 0.0 || !stop)
+            doubt(run, run->out.t, i, mode, at_start ? EDGE : SIMULTANEOUS);
+    }
+}
+
+/* Of the lowest value of event function j that is no event, against its range there. */
+void note_touch(Run *run, long long j, double at, double value, double range) {
+    const long long n = run->in.exact ? run->in.n_contacts : 0;
+    double size = range;
+    if (j < n) size = run->modes[j] != 0.0 ? run->in.nominal_speed[j] : force_scale(run, j);
+    if (run->in.k && value <= run->in.small_value * size && run->touch[j] > at) run->touch[j] = at;
+}
+
+/* Of what was touched before `first` in the step of length h. */
+void doubt_touches(Run *run, double h, double first) {
+    const long long n = run->in.exact ? run->in.n_contacts : 0;
+    for (long long j = 0; j < n_functions(run) && run->in.k; j++)
+        if (run->touch[j] < first)
+            doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);
+}
