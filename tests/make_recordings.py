@@ -1,4 +1,4 @@
-"""Recordings of problems/recordings, made by scipy's steps and events alone; no code of the package.
+"""Makes problems/recordings by scipy's steps and events alone: no code of the package.
 
 python tests/make_recordings.py makes them anew. What they are made with stands below, and in
 `truth` of the tests: the scenes must find it again.
@@ -35,11 +35,12 @@ def crawling(end: float, period: float, lag: float, seed: int) -> tuple[Seen, np
     turn = 2 * np.pi * time / period
     force = np.round([1.1 * np.sin(turn), 1.0 * np.sin(turn - lag)], 6)
     one = Ground(CHAIN["forward"], CHAIN["backward"])
-    worm = chain(
-        np.array(CHAIN_MASS), *(np.array([CHAIN[f"{name}[{k}]"] for k in range(2)])
-                                for name in ("stiffness", "damping", "rest_length")),
-        [one] * 3, lines(time, force),
-    )  # fmt: skip
+    springs = [
+        np.array([CHAIN[f"{name}[{k}]"] for k in range(2)])
+        for name in ("stiffness", "damping", "rest_length")
+    ]
+    stiffness, damping, rest = springs
+    worm = chain(np.array(CHAIN_MASS), stiffness, damping, rest, [one] * 3, lines(time, force))
     seen = follow(worm, time, np.array(CHAIN_START), np.zeros(3))
     return disturb(seen, {"position": CHAIN_NOISE}, seed, gaps=0.02), force
 
@@ -65,7 +66,7 @@ def main() -> None:
     """Make all of them."""
     HERE.mkdir(exist_ok=True)
     about = "synthetic: equations (9), (10) by scipy's DOP853 with events, tests/make_recordings.py"
-    for name, numbers in (("a", (8.0, 1.0, 2.0, 1)), ("b", (5.0, 0.7, 1.2, 2))):
+    for name, numbers in (("a", (8.0, 1.0, 2.0, 11)), ("b", (5.0, 0.7, 1.2, 12))):
         seen, force = crawling(*numbers)
         x = 1e3 * seen.values["position"]
         columns = {"time [s]": seen.time, **{f"x{k} [mm]": x[k] for k in range(3)}}

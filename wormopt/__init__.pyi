@@ -40,6 +40,11 @@ from wormopt.exports.export import export as export
 from wormopt.fitting.estimate import Attempt as Attempt
 from wormopt.fitting.estimate import Fit as Fit
 from wormopt.fitting.fit import fit as fit
+from wormopt.fitting.inference.identifiability import identifiability as identifiability
+from wormopt.fitting.inference.posterior import posterior as posterior
+from wormopt.fitting.inference.prediction import predict as predict
+from wormopt.fitting.inference.profile import profile as profile
+from wormopt.fitting.inference.whiteness import whiteness as whiteness
 from wormopt.fitting.recording import Recording as Recording
 from wormopt.fitting.task import FitTask as FitTask
 from wormopt.fitting.unknowns import Unknown as Unknown

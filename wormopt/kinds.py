@@ -434,6 +434,17 @@ KINDS: dict[str, Kind] = {
         },
         table_file=True,
     ),
+    "fit-numbers": Kind(
+        summary="keys of a scene found from single numbers measured, velocities over frequency say",
+        table="wormopt.systems.recorded.scenes.fit_numbers:FitNumbersScene",
+        study="wormopt.systems.recorded.runs.fit_numbers",
+        pictures={
+            "measurements": "wormopt.systems.recorded.plots.fit_numbers:measurements",
+            "parameters": "wormopt.systems.recorded.plots.found:parameters",
+            "correlation": "wormopt.systems.recorded.plots.found:correlation",
+        },
+        table_file=True,
+    ),
     "fit-design": Kind(
         summary="a gait that keeps its limits for a worm whose numbers were found from recordings",
         table="wormopt.systems.recorded.scenes.fit_design:FitDesignScene",

@@ -81,7 +81,8 @@ class Recording:
                 raise ArgumentError(f"{self.name}: noise of {name}, of which there are no readings")
             if not (np.ndim(numbers(f"noise of {name}", sd)) == 0 and 0 < sd < np.inf):
                 raise ArgumentError(f"{self.name}: noise of {name} must be positive, not {sd!r}")
-        if all(_still(row) for rows in self.readings.values() for row in rows):
+        rows = [row for rows in self.readings.values() for row in rows if np.isfinite(row).any()]
+        if all(map(_still, rows)):
             raise ArgumentError(
                 f"{self.name}: nothing moves, every signal keeps one value; look for a sensor that "
                 "is off, or a column that repeats"

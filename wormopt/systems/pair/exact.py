@@ -35,9 +35,10 @@ def magnetic_pair(
     """Build m x_1'' = c (x_2 - x_1) + F_1 - P G, m x_2'' = c (x_1 - x_2) + F_2 + P G, (16).
 
     A dashpot beside the spring adds d (x_2' - x_1') to the force c (x_2 - x_1) that pulls both
-    masses together; (16) has none, d = 0. Places are displacements from where the link is at rest without field. In the chapter's
-    dimensionless form mass and stiffness are 1, the push P is eps and so is the factor in front of
-    the friction; forces in newton and times in seconds do as well, see `PairScales`.
+    masses together; (16) has none, d = 0. Places are displacements from where the link is at rest
+    without field. In the chapter's dimensionless form mass and stiffness are 1, the push P is eps
+    and so is the factor in front of the friction; forces in newton and times in seconds do as
+    well, see `PairScales`.
 
     Parameters
     ----------

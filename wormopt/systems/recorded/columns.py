@@ -72,7 +72,7 @@ def _read(path: Path, time: str, wrong: list[str]) -> Columns | None:
         return None
     at = names.index(time)
     _check_times([n for n, _ in rows[1:]], [row[at] for row in table], time, wrong)
-    values = {name: column for name, column in zip(names, zip(*table, strict=True), strict=True)}
+    values: dict[str, Sequence[float]] = dict(zip(names, zip(*table, strict=True), strict=True))
     units[""] = units.pop(time, "")
     return Columns(values.pop(time), values, units)
 

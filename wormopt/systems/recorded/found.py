@@ -84,12 +84,12 @@ class Found:
     @property
     def variables(self) -> list[Variable]:
         """The same as arrays, each in its number's own unit."""
-        own = "in the unit of each"
+        own, began = "in the unit of each", np.array([n.began for n in self.numbers])
         return [
             Variable("estimate", "1", ("unknown",), self.value, f"numbers found, {own}"),
             Variable("standard_error", "1", ("unknown",), self.error, f"their errors, {own}"),
             Variable("interval", "1", ("unknown", "end"), self.interval, f"intervals, {own}"),
-            Variable("began", "1", ("unknown",), [n.began for n in self.numbers], "first guesses"),
+            Variable("began", "1", ("unknown",), began, "first guesses"),
             Variable(
                 "correlation", "1", ("unknown", "other_unknown"), self.correlation,
                 "correlation of the errors",

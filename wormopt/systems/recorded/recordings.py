@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import NoReturn
 
 import casadi as ca
 import numpy as np
@@ -103,9 +104,9 @@ def _netcdf(path: Path, time: str, key: str) -> Columns:
     (along,), instants, unit = stored.pop(time)
     wrong = np.flatnonzero(~(np.isfinite(instants[1:]) & (np.diff(instants) > 0)))
     if wrong.size or not np.isfinite(instants[:1]).all():
-        k = int(wrong[0]) if wrong.size else 0
-        what = f"times must ascend, at index {k + 1} stands {instants[min(k + 1, len(instants) - 1)]:g}"
-        raise SceneError(path.name, [(key, f"{path.name}: {what}; keep each instant once")])
+        k = int(wrong[0]) + 1 if wrong.size else 0
+        what = f"times must ascend, at index {k} stands {instants[k]:g}; keep each instant once"
+        raise SceneError(path.name, [(key, f"{path.name}: {what}")])
     values, units = {}, {"": unit}
     for name, (dims, array, unit) in stored.items():
         if along not in dims or len(dims) > 2:
@@ -148,7 +149,7 @@ def _run(
         values,
         noise={name: sd for name, sd in noise.items() if name in values} or None,
         x0=plain_numbers(table.start),
-        p={k: v for k, v in plain_numbers(table.parameters).items()},
+        p=plain_numbers(table.parameters),
         model=own if driven else None,
         name=table.label,
     )
@@ -248,7 +249,7 @@ class _Places:
             self._refuse(f"units.{column}", f"{what} multiple of it")
         return float(size / one)
 
-    def _refuse(self, key: str, what: str) -> None:
+    def _refuse(self, key: str, what: str) -> NoReturn:
         raise SceneError(self._table.file, [(f"{self._key}.{key}", what)])
 
 
@@ -296,6 +297,8 @@ def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) 
         if not there.any():
             continue
         if not there.all():
-            said.append(f"gaps of {signal.name}[{k}], {np.sum(~there)} readings, are bridged by lines")
+            said.append(
+                f"gaps of {signal.name}[{k}], {np.sum(~there)} readings, are bridged by lines"
+            )
         found[k] = np.interp(time, time[there], row[there])
     return found

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from wormopt.errors import UnknownNameError
 from wormopt.plotting.parts import (
@@ -47,10 +48,16 @@ def prediction(result: Result) -> Figure:
     aside = [k for k, use in enumerate(result.attributes["uses"]) if use == "predict"]
     if not aside:
         raise UnknownNameError("the result", "run kept aside", ["predict"], [])
-    return _panels(result, aside)
+    drawn = _panels(result, aside, ahead=True)
+    tell(
+        drawn,
+        fact(result, "prediction_coverage", "in the band", "%"),
+        fact(result, "prediction_chi2", "χ² over what it should be"),
+    )
+    return drawn
 
 
-def _panels(result: Result, runs: Sequence[int]) -> Figure:
+def _panels(result: Result, runs: Sequence[int], *, ahead: bool = False) -> Figure:
     shown, signals = list(runs)[:_ABREAST], _signals(result, runs)
     drawn = sheet(7.1, 0.6 + 2.5 * len(signals))
     rows = drawn.subplots(
@@ -66,13 +73,12 @@ def _panels(result: Result, runs: Sequence[int]) -> Figure:
             if column == 0:
                 words = name.replace("_", " ")
                 upper.set_ylabel(label(words, result[f"recorded_{name}"].unit))
-                lower.set_ylabel("residual\nover noise")
+                lower.set_ylabel("residual\nover band" if ahead else "residual\nover noise")
     for column, run in enumerate(shown):
         rows[0, column].set_title(result.attributes["runs"][run], parse_math=False)
         rows[-1, column].set_xlabel(label("time $t$", result["recorded_time"].unit))
-    entries = [line("reading", GREY, "", marker="."), line("fit", GREY)]
-    if f"band_{signals[0]}" in result:
-        entries[1] = line("prediction with its 95 % band", GREY)
+    told = "prediction with its 95 % band" if ahead else "fit"
+    entries = [line("reading", GREY, "", marker="."), line(told, GREY)]
     entries += [line(f"entry {k}", colour) for k, colour in enumerate(colours)] if most > 1 else []
     legend_below(drawn, entries)
     drawn.align_ylabels()
@@ -128,7 +134,8 @@ def profiles(result: Result) -> Figure:
             fine = np.linspace(np.nanmin(values[k]), np.nanmax(values[k]), 101)
             axes.plot(fine, ((fine - best) / error) ** 2, color=GREY, linestyle=LIMIT, linewidth=1)
         axes.axhline(threshold, color=GREY, linestyle=":", linewidth=1)
-        axes.set_ylim(0.0, 2.0 * threshold)
+        axes.set_ylim(0.0, 1.6 * threshold)
+        axes.xaxis.set_major_locator(MaxNLocator(3))
         unit = raised(units[k])
         axes.set_xlabel(f"{names[k]} ({unit})" if unit else names[k])
     for axes in panels[:, 0]:

@@ -21,7 +21,9 @@ def parameters(result: Result) -> Figure:
     axes = drawn.subplots()
     scale = np.where(value != 0, np.abs(value), 1.0) / 100
     low, high = ((ends[:, side] - value) / scale for side in (0, 1))
-    reach = 1.15 * max(float(np.max(np.abs([low, high]), initial=0.0, where=np.isfinite([low, high]))), 1e-9)
+    reach = 1.15 * max(
+        float(np.max(np.abs([low, high]), initial=0.0, where=np.isfinite([low, high]))), 1e-9
+    )
     for k in range(count):
         known = np.isfinite([low[k], high[k]]).all()
         axes.plot(
@@ -31,9 +33,7 @@ def parameters(result: Result) -> Figure:
         told = f"{number(value[k], _digits(value[k], error[k]))} ± {number(error[k], 2)}"
         told = told if np.isfinite(error[k]) else f"{number(value[k])}, cannot be told"
         unit = raised(units[k])
-        axes.annotate(
-            f"{told} {unit}", (1.01, k), xycoords=("axes fraction", "data"), va="center"
-        )
+        axes.annotate(f"{told} {unit}", (1.01, k), xycoords=("axes fraction", "data"), va="center")
     axes.plot(np.zeros(count), range(count), "o", color=MASSES[0], markersize=4)
     axes.axvline(0.0, color=GREY, linewidth=0.6)
     axes.set_xlim(-reach, reach)
@@ -64,7 +64,9 @@ def correlation(result: Result) -> Figure:
         for j in range(count):
             dark = abs(values[i, j]) > 0.6
             told = f"{values[i, j]:.2f}".replace("-", "−")
-            axes.text(j, i, told, ha="center", va="center", size=7, color="white" if dark else "black")
+            axes.text(
+                j, i, told, ha="center", va="center", size=7, color="white" if dark else "black"
+            )
     axes.set_xticks(range(count), names, rotation=40, ha="right", parse_math=False)
     axes.set_yticks(range(count), names, parse_math=False)
     axes.grid(visible=False)

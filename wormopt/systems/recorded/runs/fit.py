@@ -12,19 +12,18 @@ import numpy as np
 from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
-from wormopt.fitting.identifiability import Identifiability, identifiability
-from wormopt.fitting.prediction import Prediction, predict
-from wormopt.fitting.profile import Profile, profile
+from wormopt.fitting.inference.identifiability import Identifiability, identifiability
+from wormopt.fitting.inference.prediction import Prediction, predict
+from wormopt.fitting.inference.profile import Profile, profile
+from wormopt.fitting.inference.whiteness import Whiteness, whiteness
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
-from wormopt.fitting.whiteness import Whiteness, whiteness
 from wormopt.kinds import KINDS
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
-from wormopt.simulation.options import Tolerance
 from wormopt.scene.scene import Scene
 from wormopt.systems.recorded.found import Found, Number, markdown
 from wormopt.systems.recorded.recordings import Run, runs_of
@@ -43,9 +42,7 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     """
     table, clock = scene.table, time.perf_counter()
     model = model_of(scene)
-    runs = runs_of(
-        table.recording, scene.folder, model, table.units, table.noise, scene.name
-    )
+    runs = runs_of(table.recording, scene.folder, model, table.units, table.noise, scene.name)
     task = _task(scene, model, runs)
     read = time.perf_counter()
     try:
@@ -111,7 +108,6 @@ def _task(scene: Scene[FitScene], model: Model, runs: Sequence[Run]) -> FitTask:
             unknowns,
             contact=treatment_of(table.contact),
             loss=table.loss,
-            tolerance=Tolerance(1e-8, 1e-10),
         )
     except ArgumentError as error:
         raise SceneError(scene.name, [("unknown", str(error))]) from None
@@ -268,14 +264,19 @@ def _seen(study: _Study) -> list[Variable]:
                     whole[:, : values[name].shape[1]] = values[name]
             if np.isfinite(array).any():
                 dims = ("run", f"{name}_entry", "sample")
-                found.append(Variable(f"{what}_{name}", unit_of_it, dims, array, f"{name}: {words}"))
+                found.append(
+                    Variable(f"{what}_{name}", unit_of_it, dims, array, f"{name}: {words}")
+                )
     return found
 
 
 def _told_of_runs(study: _Study) -> dict[str, list[Mapping[str, np.ndarray]]]:
     """Of every run, in their order: readings, fit, residuals, band by signal."""
     fit = study.found
-    motions, weighed = iter(fit.task.motions(fit.theta)), fit.task.split(fit.task.plain(fit.theta)[0])
+    motions, weighed = (
+        iter(fit.task.motions(fit.theta)),
+        fit.task.split(fit.task.plain(fit.theta)[0]),
+    )
     names, ahead = iter(fit.task.runs), iter(study.predictions)
     found: dict[str, list[Mapping[str, np.ndarray]]] = {
         what: [] for what in ("recorded", "fitted", "residual", "band")
@@ -288,7 +289,9 @@ def _told_of_runs(study: _Study) -> dict[str, list[Mapping[str, np.ndarray]]]:
             told_of_it = {name: motion[name] for name in readings}, weighed[next(names).name], {}
         elif study.predictions:
             own = next(ahead)
-            left = {name: (own.values[name] - readings[name]) / own.error[name] for name in readings}
+            left = {
+                name: (own.values[name] - readings[name]) / own.error[name] for name in readings
+            }
             told_of_it = own.values, left, own.error
         else:  # interrupted before
             told_of_it = {}, {}, {}
@@ -306,7 +309,9 @@ def _profiles(study: _Study) -> list[Variable]:
         arrays[:, k, : len(one.values)] = one.values, one.rises
     dims, words = ("unknown", "profile"), ("values held, in the unit of each", "rise of chi^2")
     names = ("profile_value", "profile_rise")
-    return [Variable(*row[:1], "1", dims, *row[1:]) for row in zip(names, arrays, words, strict=True)]
+    return [
+        Variable(*row[:1], "1", dims, *row[1:]) for row in zip(names, arrays, words, strict=True)
+    ]
 
 
 def _facts(study: _Study) -> dict[str, Any]:

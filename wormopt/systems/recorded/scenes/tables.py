@@ -15,9 +15,7 @@ from wormopt.scene.types import Finite, Seed, Table, Title, says, wrong_order
 
 Prior = Annotated[
     tuple[Finite, ...],
-    Meta(
-        min_length=2, max_length=2, description="two finite numbers, [mean, standard deviation]"
-    ),
+    Meta(min_length=2, max_length=2, description="two finite numbers, [mean, standard deviation]"),
 ]
 Seeds = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Level = Annotated[float, Meta(gt=0.5, lt=1, description="a number between 0.5 and 1, 0.95 say")]
@@ -106,10 +104,8 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
             if raw.get("kind") in _TIMED:  # recordings say how long it goes
                 raw.setdefault("time", {"end": 1.0})
             return scene_within(folder, key, raw)
-        if not isinstance(source, str):
-            raise SceneError(key, [("scene", "is no text; write the file or name of a scene")])
-        beside = folder / source
-        found = load_scene(str(beside) if beside.is_file() else source, raw)
+        beside = folder / str(source)
+        found = load_scene(str(beside) if beside.is_file() else str(source), raw)
     except SceneError as error:
         faults = [(f"{key}.{where}" if where else key, what) for where, what in error.faults]
         raise SceneError(key, faults) from None

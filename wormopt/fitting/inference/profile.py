@@ -11,10 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import stats
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.conditional import Point, refit, shortened
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD
 from wormopt.numerics.roots import root
@@ -26,7 +27,6 @@ _FAR = 1e3  # sizes of an unknown, after which its interval is open
 _END = 2e-3  # of an interval's half, to which its end is found
 _SETTLED = 1e-4  # what a refit may leave of the squares, in thresholds
 _LOWER = 1e-2  # a fall of the squares, in thresholds, that counts
-_STEPS, _TRIALS = 3, 30  # of a refit, and simulations of a search
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,17 +90,6 @@ class Profile:
         return tuple(told)
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    theta: np.ndarray
-    residuals: np.ndarray
-    jacobian: np.ndarray
-
-    @property
-    def squares(self) -> float:
-        return float(self.residuals @ self.residuals)
-
-
 def profile(
     found: Fit,
     names: Sequence[str] | None = None,
@@ -160,13 +149,13 @@ def profile(
     if unknown:
         raise UnknownNameError("the fit", "unknown", unknown, found.names)
     threshold = _threshold(found, level)
-    best = _Point(found.theta, found.residuals, found.jacobian)
+    start = shortened(found.theta, found.residuals, found.jacobian)
     made: dict[str, Profile] = {}
     try:
         for number, name in enumerate(chosen):
             report(f"profile of {name}", number / len(chosen))
             line = _Line(found.task, found.names.index(name), threshold)
-            made[name] = _profile(line, best, level)
+            made[name] = _profile(line, start, level)
     except KeyboardInterrupt:
         raise Interrupted(made) from None
     return made
@@ -176,20 +165,20 @@ def _threshold(found: Fit, level: float) -> float:
     """Quantile of the rise of squares; noise that was estimated is as uncertain as its readings."""
     if not found.estimated:
         return float(stats.chi2.ppf(level, 1))
-    readings = sum(len(found.task.groups[signal]) for signal in found.estimated)
+    readings = sum(len(found.task.rows_without_noise(signal)) for signal in found.estimated)
     return float(stats.f.ppf(level, 1, max(readings - len(found.theta), 1)))
 
 
-def _profile(line: _Line, start: _Point, level: float) -> Profile:
+def _profile(line: _Line, start: Point, level: float) -> Profile:
     """Both sides, begun anew from any point that is better."""
-    best = start
+    least = start
     while True:
+        best = line.refit(None, least)
         below, above = (line.side(best, sign) for sign in (-1, 1))
         points = [*reversed(below[0]), best, *above[0]]
         least = min(points, key=lambda point: point.squares)
         if least.squares >= best.squares - _LOWER * line.threshold:
             break
-        best = line.refit(None, least)
     task, k = line.task, line.index
     numbers = np.array([task.values(point.theta) for point in points])
     ends = (below[1], above[1])
@@ -207,7 +196,7 @@ def _profile(line: _Line, start: _Point, level: float) -> Profile:
         float(task.values(best.theta)[k]),
         (low, high),
         (ends[0] is None, ends[1] is None),
-        fell if best is not start else 0.0,
+        fell if fell > _LOWER * line.threshold else 0.0,
     )
 
 
@@ -219,7 +208,7 @@ class _Line:
     index: int
     threshold: float
 
-    def side(self, best: _Point, sign: int) -> tuple[list[_Point], float | None]:
+    def side(self, best: Point, sign: int) -> tuple[list[Point], float | None]:
         """Points from the best outwards, and the interval's end; None if it is open."""
         k, target = self.index, np.sqrt(self.threshold)
         size = max(abs(best.theta[k]), self.task.nominal[k])
@@ -245,80 +234,18 @@ class _Line:
             last = point
         return points, None
 
-    def refit(self, value: float | None, near: _Point) -> _Point:
-        """Fit all others where this unknown has a value, all of them where it has none.
-
-        Steps of Gauss and Newton, which from a neighbour are one or two; a search where they fail.
-        """
+    def refit(self, value: float | None, near: Point) -> Point:
+        """Fit all others where this unknown has a value, all of them where it has none."""
         free = np.ones(len(near.theta), bool)
         moved = near.theta.copy()
         if value is not None:
             free[self.index], moved[self.index] = False, value
-        guess, _ = self._step(moved, near, free)
-        point = self._point(guess) or self._point(moved)
-        if point is None:
-            raise SolveError(f"the motion cannot be followed along {self.task.names[self.index]}")
-        for _ in range(_STEPS):
-            guess, gain = self._step(point.theta, point, free)
-            if gain <= _SETTLED * self.threshold:
-                return point
-            trial = self._point(guess)
-            if trial is None or trial.squares >= point.squares:
-                break
-            point = trial
-        return self._searched(point, free)
+        return refit(self.task, moved, free, near, _SETTLED * self.threshold)
 
-    def _step(
-        self, moved: np.ndarray, near: _Point, free: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Where all is best by the neighbour's Jacobian, and how much the squares fall by it."""
-        scale = self.task.nominal[free]
-        columns = near.jacobian[:, free] * scale
-        rise = near.residuals + near.jacobian @ (moved - near.theta)
-        step = np.linalg.lstsq(columns, -rise, rcond=TOLD)[0]
-        guess = moved.copy()
-        guess[free] += step * scale
-        inside = np.clip(guess, *self.task.bounds)
-        step = (inside - moved)[free] / scale
-        return inside, float(-step @ columns.T @ (2 * rise + columns @ step))
-
-    def _searched(self, start: _Point, free: np.ndarray) -> _Point:
-        seen = {start.theta[free].tobytes(): start}
-        blank = _Point(start.theta, start.residuals * np.nan, start.jacobian)
-
-        def at(x: np.ndarray) -> _Point:
-            if x.tobytes() not in seen:
-                theta = start.theta.copy()
-                theta[free] = x
-                # from NaN a search shrinks back
-                seen[x.tobytes()] = self._point(theta) or blank
-            return seen[x.tobytes()]
-
-        ftol = _SETTLED * self.threshold / max(start.squares, self.threshold)
-        least = optimize.least_squares(
-            lambda x: at(x).residuals,
-            start.theta[free],
-            lambda x: at(x).jacobian[:, free],
-            tuple(bound[free] for bound in self.task.bounds),
-            x_scale=self.task.nominal[free],
-            ftol=float(max(ftol, 1e-14)),
-            xtol=1e-10,
-            gtol=None,
-            max_nfev=_TRIALS,
-        )
-        return at(least.x)
-
-    def _point(self, theta: np.ndarray) -> _Point | None:
-        """None where the motion cannot be followed."""
-        try:
-            return _Point(theta, *self.task.residuals(theta))
-        except (SolveError, ArgumentError):
-            return None
-
-    def _z(self, point: _Point, best: _Point) -> float:
+    def _z(self, point: Point, best: Point) -> float:
         return float(np.sqrt(max(point.squares - best.squares, 0.0)))
 
-    def _error(self, best: _Point) -> float:
+    def _error(self, best: Point) -> float:
         """Standard error of the unknown, by what the others cannot make up for."""
         others = np.delete(best.jacobian * self.task.nominal, self.index, axis=1)
         column = best.jacobian[:, self.index]
@@ -326,9 +253,7 @@ class _Line:
         left = float(np.linalg.norm(column - made_up))
         return 1 / left if left > TOLD * np.linalg.norm(column) else np.inf
 
-    def _end(
-        self, inside: _Point, outside: _Point, best: _Point
-    ) -> tuple[list[_Point], float]:
+    def _end(self, inside: Point, outside: Point, best: Point) -> tuple[list[Point], float]:
         """Where z crosses the threshold's root, and the points looked at."""
         k, target, seen = self.index, np.sqrt(self.threshold), [inside, outside]
 

@@ -55,6 +55,8 @@ class Combination:
             unit = " %" if self.relative else ""
             moved = _listed([f"{name} by {c:+.3g}{unit}" for name, c in pairs])
             return f"{moved} together change nothing, to first order"
+        least = np.copysign(min(map(abs, self.changes)), self.changes[0])
+        pairs = [(name, change / least) for name, change in pairs]
         letter = next(c for c in "cqsz" if c not in self.names)
         word = _factor if self.form == "product" else _summand
         kept = list(_products(pairs) if self.form == "product" else _sums(pairs))

@@ -11,16 +11,17 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
-from wormopt.fitting.bounded import Unbounded
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.bounded import Unbounded
 from wormopt.fitting.losses import robust
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.progress import Report, silent
 from wormopt.shown import SHORT, lines, text
 
@@ -210,9 +211,9 @@ def _libraries() -> tuple[Any, Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FutureWarning)  # of arviz, once a day
-            import arviz
-            import nutpie
-            import nutpie.compiled_pyfunc
+            arviz = import_module("arviz")
+            nutpie = import_module("nutpie")
+            import_module("nutpie.compiled_pyfunc")
     except ImportError as error:
         what = "posterior: the package nutpie is not installed"
         raise ArgumentError(f"{what}; pip install 'wormopt[bayes]'") from error
@@ -262,7 +263,7 @@ class Density:
     def numbers(self, y: np.ndarray) -> np.ndarray:
         """Numbers (n,) drawn: of unknowns, then standard deviations."""
         u, scales = self._parts(y)
-        noise = [self.found.noise[signal] for signal in self.found.estimated]
+        noise = [self.task.level(signal) for signal in self.found.estimated]
         return np.concatenate([self.task.values(self._free.theta(u)), np.exp(scales) * noise])
 
     def log(self, y: np.ndarray) -> tuple[float, np.ndarray]:
@@ -303,24 +304,22 @@ class Density:
         """Which rows (rows, l) have which of the estimated noises."""
         found = np.zeros((len(self.found.residuals), len(self.found.estimated)))
         for k, signal in enumerate(self.found.estimated):
-            found[self.task.groups[signal], k] = 1.0
+            found[self.task.rows_without_noise(signal), k] = 1.0
         return found
 
     @cached_property
     def _wide(self) -> np.ndarray:
         """Factor (n, n) of the covariance about the fit."""
         columns = self.found.jacobian * self._free.slopes(self._middle)
-        _, s, turned = np.linalg.svd(
-            np.vstack([columns, np.diag(np.sqrt(-self._free.log_slopes(self._middle)[2]))]),
-            full_matrices=False,
-        )
+        of_bounds = np.diag(np.sqrt(-self._free.log_slopes(self._middle)[2]))
+        s, turned = spectrum(np.vstack([columns, of_bounds]), np.ones(len(self._middle)))
         if (s <= TOLD * s.max()).any():
-            v = turned[-1]
-            names = [n for n, share in zip(self.task.names, v, strict=True) if abs(share) > 0.1]
+            shares = zip(self.task.names, turned[:, -1], strict=True)
+            names = [name for name, share in shares if abs(share) > 0.1]
             raise ArgumentError(
                 f"nothing bounds {', '.join(names)}: the readings cannot tell; give bounds on both "
                 "sides, or a prior"
             )
         whole = np.diag(np.append(1 / s, 1 / np.sqrt(2 * self._rows.sum(axis=0))))
-        whole[: len(s)] = turned.T @ whole[: len(s)]
+        whole[: len(s)] = turned @ whole[: len(s)]
         return whole

@@ -6,16 +6,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import stats
 
 from wormopt.errors import ArgumentError
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.conditional import refit
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import TOLD, spectrum
 from wormopt.shown import SHORT, lines, text
 
 _DOUBTED = 0.01  # p below which a prediction is doubted
+_SETTLED = 1e-4  # what a fit of the run's own unknowns may leave of its squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +136,8 @@ def predict(found: Fit, recording: Recording, *, level: float = 0.95) -> Predict
     """
     if not 0 < level < 1:
         raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")
-    task = replace(found.task, recordings=[recording])
+    noise = {signal: sd for signal, sd in found.noise.items() if signal in recording.values}
+    task = replace(found.task, recordings=[recording], noise=noise)
     own = np.array([c.run is not None for c in task.coordinates])
     theta = _with_own(found, task, own)
     r, jacobian = _rows(task, own, theta)
@@ -169,22 +172,15 @@ def _with_own(found: Fit, task: FitTask, own: np.ndarray) -> np.ndarray:
     if not own.any():
         return theta
 
-    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        moved = theta.copy()
-        moved[own] = x
-        return task.residuals(moved)
-
-    bounds = tuple(bound[own] for bound in task.bounds)
-    theta[own] = optimize.least_squares(
-        lambda x: at(x)[0], theta[own], lambda x: at(x)[1][:, own], bounds, x_scale=task.nominal[own]
-    ).x
-    return theta
+    return refit(task, theta, own, None, _SETTLED).theta
 
 
 def _rows(task: FitTask, own: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Plain residuals of readings and of the priors of the run's own unknowns, with slopes."""
     r, jacobian = task.plain(theta)
-    priors = [is_own for c, is_own in zip(task.coordinates, own, strict=True) if c.prior is not None]
+    priors = [
+        is_own for c, is_own in zip(task.coordinates, own, strict=True) if c.prior is not None
+    ]
     kept = np.append(np.ones(task.count, bool), np.array(priors, bool))
     return r[kept], jacobian[kept]
 
@@ -203,21 +199,20 @@ def _spread(
         columns = jacobian[:, own]
         spread[own] = -np.linalg.lstsq(columns, jacobian @ spread, rcond=TOLD)[0]
         noise = np.zeros((len(own), own.sum()))
-        _, size, turns = np.linalg.svd(columns, full_matrices=False)
-        noise[own] = turns.T / np.maximum(size, TOLD * size[0])
+        size, turns = spectrum(columns, np.ones(own.sum()))
+        noise[own] = turns / np.maximum(size, TOLD * size[0])
         return np.hstack([spread[:, told] / s[told], noise]), spread[:, ~told]
     return spread[:, told] / s[told], spread[:, ~told]
 
 
 def _basis(columns: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the columns."""
-    basis, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, s > TOLD * s.max(initial=0.0)]
+    s, v = spectrum(columns, np.ones(columns.shape[1]))
+    told = s > TOLD * s.max(initial=0.0)
+    return columns @ (v[:, told] / s[told])
 
 
-def _judged(
-    r: np.ndarray, effects: np.ndarray, taken: np.ndarray
-) -> tuple[float, np.ndarray]:
+def _judged(r: np.ndarray, effects: np.ndarray, taken: np.ndarray) -> tuple[float, np.ndarray]:
     """Squares of the residuals over their covariance, and the standard deviation of each (rows,).
 
     Residuals are noise and `effects` times unit normals, less what lies in `taken`.
@@ -235,20 +230,20 @@ def _bands(
     task: FitTask, theta: np.ndarray, spread: np.ndarray, open_: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Signals and their standard deviations by the model's numbers, (size, m) each."""
-    values, slopes = task.shootings[0].derivatives(theta)
+    motion, slopes = task.shootings[0].derivatives(theta)
     sizes = {}
     for signal, slope in slopes.items():
         variance = np.sum(np.einsum("skm,kj->sjm", slope, spread) ** 2, axis=1)
         moved = np.linalg.norm(np.einsum("skm,kj->sjm", slope, open_), axis=1)
         usual = np.linalg.norm(slope * task.nominal[:, None], axis=1).max(initial=0.0)
         sizes[signal] = np.where(moved > TOLD * usual, np.inf, np.sqrt(variance))
-    return values, sizes
+    return {signal: motion[signal] for signal in slopes}, sizes
 
 
 def _p(found: Fit, chi2: float, freedom: int) -> float:
     """Of a true model; the noise is as uncertain as its estimate."""
     if not found.estimated:
         return float(stats.chi2.sf(chi2, freedom))
-    readings = sum(len(found.task.groups[signal]) for signal in found.estimated)
+    readings = sum(len(found.task.rows_without_noise(signal)) for signal in found.estimated)
     left = max(readings - len(found.theta), 1)
     return float(stats.f.sf(chi2 / freedom, freedom, left))

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wormopt.fitting.combination import Combination, combination, sparse_basis
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.inference.combination import Combination, combination, sparse_basis
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import spectrum
 from wormopt.shown import lines
@@ -175,12 +175,9 @@ def _error(task: FitTask, theta: np.ndarray, scaled: np.ndarray, sizes: np.ndarr
 
     At least by what simulations promise, and by rounding.
     """
-    less = replace(
-        task.tolerance,
-        relative=_COARSER * task.tolerance.relative,
-        absolute=_COARSER * task.tolerance.absolute,
-    )
+    fine = task.precision
+    less = replace(fine, relative=_COARSER * fine.relative, absolute=_COARSER * fine.absolute)
     _, jacobian = replace(task, tolerance=less).residuals(theta)
     apart = np.linalg.norm(jacobian[: task.count] * sizes - scaled, 2)
-    promised = task.tolerance.relative + max(scaled.shape) * np.finfo(float).eps
+    promised = fine.relative + max(scaled.shape) * np.finfo(float).eps
     return float(apart + promised * np.linalg.norm(scaled, 2))

@@ -1,16 +1,16 @@
-"""Whether what a fit leaves looks like noise: tests of residuals, signal by signal and run by run."""
+"""Whether what a fit leaves looks like noise: tests of residuals by signal and run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy import stats
 
 from wormopt.fitting.estimate import Fit
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import leverages
 from wormopt.shown import lines
 
 TestName = Literal["correlation", "runs", "normal", "size"]
@@ -121,28 +121,19 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
     >>> sorted({each.test for each in whiteness(found).suspects})
     ['correlation', 'runs']
     """
-    r, jacobian = found.task.plain(found.theta)
-    free = 1 - _leverages(jacobian)
-    tests = tuple(
-        test
-        for run, signals in found.task.split(r).items()
-        for signal, rows in signals.items()
-        for k, row in enumerate(rows)
-        for test in _tests(
-            run,
-            signal if len(rows) == 1 else f"{signal}[{k}]",
-            row,
-            None if signal in found.estimated else found.task.split(free)[run][signal][k],
-        )
-    )
-    return Whiteness(tests, level)
-
-
-def _leverages(jacobian: np.ndarray) -> np.ndarray:
-    """Share of each residual that the fit takes, (rows,)."""
-    size = np.linalg.norm(jacobian, axis=0)
-    basis, s, _ = np.linalg.svd(jacobian / np.where(size > 0, size, 1.0), full_matrices=False)
-    return np.sum(basis[:, s > TOLD * s.max(initial=0.0)] ** 2, axis=1)
+    task = found.task
+    r, jacobian = task.plain(found.theta)
+    free = 1 - leverages(jacobian)
+    tests: list[ResidualTest] = []
+    for block in task.blocks:
+        run, known = task.runs[block.run], found.task.recordings[block.run].noise or {}
+        judged = block.signal in known or block.signal not in found.estimated
+        rows, shares = np.full((2, *block.there.shape), np.nan)
+        rows[block.there], shares[block.there] = r[block.rows], free[block.rows]
+        for k, row in enumerate(rows):
+            name = block.signal if len(rows) == 1 else f"{block.signal}[{k}]"
+            tests += _tests(run.name, name, row, shares[k] if judged else None)
+    return Whiteness(tuple(tests), level)
 
 
 def _tests(
@@ -171,7 +162,7 @@ def ljung_box(row: np.ndarray, lags: int | None = None) -> tuple[float, float]:
     return statistic, float(stats.chi2.sf(statistic, len(squares)))
 
 
-def runs_test(r: Sequence[float] | np.ndarray) -> tuple[float, float]:
+def runs_test(r: np.ndarray) -> tuple[float, float]:
     """Number of runs above and below the median, in standard deviations, and p.
 
     A. Wald and J. Wolfowitz, Annals of Mathematical Statistics 11 (1940) 147.
@@ -190,7 +181,7 @@ def runs_test(r: Sequence[float] | np.ndarray) -> tuple[float, float]:
 
 
 def _normal(r: np.ndarray) -> tuple[float, float]:
-    found = stats.shapiro(r) if len(r) <= _SHAPIRO else stats.jarque_bera(r)
+    found: Any = stats.shapiro(r) if len(r) <= _SHAPIRO else stats.jarque_bera(r)
     return float(found.statistic), float(found.pvalue)
 
 

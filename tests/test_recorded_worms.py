@@ -1,0 +1,329 @@
+"""Scenes of kinds "fit" and "fit-numbers": what is read of files, refused of them, and found."""
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import make_recordings
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import Fault, SceneError
+from wormopt.numerics.workers import Engine, using
+from wormopt.quantities import Variable
+from wormopt.result import Result
+from wormopt.scene import load_scene
+from wormopt.scene.scene import scene_within
+from wormopt.systems.chain import chain
+from wormopt.systems.recorded.columns import read_csv
+from wormopt.systems.recorded.recordings import Run, runs_of
+from wormopt.systems.recorded.scenes.fit import RecordingTable
+
+WORM = {
+    "kind": "simulate",
+    "worm": {"links": 1, "mass": 0.3, "stiffness": 40.0, "damping": 2.0, "rest_length": 0.06,
+             "friction": {"kind": "coulomb", "forward": 0.2, "backward": 0.8}},
+}  # fmt: skip
+TABLE = "time [ms],head [mm],tail [mm],u\n0,60,0,0\n100,61,,1\n200,65,1,1\n"
+COLUMNS = {"head": "position[0]", "tail": "position[1]", "u": "input[0]"}
+
+
+def fit_scene(folder: Path, **changes: Any) -> dict[str, Any]:
+    scene: dict[str, Any] = {
+        "schema": 1, "kind": "fit", "units": "SI", "model": WORM,
+        "recording": [{"file": str(folder / "run.csv"), "columns": COLUMNS}],
+        "unknown": [{"name": "stiffness"}],
+    }  # fmt: skip
+    return scene | changes
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "run.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("# nothing but remarks\n\n", "is empty"),
+        ("time,x\n", "no line of readings"),
+        ("time,x\n0,1\n", "one line of readings"),
+        ("0,1\n1,2\n", "line 1: names of columns are missing"),
+        ("t,x\n0,1\n1,2\n", "line 1: there is no column time; .* one of t, x"),
+        ("time,x,x\n0,1,1\n1,2,2\n", "line 1: two columns are called x"),
+        ("time,\n0,1\n1,2\n", "line 1: column 2 has no name"),
+        ("time,x\n0,1\n0.1,abc\n", 'line 3, column x: "abc" is no number'),
+        ("# run 7\ntime,x\n0,1\n0.1,1e400\n", "line 4, column x: 1e400 is infinite"),
+        ("time,x\n0,1\n,2\n", "line 3, column time: the time is missing"),
+        ("time,x\n0,1\n1,2\n1,3\n", "line 4: time 1 stands twice"),
+        ("time,x\n0,1\n1,2\n0.5,3\n", "line 4: time goes back from 1 to 0.5"),
+        ("time,x\n0,1\n1,2,3\n", "line 3: 3 cells for 2 columns"),
+        ("time;x\n0;1,5\n1;2\n", r'line 2, column x: "1,5" has a decimal comma; write 1\.5'),
+        ("time,x\n0,1_000\n1,2\n", 'line 2, column x: "1_000" is no number'),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_told_by_its_place(tmp_path: Path, text: str, said: str):
+    faults: list[Fault] = []
+    assert read_csv(written(tmp_path, text), "time", faults, "recording[0].file") is None
+    assert faults[0][0] == "recording[0].file"
+    assert re.search(said, faults[0][1]), faults
+
+
+def test_many_faults_are_counted_not_listed(tmp_path: Path):
+    path = written(tmp_path, "time,x\n" + "".join(f"{k},?\n" for k in range(40)))
+    faults: list[Fault] = []
+    read_csv(path, "time", faults, "file")
+    assert len(faults) == 6
+    assert "35 more" in faults[-1][1]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_columns_units_and_gaps_are_read(tmp_path: Path, separator: str):
+    text = "\ufeff# by hand\ntime (s), x [mm] ,position[1]\n0,1,\n\n0.5,NaN,2e-3\n1,3,\n"
+    faults: list[Fault] = []
+    found = read_csv(written(tmp_path, text.replace(",", separator)), "time", faults, "file")
+    assert found is not None
+    assert faults == []
+    assert found.units == {"": "s", "x": "mm"}
+    assert list(found.time) == [0.0, 0.5, 1.0]
+    assert found.values["x"][::2] == (1.0, 3.0)
+    assert math.isnan(found.values["x"][1])
+    assert found.values["position[1]"][1] == 2e-3
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"units": "dimensionless"}, 'a unit, "ms", in a scene without'),
+        ({"recording": []}, r"write a table \[\[recording\]\]"),
+        ({"unknown": [{"name": "stiffness", "start": 1, "lower": 2}]}, "start: 1 is below lower"),
+        (
+            {"unknown": [{"name": "damping"}] * 2},
+            r'unknown\[1\].name: "damping" stands there twice',
+        ),
+        ({"model": {"kind": "simulate", "worm": {"links": 0}}}, r"model\.worm\.links"),
+        ({"want": ["prediction"]}, 'write use = "predict"'),
+        ({"want": ["profiles"]}, "write that, too"),
+    ],
+)
+def test_scenes_that_cannot_be_fitted_are_refused(
+    tmp_path: Path, changes: Mapping[str, Any], said: str
+):
+    written(tmp_path, TABLE)
+    with pytest.raises(SceneError, match=said):
+        load_scene(fit_scene(tmp_path, **changes))
+
+
+@pytest.mark.parametrize(
+    ("recording", "said"),
+    [
+        ({"file": "rn.csv"}, 'there is no file "rn.csv" .* did you mean run.csv'),
+        ({"columns": {"hed": "position[0]"}}, "no column hed; did you mean head"),
+        ({"units": {"head": "furlong"}}, r'units.head: "furlong"'),
+        ({"window": [300.0, 400.0]}, "holds 0 of the file's instants, which are from 0 to 200"),
+        ({"window": [1.0, 0.0]}, "write the earlier time first"),
+    ],
+)
+def test_recordings_that_do_not_fit_their_file_are_refused(
+    tmp_path: Path, recording: Mapping[str, Any], said: str
+):
+    written(tmp_path, TABLE)
+    table = {"file": "run.csv", "columns": COLUMNS, **recording}
+    with pytest.raises(SceneError, match=said):
+        scene_within(tmp_path, "x", fit_scene(tmp_path, recording=[table]))
+
+
+# -- beside a model --------------------------------------------------------------------------------
+
+
+def runs(folder: Path, text: str, units: str = "SI", **table: Any) -> list[Run]:
+    written(folder, text)
+    worm = chain(
+        1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06, law=wo.Coulomb(0.2, 0.8)
+    )
+    tables = [RecordingTable(file="run.csv", **table)]
+    return runs_of(tables, folder, worm, units, {"position": 1e-3}, "scene")
+
+
+def test_readings_come_in_units_of_the_scene_and_inputs_move_the_model(tmp_path: Path):
+    (run,) = runs(tmp_path, TABLE, columns=COLUMNS, start={"velocity": 0.0})
+    recording = run.recording
+    assert recording.times == pytest.approx([0.0, 0.1, 0.2])
+    expected = [[0.060, 0.061, 0.065], [0.0, np.nan, 0.001]]
+    assert recording.readings["position"] == pytest.approx(np.array(expected), nan_ok=True)
+    assert run.drives == ("input",)
+    model = recording.model
+    assert model is not None
+    assert not model.u
+    motion = wo.simulate(model, 0.2, times=[0.0, 0.05, 0.1, 0.15], route="python")
+    assert motion["input"][0] == pytest.approx([0.0, 0.5, 1.0, 1.0])
+
+
+def test_held_inputs_stay_until_the_next_reading(tmp_path: Path):
+    (run,) = runs(tmp_path, TABLE, columns=COLUMNS, between="held")
+    assert run.recording.model is not None
+    motion = wo.simulate(run.recording.model, 0.2, times=[0.05, 0.15], route="python")
+    assert motion["input"][0] == pytest.approx([0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "table", "said"),
+    [
+        ("time,head\n0,1\n1,2\n", {}, 'no column is a state or output .* {head = "'),
+        ("time,x\n0,1\n1,2\n", {"columns": {"x": "postion[0]"}}, "did you mean position"),
+        ("time,x\n0,1\n1,2\n", {"columns": {"x": "position"}}, r"write one of position\[0\]"),
+        ("time,x\n0,1\n1,2\n", {"columns": {"x": "position[2]"}}, r"write position\[1\] or less"),
+        (
+            "time,position[0] [s]\n0,1\n1,2\n",
+            {},
+            '"s" is no unit of length; write m, or a multiple',
+        ),
+        ("time,position[0],position_0\n0,1,1\n1,2,2\n", {}, r"two columns are position\[0\]"),
+        ("time,position[0]\n0,1\n1,1\n", {}, "nothing moves"),
+        ("time,input[0]\n0,1\n1,2\n", {}, "no column is a state or output"),
+        ("time,position[0],friction_forward[0]\n0,1,1\n1,2,2\n", {}, "has no course in time"),
+    ],
+)
+def test_columns_that_are_no_signals_are_refused(
+    tmp_path: Path, text: str, table: Mapping[str, Any], said: str
+):
+    with pytest.raises(SceneError, match=said):
+        runs(tmp_path, text, **table)
+
+
+def test_our_own_results_are_recordings(tmp_path: Path):
+    """NetCDF as `Result.save` writes it: entries over time, by their units."""
+    position = np.array([[0.06, 0.07, 0.09], [0.0, 0.01, 0.01]])
+    signals = (
+        Variable("time", "s", ("time",), [0.0, 0.1, 0.2]),
+        Variable("position", "m", ("mass", "time"), position),
+        Variable("energy", "mJ", ("time",), [1.0, 2.0, 3.0]),
+        Variable("spectrum", "m", ("frequency",), [1.0, 2.0]),
+    )
+    Result("crawl", "simulate", variables=signals).save(tmp_path)
+    worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    (run,) = runs_of([RecordingTable(file="result.nc")], tmp_path, worm, "SI", {}, "scene")
+    assert run.recording.readings["position"] == pytest.approx(position, abs=0)
+    assert run.recording.readings["energy"] == pytest.approx(np.array([[1e-3, 2e-3, 3e-3]]))
+    assert run.left_out == ()
+
+
+@pytest.mark.parametrize("text", ["no file of this kind", "CDF\x01 and not more"])
+def test_files_that_are_no_netcdf_are_refused(tmp_path: Path, text: str):
+    (tmp_path / "run.nc").write_text(text, encoding="utf-8")
+    worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    with pytest.raises(SceneError, match="is no NetCDF-3 file"):
+        runs_of([RecordingTable(file="run.nc")], tmp_path, worm, "SI", {}, "scene")
+
+
+# -- what is found ---------------------------------------------------------------------------------
+
+
+def within(result: Result, label: str, truth: float) -> bool:
+    """Whether a number found is within four of its standard errors, and these are small."""
+    error = result[f"{label}_error"].value
+    return abs(result[label].value - truth) < 4 * error < 0.2 * truth
+
+
+@pytest.fixture(scope="module")
+def fitted_chain() -> Result:
+    return wo.run("fit_chain")
+
+
+@pytest.mark.slow
+def test_eight_numbers_of_a_chain_are_found_again(fitted_chain: Result):
+    assert fitted_chain.status == "ok"
+    for name, truth in make_recordings.CHAIN.items():
+        assert within(fitted_chain, name.replace("[", "_").replace("]", ""), truth), name
+    assert fitted_chain["rank"].value == 8
+    assert fitted_chain["noise_position"].value == pytest.approx(
+        make_recordings.CHAIN_NOISE, rel=0.1
+    )
+
+
+@pytest.mark.slow
+def test_a_run_kept_aside_is_predicted(fitted_chain: Result):
+    assert 0.92 <= fitted_chain["prediction_coverage"].value <= 0.98
+    assert fitted_chain["prediction_chi2"].value == pytest.approx(1.0, abs=0.2)
+    left = fitted_chain["residual_position"].values
+    assert np.nanstd(left[0]) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.slow
+def test_damping_and_friction_of_the_pair_are_found_again():
+    result = wo.run("fit_pair")
+    assert result.status == "ok"
+    for name, truth in make_recordings.PAIR.items():
+        assert within(result, name, truth), name
+        low, high = result[f"{name}_interval"].value
+        assert low < truth < high
+        half = 1.96 * result[f"{name}_error"].value
+        assert (high - low) / 2 == pytest.approx(half, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_search_that_does_not_converge_exits_with_3(tmp_path: Path, capsys):
+    """Backward friction that never acts: nothing moves back, and nothing tells it."""
+    code = main(["run", "fit_pair", "--no-plots", "--out", str(tmp_path), "--set", "profiles=false",
+                 "--set", "want=[]", "--set", "unknown.0.upper=0.005",
+                 "--set", "unknown.0.start=0.004"])  # fmt: skip
+    assert code == 0
+    assert "damping is at its bound" in " ".join(
+        Result.load(tmp_path / "fit_pair").trust["warnings"]
+    )
+
+
+def spike_load(load: float, drag: float, period: float) -> float:
+    """Largest load of the spikes of gait (15), three masses of 1, links of 2 (1 ± 0.15)."""
+    turn = math.pi / period
+    return 3 * (load + 2 * turn * 0.15 * 2 * math.hypot(3 * turn, drag))
+
+
+@pytest.mark.slow
+def test_keys_of_a_scene_are_found_from_single_numbers():
+    """Load and drag from the largest spike load at two periods, by its closed form."""
+    true = {"load": 22.0, "drag": 1.5}
+    periods = {1.0: "fit", 0.7: "fit", 1.5: "predict"}
+    measured = [
+        {"scalar": "spike_load_max", "value": spike_load(**true, period=period),
+         "deviation": 1e-3, "changes": {"gait.period": period}, "use": use}
+        for period, use in periods.items()
+    ]  # fmt: skip
+    unknown = [{"name": "load", "key": "worm.load", "step": 1e-4},
+               {"name": "drag", "key": "worm.drag", "lower": 0.0, "step": 1e-4}]  # fmt: skip
+    scene = {"schema": 1, "kind": "fit-numbers", "model": {"scene": "fast_gait"},
+             "measured": measured, "unknown": unknown}  # fmt: skip
+    with using(Engine("serial")):
+        result = wo.run(scene)
+    assert result.status == "ok"
+    # d(load of spikes) / d(load) = 3, d / d(drag) = 6 pi 0.15 2 drag / (T sqrt((3 pi/T)² + drag²))
+    rows = np.array([[3.0, 6 * math.pi * 0.3 * 1.5 / (t * math.hypot(3 * math.pi / t, 1.5))]
+                     for t in (1.0, 0.7)])  # fmt: skip
+    errors = 1e-3 * np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    for (name, truth), error in zip(true.items(), errors, strict=True):
+        assert result[name].value == pytest.approx(truth, abs=0.02 * error)
+        assert result[f"{name}_error"].value == pytest.approx(error, rel=1e-3)
+    assert result["fitted"].values[2] == pytest.approx(spike_load(**true, period=1.5), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("measured.0.scalar=velocity", "have no scalar .velocity.; did you mean velocity_mean"),
+        ("unknown.0.key=worm.densty", "worm.densty is no number of the scene"),
+        ("unknown.0.start=-1.0", "has no logarithm"),
+        ('measured.0.changes={"switching.rte"=1}', r"changes: switching\.rte: unknown key"),
+    ],
+)
+def test_numbers_that_no_scene_has_are_refused(change: str, said: str):
+    with pytest.raises(SceneError, match=said):
+        load_scene("fit_channel_worm", change)

@@ -1,0 +1,217 @@
+"""Single numbers measured, and the scene that shall reproduce them: its weighted residuals.
+
+A scene is computed for every measurement; derivatives are differences of such runs, side by side.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.kinds import KINDS
+from wormopt.numerics.workers import Workers
+from wormopt.progress import silent
+from wormopt.scene.scene import Scene, load_scene
+from wormopt.systems.recorded.scenes.fit_numbers import KeyUnknown, MeasuredTable, value_at
+
+Say = Callable[[int, int], None]
+"""Told how many of how many runs are done."""
+
+# Standard deviations that a measurement is off where the scene cannot be computed.
+_LOST = 1e3
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What a scene came to with one choice of numbers."""
+
+    values: np.ndarray  # (m,) computed, NaN where it could not be
+    reasons: tuple[str, ...]  # why a run failed; empty where all are trusted
+
+
+@dataclass(eq=False)
+class NumbersTask:
+    """What is to be fitted; coordinates are numbers of the scene, or their logarithms."""
+
+    scene: Scene[Any]
+    measured: Sequence[MeasuredTable]
+    unknowns: Sequence[KeyUnknown]
+    say: Say = lambda done, of: None  # noqa: ARG005  told to nobody
+    runs: int = 0
+    known: dict[bytes, Looked] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What was sought."""
+        return tuple(unknown.name for unknown in self.unknowns)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Where to begin, (n,)."""
+        return np.array([self._coordinate(u, _begun(self.scene, u)) for u in self.unknowns])
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest coordinates, (n,) each."""
+        ends = [
+            [self._coordinate(u, one) if one is not None else side * math.inf for side, one in pair]
+            for u in self.unknowns
+            for pair in [((-1, u.lower), (1, u.upper))]
+        ]
+        lower, upper = np.array(ends, dtype=float).T
+        return lower, upper
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """Usual sizes of coordinates, (n,)."""
+        return np.array(
+            [1.0 if u.log else abs(_begun(self.scene, u)) or 1.0 for u in self.unknowns]
+        )
+
+    def values(self, theta: np.ndarray) -> np.ndarray:
+        """Numbers (n,) of coordinates (n,)."""
+        return np.where(self._logs, np.exp(np.where(self._logs, theta, 0.0)), theta)
+
+    def slopes(self, theta: np.ndarray) -> np.ndarray:
+        """Derivatives of numbers by coordinates, (n,)."""
+        return np.where(self._logs, self.values(theta), 1.0)
+
+    @property
+    def _logs(self) -> np.ndarray:
+        return np.array([u.log for u in self.unknowns])
+
+    def _coordinate(self, unknown: KeyUnknown, value: Any) -> float:
+        return math.log(value) if unknown.log else float(value)
+
+    # -- residuals -----------------------------------------------------------------------------
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """Which measurements are fitted, not kept aside, (m,)."""
+        return np.array([one.use == "fit" for one in self.measured])
+
+    def misfit(self, theta: np.ndarray) -> np.ndarray:
+        """Weighed residuals of measurements that are fitted, then of priors."""
+        return self._weighed(self.look([theta])[0], theta)
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Changes (n, n) of coordinates for differences, one in each row."""
+        return np.diag([u.step for u in self.unknowns] * self.nominal)
+
+    def inside(self, theta: np.ndarray) -> np.ndarray:
+        """Coordinates within their bounds."""
+        return np.clip(theta, *self.bounds)
+
+    def neighbours(self, theta: np.ndarray, share: float) -> list[np.ndarray]:
+        """Coordinates so many steps away, (2 n): each forward, then each back."""
+        moved = [theta + side * share * step for side in (1, -1) for step in self.steps]
+        return [self.inside(one) for one in moved]
+
+    def wide_residuals(self, theta: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """As `residuals`, by differences over neighbours on both sides."""
+        around = self.neighbours(theta, share)
+        self.look([theta, *around])
+        n = len(theta)
+        columns = [
+            (self.misfit(ahead) - self.misfit(back)) / (ahead - back)[k]
+            for k, (ahead, back) in enumerate(zip(around[:n], around[n:], strict=True))
+        ]
+        return self.misfit(theta), np.stack(columns, axis=1)
+
+    def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighed residuals and their Jacobian by differences; SolveError if runs fail there."""
+        steps = self.steps
+        _, upper = self.bounds
+        steps[theta + steps.sum(axis=0) > upper] *= -1
+        looks = self.look([theta, *(theta + step for step in steps)])
+        r = self._weighed(looks[0], theta)
+        columns = []
+        for look, step in zip(looks[1:], steps, strict=True):
+            if not np.isfinite(look.values[self.fitted]).all():
+                look, step = self.look([theta - step])[0], -step
+            if not np.isfinite(look.values[self.fitted]).all():
+                raise SolveError(
+                    f"the scene cannot be computed near the numbers it is at: {look.reasons[0]}",
+                    "write narrower bounds, or another start",
+                )
+            columns.append((self._weighed(look, theta + step) - r) / step.sum())
+        return r, np.stack(columns, axis=1)
+
+    def _weighed(self, look: Looked, theta: np.ndarray) -> np.ndarray:
+        rows = [
+            (value - one.value) / one.deviation
+            for value, one in zip(look.values, self.measured, strict=True)
+            if one.use == "fit"
+        ]
+        priors = [
+            (t - u.prior[0]) / u.prior[1]
+            for t, u in zip(theta, self.unknowns, strict=True)
+            if u.prior
+        ]
+        found = np.array([*rows, *priors])
+        return np.where(np.isfinite(found), np.clip(found, -_LOST, _LOST), _LOST)
+
+    # -- runs ----------------------------------------------------------------------------------
+
+    def look(self, thetas: Sequence[np.ndarray]) -> list[Looked]:
+        """Compute the scene for all measurements, at several choices of numbers side by side."""
+        new = {t.tobytes(): t for t in map(np.ascontiguousarray, thetas)}
+        new = {key: t for key, t in new.items() if key not in self.known}
+        changes = list({repr(one.changes): one.changes for one in self.measured}.values())
+        jobs = [
+            (self.scene, self._overrides(theta) | change)
+            for theta in new.values()
+            for change in changes
+        ]
+        results = self._computed(jobs)
+        for k, key in enumerate(new):
+            own = dict(zip(map(repr, changes), results[k * len(changes) :], strict=False))
+            values = [own[repr(one.changes)][0].get(one.scalar, math.nan) for one in self.measured]
+            reasons = tuple(reason for _, reason in own.values() if reason)
+            self.known[key] = Looked(np.array(values, dtype=float), reasons)
+        return [self.known[np.ascontiguousarray(theta).tobytes()] for theta in thetas]
+
+    def _overrides(self, theta: np.ndarray) -> dict[str, float]:
+        numbers = zip(self.unknowns, self.values(theta).tolist(), strict=True)
+        return {key: value for unknown, value in numbers for key in unknown.keys}
+
+    def _computed(self, jobs: Sequence[_Job]) -> list[_Answer]:
+        found: dict[int, _Answer] = {}
+        with Workers(min(len(jobs), os.cpu_count() or 1) or 1) as workers:
+            for k, answer in workers.as_completed(_compute, jobs):
+                found[k] = answer
+                self.say(len(found), len(jobs))
+        self.runs += len(jobs)
+        return [found[k] for k in range(len(jobs))]
+
+
+_Job = tuple[Scene[Any], dict[str, Any]]
+_Answer = tuple[dict[str, float], str]
+"""Scalars by name, and why they are not to be trusted."""
+
+
+def _begun(scene: Scene[Any], unknown: KeyUnknown) -> float:
+    start = unknown.start
+    return float(value_at(scene, unknown.keys[0]) if start is None else np.ravel(start)[0])
+
+
+def _compute(job: _Job) -> _Answer:
+    scene, changes = job
+    try:
+        changed = load_scene(scene, changes)
+        result = KINDS[changed.table.kind].load_study().run(changed, silent)
+    except (SolveError, SceneError, ArgumentError) as error:
+        return {}, str(error)
+    numbers = {
+        name: float(scalar.value)
+        for name, scalar in result.scalars.items()
+        if isinstance(scalar.value, int | float)
+    }
+    return numbers, result.reason if result.status == "failed" else ""

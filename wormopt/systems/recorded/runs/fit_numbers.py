@@ -1,0 +1,285 @@
+"""Scenes of kind ``fit-numbers``: keys of another scene found from single numbers measured."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from wormopt.errors import Interrupted, SolveError
+from wormopt.fitting.uncertainty import covariance_of, held_at, offset_of, spectrum
+from wormopt.progress import Report
+from wormopt.quantities import Variable, unit_of
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
+from wormopt.scene.scene import Scene
+from wormopt.systems.recorded.found import Found, Number, markdown
+from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
+from wormopt.systems.recorded.scenes.fit_numbers import FitNumbersScene, KeyUnknown
+from wormopt.systems.recorded.scenes.tables import scene_of
+
+# Of the error that a prior leaves, the share below which measurements tell nothing.
+_TELLS = 0.1
+_FINEST = 0.5  # of a step: how far neighbours are that a compass search tries last
+_SETTLED = 1e-3  # relative change of the cost, and of a number, that ends the search
+
+
+@dataclass(frozen=True, eq=False)
+class _Study:
+    """Numbers found, and what the scene comes to with them."""
+
+    scene: Scene[FitNumbersScene]
+    task: NumbersTask
+    theta: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+    ended: str  # why the search ended before it converged; empty otherwise
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which numbers do not lie at a bound that holds them."""
+        return ~held_at(self.task.bounds, self.theta, self.jacobian.T @ self.residuals)
+
+    @property
+    def offset(self) -> float:
+        """Length of the next step, in standard errors, over sqrt(n)."""
+        return offset_of(self.residuals, self.jacobian, self.free)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Of the coordinates, (n, n), infinite along what cannot be told."""
+        return covariance_of(spectrum(self.jacobian, self.task.nominal), self.task.nominal)
+
+    @property
+    def look(self) -> Looked:
+        """What the scene comes to."""
+        return self.task.look([self.theta])[0]
+
+    @property
+    def tells(self) -> dict[str, float]:
+        """By how much measurements lessen the error of what has a prior."""
+        errors = np.sqrt(np.diag(self.covariance))
+        known = zip(self.task.unknowns, errors.tolist(), strict=True)
+        return {u.name: 1 - error / u.prior[1] for u, error in known if u.prior}
+
+
+@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+def run(scene: Scene[FitNumbersScene], report: Report) -> Result:
+    """Fit keys of a scene to numbers measured.
+
+    Status "failed" where the search did not converge, or the scene fails where it ended. Raises
+    SolveError if the scene cannot be computed where it starts, Interrupted by the user.
+    """
+    table, clock = scene.table, time.perf_counter()
+    inner = scene_of(table.model, scene.folder, table.units)
+    task = NumbersTask(inner, table.measured, table.unknown)
+    task.say = lambda done, of: report(f"run {task.runs + done}", done / of)
+    begun = task.look([task.start])[0]
+    if not np.isfinite(begun.values[task.fitted]).all():
+        raise SolveError(
+            f"the scene in [model] cannot be computed where the search starts: {begun.reasons[0]}",
+            "write another start",
+        )
+    best: list[np.ndarray] = [task.start]
+    try:
+        study = _search(scene, task, best)
+    except KeyboardInterrupt:
+        partial = _partial(scene, task, best[-1])
+        raise Interrupted(partial.failed("interrupted before the search had ended")) from None
+    return _result(study, begun, {"search": time.perf_counter() - clock})
+
+
+def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
+    """Go downhill from the start; `best` gathers where it has been, the best last."""
+    if scene.table.search.method == "compass":
+        return _compass(scene, task, best)
+    jacobians: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def slopes(theta: np.ndarray) -> np.ndarray:
+        best.append(np.array(theta))
+        key = np.ascontiguousarray(theta).tobytes()
+        if key not in jacobians:
+            jacobians[key] = task.residuals(theta)
+        return jacobians[key][1]
+
+    steps = scene.table.search.steps
+    found = least_squares(
+        task.misfit, task.start, slopes,  # pyright: ignore[reportArgumentType]
+        task.bounds, x_scale=task.nominal, ftol=_SETTLED, xtol=_SETTLED, gtol=1e-12,
+        max_nfev=steps,
+    )  # fmt: skip
+    ended = "" if found.status > 0 else f"it ended after {steps} steps; write more search.steps"
+    r, jacobian = task.residuals(np.asarray(found.x))
+    return _Study(scene, task, np.asarray(found.x), r, jacobian, ended)
+
+
+def _compass(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
+    """Go to the best of all neighbours, or halve the steps, until none is better."""
+    share = 1.0
+    for _ in range(scene.table.search.steps):
+        here = best[-1]
+        around = task.neighbours(here, share)
+        task.look(around)
+        nearest = min(around, key=lambda theta: _squares(task, theta))
+        if _squares(task, nearest) < _squares(task, here):
+            best.append(nearest)
+        elif share > _FINEST:
+            share /= 2
+        else:
+            break
+    r, jacobian = task.wide_residuals(best[-1], _FINEST)
+    better = min(_squares(task, theta) for theta in task.neighbours(best[-1], _FINEST))
+    ended = "a neighbour is better yet; write more search.steps" if better < r @ r else ""
+    return _Study(scene, task, best[-1], r, jacobian, ended)
+
+
+def _squares(task: NumbersTask, theta: np.ndarray) -> float:
+    r = task.misfit(theta)
+    return float(r @ r)
+
+
+# -- what is told ----------------------------------------------------------------------------------
+
+
+def _numbers(study: _Study) -> Found:
+    task, units = study.task, study.scene.table.units
+    began = task.values(task.start)
+    table = [
+        Number(u.name, _unit(study, u, units), float(b))
+        for u, b in zip(task.unknowns, began, strict=True)
+    ]
+    return Found.of(table, task, study.theta, study.covariance, study.scene.table.level)
+
+
+def _unit(study: _Study, unknown: KeyUnknown, units: str) -> str:
+    """Unit of a key, by what its table says of it."""
+    from msgspec import structs
+
+    from wormopt.scene.types import meaning
+
+    value: Any = study.task.scene.table
+    *path, last = unknown.keys[0].split(".")
+    for part in path:
+        value = getattr(value, part, None)
+    kinds = (
+        {f.name: f.type for f in structs.fields(value)}
+        if hasattr(value, "__struct_fields__")
+        else {}
+    )
+    quantity = meaning(kinds[last])[0] if last in kinds else ""
+    return unit_of(quantity, units) if quantity else "1"
+
+
+def _result(study: _Study, begun: Looked, timings: Mapping[str, float]) -> Result:
+    scene, task, numbers, tells = study.scene, study.task, _numbers(study), study.tells
+    return conclude(
+        scene,
+        numbers.scalars
+        | {
+            "n_measurements": int(task.fitted.sum()),
+            "n_unknowns": len(study.theta),
+            "n_runs": task.runs,
+            "cost": float(study.residuals @ study.residuals) / 2,
+            "offset": study.offset,
+            "tells": list(tells.values()),
+        },
+        [*numbers.variables, *_measured(study, begun)],
+        checks=_checks(study),
+        facts={
+            "tells": tells,
+            "derivatives": "differences of runs, by the step of each unknown",
+            "at_bound": [n for n, f in zip(task.names, study.free, strict=True) if not f],
+        },
+        warnings=_warnings(study),
+        timings=timings,
+        attributes={
+            "unknowns": list(numbers.names),
+            "unknown_units": [number.unit for number in numbers.numbers],
+            "measurements": [one.text or one.scalar for one in task.measured],
+            "scalars": [one.scalar for one in task.measured],
+            "scalar_units": [_unit_of_scalar(task, one.scalar) for one in task.measured],
+            "uses": [one.use for one in task.measured],
+            "changed_key": _changed(task) or "",
+            "table": markdown(numbers, scene.table.level),
+        },
+    )
+
+
+def _unit_of_scalar(task: NumbersTask, name: str) -> str:
+    table = task.scene.table
+    return unit_of(table.scalars[name][0], table.units)
+
+
+def _partial(scene: Scene[FitNumbersScene], task: NumbersTask, theta: np.ndarray) -> Result:
+    """Numbers where the search had come to, without errors."""
+    own = {u.name: float(v) for u, v in zip(task.unknowns, task.values(theta), strict=True)}
+    return conclude(scene, {"n_runs": task.runs}, facts={"came_to": own})
+
+
+def _changed(task: NumbersTask) -> str | None:
+    """The key by which measurements differ, where it is one number for each."""
+    keys = {key for one in task.measured for key in one.changes}
+    if len(keys) != 1:
+        return None
+    (key,) = keys
+    values = [one.changes.get(key) for one in task.measured]
+    return key if all(isinstance(v, int | float) for v in values) else None
+
+
+def _measured(study: _Study, begun: Looked) -> Iterator[Variable]:
+    task, key = study.task, _changed(study.task)
+    arrays: dict[str, Any] = {
+        "measured": [one.value for one in task.measured],
+        "deviation": [one.deviation for one in task.measured],
+        "fitted": study.look.values,
+        "at_start": begun.values,
+    }
+    if key is not None:
+        arrays["changed"] = [float(one.changes[key]) for one in task.measured]
+    declared = study.scene.table.variables
+    for name, values in arrays.items():
+        yield Variable(
+            name, "1", declared[name][1], np.array(values, dtype=float), declared[name][2]
+        )
+
+
+def _checks(study: _Study) -> Iterator[Check]:
+    accepted = study.scene.table.search.accepted
+    advice = study.ended or (
+        f"the next step would be {study.offset:.2g} standard errors; write more search.steps, or "
+        "other steps of the unknowns where runs are irregular"
+    )
+    by_slopes = study.scene.table.search.method == "slopes"
+    passed = not study.ended and (study.offset <= accepted or not by_slopes)
+    advice = f"the search has not converged: {advice}"
+    yield Check("distance from the bottom", study.offset, accepted, advice, passed)
+    reasons = study.look.reasons
+    said = f"the scene in [model] fails with the numbers found: {reasons[0] if reasons else ''}"
+    yield Check("runs at the numbers found that fail", float(len(reasons)), 0.0, said)
+
+
+def _warnings(study: _Study) -> Iterator[str]:
+    for name, share in study.tells.items():
+        if share < _TELLS:
+            yield f"{name} is known by its prior only: measurements lessen its error by {share:.0%}"
+    errors = np.sqrt(np.diag(study.covariance))
+    for name, error in zip(study.task.names, errors.tolist(), strict=True):
+        if not np.isfinite(error):
+            yield f"{name} cannot be told by what was measured; write a prior, or measure more"
+    left = np.array(study.residuals[: study.task.fitted.sum()])
+    for one, off in zip([m for m in study.task.measured if m.use == "fit"], left, strict=True):
+        if abs(off) > 3:
+            named = one.text or f"{one.scalar} with {one.changes}"
+            yield f"{named} is off by {abs(off):.2g} of its standard deviations: the model lacks it"
+    yield from _of_aside(study)
+
+
+def _of_aside(study: _Study) -> Iterator[str]:
+    for one, value in zip(study.task.measured, study.look.values.tolist(), strict=True):
+        if one.use == "predict" and not abs(value - one.value) <= 3 * one.deviation:
+            named = one.text or f"{one.scalar} with {one.changes}"
+            yield f"{named} is not as predicted, but {one.value:.4g} in place of {value:.4g}"
