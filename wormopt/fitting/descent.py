@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.fitting.stretches import lifted
+from wormopt.fitting.shooting import Shooting
+from wormopt.fitting.stretches import lifted, states_read
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import held_at, offset_of, triangle
 from wormopt.simulation.options import Smooth
@@ -18,9 +19,9 @@ from wormopt.simulation.options import Smooth
 ARRIVED = 1e-3
 """Standard errors within which a fit is at the bottom."""
 # Widths of the smooth law, in typical contact speeds.
-_WIDTHS = (1.0,)
-# Standard deviations of jumps between stretches, in usual sizes of the states.
-_JUMPS = (0.1, 0.01, 1e-3)
+_WIDTHS = (1.0, 0.2)
+# Nodes where nobody says how many, and standard deviations of jumps, in usual sizes of states.
+_NODES, _JUMPS = 6, (0.1, 0.01, 1e-3)
 # Steps at most, and the share of the cost that a step shall gain where a start is all one wants.
 _LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 20, 1e-1
 # A trust region that shrank at a kink, or came to a bound, is opened again so many times.
@@ -183,33 +184,53 @@ def _inside(task: Squares, theta: np.ndarray) -> np.ndarray:
     return np.clip(theta, lower + 1e-10 * room, upper - 1e-10 * room)
 
 
-def smoothed(task: FitTask, speed: float) -> list[FitTask]:
-    """Make tasks of smooth contact, ever steeper; none where nothing touches the ground."""
-    if not task.model.contacts or isinstance(task.contact, Smooth):
-        return []
-    return [replace(task, contact=Smooth(width * speed)) for width in _WIDTHS]
+@dataclass(frozen=True)
+class Way:
+    """How a start is led downhill before contact is what the task says and runs are whole."""
+
+    widths: tuple[float, ...] = ()  # of smooth contact, in typical contact speeds
+    nodes: int = 0  # at which each run is cut
 
 
-def approach(task: FitTask, theta: np.ndarray, speed: float, nodes: int, seen: Seen) -> Descent:
+def ways_of(task: FitTask, nodes: int | None) -> tuple[Way, ...]:
+    """Ways that starts take in turn: different ones go astray in different places."""
+    if nodes:
+        return (Way(nodes=nodes),)
+    rough = isinstance(task.contact, Smooth) or not task.model.contacts
+    over = () if rough else (Way(_WIDTHS), Way(_WIDTHS[:1]))
+    read = nodes is None and all(_is_read(shooting) for shooting in task.shootings)
+    return (*((Way(nodes=_NODES),) if read else ()), *over[: 1 if read else 2], Way())
+
+
+def _is_read(shooting: Shooting) -> bool:
+    """Whether readings tell all states."""
+    if shooting.model.delays:
+        return False
+    middle = float(np.median(shooting.run.times))
+    return bool(np.isfinite(states_read(shooting.model, shooting.run, middle)).all())
+
+
+def approach(task: FitTask, theta: np.ndarray, speed: float, way: Way, seen: Seen) -> Descent:
     """Lead a start downhill where valleys are wide, then to the task's own bottom.
 
     They are wide over smooth contact, or in short stretches between nodes.
     """
     count = 0
-    with suppress(SolveError):  # too stiff, say: go on from where it came to
-        for found in _by_nodes(task, theta, nodes) if nodes else _smoothly(task, theta, speed):
+    with suppress(SolveError, ArgumentError):  # too stiff, say: go on from where it came to
+        for found in _led(task, theta, speed, way):
             theta, count = found.theta[: len(theta)], count + found.evaluations
     found = descend(task, theta, seen)
     return replace(found, evaluations=found.evaluations + count)
 
 
-def _smoothly(task: FitTask, theta: np.ndarray, speed: float) -> Iterator[Descent]:
-    for smooth in smoothed(task, speed):
-        yield descend(smooth, theta, rough=True)
-
-
-def _by_nodes(task: FitTask, theta: np.ndarray, nodes: int) -> Iterator[Descent]:
-    whole, w = lifted(task, theta, nodes)
+def _led(task: FitTask, theta: np.ndarray, speed: float, way: Way) -> Iterator[Descent]:
+    for width in way.widths:
+        found = descend(replace(task, contact=Smooth(width * speed)), theta, rough=True)
+        theta = found.theta
+        yield found
+    if not way.nodes:
+        return
+    whole, w = lifted(task, theta, way.nodes)
     for jump in _JUMPS:
         found = descend(replace(whole, jump=jump), w, rough=True)
         w = found.theta

@@ -11,6 +11,7 @@ import numpy as np
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import correlation_of, covariance_of, held_at, spectrum
 from wormopt.shown import SHORT, lines, text
+from wormopt.simulation.trajectory import Doubt
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,15 @@ class Fit:
     def noise(self) -> Mapping[str, float]:
         """Standard deviation of the readings of each signal, of the last run that has it."""
         return {b.signal: self.task.deviation(b.run, b.signal) for b in self.task.blocks}
+
+    @cached_property
+    def doubts(self) -> tuple[tuple[str, Doubt], ...]:
+        """Run and event where derivatives do not exist, or are of one side only."""
+        return tuple(
+            (shooting.run.name, doubt)
+            for shooting in self.task.shootings
+            for doubt in shooting.motion(self.theta, derivatives=True).doubts
+        )
 
     @property
     def at_bound(self) -> tuple[str, ...]:

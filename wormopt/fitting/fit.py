@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from numbers import Integral
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
-from wormopt.fitting.descent import ARRIVED, Descent, Seen, approach, contact_speed, descend
+from wormopt.fitting.descent import (
+    ARRIVED,
+    Descent,
+    Seen,
+    approach,
+    contact_speed,
+    descend,
+    ways_of,
+)
 from wormopt.fitting.estimate import Attempt, Fit
 from wormopt.fitting.levels import noise_of
 from wormopt.fitting.starts import starts_of
 from wormopt.fitting.task import FitTask
 from wormopt.progress import Report, silent
+from wormopt.simulation.trajectory import Doubt
 
 # Starts end at the same place if they are within so many standard errors of the best.
 _SAME = 0.1
@@ -28,7 +36,7 @@ def fit(
     *,
     seeds: int = 8,
     enough: int = 3,
-    nodes: int = 0,
+    nodes: int | None = None,
     seed: int = 0,
     report: Report = silent,
 ) -> Fit:
@@ -44,8 +52,9 @@ def fit(
     enough : int, optional
         How many starts have to end at the best before no other is tried.
     nodes : int, optional
-        Where so many are asked for, each run is cut at as many of its readings while starts are
-        led downhill (multiple shooting): for long runs, and motions that soon go elsewhere.
+        At how many readings each run is cut while starts are led downhill (multiple shooting):
+        many for long runs, and motions that soon go elsewhere. 0: nowhere; if left out every third
+        start is led so, where readings tell all states.
     seed : int, optional
         Of the random numbers that starts are drawn with.
     report : callable, optional
@@ -66,7 +75,7 @@ def fit(
     Interrupted
         If the user stopped it; `partial` is the best fit so far, None before there is one.
     """
-    _check(task, seeds, enough, nodes + 1 if isinstance(nodes, Integral) else nodes)
+    _check(task, seeds, enough, nodes)
     estimated = task.estimated
     ends: list[Attempt] = []
     points: list[Descent] = []  # the best so far, or none
@@ -90,17 +99,17 @@ def _of_starts(
     task: FitTask,
     starts: np.ndarray,
     enough: int,
-    nodes: int,
+    nodes: int | None,
     ends: list[Attempt],
     seen: Seen,
     report: Report,
 ) -> Descent:
     """Lead starts downhill, one after the other, until enough of them agree."""
-    speed, best, first = contact_speed(task, task.start), None, None
+    speed, ways, best, first = contact_speed(task, task.start), ways_of(task, nodes), None, None
     for number, start in enumerate(starts):
         report(f"fitting from start {number + 1} of {len(starts)}", number / len(starts))
         try:
-            found = approach(task, start, speed, nodes, seen)
+            found = approach(task, start, speed, ways[number % len(ways)], seen)
         except (SolveError, ArgumentError) as error:
             first = first or error
             ends.append(Attempt(start, start, np.inf, np.inf, 0))
@@ -167,7 +176,7 @@ def _told(
         )
     if not reason and len(ends) > 1 and same < 2 and excess > _EXPLAINED:
         reason = f"the best of {len(ends)} starts is alone and leaves {excess:.2g} times the noise"
-    return Fit(
+    found = Fit(
         task=task,
         theta=best.theta,
         residuals=best.residuals,
@@ -179,13 +188,25 @@ def _told(
         estimated=estimated,
         warnings=tuple(warnings),
     )
+    return replace(found, warnings=(*warnings, *_doubted(found)))
 
 
-def _check(task: object, *counts: object) -> None:
+def _doubted(found: Fit) -> list[str]:
+    """Where errors rest on derivatives that do not exist; a line for each run."""
+    doubts: dict[str, list[Doubt]] = {}
+    for run, doubt in found.doubts:
+        doubts.setdefault(run, []).append(doubt)
+    return [
+        f"{run}: derivatives are of one side only at {len(each)} events, first {each[0].reason} of "
+        f"{each[0].event.name} at t = {each[0].event.time:.4g}: errors may be larger"
+        for run, each in doubts.items()
+    ]
+
+
+def _check(task: object, seeds: object, enough: object, nodes: object) -> None:
     if not isinstance(task, FitTask):
         raise ArgumentError(f"fit takes a FitTask, not {type(task).__name__}")
-    for count in counts:
-        if not isinstance(count, Integral) or count < 1:
-            raise ArgumentError(
-                f"seeds, enough and nodes are whole numbers, the first two from 1 on, not {count!r}"
-            )
+    for what, count, least in (("seeds", seeds, 1), ("enough", enough, 1), ("nodes", nodes, 0)):
+        whole = isinstance(count, int | np.integer) and count >= least
+        if not whole and (what != "nodes" or count is not None):
+            raise ArgumentError(f"{what} must be a whole number from {least} on, not {count!r}")

@@ -26,7 +26,7 @@ def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[s
     leverage = leverages(weights[:, None] * jacobian)
     found = {}
     for signal in signals:
-        rows = task.rows_without_noise(signal)
+        rows = _rows(task, signal)
         free = max(1.0 - float(leverage[rows].sum()) / len(rows), 1.0 / len(rows))
         if task.loss == "linear":
             size = float(np.sqrt(np.mean(r[rows] ** 2) / free))
@@ -34,6 +34,13 @@ def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[s
             size = float(np.median(np.abs(r[rows])) / _MEDIAN / np.sqrt(free))
         found[signal] = max(size * task.level(signal), _least(task, signal))
     return found
+
+
+def _rows(task: FitTask, signal: str) -> np.ndarray:
+    """Rows of a signal in the runs that do not say its noise."""
+    blocks = [b for b in task.blocks if b.signal == signal]
+    open_ = [b for b in blocks if signal not in (task.recordings[b.run].noise or {})]
+    return np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in open_])
 
 
 def _least(task: FitTask, signal: str) -> float:

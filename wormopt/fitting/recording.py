@@ -158,3 +158,12 @@ def _still(row: np.ndarray) -> bool:
     """Whether all readings are one value; one reading alone tells nothing."""
     there = row[np.isfinite(row)]
     return there.size > 1 and bool(np.ptp(there) <= 4e-16 * np.abs(there).max())
+
+
+def scatter(rows: np.ndarray) -> float:
+    """Noise by how readings depart from the line through their neighbours; never 0."""
+    there = [row[np.isfinite(row)] for row in rows]
+    second = np.concatenate([np.diff(row, 2) for row in there])
+    sizes = np.concatenate(there)
+    least = max(1e-5 * float(np.ptp(sizes)), 1e-12 * float(np.abs(sizes).max()), 1e-300)
+    return max(float(np.median(np.abs(second))) / (0.6745 * 6**0.5) if second.size else 0.0, least)

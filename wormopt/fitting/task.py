@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import get_args
 
 import numpy as np
 
-from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.errors import ArgumentError
+from wormopt.fitting.checks import check_task
 from wormopt.fitting.coordinates import Coordinate, coordinates_of
 from wormopt.fitting.losses import Loss, robust
-from wormopt.fitting.recording import APART, Recording
+from wormopt.fitting.recording import APART, Recording, scatter
 from wormopt.fitting.shooting import Shooting
 from wormopt.fitting.unknowns import Unknown
 from wormopt.model.model import Model
@@ -96,7 +96,7 @@ class FitTask:
     route: Route = "auto"
 
     def __post_init__(self) -> None:
-        _check(self)
+        check_task(self.model, self.recordings, self.unknowns, self.noise, self.loss)
         readings = sum(run.count for run in self.recordings)
         missing = (
             len(self.coordinates) - readings - sum(c.prior is not None for c in self.coordinates)
@@ -220,28 +220,12 @@ class FitTask:
         shared = self.noise or {}
         return float(shared[signal]) if signal in shared else self._rough[signal]
 
-    def rows_without_noise(self, signal: str) -> np.ndarray:
-        """Rows of a signal in the runs that do not say its noise.
-
-        Parameters
-        ----------
-        signal : str
-            Its name.
-
-        Returns
-        -------
-        ndarray of int
-        """
-        blocks = [b for b in self.blocks if b.signal == signal]
-        open_ = [b for b in blocks if signal not in (self.recordings[b.run].noise or {})]
-        return np.concatenate([np.arange(b.rows.start, b.rows.stop) for b in open_])
-
     @cached_property
     def _rough(self) -> dict[str, float]:
         found: dict[str, list[float]] = {}
         for run in self.recordings:
             for signal in set(run.readings) & set(self.estimated):
-                found.setdefault(signal, []).append(_scatter(run.readings[signal]))
+                found.setdefault(signal, []).append(scatter(run.readings[signal]))
         return {signal: float(np.median(sizes)) for signal, sizes in found.items()}
 
     def with_noise(self, noise: Mapping[str, float]) -> FitTask:
@@ -458,50 +442,3 @@ class FitTask:
                         "for the model; look at their unit"
                     )
         return tuple(told)
-
-
-def _check(task: FitTask) -> None:
-    if not isinstance(task.model, Model):
-        raise ArgumentError(f"model must be a Model, not {type(task.model).__name__}")
-    for what, given, kind in (
-        ("recordings", task.recordings, Recording),
-        ("unknowns", task.unknowns, Unknown),
-    ):
-        if not isinstance(given, Sequence) or not given:
-            raise ArgumentError(f"{what} must be a list of at least one {kind.__name__}")
-        for each in given:
-            if not isinstance(each, kind):
-                raise ArgumentError(f"{what} must be {kind.__name__}s, not {each!r:.60}")
-    if task.loss not in get_args(Loss):
-        raise ArgumentError(f"loss must be one of {', '.join(get_args(Loss))}, not {task.loss!r}")
-    for run in task.recordings:
-        _check_run(task, run)
-    readings = {signal for run in task.recordings for signal in run.readings}
-    for name, sd in (task.noise or {}).items():
-        if name not in readings:
-            raise UnknownNameError("the recordings", "signal", [name], sorted(readings))
-        if not 0 < sd < np.inf:
-            raise ArgumentError(f"noise of {name} must be positive, not {sd!r}")
-
-
-def _check_run(task: FitTask, run: Recording) -> None:
-    model = run.model or task.model
-    known = {state.name: state.size for state in model.x}
-    known = {o.name: o.expression.numel() for o in model.outputs} | known
-    for signal, rows in run.readings.items():
-        if signal not in known:
-            raise UnknownNameError(model.name, "state or output", [signal], list(known))
-        if len(rows) != known[signal]:
-            raise ArgumentError(
-                f"{run.name}: {signal} has {known[signal]} entries, the readings have {len(rows)}; "
-                "fill those that were not measured with NaN"
-            )
-
-
-def _scatter(rows: np.ndarray) -> float:
-    """Noise by how readings depart from the line through their neighbours; never 0."""
-    there = [row[np.isfinite(row)] for row in rows]
-    second = np.concatenate([np.diff(row, 2) for row in there])
-    sizes = np.concatenate(there)
-    least = max(1e-5 * float(np.ptp(sizes)), 1e-12 * float(np.abs(sizes).max()), 1e-300)
-    return max(float(np.median(np.abs(second))) / (0.6745 * 6**0.5) if second.size else 0.0, least)

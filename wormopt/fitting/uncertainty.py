@@ -21,8 +21,8 @@ def triangle(matrix: np.ndarray) -> np.ndarray:
     block = max(_BLOCK, 4 * n)
     while len(matrix) > block:
         whole = np.vstack([matrix, np.zeros((-len(matrix) % block, n))])
-        matrix = np.linalg.qr(whole.reshape(-1, block, n), mode="r").reshape(-1, n)
-    return np.linalg.qr(np.vstack([matrix, np.zeros((n, n))]), mode="r")
+        matrix = np.asarray(np.linalg.qr(whole.reshape(-1, block, n), mode="r")).reshape(-1, n)
+    return np.asarray(np.linalg.qr(np.vstack([matrix, np.zeros((n, n))]), mode="r"))
 
 
 def spectrum(jacobian: np.ndarray, nominal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
