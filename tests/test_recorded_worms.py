@@ -271,15 +271,21 @@ def test_damping_and_friction_of_the_pair_are_found_again():
 
 
 @pytest.mark.slow
-def test_a_search_that_does_not_converge_exits_with_3(tmp_path: Path, capsys):
-    """Backward friction that never acts: nothing moves back, and nothing tells it."""
-    code = main(["run", "fit_pair", "--no-plots", "--out", str(tmp_path), "--set", "profiles=false",
-                 "--set", "want=[]", "--set", "unknown.0.upper=0.005",
-                 "--set", "unknown.0.start=0.004"])  # fmt: skip
-    assert code == 0
-    assert "damping is at its bound" in " ".join(
-        Result.load(tmp_path / "fit_pair").trust["warnings"]
-    )
+def test_numbers_at_their_bounds_are_told(tmp_path: Path):
+    change = ["profiles=false", "want=[]", "unknown.0.start=0.004", "unknown.0.upper=0.005"]
+    result = wo.run(load_scene("fit_pair", change))
+    assert result.trust["at_bound"] == ["damping"]
+    assert "damping is at its bound" in result.trust["warnings"]
+    assert result["damping"].value == pytest.approx(0.005)
+
+
+@pytest.mark.slow
+def test_a_search_that_has_not_converged_exits_with_3(tmp_path: Path):
+    """The rod cannot have come to its best place after one look around."""
+    path = tmp_path / "found"
+    sets = ["--set", "search.steps=1", "--set", "unknown.0.start=1500.0"]
+    assert main(["run", "fit_channel_worm", *sets, "--no-plots", "-o", str(path)]) == 3
+    assert "search.steps" in Result.load(path).reason
 
 
 def spike_load(load: float, drag: float, period: float) -> float:

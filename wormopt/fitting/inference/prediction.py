@@ -207,6 +207,8 @@ def _spread(
 
 def _basis(columns: np.ndarray) -> np.ndarray:
     """Orthonormal basis of the columns."""
+    if not columns.shape[1]:
+        return columns
     s, v = spectrum(columns, np.ones(columns.shape[1]))
     told = s > TOLD * s.max(initial=0.0)
     return columns @ (v[:, told] / s[told])

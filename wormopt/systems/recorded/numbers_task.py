@@ -24,7 +24,7 @@ Say = Callable[[int, int], None]
 """Told how many of how many runs are done."""
 
 # Standard deviations that a measurement is off where the scene cannot be computed.
-_LOST = 1e3
+_LOST = 1e6
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class NumbersTask:
             if u.prior
         ]
         found = np.array([*rows, *priors])
-        return np.where(np.isfinite(found), np.clip(found, -_LOST, _LOST), _LOST)
+        return np.where(np.isfinite(found), found, _LOST)
 
     # -- runs ----------------------------------------------------------------------------------
 
