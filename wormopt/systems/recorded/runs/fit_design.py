@@ -106,7 +106,7 @@ def _fit(scene: Scene[FitDesignScene], runs: Sequence[Run], report: Report) -> F
         task = FitTask(model, recordings, unknowns, noise=asked.noise or None)
     except ArgumentError as error:
         raise SceneError(scene.name, [("fit", str(error))]) from None
-    return fit(task, seeds=asked.search.seeds, seed=asked.search.seed, report=report)
+    return fit(task, seeds=asked.seeds, seed=asked.seed, report=report)
 
 
 def believed_of(fitted: Fit, table: FitDesignScene) -> Believed:

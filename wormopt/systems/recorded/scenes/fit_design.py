@@ -9,9 +9,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, PerMass, Positive, Table, says
+from wormopt.scene.types import NonNegative, PerMass, Positive, Seed, Table, says
 from wormopt.systems.recorded.scenes.fit import RecordingTable
-from wormopt.systems.recorded.scenes.tables import SearchTable, named_twice
+from wormopt.systems.recorded.scenes.tables import Seeds, named_twice
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,
@@ -54,9 +54,10 @@ class FitTable(Table, frozen=True, kw_only=True):
             "known; estimated of the others",
         ),
     ] = field(default_factory=dict)
-    search: Annotated[SearchTable, says("", "where the fit starts from")] = field(
-        default_factory=SearchTable
-    )
+    seeds: Annotated[
+        Seeds, says("count", "starts: `[worm]`, and others spread within the bounds")
+    ] = 4
+    seed: Annotated[Seed, says("count", "of the random numbers by which starts are spread")] = 0
 
 
 class PlantTable(Table, frozen=True, kw_only=True):
