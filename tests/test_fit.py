@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.fitting.losses import SCALES, robust
 from wormopt.fitting.shooting import Shooting
+from wormopt.fitting.stretches import lifted
 from wormopt.fitting.uncertainty import (
     correlation_of,
     covariance_of,
@@ -411,3 +412,44 @@ def test_without_noise_numbers_are_exact():
     task, true, _ = scipy_chain(5, 4.0, 1e-8)
     found = wo.fit(task)
     assert found.values == pytest.approx(true, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_nodes_lead_where_a_long_motion_goes_astray():
+    """A spring of 40 turns: a stiffness a third off is turns too fast, and a motion is lost."""
+    x, v, k = (ca.SX.sym(name) for name in "xvk")
+    states = [wo.Signal("position", x, value=1.0), wo.Signal("velocity", v, value=0.0)]
+    swing = wo.Model("swing", states, ca.vertcat(v, -k * x), p=[wo.Signal("stiffness", k)])
+    time = np.linspace(0.0, 80 * np.pi, 2001)
+    seen = np.cos(time) + 0.05 * np.random.default_rng(2).standard_normal(time.size)
+    run = wo.Recording(time, {"position": seen}, noise={"position": 0.05})
+    task = wo.FitTask(swing, [run], [wo.Unknown("stiffness", start=1.3, lower=0.1, upper=10.0)])
+    alone = wo.fit(task, seeds=1, nodes=0)
+    assert abs(alone.values[0] - 1) > 0.1
+    assert any("times the noise" in line for line in alone.warnings)
+    found = wo.fit(task, seeds=1, nodes=40)
+    assert found.converged
+    assert abs(found.values[0] - 1) < 4 * found.standard_errors[0]
+    # d cos(sqrt(k) t)/dk = -t sin(t)/2 at k = 1
+    assert found.standard_errors[0] == pytest.approx(
+        0.05 / np.linalg.norm(time * np.sin(time) / 2), rel=0.01
+    )
+
+
+def test_stretches_have_exact_derivatives():
+    """Of readings and jumps, by unknowns and by the starts of stretches, against differences."""
+    seen = thrown(TIME, 1.0, 1.25)
+    run = wo.Recording(TIME, {"position": seen}, noise={"position": 0.01})
+    task = wo.FitTask(
+        sliding_block(),
+        [run],
+        [wo.Unknown("friction_forward", log=True), wo.Unknown("velocity", start=0.9)],
+        tolerance=wo.Tolerance(1e-12, 1e-14),
+    )
+    whole, w = lifted(task, task.start, 4)
+    r, jacobian = whole.residuals(w)
+    assert r.shape == (61 + 4 * 2,)
+    for k in range(len(w)):
+        step = 1e-6 * np.eye(len(w))[k]
+        slope = (whole.residuals(w + step)[0] - whole.residuals(w - step)[0]) / 2e-6
+        assert slope == pytest.approx(jacobian[:, k], abs=1e-5 * np.abs(jacobian[:, k]).max())

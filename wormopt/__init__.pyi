@@ -103,6 +103,7 @@ from wormopt.simulation.options import Tolerance as Tolerance
 from wormopt.simulation.periodic import PeriodicOrbit as PeriodicOrbit
 from wormopt.simulation.periodic import periodic_orbit as periodic_orbit
 from wormopt.simulation.simulate import simulate as simulate
+from wormopt.simulation.trajectory import Doubt as Doubt
 from wormopt.simulation.trajectory import Event as Event
 from wormopt.simulation.trajectory import Trajectory as Trajectory
 from wormopt.simulation.walls import smooth_walls as smooth_walls

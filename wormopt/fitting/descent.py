@@ -82,7 +82,8 @@ def descend(
     for _ in range(_REGIONS):
         before = best
         best = _settled(task, _region(task, best, seen, rough))
-        if rough or best.offset < ARRIVED or best.cost > before.cost * (1 - 1e-6):
+        spent = best.evaluations >= _LOOKS
+        if rough or spent or best.offset < ARRIVED or best.cost > before.cost * (1 - 1e-6):
             break
     return best
 
@@ -239,7 +240,9 @@ def _led(task: FitTask, theta: np.ndarray, speed: float, way: Way) -> Iterator[D
 
 def contact_speed(task: FitTask, theta: np.ndarray) -> float:
     """Typical speed over the ground, by which smooth contact is wide or steep."""
-    usual = float(np.mean([c.nominal_speed for c in task.model.contacts] or [1.0]))
+    if not task.model.contacts:
+        return 1.0
+    usual = float(np.mean([c.nominal_speed for c in task.model.contacts]))
     try:
         motions = task.motions(theta)
     except SolveError:

@@ -63,12 +63,16 @@ class Explicit:
             raise GivenUp("step_too_small")
         x_new, stages, self._last_stage, sums = self._stages(self._t, self._x, h, self._dx)
         error = _norm(*sums, h, len(self._task.x0))
+        status = ""
         if self._task.k and error <= 1:
-            error = max(self._columns_error(x_new, stages, h), error)
+            other = self._columns_error(x_new, stages, h)
+            if not other <= error:
+                error, status = other, "steep_derivatives"
         factor = 0.9 * error ** (-1 / 8) if error > 0 else 6.0
         if not error <= 1.0:
             bad = not np.isfinite(error)
-            self._reject(h, 0.1 if bad else max(factor, 0.1), "not_finite" if bad else "")
+            status = status or ("not_finite" if bad else "")
+            self._reject(h, 0.1 if bad else max(factor, 0.1), status)
             return None
         # a step that was cut short says nothing against the length that was wanted
         self._next = max(h * min(max(factor, 1 / 3), 6.0), self.h if h < self.h else 0.0)

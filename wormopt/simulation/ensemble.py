@@ -16,6 +16,7 @@ from wormopt.numerics.workers import thread_pool
 from wormopt.progress import Report, silent
 from wormopt.shown import lines
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
+from wormopt.simulation.sensitivity.directions import Sensitivities
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 
@@ -83,6 +84,22 @@ class Ensemble:
         """
         return np.array([_filled(motion[name], len(self.time)) for motion in self.motions])
 
+    def derivative(self, name: str) -> np.ndarray:
+        """Derivatives (N, size, k, m) of a signal, NaN from where a member was given up.
+
+        Parameters
+        ----------
+        name : str
+            A state, or anything the model knows by name.
+
+        Returns
+        -------
+        ndarray, shape (N, size, k, m)
+            Along the directions that were asked for, see `Trajectory.derivative`.
+        """
+        count = len(self.time)
+        return np.array([_filled(motion.derivative(name), count) for motion in self.motions])
+
 
 def simulate_ensemble(
     model: Model,
@@ -93,6 +110,7 @@ def simulate_ensemble(
     times: ArrayLike | None = None,
     tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
     route: Route = "auto",
+    sensitivities: Sensitivities | None = None,
     threads: int | None = None,
     report: Report = silent,
 ) -> Ensemble:
@@ -114,6 +132,8 @@ def simulate_ensemble(
         How exact.
     route : {"auto", "native", "python", "cvodes"}, optional
         How to integrate, see `simulate`.
+    sensitivities : sequence of str, or mapping, optional
+        Along what every motion is differentiated, see `simulate`.
     threads : int, optional
         How many at a time; as many as there are cores if left out.
     report : callable, optional
@@ -157,6 +177,7 @@ def simulate_ensemble(
         times=times,
         tolerance=tolerance,
         route=route,
+        sensitivities=sensitivities,
         report=partial(_stop_if, stopped),
     )
     with thread_pool(threads) as pool:
@@ -190,6 +211,7 @@ def _one(
     times: ArrayLike | None,
     tolerance: Tolerance,
     route: Route,
+    sensitivities: Sensitivities | None,
     report: Report,
 ) -> tuple[Trajectory, str]:
     try:
@@ -203,6 +225,7 @@ def _one(
             times=times,
             tolerance=tolerance,
             route=route,
+            sensitivities=sensitivities,
             report=report,
         )
     except SolveError as error:
@@ -218,4 +241,5 @@ def _stop_if(stopped: Event, _text: str, _fraction: float | None) -> None:
 
 
 def _filled(values: np.ndarray, count: int) -> np.ndarray:
-    return np.pad(values, ((0, 0), (0, count - values.shape[1])), constant_values=np.nan)
+    missing = [(0, 0)] * (values.ndim - 1) + [(0, count - values.shape[-1])]
+    return np.pad(values, missing, constant_values=np.nan)

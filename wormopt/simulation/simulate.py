@@ -61,6 +61,11 @@ _REFUSALS = {
         "the implicit integrator failed at t = {t:.6g}",
         "loosen the tolerances or take a larger v_reg",
     ),
+    "steep_derivatives": (
+        "derivatives of the motion grow beyond bounds at t = {t:.6g}: a slope of the model is "
+        "infinite there, as that of a root at 0",
+        "change the law that has it, or take differences of motions without sensitivities",
+    ),
     "no_memory": ("memory is out at t = {t:.6g}", "keep fewer samples, or dense = False"),
 }
 

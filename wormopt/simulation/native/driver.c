@@ -104,7 +104,9 @@ static void reject(Run *run, double h, double factor) {
     run->out.n_rejected++;
     run->h_next = h * factor;
     if (run->h_next < floor_of_step(run))
-        run->out.status = run->bad_number ? NOT_FINITE : STEP_TOO_SMALL;
+        run->out.status = run->by_columns    ? STEEP_DERIVATIVES
+                          : run->bad_number ? NOT_FINITE
+                                            : STEP_TOO_SMALL;
 }
 
 static void swap(double **a, double **b) {

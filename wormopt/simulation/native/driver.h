@@ -71,7 +71,8 @@ typedef enum {
     STIFF = -4,
     EVENTS_ACCUMULATE = -5,
     NO_CONTACT_MODE = -6,
-    NO_MEMORY = -7
+    NO_MEMORY = -7,
+    STEEP_DERIVATIVES = -8
 } Status;
 
 typedef enum { REVERSAL = 0, STICK = 1, RELEASE = 2, IMPACT = 3, SWITCH = 4 } Kind;

@@ -32,6 +32,7 @@ _STATUS = {
     -5: "events_accumulate",
     -6: "no_contact_mode",
     -7: "no_memory",
+    -8: "steep_derivatives",
 }
 _ALONG = (
     *("slopes", "contacts_along", "project_along", "guards_along", "resets_along"),

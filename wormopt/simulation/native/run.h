@@ -41,6 +41,7 @@ typedef struct {
     long long since_check, stiff_hints, unstiff_hints;
     long long crowd; /* events since crowd_start */
     double crowd_start;
+    int by_columns;        /* the error of the step is that of S */
     int bad_number;        /* the last rejection was for a value that is no number */
     int has_dense;         /* the polynomial of the current step is fitted */
     const double **arg;

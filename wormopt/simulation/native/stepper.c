@@ -70,7 +70,8 @@ double step_error(Run *run, double h) {
     if (!(scale < INFINITY)) return NAN;
     const double error = scale > 0.0 ? fabs(h) * five / sqrt(n * scale) : 0.0;
     const double other = run->in.k && error <= 1.0 ? columns_error(run, h) : 0.0;
-    return other <= error ? error : other; /* NaN counts */
+    run->by_columns = !(other <= error); /* NaN counts */
+    return run->by_columns ? other : error;
 }
 
 /* Derivative at the end of the step. */

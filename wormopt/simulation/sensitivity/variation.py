@@ -68,7 +68,7 @@ class Variation:
     def slopes(self) -> ca.Function:
         """X', and the entries of its derivatives by the model's states and by p."""
         dx, *jacobians = self._slopes
-        results = [dx, *(j.nz[:] for j in jacobians)]
+        results = [dx, *(ca.vec(j.nz[:]) for j in jacobians)]
         arguments = list(self.system.symbols)
         names = ["t", "x", "p", "s"]
         return ca.Function("slopes", arguments, results, names, ["rhs", "in_x", "in_p"])

@@ -1,0 +1,351 @@
+"""`simulate(sensitivities=...)`: closed forms, invariants, differences of other integrators."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from by_events import Followed, coulomb
+from effort import examples
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from wormopt.bench.cases import mag2, track
+from wormopt.control.lambda_tracker import Quadratic, lambda_tracker
+from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.switching import switching_tracker
+from wormopt.errors import ArgumentError, SolveError, UnknownNameError
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Contact, Model, Output, Signal, Switch
+from wormopt.model.schedule import Schedule
+from wormopt.simulation.automaton import integrate as in_python
+from wormopt.simulation.ensemble import Scenario, simulate_ensemble
+from wormopt.simulation.options import Smooth, Tolerance
+from wormopt.simulation.simulate import _task, _trajectory, simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.chain.build import chain
+from wormopt.systems.spiked.construct import fast_gait, travelling_sine
+
+both = pytest.mark.parametrize("route", ["native", "python"])
+SHARP = Tolerance(1e-13, 1e-14)
+WAYS = ("forward", "backward")
+
+
+def block(pull: Any = 0.0, *, speed: float = 2.0, stiction: float = 2.0) -> Model:
+    """A mass on ground that lets go at `stiction` times its friction; `pull` of (t, load)."""
+    t, x, v, f = (ca.SX.sym(name) for name in ("t", "x", "v", "f"))
+    m, friction, load = (ca.SX.sym(name) for name in ("m", "F", "load"))
+    law = Coulomb(friction, friction, stiction * friction, stiction * friction)
+    force = pull(t, load) if callable(pull) else pull
+    return Model(
+        "block",
+        [Signal("position", x, value=0.0), Signal("velocity", v, value=speed)],
+        ca.vertcat(v, (f + force) / m),
+        t=t,
+        p=[
+            Signal("mass", m, value=3.0),
+            Signal("friction", friction, value=1.5),
+            Signal("load", load, value=0.25),
+        ],
+        outputs=[Output("energy", m * v**2 / 2), Output("force", f)],
+        contacts=[Contact("block", v, f, law)],
+    )
+
+
+def moved(model: Model, name: str, entry: int, by: float) -> dict[str, Any]:
+    """Arguments of `simulate` with one number of the model moved."""
+    found = next(s for s in (*model.x, *model.p, *model.u) if s.name == name)
+    given = np.zeros(found.size) if found.value is None else np.array(found.value, dtype=float)
+    values = np.broadcast_to(given, (found.size,)).copy()
+    values[entry] += by
+    return {"x0" if found in model.x else "p": {name: values}}
+
+
+def differences(model: Model, span: float, label: str, h: float, **more: Any) -> np.ndarray:
+    """Derivative of the end by Richardson's central differences of sharp motions."""
+    name, _, entry = label.removesuffix("]").partition("[")
+    ends = [
+        simulate(
+            model, span, tolerance=SHARP, **moved(model, name, int(entry or 0), k * h), **more
+        )
+        for k in (1, -1, 2, -2)
+    ]
+    assert len({len(motion.events) for motion in ends}) == 1
+    one, two = ends[0].end - ends[1].end, ends[2].end - ends[3].end
+    return (8 * one - two) / (12 * h)
+
+
+# -- closed forms ----------------------------------------------------------------------------
+
+
+@both
+def test_a_block_that_is_thrown_stops_as_energy_says(route: Any):
+    motion = simulate(block(), 10.0, sensitivities=["velocity", "mass", "friction"], route=route)
+    (v, m, f), (stop,) = (2.0, 3.0, 1.5), motion.events
+    assert motion.directions == ("velocity", "mass", "friction")
+    np.testing.assert_allclose(stop.derivative, [m / f, v / f, -m * v / f**2], rtol=1e-12)
+    way = [m * v / f, v**2 / (2 * f), -m * v**2 / (2 * f**2)]
+    np.testing.assert_allclose(motion.end_derivative, [way, [0, 0, 0]], rtol=1e-12)
+    assert motion.doubts == ()
+
+
+@both
+def test_a_growing_load_lets_go_when_stiction_says(route: Any):
+    """At rest until load t = 3 = 2 F, then m v' = load t - F."""
+    model, t = block(lambda t, load: load * t, speed=0.0), 14.0
+    sampled = simulate(
+        model, t, sensitivities=["load", "friction", "mass"], route=route, times=[6.0, t]
+    )
+    (release,) = sampled.events
+    a, f, m = 0.25, 1.5, 3.0
+    s = 2 * f / a
+    np.testing.assert_allclose(release.derivative, [-s / a, 2 / a, 0.0], rtol=1e-12, atol=1e-13)
+    v = (a * (t**2 - s**2) / 2 - f * (t - s)) / m
+    by_s = (f - a * s) / m  # what a later release takes from the velocity
+    speed = [
+        (t**2 - s**2) / (2 * m) - by_s * s / a,
+        -(t - s) / m + by_s * 2 / a,
+        -v / m,
+    ]
+    np.testing.assert_allclose(sampled.end_derivative[1], speed, rtol=1e-10)
+    np.testing.assert_array_equal(sampled.derivative("velocity")[..., 0], 0.0)
+    # at rest the ground's force is minus the load
+    force = sampled.derivative("force")[0, :, 0]
+    np.testing.assert_allclose(force, [-6.0, 0.0, 0.0], atol=1e-13)
+    np.testing.assert_allclose(
+        sampled.derivative("energy")[0, 0, -1], m * v * speed[0], rtol=1e-10
+    )
+
+
+def pair_matrix() -> np.ndarray:
+    """Of the magneto-elastic pair between events: x1' = v1, v1' = -(x1 - x2), and so on."""
+    a = np.zeros((4, 4))
+    a[0, 2] = a[1, 3] = 1.0
+    a[2, :2], a[3, :2] = [-1.0, 1.0], [1.0, -1.0]
+    return a
+
+
+def test_the_magneto_elastic_pair_by_matrix_exponentials_and_jumps_written_out():
+    """Through all 369 events of MAG2: the flow in between is linear, given the events' times."""
+    eps, nu = 0.036, math.sqrt(2.0) + 0.5 * 0.036
+    motion = simulate(mag2(), 400.0, sensitivities=["position"])
+    assert len(motion.events) == 369
+    assert motion.doubts == ()
+    states = simulate(mag2(), 400.0, times=[e.time for e in motion.events])
+    modes, at, s = motion.modes[0, 1:], 0.0, np.eye(4)[:, :2]
+    for event, x in zip(motion.events, states.states.T, strict=True):
+        i = int(event.name[-1])
+        s = held(modes, event.time - at) @ s
+        pull = x[0] - x[1] + eps * (1 + math.cos(nu * event.time))
+        free = np.array([-pull, pull])[i]
+        before = free + eps * (-0.5 if modes[i] > 0 else 1.0) if modes[i] else 0.0
+        after = free + eps * (-0.5 if event.mode > 0 else 1.0) if event.mode else 0.0
+        if modes[i]:  # the velocity passes 0
+            dt = -s[2 + i] / before
+        else:  # the force reaches its bound: without stiction nothing jumps
+            drive = eps * nu * math.sin(nu * event.time)
+            rate = np.array([x[2] - x[3] - drive, x[3] - x[2] + drive])[i]
+            dt = -(s[i] - s[1 - i]) / rate
+        np.testing.assert_allclose(event.derivative, dt, rtol=1e-7, atol=1e-8)
+        s[2 + i] += (before - after) * dt
+        if event.mode == 0:
+            s[2 + i] = 0.0
+        modes, at = np.where(np.arange(2) == i, event.mode, modes), event.time
+    s = held(modes, 400.0 - at) @ s
+    np.testing.assert_allclose(motion.end_derivative, s, rtol=1e-8, atol=1e-8)
+
+
+def held(modes: np.ndarray, time: float) -> np.ndarray:
+    """Flow of the pair over a time; what rests stays."""
+    a = pair_matrix()
+    a[2:][modes == 0] = 0.0
+    return expm(a * time)
+
+
+# -- invariants ------------------------------------------------------------------------------
+
+
+def throw(links: int = 2) -> Model:
+    """A chain thrown apart: it slides, sticks and comes to rest; time itself does not push."""
+    speeds = [1.5, -0.4, 0.7][: links + 1]
+    places = [5.3, 2.4, 0.0][: links + 1]
+    return chain(
+        links, mass=1.0, stiffness=8.0, damping=0.3, rest_length=2.0, position=places,
+        velocity=speeds, law=Coulomb(0.6, 1.1, 0.8, 1.3),
+    )  # fmt: skip
+
+
+@both
+def test_a_start_that_is_later_gives_the_same_motion_later(route: Any):
+    """S f(x0) = f(x(t)) where nothing depends on time, and every event comes earlier by that."""
+    model, t = throw(), np.linspace(0.0, 4.0, 41)
+    plain = simulate(model, 4.0, times=t)
+    system, s = plain.system, plain.modes_at(t)
+    slope = np.array(system.rhs(t[None], plain.states, plain.p, s))
+    n = len(plain.states) // 2
+    later = {"later": {"position": slope[:n, 0], "velocity": slope[n:, 0]}}
+    motion = simulate(model, 4.0, times=t, sensitivities=later, route=route)
+    assert len(motion.events) > 6
+    np.testing.assert_allclose(motion.state_derivatives[:, 0], slope, atol=1e-9)
+    for event in motion.events:
+        assert event.derivative == pytest.approx(-1.0, abs=1e-9)
+
+
+def test_directions_add_up_and_the_motion_is_the_one_without_them():
+    model = throw()
+    units = simulate(model, 4.0, sensitivities=["friction_forward", "stiffness"])
+    mixed = simulate(
+        model,
+        4.0,
+        sensitivities={
+            "tied": {"friction_forward": 1.0},
+            "mixed": {"friction_forward": [0.0, -2.0, 0.0], "stiffness": [0.5, 0.0]},
+        },
+    )
+    assert mixed.directions == ("tied", "mixed")
+    d = units.end_derivative
+    np.testing.assert_allclose(mixed.end_derivative[:, 0], d[:, :3].sum(axis=1), atol=1e-9)
+    expected = -2 * d[:, 1] + 0.5 * d[:, 3]
+    np.testing.assert_allclose(mixed.end_derivative[:, 1], expected, atol=1e-9)
+    plain = simulate(model, 4.0)
+    np.testing.assert_allclose(units.end, plain.end, atol=1e-11)
+    assert [(e.name, e.kind) for e in units.events] == [(e.name, e.kind) for e in plain.events]
+    assert plain.directions == plain.doubts == () and plain.events[0].derivative is None
+
+
+# -- differences -----------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "labels"),
+    [
+        ("filter", ["mass[1]", "stiffness[0]", "friction_forward[2]", "gain", "filter[0]"]),
+        ("derivative", ["damping[1]", "stiffness[0]", "gain_growth", "drag[1]"]),
+    ],
+)
+def test_trackers_agree_with_differences(name: Any, labels: list[str]):
+    model = track(name)
+    motion = simulate(model, 10.0, sensitivities=labels)
+    assert len(motion.events) > 50
+    for k, label in enumerate(labels):
+        d = motion.end_derivative[:, k]
+        by = differences(model, 10.0, label, 1e-4)
+        assert np.abs(d - by).max() < 1e-6 * np.abs(d).max(), label
+
+
+def sine_worm() -> tuple[Model, Reference]:
+    """Worm and reference of the scene track_sine."""
+    worm = chain(
+        2, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0,
+        law=Coulomb(1.0, 10.0), position=[4.0, 2.0, 0.0],
+    )  # fmt: skip
+    wave = travelling_sine(2, 1.0, rest_length=2.0, amplitude=0.3, lag=1 / 3)
+    return worm, gait_reference(wave, worm.t)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("feedback", ["filter", "derivative"])
+def test_trackers_with_switches_agree_with_differences(feedback: Any):
+    """The trackers of the scene track_sine; crossings of the tube are events."""
+    model = lambda_tracker(
+        *sine_worm(), tube_radius=0.2, feedback=feedback, filter_start=0.0,
+        adaptation=Quadratic(growth=1e4), watch=True,
+    )  # fmt: skip
+    labels = ["mass[0]", "friction_forward[1]", "stiffness[1]", "tube_radius", "gain_growth"]
+    motion = simulate(model, 10.0, sensitivities=labels)
+    assert {event.kind for event in motion.events} >= {"switch", "stick", "release"}
+    for k, label in enumerate(labels):
+        d = motion.end_derivative[:, k]
+        by = differences(model, 10.0, label, 1.0 if label == "gain_growth" else 1e-5)
+        assert np.abs(d - by).max() < 1e-6 * np.abs(d).max(), label
+
+
+@pytest.mark.slow
+def test_gains_that_jump_agree_with_differences():
+    """Switches whose resets jump, at times that move."""
+    model = switching_tracker(
+        *sine_worm(), tube_radius=0.05, settling=0.6, overshoot=0.3, factor=2.0
+    )
+    labels = ["mass[0]", "friction_forward[1]", "stiffness[1]", "tube_radius", "velocity[0]"]
+    motion = simulate(model, 5.0, sensitivities=labels)
+    assert sum(event.kind == "switch" for event in motion.events) > 1
+    for k, label in enumerate(labels[:4]):
+        d = motion.end_derivative[:, k]
+        by = differences(model, 5.0, label, 1e-5)
+        assert np.abs(d - by).max() < 1e-6 * np.abs(d).max(), label
+
+
+@both
+def test_a_root_at_0_has_no_derivative_and_says_so(route: Any):
+    """x' = -sqrt(x - 1) comes to 1 with a slope that is infinite there."""
+    x = ca.SX.sym("x")
+    model = Model("root", [Signal("x", x, value=2.0)], -ca.sqrt(ca.fmax(x - 1, 1e-40)))
+    with pytest.raises(SolveError) as refused:
+        simulate(model, 3.0, sensitivities=["x"], route=route)
+    assert refused.value.code == "steep_derivatives"
+    assert refused.value.partial.end_time == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("label", ["position[0]", "position[1]"])
+def test_the_magneto_elastic_pair_agrees_with_differences_after_369_events(label: str):
+    motion = simulate(mag2(), 400.0, sensitivities=[label])
+    by = differences(mag2(), 400.0, label, 1e-5)
+    assert np.abs(motion.end_derivative[:, 0] - by).max() < 1e-6 * np.abs(by).max()
+
+
+@pytest.mark.slow
+@settings(max_examples=examples(12), deadline=None)
+@given(st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_random_chains_agree_with_differences_of_another_integrator(links: int, seed: int):
+    rng = np.random.default_rng(seed)
+    n, end = links + 1, 2.5
+    low = {"mass": 0.5, "stiffness": 5.0, "damping": 0.3, "rest_length": 1.0, "drag": 0.0}
+    size = {name: n if name in ("mass", "drag") else links for name in low}
+    numbers = {name: rng.uniform(low[name] + 0.1, 2 * low[name] + 0.5, size[name]) for name in low}
+    grip = {"friction_forward": rng.uniform(0.5, 1.0, n), "friction_backward": rng.uniform(1, 3, n)}
+    excess, phases = 1.3, rng.uniform(0, 2 * np.pi, links)
+    x0 = {"position": np.arange(n)[::-1] * 1.5, "velocity": rng.uniform(-1, 1, n)}
+    along = {name: rng.normal(size=len(v)) for name, v in (numbers | grip | x0).items()}
+
+    def other(step: float) -> tuple[np.ndarray, int]:
+        at = {k: v + step * along[k] for k, v in (numbers | grip | x0).items()}
+        ground = [
+            coulomb(f, b, excess)
+            for f, b in zip(at["friction_forward"], at["friction_backward"], strict=True)
+        ]
+        run = Followed(
+            {name: at[name] for name in numbers},
+            ground,
+            lambda t: (np.zeros(links), np.zeros(links)),
+            lambda t, *_: (4 * np.sin(5 * t - phases), np.zeros(0)),
+        )
+        return run.run(np.concatenate([at["position"], at["velocity"]]), end), run.count
+
+    law = Coulomb(1.0, 2.0, excess, 2 * excess)
+    worm = chain(links, **numbers, law=[law] * n, position=x0["position"])
+    worm = driven(worm, 4 * ca.sin(5 * worm.t - ca.DM(phases)))
+
+    def with_stiction(grip: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        more = {f"friction_stick_{w}": excess * grip[f"friction_{w}"] for w in WAYS}
+        return {**grip, **more}
+
+    values, tied = with_stiction(grip), with_stiction(along)
+    motion = simulate(worm, end, x0=x0, p=values, sensitivities={"all": tied})
+    assume(motion.doubts == ())
+    runs = [other(step) for step in (1e-4, -1e-4, 2e-4, -2e-4)]
+    assume(len({count for _, count in runs}) == 1)
+    by = (8 * (runs[0][0] - runs[1][0]) - (runs[2][0] - runs[3][0])) / 12e-4
+    assert np.abs(motion.end_derivative[:, 0] - by).max() < 1e-6 * np.abs(by).max()
+
+
+def driven(worm: Model, force: ca.SX) -> Model:
+    """The chain with its actuators' forces as expressions of time."""
+    (u,) = (s.symbol for s in worm.u)
+    outputs = [replace(o, expression=ca.substitute(o.expression, u, force)) for o in worm.outputs]
+    return replace(worm, ode=ca.substitute(worm.ode, u, force), u=(), outputs=outputs)
