@@ -15,7 +15,7 @@ HERE = Path(__file__).parents[1] / "problems" / "recordings"
 
 CHAIN = {
     "stiffness[0]": 62.0, "stiffness[1]": 47.0, "damping[0]": 1.3, "damping[1]": 0.8,
-    "rest_length[0]": 0.0615, "rest_length[1]": 0.0580, "forward": 0.17, "backward": 1.1,
+    "rest_length[0]": 0.0615, "rest_length[1]": 0.0580, "forward": 0.17, "backward": 0.55,
 }  # fmt: skip
 CHAIN_MASS, CHAIN_START, CHAIN_NOISE = (0.30, 0.25, 0.30), (0.12, 0.06, 0.0), 3e-4
 PAIR = {"damping": 0.012, "forward": 0.5 * 0.036, "backward": 1.0 * 0.036}

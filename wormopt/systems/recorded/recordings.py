@@ -75,7 +75,7 @@ def runs_of(
 
 def _columns(table: RecordingTable, folder: Path, key: str) -> Columns:
     if Path(table.file).suffix.lower() == ".nc":
-        return _netcdf(folder / table.file, table.time, f"{key}.file")
+        return _netcdf(table.path(folder), table.time, f"{key}.file")
     faults: list[Fault] = []
     columns = table.read(folder, faults, key)
     if columns is None:

@@ -13,6 +13,7 @@ from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
 from wormopt.fitting.inference.identifiability import Identifiability, identifiability
+from wormopt.fitting.inference.posterior import Posterior, posterior
 from wormopt.fitting.inference.prediction import Prediction, predict
 from wormopt.fitting.inference.profile import Profile, profile
 from wormopt.fitting.inference.whiteness import Whiteness, whiteness
@@ -25,12 +26,15 @@ from wormopt.quantities import UNITS, Scalar, Variable, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.recorded.found import Found, Number, markdown
+from wormopt.systems.recorded.found import Found, Number, label_of, markdown
 from wormopt.systems.recorded.recordings import Run, runs_of
-from wormopt.systems.recorded.scenes.fit import FitScene, FitUnknown
-from wormopt.systems.recorded.scenes.tables import near, scene_of
+from wormopt.systems.recorded.scenes.fit import FitScene, FitUnknown, PosteriorTable
+from wormopt.systems.recorded.scenes.tables import SearchTable, near, scene_of
 from wormopt.systems.shared.proof import one_or_all
 from wormopt.systems.shared.settings import treatment_of
+
+# Chance of residuals that hang together as they do, below which that is no chance.
+_LACKING = 1e-6
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -46,7 +50,7 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     task = _task(scene, model, runs)
     read = time.perf_counter()
     try:
-        found = fit(task, seeds=table.search.seeds, seed=table.search.seed, report=report)
+        found = _fitted(table.search, task, report)
     except Interrupted as stop:
         if not isinstance(stop.partial, Fit):
             raise Interrupted from None
@@ -62,6 +66,20 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     return _result(study, timings)
 
 
+def _fitted(search: SearchTable, task: FitTask, report: Report) -> Fit:
+    """Fit from several starts; from all of them where what is left is no noise."""
+    found = fit(task, seeds=search.seeds, seed=search.seed, report=report)
+    if len(found.starts) < search.seeds and _lacking(whiteness(found)):
+        more = {"seeds": search.seeds, "enough": search.seeds, "seed": search.seed}
+        found = fit(task, **more, report=report)
+    return found
+
+
+def _lacking(tests: Whiteness) -> bool:
+    """Whether residuals hang together so much that the model cannot be right as it is."""
+    return any(each.test == "correlation" and each.p < _LACKING for each in tests.tests)
+
+
 def _judged(
     scene: Scene[FitScene], model: Model, runs: Sequence[Run], found: Fit, report: Report
 ) -> _Study:
@@ -74,7 +92,22 @@ def _judged(
     )  # fmt: skip
     if table.profiles:
         study = replace(study, profiles=profile(found, level=table.level, report=report))
+    if table.posterior is not None:
+        study = replace(study, drawn=_drawn(scene, table.posterior, found, report))
     return study
+
+
+def _drawn(scene: Scene[FitScene], table: PosteriorTable, found: Fit, report: Report) -> Posterior:
+    try:
+        return posterior(
+            found,
+            draws=table.draws,
+            chains=table.chains,
+            seed=scene.table.search.seed,
+            report=report,
+        )
+    except ArgumentError as error:
+        raise SceneError(scene.name, [("posterior", str(error))]) from None
 
 
 def model_of(scene: Scene[FitScene]) -> Model:
@@ -146,6 +179,7 @@ class _Study:
     tests: Whiteness | None = None
     predictions: Sequence[Prediction] = ()
     profiles: Mapping[str, Profile] = field(default_factory=dict)
+    drawn: Posterior | None = None
 
     @property
     def numbers(self) -> Found:
@@ -176,13 +210,13 @@ def told(unit: str, units: str) -> str:
 
 
 def _result(study: _Study, timings: Mapping[str, float]) -> Result:
-    scene, found, numbers = study.scene, study.found, study.numbers
+    scene, numbers = study.scene, study.numbers
     seen = _seen(study)
     return conclude(
         scene,
         numbers.scalars | _scalars(study),
         numbers.variables + seen + _profiles(study),
-        checks=_checks(found),
+        checks=_checks(study),
         facts=_facts(study),
         warnings=_warnings(study),
         timings=timings,
@@ -197,9 +231,13 @@ def _result(study: _Study, timings: Mapping[str, float]) -> Result:
     )
 
 
-def _checks(found: Fit) -> Iterator[Check]:
+def _checks(study: _Study) -> Iterator[Check]:
+    found, drawn = study.found, study.drawn
     advice = f"the search has not converged: {found.reason}" if found.reason else ""
     yield Check("distance from the bottom", found.offset, 1.0, advice, found.converged)
+    if drawn is not None:
+        advice = f"the draws of the posterior are not to be trusted: {'; '.join(drawn.doubts)}"
+        yield Check("doubts of the posterior", float(len(drawn.doubts)), 0.0, advice)
 
 
 def _scalars(study: _Study) -> dict[str, Any]:
@@ -214,6 +252,7 @@ def _scalars(study: _Study) -> dict[str, Any]:
         "n_agreeing": sum(attempt.agrees for attempt in found.starts),
         "offset": found.offset,
         **_of_others(study),
+        **_posterior_intervals(study),
         **{f"noise_{name}": _noise(study, name, sd) for name, sd in found.noise.items()},
     }
 
@@ -226,6 +265,19 @@ def _of_others(study: _Study) -> dict[str, Any]:
         found["prediction_coverage"] = one_or_all([one.coverage for one in ahead])
         found["prediction_chi2"] = one_or_all([one.chi2 / one.freedom for one in ahead])
     return found
+
+
+def _posterior_intervals(study: _Study) -> dict[str, Scalar]:
+    """Intervals of the numbers by the draws of their posterior, where there are any."""
+    if study.drawn is None:
+        return {}
+    units = {number.name: number.unit for number in study.numbers.numbers}
+    ends = zip(study.drawn.names, study.drawn.interval(study.scene.table.level), strict=True)
+    return {
+        f"{label_of(name)}_posterior": Scalar(pair.tolist(), units[name])
+        for name, pair in ends
+        if name in units
+    }
 
 
 def _noise(study: _Study, name: str, sd: float) -> Scalar:
@@ -345,9 +397,21 @@ def _facts(study: _Study) -> dict[str, Any]:
             }
             for one in study.predictions
         ],
+        "posterior": _facts_of(study.drawn),
         "derivatives": "exact, through every event",
         "columns_left_out": {o.recording.name: list(o.left_out) for o in study.runs if o.left_out},
         "recorded_drives": {o.recording.name: list(o.drives) for o in study.runs if o.drives},
+    }
+
+
+def _facts_of(drawn: Posterior | None) -> dict[str, Any] | None:
+    if drawn is None:
+        return None
+    return {
+        "draws": int(np.prod(drawn.draws.shape[:2])),
+        "divergences": drawn.divergences,
+        "r_hat": dict(zip(drawn.names, drawn.r_hat.tolist(), strict=True)),
+        "effective": dict(zip(drawn.names, drawn.effective.tolist(), strict=True)),
     }
 
 
@@ -358,4 +422,9 @@ def _warnings(study: _Study) -> Iterator[str]:
     yield from found.warnings
     for judged in (study.known, study.tests, *study.predictions, *study.profiles.values()):
         yield from () if judged is None else judged.words
+    if study.tests is not None and _lacking(study.tests):
+        yield (
+            "the recordings are not explained: the model lacks something, or the search ended at "
+            "a wrong place; write other starts, narrower bounds or more search.seeds"
+        )
     yield from (f"{name} is at its bound" for name in found.at_bound)

@@ -25,7 +25,7 @@ from wormopt.systems.recorded.scenes.tables import scene_of
 # Of the error that a prior leaves, the share below which measurements tell nothing.
 _TELLS = 0.1
 _FINEST = 0.5  # of a step: how far neighbours are that a compass search tries last
-_SETTLED = 1e-3  # relative change of the cost, and of a number, that ends the search
+_SETTLED = 1e-8  # relative change of the cost, and of a number, that ends the search
 
 
 @dataclass(frozen=True, eq=False)

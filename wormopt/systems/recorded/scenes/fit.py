@@ -11,6 +11,7 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault, SceneError
 from wormopt.scene.numerics import Contacts, ExactContact
+from wormopt.scene.scene import packaged_folder
 from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, extreme_numbers, says
 from wormopt.scene.units import parsed
 from wormopt.systems.recorded.columns import Columns, read_csv
@@ -44,7 +45,10 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     are gaps. NetCDF-3 files, `result.nc` of a scene say, have a dimension `time`.
     """
 
-    file: Annotated[str, says("", "CSV or NetCDF-3, relative to the scene's folder")]
+    file: Annotated[
+        str,
+        says("", "CSV or NetCDF-3, relative to the scene's folder, or one that comes with wormopt"),
+    ]
     name: Annotated[Title, says("", "what results call the run; its file's if left out")] = ""
     use: Annotated[
         Literal["fit", "predict"],
@@ -86,6 +90,11 @@ class RecordingTable(Table, frozen=True, kw_only=True):
         """Name of the run."""
         return self.name or Path(self.file).stem
 
+    def path(self, folder: Path) -> Path:
+        """Where the file is: beside the scene, or among the packaged ones."""
+        beside, packaged = folder / self.file, packaged_folder() / self.file
+        return packaged if packaged.is_file() and not beside.is_file() else beside
+
     def faults(self, folder: Path, units: str, key: str) -> Iterator[Fault]:
         """Yield what is wrong with this table, at `key`, or with its file."""
         if self.window and not self.window[0] < self.window[1]:
@@ -103,9 +112,9 @@ class RecordingTable(Table, frozen=True, kw_only=True):
 
     def read(self, folder: Path, faults: list[Fault], key: str) -> Columns | None:
         """Read the file if it is CSV; adds what is wrong to `faults`, and gives None then."""
-        path = folder / self.file
+        path = self.path(folder)
         if not path.is_file():
-            beside = [p.name for p in path.parent.glob(f"*{path.suffix}")]
+            beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}"))
             hint = near(path.name, beside) if beside else "write where it lies"
             faults.append((f"{key}.file", f'there is no file "{self.file}" in {folder}; {hint}'))
             return None
@@ -162,7 +171,10 @@ class FitUnknown(UnknownTable, frozen=True, kw_only=True):
 
 
 class PosteriorTable(Table, frozen=True, kw_only=True):
-    """What numbers are possible, drawn from their posterior distribution by NUTS."""
+    """What numbers are possible, drawn from their posterior distribution by NUTS.
+
+    Needs `pip install 'wormopt[bayes]'`; results get `NAME_posterior`, the interval of the draws.
+    """
 
     draws: Annotated[Draws, says("count", "of each chain, once it has found its steps")] = 1000
     chains: Annotated[

@@ -80,8 +80,13 @@ class SearchTable(Table, frozen=True, kw_only=True):
     """From where the best fit is sought."""
 
     seeds: Annotated[
-        Seeds, says("count", "starts: the one given, and others spread within the bounds")
-    ] = 4
+        Seeds,
+        says(
+            "count",
+            "starts at most: the one given, and others spread around it within the bounds; once "
+            "three have ended at the best no other is tried",
+        ),
+    ] = 6
     seed: Annotated[Seed, says("count", "of the random numbers by which starts are spread")] = 0
 
 
