@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.fitting.estimate import Fit
+from wormopt.fitting.fit import fit
 from wormopt.fitting.inference.combination import sparse_basis
 from wormopt.fitting.inference.identifiability import identifiability
 from wormopt.fitting.inference.prediction import predict
@@ -22,6 +23,9 @@ from wormopt.fitting.inference.whiteness import ljung_box, runs_test, whiteness
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
+from wormopt.model.friction import Coulomb
+from wormopt.model.lift import lift
+from wormopt.model.model import Contact, Model, Signal
 
 T = np.linspace(0.0, 5.0, 41)
 SD = 0.3
@@ -71,6 +75,7 @@ def test_what_holds_at_one_point_only_is_not_told_as_a_law():
     assert "to first order" in known.words[0]
 
 
+@pytest.mark.slow
 def test_three_that_scale_together_are_one_combination_and_two_ratios():
     def oscillation(t, p):
         rate = p["d"] / (2 * p["a"])
@@ -135,7 +140,7 @@ def by_hand(task: FitTask) -> tuple[np.ndarray, np.ndarray, float]:
     return best, inverse, float(np.sum((y - X @ best) ** 2))
 
 
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("known", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_profiles_of_a_line_are_those_of_the_textbook(known: bool):
     task = line_task(SD if known else None)
     best, inverse, left = by_hand(task)
@@ -154,6 +159,7 @@ def test_profiles_of_a_line_are_those_of_the_textbook(known: bool):
         assert made[name].rises == pytest.approx(away, rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_crooked_profile_is_that_of_the_best_partner_in_closed_form():
     model = formula(lambda t, p: {"y": p["a"] * ca.exp(-p["k"] * t)}, a=2.0, k=0.8)
     y = noisy(5, 2 * np.exp(-0.8 * T), 0.5)
@@ -227,6 +233,7 @@ def test_portmanteau_and_runs_by_hand():
     assert ljung_box(gap, 1)[0] == pytest.approx(9 * 11 * r1**2 / 7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gaps", [0.0, 0.3])
 def test_false_alarms_are_as_frequent_as_said(gaps: float):
     rng = np.random.default_rng(11)
@@ -324,3 +331,33 @@ def test_chi2_of_predictions_is_distributed_as_said():
     for own in (False, True):
         ps = [predict(*two_runs(2 * seed, own)[:2]).p for seed in range(150)]
         assert stats.kstest(ps, "uniform").pvalue > 1e-3
+
+
+# -- a block that slides and stops ---------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_intervals_of_a_block_on_dry_ground_hold_the_truth_as_often_as_said():
+    """Recordings by v t - F t² / 2 until it stops; thrown and braked with numbers of each draw."""
+    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f")
+    (law,), friction = lift([Coulomb(1.0, 1.0)])
+    states = [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)]
+    contacts = [Contact("block", v, f, law)]
+    block = Model("block", states, ca.vertcat(v, f), p=friction, contacts=contacts)
+    held, times, rng = (
+        {"friction": 0, "throw": 0},
+        np.linspace(0.0, 2.0, 60),
+        np.random.default_rng(1),
+    )
+    unknowns = [Unknown("friction", "friction_forward", lower=0.0), Unknown("throw", "velocity")]
+    draws = 200
+    for _ in range(draws):
+        true = {"friction": rng.uniform(0.8, 2.0), "throw": rng.uniform(0.7, 1.5)}
+        until = np.minimum(times, true["throw"] / true["friction"])
+        way = true["throw"] * until - true["friction"] * until**2 / 2
+        read = way + 0.02 * rng.standard_normal(len(way))
+        run = Recording(times, {"position": read}, noise={"position": 0.02})
+        for name, made in profile(fit(FitTask(block, [run], unknowns), seeds=1)).items():
+            held[name] += made.interval[0] <= true[name] <= made.interval[1]
+    for count in held.values():
+        assert stats.binomtest(count, draws, 0.95).pvalue > 1e-3, held

@@ -52,6 +52,7 @@ def modules_after(code: str, folder: Path) -> set[str]:
         "from wormopt.cli import main; assert main(['check', 'film_forward']) == 0",
         "from wormopt.cli import main; assert main(['check', 'prototype_steps']) == 0",
         "from wormopt.cli import main; assert main(['check', 'linear_chain']) == 0",
+        "from wormopt.cli import main; assert main(['check', 'fit_chain']) == 0",
         "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
         "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
         "from wormopt.cli import main; assert main(['check', 'fig20_capsule']) == 0",

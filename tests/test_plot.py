@@ -99,6 +99,12 @@ SCENES: dict[str, tuple[str, ...]] = {
     "turning": ("planar_turn_in_place", SI),
     "path": ("planar_path",),
     "rod_frequency": ("fig22_frequency_response",),
+    "recordings": ("fit_chain",),
+    "correlation": ("fit_chain",),
+    "prediction": ("fit_chain",),
+    "parameters": ("fit_pair",),
+    "profiles": ("fit_pair",),
+    "measurements": ("fit_channel_worm",),
     "shift": ("gait_shift",),
     "transitions": ("gait_shift",),
 }

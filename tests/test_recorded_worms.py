@@ -206,10 +206,10 @@ def test_our_own_results_are_recordings(tmp_path: Path):
     """NetCDF as `Result.save` writes it: entries over time, by their units."""
     position = np.array([[0.06, 0.07, 0.09], [0.0, 0.01, 0.01]])
     signals = (
-        Variable("time", "s", ("time",), [0.0, 0.1, 0.2]),
+        Variable("time", "s", ("time",), np.array([0.0, 0.1, 0.2])),
         Variable("position", "m", ("mass", "time"), position),
-        Variable("energy", "mJ", ("time",), [1.0, 2.0, 3.0]),
-        Variable("spectrum", "m", ("frequency",), [1.0, 2.0]),
+        Variable("energy", "mJ", ("time",), np.array([1.0, 2.0, 3.0])),
+        Variable("spectrum", "m", ("frequency",), np.array([1.0, 2.0])),
     )
     Result("crawl", "simulate", variables=signals).save(tmp_path)
     worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)

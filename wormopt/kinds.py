@@ -422,7 +422,7 @@ KINDS: dict[str, Kind] = {
         pictures={"channel_velocity": "wormopt.systems.channel.plots.channel:channel_velocity"},
     ),
     "fit": Kind(
-        summary="numbers of a worm found from recordings of its motion, and how well they are known",
+        summary="numbers of a worm found from recordings of its motion, and how sure they are",
         table="wormopt.systems.recorded.scenes.fit:FitScene",
         study="wormopt.systems.recorded.runs.fit",
         pictures={

@@ -58,6 +58,9 @@ SCENES = {
         "predictive.horizon=0.1", "predictive.period=0.02", "estimation.window=0.1",
     ],
     "gait_shift": ['units="SI"', "way.goal=12.0"],
+    "fit_chain": [],
+    "fit_pair": [],
+    "fit_channel_worm": [],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
         "rates=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.rates=[20,100]",

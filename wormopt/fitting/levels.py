@@ -26,7 +26,7 @@ def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[s
     leverage = leverages(weights[:, None] * jacobian)
     found = {}
     for signal in signals:
-        rows = _rows(task, signal)
+        rows = rows_estimated(task, signal)
         free = max(1.0 - float(leverage[rows].sum()) / len(rows), 1.0 / len(rows))
         if task.loss == "linear":
             size = float(np.sqrt(np.mean(r[rows] ** 2) / free))
@@ -36,7 +36,7 @@ def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[s
     return found
 
 
-def _rows(task: FitTask, signal: str) -> np.ndarray:
+def rows_estimated(task: FitTask, signal: str) -> np.ndarray:
     """Rows of a signal in the runs that do not say its noise."""
     blocks = [b for b in task.blocks if b.signal == signal]
     open_ = [b for b in blocks if signal not in (task.recordings[b.run].noise or {})]

@@ -22,6 +22,7 @@ Form = Literal["product", "sum", "here"]
 # point only that is about half the move, of what leads on round-off.
 _MOVES, _LEFT = (0.1, -0.1, 0.01, -0.01), 1e-3
 _FAR_FROM_ZERO = 0.01  # what is nearer, in its size, has no relative change
+_MANY = 3  # unknowns, of which not every ratio is written down
 _NICE, _NEAR = 6, 1e-3  # exponents are told as fractions with such denominators, if so near
 
 
@@ -57,6 +58,8 @@ class Combination:
             return f"{moved} together change nothing, to first order"
         least = np.copysign(min(map(abs, self.changes)), self.changes[0])
         pairs = [(name, change / least) for name, change in pairs]
+        if self.form == "product" and len(pairs) > _MANY and all(_nice(c) == "1" for _, c in pairs):
+            return f"{_listed(list(self.names))} scale alike: only their ratios are known"
         letter = next(c for c in "cqsz" if c not in self.names)
         word = _factor if self.form == "product" else _summand
         kept = list(_products(pairs) if self.form == "product" else _sums(pairs))

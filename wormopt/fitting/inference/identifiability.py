@@ -125,7 +125,7 @@ def identifiability(found: Fit) -> Identifiability:
     >>> task = wo.FitTask(worm, [run], [wo.Unknown("mass"), wo.Unknown("stiffness")])
     >>> known = identifiability(wo.fit(task, seeds=1))
     >>> print(*known.words)
-    mass times c and stiffness times c change nothing: only stiffness / mass is known
+    mass times c and stiffness times c change nothing: only mass / stiffness is known
     """
     task, theta = found.task, found.theta
     sizes = np.maximum(np.abs(theta), task.nominal)

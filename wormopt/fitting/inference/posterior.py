@@ -19,6 +19,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.bounded import Unbounded
+from wormopt.fitting.levels import rows_estimated
 from wormopt.fitting.losses import robust
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD, spectrum
@@ -304,7 +305,7 @@ class Density:
         """Which rows (rows, l) have which of the estimated noises."""
         found = np.zeros((len(self.found.residuals), len(self.found.estimated)))
         for k, signal in enumerate(self.found.estimated):
-            found[self.task.rows_without_noise(signal), k] = 1.0
+            found[rows_estimated(self.task, signal), k] = 1.0
         return found
 
     @cached_property

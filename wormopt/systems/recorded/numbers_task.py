@@ -23,6 +23,11 @@ from wormopt.systems.recorded.scenes.fit_numbers import KeyUnknown, MeasuredTabl
 Say = Callable[[int, int], None]
 """Told how many of how many runs are done."""
 
+
+def untold(done: int, of: int) -> None:
+    """Tell nobody."""
+
+
 # Standard deviations that a measurement is off where the scene cannot be computed.
 _LOST = 1e6
 
@@ -42,7 +47,7 @@ class NumbersTask:
     scene: Scene[Any]
     measured: Sequence[MeasuredTable]
     unknowns: Sequence[KeyUnknown]
-    say: Say = lambda done, of: None  # noqa: ARG005  told to nobody
+    say: Say = untold
     runs: int = 0
     known: dict[bytes, Looked] = field(default_factory=dict)
 
