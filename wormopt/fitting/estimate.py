@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from wormopt.fitting.stretches import continuity
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.uncertainty import correlation_of, covariance_of, held_at, spectrum
 from wormopt.shown import SHORT, lines, text
@@ -110,6 +111,28 @@ class Fit:
     def noise(self) -> Mapping[str, float]:
         """Standard deviation of the readings of each signal, of the last run that has it."""
         return {b.signal: self.task.deviation(b.run, b.signal) for b in self.task.blocks}
+
+    def continuity(self, nodes: int = 6) -> float:
+        """Measure how well the motions found hang together.
+
+        Parameters
+        ----------
+        nodes : int, optional
+            At how many readings each run is cut.
+
+        Returns
+        -------
+        float
+            Largest jump between stretches that start on the motion found, in usual sizes of the
+            states: what errors of simulation grow to within a stretch. Large where a motion soon
+            goes elsewhere; then many nodes help, and errors are to be taken with care.
+
+        Raises
+        ------
+        ArgumentError
+            If the model has delays.
+        """
+        return continuity(self.task, self.theta, nodes)
 
     @cached_property
     def doubts(self) -> tuple[tuple[str, Doubt], ...]:

@@ -17,7 +17,7 @@ from wormopt.fitting.descent import (
     ways_of,
 )
 from wormopt.fitting.estimate import Attempt, Fit
-from wormopt.fitting.levels import noise_of
+from wormopt.fitting.levels import MEDIAN, noise_of
 from wormopt.fitting.starts import starts_of
 from wormopt.fitting.task import FitTask
 from wormopt.progress import Report, silent
@@ -74,9 +74,25 @@ def fit(
         If no start leads anywhere; the reason is that of the first.
     Interrupted
         If the user stopped it; `partial` is the best fit so far, None before there is one.
+
+    Examples
+    --------
+    How fast does it decay?
+
+    >>> import casadi as ca
+    >>> from wormopt.fitting.recording import Recording
+    >>> from wormopt.fitting.unknowns import Unknown
+    >>> from wormopt.model.model import Model, Signal
+    >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    >>> rates = [Signal("rate", rate, value=1.0)]
+    >>> decay = Model("decay", [Signal("x", x, value=1.0)], -rate * x, p=rates)
+    >>> seen = Recording([0.5, 1.0, 1.5], {"x": [0.37, 0.14, 0.05]}, span=(0.0, 1.5))
+    >>> found = fit(FitTask(decay, [seen], [Unknown("rate")]))
+    >>> found.converged, found.values.round(2), found.standard_errors.round(2)
+    (True, array([1.98]), array([0.01]))
     """
     _check(task, seeds, enough, nodes)
-    estimated = task.estimated
+    asked, estimated = task, task.estimated
     ends: list[Attempt] = []
     points: list[Descent] = []  # the best so far, or none
 
@@ -90,9 +106,9 @@ def fit(
             report("estimating noise", None)
             task, best = _with_levels(task, best, estimated)
     except KeyboardInterrupt:
-        partial = _told(task, points[0], ends, estimated, "interrupted") if points else None
+        partial = _told(asked, task, points[0], ends, "interrupted") if points else None
         raise Interrupted(partial) from None
-    return _told(task, best, ends, estimated)
+    return _told(asked, task, best, ends)
 
 
 def _of_starts(
@@ -124,6 +140,8 @@ def _of_starts(
             f"no start of the fit could be simulated: {first}",
             "begin with other numbers, or narrower bounds",
         ) from first
+    # by the errors of this noise; what is estimated later may be far smaller
+    ends[:] = [replace(end, agrees=_agrees(best, end)) for end in ends]
     return best
 
 
@@ -149,30 +167,45 @@ def _with_levels(
     return task, best
 
 
+def _excess(asked: FitTask, task: FitTask, theta: np.ndarray) -> float:
+    """How many times what noise explains is left of the signal of which most is left.
+
+    Noise that nobody said is held against how readings scatter from one to the next.
+    """
+    plain, _ = task.plain(theta)
+    left = np.abs(plain[: task.count] * task.deviations / asked.deviations)
+    if task.loss == "linear":
+        return max(float(np.sqrt(np.mean(left[rows] ** 2))) for rows in task.groups.values())
+    return max(float(np.median(left[rows])) / MEDIAN for rows in task.groups.values())
+
+
 def _told(
-    task: FitTask,
-    best: Descent,
-    ends: list[Attempt],
-    estimated: tuple[str, ...],
-    reason: str = "",
+    asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
-    """Say what was found and whether it holds."""
-    ends = sorted((replace(end, agrees=_agrees(best, end)) for end in ends), key=lambda e: e.cost)
+    """Say what was found and whether it holds; `asked` is the task before noise was estimated."""
+    ends = sorted(ends, key=lambda end: end.cost)
     same = sum(end.agrees for end in ends)
-    plain, _ = task.plain(best.theta)
-    excess = float(np.sqrt(np.mean(plain[: task.count] ** 2)))
+    excess = _excess(asked, task, best.theta)
     warnings = list(task.warnings)
-    if same < len(ends):
+    if same < len(ends) and not reason:
         warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
-    if excess > _EXPLAINED and not estimated:
+    if excess > _EXPLAINED:
+        which = "noise said" if not asked.estimated else "scatter of the readings"
         warnings.append(
-            f"residuals are {excess:.2g} times the noise said: the model does not tell all, or the "
-            "noise is larger"
+            f"residuals are {excess:.2g} times the {which}: the model does not tell all, or the "
+            "noise is of another kind"
         )
     if not reason and best.offset >= ARRIVED:
         reason = (
             f"the bottom was not reached: {best.offset:.2g} standard errors are left; events may "
             "appear or vanish there, or other starts help"
+        )
+    still = np.flatnonzero(~np.any(best.jacobian, axis=0))
+    if not reason and excess > _EXPLAINED and still.size:
+        names = ", ".join(task.names[k] for k in still)
+        reason = (
+            f"the motion does not depend on {names} here, and does not fit; begin with other "
+            "numbers, at which it does"
         )
     if not reason and len(ends) > 1 and same < 2 and excess > _EXPLAINED:
         reason = f"the best of {len(ends)} starts is alone and leaves {excess:.2g} times the noise"
@@ -185,7 +218,7 @@ def _told(
         converged=not reason,
         reason=reason,
         starts=tuple(ends),
-        estimated=estimated,
+        estimated=asked.estimated,
         warnings=tuple(warnings),
     )
     return replace(found, warnings=(*warnings, *_doubted(found)))

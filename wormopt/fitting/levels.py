@@ -12,7 +12,8 @@ from wormopt.fitting.uncertainty import leverages
 
 # Readings cannot be told to be better than motions are simulated.
 _ERRORS = 100.0
-_MEDIAN = 0.6745  # of the size of normal noise
+MEDIAN = 0.6745
+"""Of the size of normal noise, in standard deviations."""
 
 
 def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[str, float]:
@@ -31,7 +32,7 @@ def noise_of(task: FitTask, theta: np.ndarray, signals: Sequence[str]) -> dict[s
         if task.loss == "linear":
             size = float(np.sqrt(np.mean(r[rows] ** 2) / free))
         else:
-            size = float(np.median(np.abs(r[rows])) / _MEDIAN / np.sqrt(free))
+            size = float(np.median(np.abs(r[rows])) / MEDIAN / np.sqrt(free))
         found[signal] = max(size * task.level(signal), _least(task, signal))
     return found
 

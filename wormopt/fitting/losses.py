@@ -11,6 +11,7 @@ Loss = Literal["linear", "soft_l1", "huber", "cauchy"]
 # Residuals, in standard deviations, from which a loss departs from squares: the estimate of a
 # mean from normal noise has 95 % of the efficiency of least squares.
 SCALES: dict[Loss, float] = {"soft_l1": 1.287, "huber": 1.345, "cauchy": 2.385}
+_TINY = 1e-30
 
 
 def robust(r: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray]:
@@ -18,7 +19,7 @@ def robust(r: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray]:
     if loss == "linear":
         return r, np.ones_like(r)
     scale = SCALES[loss]
-    z = (r / scale) ** 2
+    z = np.maximum((r / scale) ** 2, _TINY)  # so small, it is the square to all digits
     if loss == "soft_l1":
         root = np.sqrt(1 + z)
         value, slope = 2 * z / (1 + root), 1 / root
@@ -29,5 +30,5 @@ def robust(r: np.ndarray, loss: Loss) -> tuple[np.ndarray, np.ndarray]:
     else:
         value, slope = np.log1p(z), 1 / (1 + z)
     size = np.sqrt(value)
-    steep = np.divide(slope * np.abs(r) / scale, size, out=np.ones_like(r), where=size > 0)
-    return np.copysign(scale * size, r), steep
+    steep = slope * np.sqrt(z) / size
+    return np.where(z > _TINY, np.copysign(scale * size, r), r), steep

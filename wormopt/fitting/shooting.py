@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.fitting.coordinates import Coordinate, known_values
 from wormopt.fitting.recording import Recording
-from wormopt.model.model import Model
+from wormopt.model.model import Model, pack
 from wormopt.simulation.options import Route, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -88,13 +89,47 @@ class Shooting:
 
     def predicted(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Signals that were read, (size, m) each."""
-        motion = self.motion(theta)
-        return {name: motion[name] for name in self.run.readings}
+        return self.observed(self.motion(theta))
+
+    def observed(self, motion: Trajectory) -> dict[str, np.ndarray]:
+        """Signals that were read, (size, m) each, of a motion."""
+        found = {}
+        for name in self.run.readings:
+            matrix = self._matrices[name]
+            found[name] = motion[name] if matrix is None else matrix @ motion.states
+        return found
+
+    def observed_along(self, motion: Trajectory) -> dict[str, np.ndarray]:
+        """Their derivatives (size, k, m) along the directions of the motion."""
+        found = {}
+        for name in self.run.readings:
+            matrix = self._matrices[name]
+            if matrix is None:
+                found[name] = motion.derivative(name)
+            else:
+                found[name] = np.tensordot(matrix, motion.state_derivatives, 1)
+        return found
+
+    @cached_property
+    def _matrices(self) -> dict[str, np.ndarray | None]:
+        """Of each signal the matrix that makes it of the states, None where there is none.
+
+        A product is a tenth of the work of evaluating expressions: link lengths are common.
+        """
+        return {name: _matrix(self.model, name) for name in self.run.readings}
 
     def derivatives(self, theta: np.ndarray) -> tuple[Trajectory, dict[str, np.ndarray]]:
         """Motion, and of signals that were read derivatives (size, k, m) by active coordinates."""
         motion = self.motion(theta, derivatives=True)
         slopes = np.array([self.coordinates[k].slope(theta[k]) for k in self.active])
-        return motion, {
-            name: motion.derivative(name) * slopes[:, None] for name in self.run.readings
-        }
+        along = self.observed_along(motion)
+        return motion, {name: columns * slopes[:, None] for name, columns in along.items()}
+
+
+def _matrix(model: Model, name: str) -> np.ndarray | None:
+    x, signal = pack(model.x), model[name]
+    matrix = ca.jacobian(signal, x)
+    rest = ca.simplify(ca.substitute(signal, x, ca.SX.zeros(x.numel())))
+    if not matrix.is_constant() or not rest.is_zero():
+        return None
+    return np.array(ca.DM(matrix))

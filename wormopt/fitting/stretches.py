@@ -112,13 +112,17 @@ class Lifted:
         self, stretch: Stretch, motion: Trajectory, columns: np.ndarray, slopes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         found, jacobian = [np.zeros(0)], [np.zeros((0, len(self.usual)))]
+        values, derivatives = (
+            stretch.shooting.observed(motion),
+            stretch.shooting.observed_along(motion),
+        )
         for signal, rows in stretch.shooting.run.readings.items():
             part = rows[:, stretch.readings]
             there = np.isfinite(part)
             deviation = self.task.deviation(stretch.shooting.number, signal)
-            r, steep = robust((motion[signal] - part)[there] / deviation, self.task.loss)
+            r, steep = robust((values[signal] - part)[there] / deviation, self.task.loss)
             along = np.zeros((len(r), len(self.usual)))
-            derivative = np.moveaxis(motion.derivative(signal), 1, 2)[there]
+            derivative = np.moveaxis(derivatives[signal], 1, 2)[there]
             along[:, columns] = steep[:, None] * derivative * slopes / deviation
             found.append(r)
             jacobian.append(along)
@@ -138,6 +142,25 @@ class Lifted:
         jacobian[:, columns] = motion.end_derivative * slopes / size[:, None]
         jacobian[:, stretch.after] -= np.diag(1 / size)
         return (motion.end - w[stretch.after]) / size, jacobian
+
+
+def continuity(task: FitTask, theta: np.ndarray, nodes: int) -> float:
+    """Largest jump, in usual sizes, of stretches that start where the whole motion is at nodes.
+
+    It is what errors of simulation grow to from node to node.
+    """
+    whole, w = lifted(task, theta, nodes)
+    for stretch in whole.stretches:
+        if stretch.state is not None:
+            motion = stretch.shooting.motion(theta, np.array([stretch.begin]))
+            w[stretch.state] = motion.states[:, 0]
+    largest = 0.0
+    for stretch in whole.stretches:
+        if stretch.after is not None:
+            motion = stretch.motion(theta, None if stretch.state is None else w[stretch.state])
+            jump = np.abs(motion.end - w[stretch.after]) / whole.usual[stretch.after]
+            largest = max(largest, float(jump.max()))
+    return largest
 
 
 def lifted(task: FitTask, theta: np.ndarray, nodes: int) -> tuple[Lifted, np.ndarray]:

@@ -362,10 +362,12 @@ class FitTask:
             jacobian[block.rows, self.shootings[block.run].active] = derivative
         jacobian /= self.deviations[:, None]
         priors, slopes = self.priors(theta)
-        r = np.append(self._weighed([motion for motion, _ in found]), priors)
+        pairs = zip(self.shootings, found, strict=True)
+        values = [shooting.observed(motion) for shooting, (motion, _) in pairs]
+        r = np.append(self._weighed(values), priors)
         return r, np.vstack([jacobian, slopes])
 
-    def _weighed(self, predicted: Sequence[Mapping[str, np.ndarray] | Trajectory]) -> np.ndarray:
+    def _weighed(self, predicted: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
         r = np.empty(self.count)
         for block in self.blocks:
             readings = self.recordings[block.run].readings[block.signal]

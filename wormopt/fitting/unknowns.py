@@ -90,7 +90,25 @@ class Unknown:
             raise ArgumentError(f"{self.name}: prior needs a finite mean and a positive deviation")
 
     def directions(self, model: Model) -> list[tuple[str, dict[str, np.ndarray]]]:
-        """Name and directions, signal -> array of its values' shape, of each of its numbers."""
+        """Say where each of its numbers stands.
+
+        Parameters
+        ----------
+        model : Model
+            In which.
+
+        Returns
+        -------
+        list of (str, dict of str to ndarray)
+            Name of each, and its directions: signal -> array of its values' shape.
+
+        Raises
+        ------
+        ArgumentError
+            If a direction does not fit its signal, or is 0.
+        UnknownNameError
+            If the model has no such signal.
+        """
         shapes = shapes_of(model)
         if self.targets is None:
             signal, entry = _entry(self.name, shapes)

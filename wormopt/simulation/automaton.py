@@ -193,7 +193,7 @@ class _Motion:
         self._stepper.h = step.h
         if located.arrived:
             self._count_crowd()
-            self._columns.leave(crossing.which, self._t, self._x)
+            self._columns.leave(crossing.which, self._t, self._x, self._watch.grazes)
             k = crossing.which - self._watch.n_contacts
             if k < 0:
                 self._decide(crossing.which)

@@ -63,6 +63,7 @@ class Watch:
         system, shared = task.system, (("p", p), ("s", modes))
         self._task, self._modes, self._sharing = task, modes, sharing
         self._n_x = len(task.x0)
+        self.grazes = False  # whether the crossing found last all but does not cross
         self.touched: list[tuple[int, float]] = []  # what all but crossed in the last step, where
         self.n_contacts = len(system.contacts) if system.exact else 0
         self.n = self.n_contacts + len(system.model.switches)
@@ -181,7 +182,9 @@ class Watch:
         found = [self._first(int(j), step, values[:, j], small[j]) for j in suspects]
         crossings = [crossing for crossing in found if crossing]
         if crossings:
-            return min(crossings, key=lambda crossing: crossing.theta)
+            first = min(crossings, key=lambda crossing: crossing.theta)
+            self.grazes = self._grazes(step, first, values[:, first.which])
+            return first
         self._levels[values.max(axis=0) > small] = 0.0
         return None
 
@@ -207,6 +210,15 @@ class Watch:
             if here > small:
                 level = 0.0
         return None
+
+    def _grazes(self, step: Step, crossing: Crossing, value: np.ndarray) -> bool:
+        """Whether a function would fall next to nothing below 0, and rise again in the step."""
+        after = value[:-1][_SAMPLES[:-1] > crossing.theta]
+        if not self._task.k or not (np.any(after < value[-1]) or value[-1] > 0):
+            return False
+        near: Any = {"bounds": (crossing.theta, 1.0), "method": "bounded"}
+        low: Any = minimize_scalar(lambda at: self._within(crossing.which, step, at), **near)
+        return bool(low.fun >= -self._next_to_nothing(crossing.which, np.abs(value).max()))
 
     def _next_to_nothing(self, j: int, around: float) -> float:
         """Value of an event function that errors of the motion may bridge; `around` are others."""

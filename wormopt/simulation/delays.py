@@ -38,12 +38,17 @@ def integrate_delayed(
     """Integrate a task whose model has delays.
 
     Gives it back with the schedules of all that was remembered, by which signals of the past can
-    be observed. Raises ArgumentError if the route keeps no polynomials of its steps, or a lag is
-    not positive.
+    be observed. Raises ArgumentError if the route keeps no polynomials of its steps, a lag is not
+    positive, or derivatives are asked for.
     """
     if route == "cvodes" or task.system.model.alg.numel():
         raise ArgumentError(
             "implicit integrators keep no past, which delays need; write route = 'auto'"
+        )
+    if task.directions:
+        raise ArgumentError(
+            f"{task.system.model.name} has signals of the past, whose derivatives are not known; "
+            "take differences of motions without sensitivities"
         )
     pasts = [_Past(task, memory) for memory in task.system.memories]
     for past in pasts:

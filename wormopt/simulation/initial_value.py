@@ -172,7 +172,8 @@ class Outcome:
     """What an integrator found, as far as it came; `status` is "done" or why it was given up.
 
     Reasons: "step_too_small", "not_finite", "too_many_steps", "stiff", "events_accumulate",
-    "no_contact_mode", "no_memory", "layer_not_resolved", "solver_failed", "steep_derivatives", "interrupted".
+    "no_contact_mode", "no_memory", "layer_not_resolved", "solver_failed", "interrupted",
+    "steep_derivatives".
     """
 
     status: str

@@ -245,7 +245,9 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         len(task.x0),
     )
     events = _events(task.system, outcome.events)
-    dense = np.delete(outcome.dense, slice(n_x, first), axis=2)
+    dense = outcome.dense
+    if first > n_x and len(dense):
+        dense = np.delete(dense, slice(n_x, first), axis=2)
     motion = Trajectory(
         system=task.system,
         route=outcome.route,

@@ -143,7 +143,7 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
                     double low = value_within(run, j, at, h);
                     return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
                 }
-                note_touch(run, j, at, least, fmax(a, here));
+                if (run->in.k) note_touch(run, j, at, least, fmax(a, here));
             }
         }
         if (k > 0 && here > small(run, j)) level = 0.0;
@@ -159,7 +159,7 @@ double find_event(Run *run, double h, long long *which) {
     for (long long i = 0; i < N_SAMPLES * n; i++)
         if (isnan(run->scan[i])) run->out.status = NOT_FINITE;
     double first = 2.0;
-    for (long long j = 0; j < n; j++) run->touch[j] = INFINITY;
+    for (long long j = 0; j < n && run->in.k; j++) run->touch[j] = INFINITY;
     for (long long j = 0; j < n; j++) {
         double theta = first_crossing(run, j, h, run->scan, first);
         if (theta >= first) continue;
@@ -171,8 +171,20 @@ double find_event(Run *run, double h, long long *which) {
     for (int k = 1; k < N_SAMPLES && SAMPLES[k] < first && first <= 1.0; k++)
         for (long long j = 0; j < n; j++)
             if (j != *which && run->scan[k * n + j] > small(run, j)) run->level[j] = 0.0;
-    doubt_touches(run, h, first);
+    if (run->in.k) doubt_touches(run, h, first);
     return first;
+}
+
+/* Whether function j would fall next to nothing below 0 after theta, and rise again in the step. */
+int grazes(Run *run, double h, double theta, long long j) {
+    const long long n = n_functions(run);
+    const double end = run->scan[(N_SAMPLES - 1) * n + j];
+    int rises = 0;
+    for (int k = 0; k < N_SAMPLES - 1; k++) rises |= SAMPLES[k] > theta && run->scan[k * n + j] < end;
+    double at, largest = 0.0;
+    for (int k = 0; k < N_SAMPLES; k++) largest = fmax(largest, fabs(run->scan[k * n + j]));
+    return (rises || end > 0.0)
+           && lowest(run, j, h, theta, 1.0, &at) >= -run->in.small_value * function_size(run, j, largest);
 }
 
 /* Length of the step that ends at the event. The polynomial is of a lower order than the steps, so
@@ -469,8 +481,8 @@ void decide_modes(Run *run, long long forced, int record) {
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);
     }
-    doubt_decision(run, forced, !record);
-    for (long long i = 0, any = 0; i < n && run->in.k && !any; i++) /* what rests has no velocity */
+    if (run->in.k) doubt_decision(run, forced, !record);
+    for (long long i = 0, any = 0; run->in.k && i < n && !any; i++) /* what rests has no velocity */
         if ((any = run->modes[i] == 0.0)) carry(run, run->in.project_along, 0);
     if (run->in.coupled) sweep_onsets(run);
     if (run->in.aims) follow_onsets(run);

@@ -27,7 +27,7 @@ static double largest(const double *values, long long count) {
 void doubt_event(Run *run, long long which, double rate, double parts) {
     const long long k = run->in.k, contacts = run->in.exact ? run->in.n_contacts : 0;
     const double mode = which < contacts ? run->modes[which] : 0.0, t = run->out.t;
-    if (fabs(rate) <= run->in.small_rate * parts) doubt(run, t, which, mode, GRAZING);
+    if (run->grazing || fabs(rate) <= run->in.small_rate * parts) doubt(run, t, which, mode, GRAZING);
     /* stops of contacts that do not act on each other may come in any order */
     const int stop = mode != 0.0 && !run->in.coupled;
     double apart = 0.0;
@@ -63,7 +63,7 @@ void suspect(Run *run, long long forced) {
 void doubt_decision(Run *run, long long forced, int at_start) {
     const long long n = run->in.n_contacts;
     const int stop = forced >= 0 && run->before[forced] != 0.0 && !run->in.coupled;
-    for (long long i = 0; i < n && run->in.k; i++) {
+    for (long long i = 0; i < n; i++) {
         const double mode = run->modes[i], share = share_left(run, i);
         if (mode == 0.0 && share <= run->in.small_value) doubt(run, run->out.t, i, mode, EDGE);
         if (run->suspect[i] == 0.0) continue;
@@ -72,18 +72,22 @@ void doubt_decision(Run *run, long long forced, int at_start) {
     }
 }
 
+/* Size of event function j, in comparison with which values are small. */
+double function_size(const Run *run, long long j, double range) {
+    if (j >= (run->in.exact ? run->in.n_contacts : 0)) return range;
+    return run->modes[j] != 0.0 ? run->in.nominal_speed[j] : force_scale(run, j);
+}
+
 /* Of the lowest value of event function j that is no event, against its range there. */
 void note_touch(Run *run, long long j, double at, double value, double range) {
-    const long long n = run->in.exact ? run->in.n_contacts : 0;
-    double size = range;
-    if (j < n) size = run->modes[j] != 0.0 ? run->in.nominal_speed[j] : force_scale(run, j);
-    if (run->in.k && value <= run->in.small_value * size && run->touch[j] > at) run->touch[j] = at;
+    const double size = function_size(run, j, range);
+    if (value <= run->in.small_value * size && run->touch[j] > at) run->touch[j] = at;
 }
 
 /* Of what was touched before `first` in the step of length h. */
 void doubt_touches(Run *run, double h, double first) {
     const long long n = run->in.exact ? run->in.n_contacts : 0;
-    for (long long j = 0; j < n_functions(run) && run->in.k; j++)
+    for (long long j = 0; j < n_functions(run); j++)
         if (run->touch[j] < first)
             doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);
 }

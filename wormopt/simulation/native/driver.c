@@ -130,6 +130,7 @@ static void start_afresh(Run *run) {
 
 static void go_to_event(Run *run, double h, double theta, long long which) {
     double length = theta * h;
+    run->grazing = run->in.k && grazes(run, h, theta, which);
     if (length > floor_of_step(run)) {
         length = polish_event(run, h, theta, which);
         close_step(run, length);

@@ -34,6 +34,7 @@ typedef struct {
     double *touch;         /* per event function where in a step it all but falls to 0; else INFINITY */
     double *last_along, last_time; /* of the last event: derivatives of its time, its time */
     long long last;        /* which it was */
+    int grazing;           /* the event under way falls next to nothing below 0 */
     int last_stop;         /* it was the stop of a contact that does not act on others */
     double *column_error;  /* size and error of each column of S */
     double t_break;        /* next break of any schedule */
@@ -67,6 +68,7 @@ long long n_functions(const Run *run);
 void event_values(Run *run, double t, const double *x, double *value);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
+int grazes(Run *run, double h, double theta, long long j);
 double force_scale(const Run *run, long long i);
 double share_left(const Run *run, long long i);
 double way_out(const Run *run, long long i);
@@ -91,6 +93,7 @@ void doubt(Run *run, double t, long long which, double mode, Reason reason);
 void doubt_event(Run *run, long long which, double rate, double parts);
 void suspect(Run *run, long long forced);
 void doubt_decision(Run *run, long long forced, int at_start);
+double function_size(const Run *run, long long j, double range);
 void note_touch(Run *run, long long j, double at, double value, double range);
 void doubt_touches(Run *run, double h, double first);
 

@@ -24,7 +24,7 @@ class Columns:
             return
         self._directions = p[n_p:].reshape(n_p, self.k)  # a view: schedules rewrite it
         self._n_x, self._states, self._rows = len(task.x0), system.row_state, system.row_contact
-        self._modes, self._exact = modes, system.exact
+        self._modes, self._exact, self._small_rate = modes, system.exact, task.small_rate
         self._n_contacts = len(system.contacts) if system.exact else 0
         shared = (("p", p), ("s", modes))
         self._rhs = Call(system.rhs, *shared)
@@ -32,7 +32,7 @@ class Columns:
         along = task.variation.functions
         self._along = {n: Call(f, *shared) for n, f in along.items() if n != "slopes"}
 
-    def leave(self, which: int, t: float, x: np.ndarray) -> None:
+    def leave(self, which: int, t: float, x: np.ndarray, grazes: bool) -> None:
         """Begin an event: how its time changes, and from then on the state at the event."""
         if not self.k:
             return
@@ -50,7 +50,8 @@ class Columns:
         changes = np.array([c[row] for c in self._each(name, t, x, self.dt)])
         self.dt[:] = np.where(changes == 0, 0.0, -changes / rate)
         parts = self._along[name.replace("s_along", "_parts")](t, x)[0][row]
-        self.doubts.event(t, which, mode, self.dt, float(rate), float(parts))
+        slow = grazes or abs(rate) <= self._small_rate * parts
+        self.doubts.event(t, which, mode, self.dt, slow)
         self.s += np.outer(dx[: len(self.s)], self.dt)
 
     def suspects(self, t: float, x: np.ndarray, stopped: np.ndarray) -> np.ndarray:

@@ -29,11 +29,9 @@ class Doubts:
         self._time, self._which, self._stopped = -np.inf, -1, False
         self._dt = np.zeros(self.task.k)
 
-    def event(
-        self, t: float, which: int, mode: float, dt: np.ndarray, rate: float, parts: float
-    ) -> None:
-        """Of an event whose time's derivatives are `dt`: rate of its function against its parts."""
-        if abs(rate) <= self.task.small_rate * parts:
+    def event(self, t: float, which: int, mode: float, dt: np.ndarray, grazes: bool) -> None:
+        """Of an event whose time's derivatives are `dt`."""
+        if grazes:
             self._add(t, which, mode, _GRAZING)
         # stops of contacts that do not act on each other may come in any order
         stop = self._is_stop(mode)

@@ -170,11 +170,6 @@ def variation(system: System, active: tuple[int, ...]) -> Variation:
 
     Raises ArgumentError where its motions have none that are exact.
     """
-    if system.model.delays:
-        raise ArgumentError(
-            f"{system.model.name} has signals of the past, along which derivatives are not known; "
-            "take differences of two motions"
-        )
     if system.exact and (len(system.planar) or system.shares):
         raise ArgumentError(
             f"contacts of {system.model.name} slide in the plane or share loads, where exact "
