@@ -16,7 +16,8 @@ Array = np.ndarray
 Push = Callable[[float, Array, Array, Array], Array]
 """Force on each mass but the ground's, from t, positions, velocities and the course's values."""
 
-_HOLD, _SPLIT = 1e-11, 1e-9  # of a stick force, of a time: less is round-off
+# Of a stick force, of a time, of a speed: less is round-off.
+_HOLD, _SPLIT, _LEFT = 1e-11, 1e-9, 1e-12
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ class Course:
         return self.coefficients[piece] @ (t - begin) ** np.arange(self.coefficients.shape[2])
 
 
-def square(period: float, low: Sequence[float], high: Sequence[float], phase: ArrayLike) -> Course:
+def square(period: float, low: ArrayLike, high: ArrayLike, phase: ArrayLike) -> Course:
     """Courses that jump between two values, each at its own share of the period."""
     phase = np.asarray(phase) % 1.0
     cuts = np.unique(np.round(np.concatenate([[0.0, 1.0], phase, (phase + 0.5) % 1.0]), 12))
@@ -228,7 +229,8 @@ def _stretch(
         return np.concatenate([y[n:], moves * (push(t, y) + slides) / bodies.mass])
 
     def stops(i: int) -> Any:
-        return lambda t, y: ways[i] * y[n + i]
+        slack = _LEFT if y[n + i] == 0 else 0.0  # who has just let go shall not stop by rounding
+        return lambda t, y: ways[i] * y[n + i] + slack
 
     def lets_go(i: int) -> Any:
         ground = bodies.ground[i]

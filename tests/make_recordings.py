@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from by_crawling import Crawler, FastGait, recorded
 from by_recordings import Course, Ground, Seen, chain, disturb, follow, pair
 
 HERE = Path(__file__).parents[1] / "problems" / "recordings"
@@ -19,6 +20,7 @@ CHAIN = {
 CHAIN_MASS, CHAIN_START, CHAIN_NOISE = (0.30, 0.25, 0.30), (0.12, 0.06, 0.0), 3e-4
 PAIR = {"damping": 0.012, "forward": 0.5 * 0.036, "backward": 1.0 * 0.036}
 PAIR_PUSH, PAIR_NOISE = 0.036, 0.01
+CRAWL, CRAWL_NOISE = Crawler(FastGait(2.0), np.array([1.1, 0.9, 1.3]), 0.5, 5.3), 0.2
 
 
 def lines(time: np.ndarray, rows: np.ndarray) -> Course:
@@ -74,6 +76,10 @@ def main() -> None:
     about = "synthetic: equation (16) by scipy's DOP853 with events, tests/make_recordings.py"
     columns = {"time": seen.time, **{f"position[{k}]": seen.values["position"][k] for k in (0, 1)}}
     write("pair.csv", about, columns, ".6g")
+    seen = recorded(CRAWL, CRAWL_NOISE, 5)
+    about = "synthetic: (3), (7), (15) by scipy's DOP853 with events, tests/make_recordings.py"
+    columns = {f"mu{k}": seen.values["actuator_force"][k] for k in (0, 1)}
+    write("crawl.csv", about, {"time": seen.time, **columns}, ".6g")
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ USES: dict[str, set[str]] = {
     "channel": {"coils"},
     "peristaltic": {"coils"},
     "planar": set(),
-    "recorded": set(),
+    "recorded": {"spiked"},
 }
 
 

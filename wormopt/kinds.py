@@ -456,6 +456,18 @@ KINDS: dict[str, Kind] = {
         },
         table_file=True,
     ),
+    "fit-design": Kind(
+        summary="a gait that keeps its limits for a worm whose numbers were found from recordings",
+        table="wormopt.systems.recorded.scenes.fit_design:FitDesignScene",
+        study="wormopt.systems.recorded.runs.fit_design",
+        pictures={
+            "forces": "wormopt.systems.recorded.plots.fit_design:forces",
+            "loads": "wormopt.systems.recorded.plots.fit_design:loads",
+            "gait": "wormopt.systems.spiked.plots.gaits:gait",
+            "motion": "wormopt.systems.spiked.plots.gaits:motion",
+            "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+        },
+    ),
     "segment-shapes": Kind(
         summary="a segment of that body between two coils: assumed shapes and the exact elastica",
         table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",

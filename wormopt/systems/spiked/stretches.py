@@ -88,8 +88,7 @@ def periodic_stretches(
     Returns one period's stretches, times and sizes of spike impulses, and times at which the
     kinematic velocity W0 jumps down. Raises SolveError if it glides faster period by period.
     """
-    cells = [cell for piece in range(drive.gait.pieces) for cell in _cells(drive, piece)]
-    w = 0.0
+    cells, w = kinematic_stretches(drive), 0.0
     for _ in range(500):
         stretches, impulses, drops, end = _one_period(drive, cells, w)
         if abs(end - w) <= 1e-13 * drive.rate_scale:
@@ -99,6 +98,11 @@ def periodic_stretches(
         "the worm glides on from period to period and never settles",
         "raise worm.load or worm.drag, or choose a longer period",
     )
+
+
+def kinematic_stretches(drive: Drive) -> list[Stretch]:
+    """Stretches of one period while a mass rests throughout: the gait alone decides which."""
+    return [cell for piece in range(drive.gait.pieces) for cell in _cells(drive, piece)]
 
 
 def _cells(drive: Drive, piece: int) -> list[Stretch]:

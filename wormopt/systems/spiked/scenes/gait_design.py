@@ -27,8 +27,8 @@ from wormopt.systems.spiked.task import Cost, GaitProblem, Objective
 
 Points = Annotated[int, Meta(ge=3, le=50, description="a whole number from 3 to 50")]
 
-# Quantities that depend on the objective stand here as those of a speed.
-_DESIGN_SCALARS = MOTION_SCALARS | {
+# Of all designs; quantities that depend on the objective stand here as those of a speed.
+DESIGN_SCALARS = MOTION_SCALARS | {
     "period": ("time", "the shortest after which the motion repeats: of one cycle"),
     "advance": ("length", "of one cycle"),
     "cycles": ("count", "the fewest that together last a period that `gait.period` allows"),
@@ -199,7 +199,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "cycles",
         "mode_sequence",
     )
-    scalars: ClassVar = _DESIGN_SCALARS | {
+    scalars: ClassVar = DESIGN_SCALARS | {
         "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
         "bound": (
             "speed",
@@ -319,7 +319,7 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
         "period",
         "mode_sequence",
     )
-    scalars: ClassVar = _DESIGN_SCALARS | {
+    scalars: ClassVar = DESIGN_SCALARS | {
         "acceleration_effort": ("acceleration_squared", "where it is the cost"),
         "front_objective": ("1", "the cost, as in `pareto.against`"),
         "front_points": ("count", "points that count"),

@@ -1,0 +1,93 @@
+"""Scene fit_then_design: a gait on numbers that a crawl has told, tried on the worm as it is."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.errors import SceneError, SolveError
+
+PROBLEMS = Path(__file__).parents[1] / "problems"
+TRUE = {"mass": [1.1, 0.9, 1.3], "drag": 0.5, "load": 5.3}  # of tests/make_recordings.py
+CORNERS = {
+    "shape": "accordion", "period": 2.0, "length": [0.7, 1.3], "profile": "trapezoid", "ramp": 0.0
+}  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_gait_keeps_its_limit_on_the_worm_as_it_is():
+    result = wo.run("fit_then_design")
+    assert result.status == "ok"
+    number = {name: scalar.value for name, scalar in result.scalars.items()}
+    for name, true in TRUE.items():
+        off = np.subtract(number[f"{name}_found"], true) / number[f"{name}_error"]
+        assert np.all(np.abs(off) < 4), name
+    assert result.trust["fit"]["noise"]["actuator_force"] == pytest.approx(0.2, rel=0.06)
+    assert number["plant_spike_load_max"] < 27.0 < number["plant_spike_load_bold"]
+    assert 0.98 < number["plant_share"] < 1.0
+    assert number["plant_distance"] < number["reach"]
+    assert number["load_width_needed"] <= number["load_width"]
+    inside = np.abs(result["read_force"].values - result["fitted_force"].values) < 0.4
+    assert inside.mean() == pytest.approx(0.954, abs=0.015)
+
+
+@pytest.mark.slow
+def test_a_plant_outside_what_was_fitted_fails_the_trial():
+    """The load has grown since: the gait is right for what was recorded, not for what is."""
+    result = wo.run("fit_then_design", {"plant.load": 5.9})
+    assert result.status == "failed"
+    assert "on the plant gait.spike_load is exceeded" in result.reason
+
+
+@pytest.mark.slow
+def test_numbers_that_no_recording_tells_are_said(tmp_path: Path):
+    """A head that only rests or moves with its neighbour: too few instants to tell three masses."""
+    scene = _copy(tmp_path)
+    lines = (PROBLEMS / "recordings/crawl.csv").read_text().splitlines()
+    (tmp_path / "recordings/crawl.csv").write_text("\n".join(lines[:4]) + "\n")
+    with pytest.raises((SolveError, SceneError), match=r"tell|readings|unknowns"):
+        wo.run(scene)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"worm.load": [4.0, 5.0]}, "worm.load: a range of loads"),
+        ({"gait.sharing": "least_actuation"}, 'gait.sharing: "least_actuation"'),
+        ({"fit.numbers": []}, "fit.numbers: none"),
+        ({"plant.mass": [1.0, 1.0]}, "plant.mass: 2 entries"),
+        ({"confidence": 1.0}, "confidence: .*0.9999 say"),
+        ({"worm.links": 3}, 'recording.0..gait.shape: "fast" has 2 links'),
+    ],
+)
+def test_scenes_that_do_not_fit_together_are_refused(changes: dict, told: str):
+    with pytest.raises(SceneError, match=told):
+        wo.load_scene("fit_then_design", changes)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"fit.noise": {"actuator": 0.2}}, "actuator"),
+        ({"recording": [{"columns": {"mu0": "force[0]", "mu1": "force[1]"}}]}, "no signal force"),
+        ({"recording": [{"gait": CORNERS}]}, "corners"),
+    ],
+)
+def test_recordings_that_do_not_fit_the_worm_are_refused(change: dict, told: str):
+    tables = {key: value for key, value in change.items() if key != "recording"}
+    if "recording" in change:
+        usual = {
+            "file": "recordings/crawl.csv",
+            "columns": {"mu0": "actuator_force[0]", "mu1": "actuator_force[1]"},
+            "gait": {"shape": "fast", "period": 2.0, "rest_length": 1.0},
+        }
+        tables["recording"] = [usual | change["recording"][0]]
+    with pytest.raises(SceneError, match=told):
+        wo.run(wo.load_scene("fit_then_design", tables))
+
+
+def _copy(folder: Path) -> Path:
+    shutil.copytree(PROBLEMS / "recordings", folder / "recordings")
+    return Path(shutil.copy(PROBLEMS / "fit_then_design.toml", folder))
