@@ -308,7 +308,7 @@ def surface_by_shooting(profile: Profile, load: float, guess: Any) -> Any:
     return solve_bvp(rhs, ends, x, start, p=[level / mean], tol=1e-7, max_nodes=5000)
 
 
-@pytest.mark.parametrize("walls", ["upright", "pinned"])
+@pytest.mark.parametrize("walls", ["upright", pytest.param("pinned", marks=pytest.mark.slow)])
 def test_another_collocation_finds_the_same_surface(walls: str):
     _, _, profile, _ = parts(f'layer.walls="{walls}"', "fluid.saturation=2e4")
     settled = settle(profile)
