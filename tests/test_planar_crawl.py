@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effort import examples
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -142,6 +142,7 @@ def test_turn_in_place_turns_and_goes_nowhere():
 
 @settings(max_examples=examples(20), deadline=None)
 @given(st.floats(0.2, 0.98), st.floats(0.5, 2.5), st.floats(-2.8, 2.8))
+@example(0.5, 1.0, 7e-189)
 def test_the_long_link_rests_while_the_closed_form_says_so(ratio, grip, phi):
     hold = float(swing_hold(phi, ratio, grip))
     closed = (np.cos(phi) + ratio) ** 2

@@ -77,7 +77,7 @@ def test_the_least_effort_has_a_straight_drive(longest: float, duration: float):
     # least at T = sqrt(6): who has more time rests
     result = solved("slide", 'minimise="effort"', f"time={longest}")
     assert value(result, "objective") == pytest.approx(duration + 12 / duration**3, abs=1e-7)
-    assert duration - 1e-6 <= value(result, "time") <= longest
+    assert duration - 1e-6 <= value(result, "time") <= longest + 1e-12
     if longest > duration:
         return  # when it rests is all the same
     drive, t = result["force"].values, result["instant"].values
