@@ -112,7 +112,7 @@ def simulate_ensemble(
         When to sample, alike for all.
     tolerance : Tolerance, optional
         How exact.
-    route : {"auto", "native", "python", "cvodes"}, optional
+    route : {"auto", "native", "python", "radau", "cvodes"}, optional
         How to integrate, see `simulate`.
     threads : int, optional
         How many at a time; as many as there are cores if left out.
