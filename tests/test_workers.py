@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from wormopt.numerics.workers import Workers, alone
+from wormopt.result import Result
 
 
 def square(x: int) -> int:
@@ -140,6 +141,24 @@ def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Pat
         _, told = run.communicate(timeout=60)
     assert "Traceback" not in told
     assert run.returncode == 130
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGTERM")
+def test_whoever_is_asked_to_end_saves_what_there_is_and_leaves_no_process(tmp_path: Path):
+    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
+    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    with subprocess.Popen([*command, "-o", str(tmp_path / "r")], text=True, **kwargs) as run:
+        time.sleep(8)
+        run.send_signal(signal.SIGTERM)
+        _, told = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "Traceback" not in told
+    assert Result.load(tmp_path / "r").reason.startswith("interrupted")
+    begin = time.monotonic()
+    while subprocess.run(["pgrep", "-s", str(run.pid)], stdout=subprocess.DEVNULL).returncode == 0:
+        assert time.monotonic() - begin < 10
+        time.sleep(0.1)
 
 
 def test_a_process_of_its_own_has_no_workers():

@@ -63,7 +63,7 @@ def _asked_to_end() -> Iterator[None]:
         yield
         return
 
-    def end(number: int, frame: FrameType | None) -> None:
+    def end(_number: int, frame: FrameType | None) -> None:
         interrupt = signal.getsignal(signal.SIGINT)
         if not callable(interrupt):  # what runs in the background is started without
             raise KeyboardInterrupt
