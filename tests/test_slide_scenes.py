@@ -85,6 +85,14 @@ def test_the_least_effort_has_a_straight_drive(longest: float, duration: float):
     assert drive == pytest.approx(straight, abs=1e-3)
 
 
+def test_nothing_is_said_of_equations_that_fix_variables(capfd: pytest.CaptureFixture[str]):
+    # it brakes with 3 + 1 from 1 to 0: T = 1/4, way 1/8; all phases but one are left out
+    result = solved("slide_back", "end.position=0.125")
+    assert result.status == "ok"
+    assert value(result, "time") == pytest.approx(0.25, abs=1e-9)
+    assert capfd.readouterr().err == ""
+
+
 def test_units_scale_the_answer():
     # ten times the way and mass, forces a hundredfold: time by the root of their ratio
     changes = ("end.position=10", "block.mass=10", "block.force=300", "block.friction.forward=100")
