@@ -21,7 +21,7 @@ from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scene import load_scene, packaged_scenes
-from wormopt.simulation.options import Smooth
+from wormopt.simulation.options import Route, Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.shared import proof, signals
 from wormopt.systems.shared.proof import warnings_of_contact
@@ -88,7 +88,7 @@ def test_a_check_that_would_take_for_ever_ends_where_it_is_and_still_sees_what_i
     assert second["error"] < 1e-7
     assert any("was compared at t = " in text for text in result.trust["warnings"])
 
-    def heavier(model: Model, *given: Any, route: str, **options: Any) -> Any:
+    def heavier(model: Model, *given: Any, route: Route, **options: Any) -> Any:
         wrong = replace(model, ode=1.001 * model.ode) if route == "radau" else model
         return simulate(wrong, *given, route=route, **options)
 

@@ -111,8 +111,8 @@ def test_an_error_of_the_work_is_told(pool: Workers):
 
 def test_workers_have_no_workers(pool: Workers):
     assert list(pool.map(nested, [3, 4])) == [(1, [0, 1, 4]), (1, [0, 1, 4, 9])]
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        assert pool.map(nested, [3]) == [(1, [0, 1, 4])]
+    with multiprocessing.get_context("spawn").Pool(1) as spawned:
+        assert spawned.map(nested, [3]) == [(1, [0, 1, 4])]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as others:
         assert list(others.map(nested, [3])) == [(2, [0, 1, 4])]
