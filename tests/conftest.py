@@ -17,7 +17,8 @@ gc.set_threshold(100_000, 20, 20)
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
-from effort import FULL  # noqa: E402
+from effort import FULL, examples  # noqa: E402
+from hypothesis import settings  # noqa: E402
 
 import wormopt as wo  # noqa: E402
 from wormopt.result import Result  # noqa: E402
@@ -26,6 +27,11 @@ from wormopt.result import Result  # noqa: E402
 def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("markexpr") != "not slow":
         os.environ[FULL] = "1"
+    # Fast runs are the same every time: what chance finds is found by those with the slow tests,
+    # and not in the way of a change that has nothing to do with it.
+    fast = not os.environ.get(FULL)
+    settings.register_profile("effort", max_examples=examples(100), derandomize=fast)
+    settings.load_profile("effort")
 
 
 @pytest.fixture(scope="session")

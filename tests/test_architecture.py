@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterable, Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -67,9 +68,15 @@ def module_name(path: Path, root: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
+@cache
+def _imports(text: str) -> list[ast.Import | ast.ImportFrom]:
+    """All imports of a file, of which the trees are not kept."""
+    return [n for n in ast.walk(ast.parse(text)) if isinstance(n, (ast.Import, ast.ImportFrom))]
+
+
 def imports_of(path: Path, modules: Iterable[str]) -> Iterator[str]:
     """Modules of the package that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _imports(path.read_text(encoding="utf-8")):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in modules)
         elif isinstance(node, ast.ImportFrom):
@@ -136,7 +143,7 @@ def undeclared(root: Path) -> list[str]:
     found = []
     for path in root.rglob("*.py"):
         importer = module_name(path, root)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in _imports(path.read_text(encoding="utf-8")):
             if not isinstance(node, ast.ImportFrom) or not system(node.module or ""):
                 continue
             used = system(node.module or "")

@@ -110,6 +110,14 @@ def test_loads_of_gait_15_follow_their_formulas(
     assert motion.smallest_period == pytest.approx(shortest, rel=1e-10)
 
 
+@pytest.mark.parametrize("period", [1e-30, 1e-3, 1e3])
+def test_the_smallest_period_is_that_of_the_shape(period: float):
+    """However far from it the period is that the gait was given."""
+    drive = ([1.0, 2.0, 1.0], 0.5, 20.0)
+    far, near = (crawl(fast_gait(t), *drive).smallest_period for t in (period, 1.0))
+    assert far == pytest.approx(near, rel=1e-12)
+
+
 def test_the_smallest_load_of_gait_15_is_that_of_theory():
     motion = crawl(fast_gait(1.0), [1.0] * 3, 1.0, 20.0)
     assert motion.smallest_load == pytest.approx(17.765288, abs=1e-6)

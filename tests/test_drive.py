@@ -62,7 +62,7 @@ def rates_by_hand(x: np.ndarray, u: np.ndarray, v_reg: float) -> np.ndarray:
     return np.concatenate([v, net / MASS])
 
 
-@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("periodic", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_driven_chain_moves_as_by_hand(periodic: bool):
     """Three pieces of cubics with jumps, and twice as long again."""
     until, v_reg = 3.0, 0.05

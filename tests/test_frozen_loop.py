@@ -86,7 +86,8 @@ def test_margins_of_one_link_agree_with_control(control: Any, feedback: Any):
     opened = control.ss(*loop.opened, 0)
     ours = loop.margins()
     gain, phase, *_ = control.stability_margins(opened)
-    assert ours.gain == gain == np.inf
+    assert ours.gain == np.inf
+    assert gain > 1e9  # there is none, but for rounding
     assert ours.phase == pytest.approx(math.radians(phase), rel=1e-6)
     disk = control.disk_margins(opened, np.logspace(-3, 6, 4001))[0]
     assert ours.disk == pytest.approx(disk, rel=1e-4)

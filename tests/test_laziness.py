@@ -4,8 +4,10 @@ import json
 import re
 import subprocess
 import sys
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -88,17 +90,18 @@ def test_a_result_is_held_without_scipy(tmp_path: Path):
     assert "scipy" not in modules_after("import wormopt; wormopt.Result('a', 'gait')", tmp_path)
 
 
-def loaded_by_a_run(arguments: list[str], folder: Path) -> set[str]:
-    """Full names of the modules in sys.modules after `wormopt run`."""
+@cache
+def loaded_by_a_run(*arguments: str) -> set[str]:
+    """Full names of the modules in sys.modules after `wormopt run`, done once for all who ask."""
     script = (
         "import json, sys\n"
         "from wormopt.cli import main\n"
-        f"assert main({arguments!r}) == 0\n"
+        f"assert main({['run', *arguments]!r}) == 0\n"
         "print(json.dumps(sorted(sys.modules)), file=sys.stderr)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True
-    )
+    command = [sys.executable, "-c", script]
+    with TemporaryDirectory() as folder:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
     return set(json.loads(done.stderr.splitlines()[-1]))
 
 
@@ -114,30 +117,28 @@ def among(names: set[str], loaded: set[str]) -> set[str]:
     return names & loaded
 
 
-def test_a_kinematic_scene_loads_no_nonlinear_programming(tmp_path: Path):
-    loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
+def test_a_kinematic_scene_loads_no_nonlinear_programming():
+    loaded = loaded_by_a_run("fast_gait", "--json", "--no-plots")
     assert not within("wormopt.ocp", loaded)
     assert "casadi" not in loaded
     assert not among({"wormopt.systems.spiked.search.search"}, loaded)
 
 
 @pytest.mark.parametrize("name", ["fig12_stress_strain", "fig15_film_flow"])
-def test_a_material_and_a_film_load_no_solver(tmp_path: Path, name: str):
-    loaded = loaded_by_a_run(["run", name, "--json", "--no-plots"], tmp_path)
+def test_a_material_and_a_film_load_no_solver(name: str):
+    loaded = loaded_by_a_run(name, "--json", "--no-plots")
     assert not among({"casadi", "scipy.optimize", "scipy.integrate", "matplotlib"}, loaded)
 
 
-def test_a_switched_row_loads_no_casadi(tmp_path: Path):
+def test_a_switched_row_loads_no_casadi():
     few = ["--set", "coils.count=8", "--set", "line.margin=1"]
-    loaded = loaded_by_a_run(
-        ["run", "fig24_travelling_wave", "--json", "--no-plots", *few], tmp_path
-    )
+    loaded = loaded_by_a_run("fig24_travelling_wave", "--json", "--no-plots", *few)
     assert not among({"casadi", "matplotlib"}, loaded)
     assert not within("wormopt.ocp", loaded)
 
 
-def test_a_kinematic_scene_loads_no_compiled_simulation(tmp_path: Path):
-    loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
+def test_a_kinematic_scene_loads_no_compiled_simulation():
+    loaded = loaded_by_a_run("fast_gait", "--json", "--no-plots")
     unwanted = ("native", "simulate", "automaton", "sundials", "ensemble")
     assert not among({f"wormopt.simulation.{name}" for name in unwanted}, loaded)
     assert not within("wormopt.control", loaded)
@@ -145,10 +146,10 @@ def test_a_kinematic_scene_loads_no_compiled_simulation(tmp_path: Path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["fig05_lambda_trackers", "own_model"])
-def test_a_compiled_simulation_loads_no_integrator_of_scipy(tmp_path: Path, name: str):
+def test_a_compiled_simulation_loads_no_integrator_of_scipy(name: str):
     # the second route of exact contact is in Python, over scipy
     change = [] if name.startswith("fig05") else ["--set", "tolerance.recheck=false"]
-    loaded = loaded_by_a_run(["run", name, "--json", "--no-plots", *change], tmp_path)
+    loaded = loaded_by_a_run(name, "--json", "--no-plots", *change)
     assert "wormopt.simulation.native.kernel" in loaded
     unwanted = {"scipy.integrate", "scipy.optimize", "scipy.interpolate", "matplotlib", "control"}
     assert not among(unwanted, loaded)
@@ -156,34 +157,34 @@ def test_a_compiled_simulation_loads_no_integrator_of_scipy(tmp_path: Path, name
     assert not within("wormopt.ocp", loaded)
 
 
-def test_a_design_of_one_sequence_loads_no_relaxation(tmp_path: Path):
+def test_a_design_of_one_sequence_loads_no_relaxation():
     own = ["--set", "search.sequence=[[0],[1],[2]]", "--set", 'search.effort="quick"']
-    loaded = loaded_by_a_run(["run", "design_fast_gait", "--json", "--no-plots", *own], tmp_path)
+    loaded = loaded_by_a_run("design_fast_gait", "--json", "--no-plots", *own)
     assert "wormopt.systems.spiked.search.search" in loaded
     assert not among({"casadi", "wormopt.ocp.nlp"}, loaded)  # programs are linear, one by one
     proofs = ("certify.tree", "certify.relaxation", "runs.gait_certificate")
     assert not among({f"wormopt.systems.spiked.{name}" for name in proofs}, loaded)
 
 
-def test_step_commands_load_no_casadi(tmp_path: Path):
-    loaded = loaded_by_a_run(["run", "prototype_steps", "--json", "--no-plots"], tmp_path)
+def test_step_commands_load_no_casadi():
+    loaded = loaded_by_a_run("prototype_steps", "--json", "--no-plots")
     assert not among({"casadi", "matplotlib"}, loaded)
 
 
-def test_a_run_without_plots_loads_no_matplotlib(tmp_path: Path):
-    loaded = loaded_by_a_run(["run", "fast_gait", "--json", "--no-plots"], tmp_path)
+def test_a_run_without_plots_loads_no_matplotlib():
+    loaded = loaded_by_a_run("fast_gait", "--json", "--no-plots")
     assert "matplotlib" not in loaded
     assert "rich" not in loaded
 
 
-def test_a_plain_run_loads_no_cluster_no_report_no_sweep(tmp_path: Path):
-    loaded = loaded_by_a_run(["run", "design_fast_gait", "--json"], tmp_path)
+def test_a_plain_run_loads_no_cluster_no_report_no_sweep():
+    loaded = loaded_by_a_run("design_fast_gait", "--json")
     assert not among({"dask", "distributed", "filelock", "pandas", "xarray"}, loaded)
     for room in ("wormopt.sweeps", "wormopt.reports", "wormopt.exports"):
         assert not within(room, loaded), room
 
 
-def test_a_run_with_plots_leaves_pyplot_alone(tmp_path: Path):
-    loaded = loaded_by_a_run(["run", "fast_gait", "--quiet"], tmp_path)
+def test_a_run_with_plots_leaves_pyplot_alone():
+    loaded = loaded_by_a_run("design_fast_gait", "--json")
     assert "matplotlib" in loaded
     assert "matplotlib.pyplot" not in loaded

@@ -348,6 +348,7 @@ def test_exact_motions_confirm_the_branches(tmp_path: Path):
     )
 
 
+@pytest.mark.slow
 def test_folds_of_a_resonance(tmp_path: Path):
     friction = (
         'pair.friction={kind="stribeck", forward=0.3, backward=0.6, stick_forward=0.9, '

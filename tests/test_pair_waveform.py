@@ -125,6 +125,7 @@ def test_the_ground_takes_what_the_field_gives_and_has_no_mean_force(steep: Resu
     assert value(steep, "work_per_distance") > 2 * 0.5 * EPS
 
 
+@pytest.mark.slow
 def test_a_field_that_cannot_jump_keeps_its_slope_and_range(best: Result, steep: Result):
     assert steep.status == "ok"
     t, field = steep["instant"].values, steep["field"].values

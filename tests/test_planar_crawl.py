@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from effort import examples
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -139,8 +140,9 @@ def test_turn_in_place_turns_and_goes_nowhere():
     assert [x + turned[0], y + turned[1]] == pytest.approx(middle, abs=1e-12)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(st.floats(0.2, 0.98), st.floats(0.5, 2.5), st.floats(-2.8, 2.8))
+@example(0.5, 1.0, 7e-189)
 def test_the_long_link_rests_while_the_closed_form_says_so(ratio, grip, phi):
     hold = float(swing_hold(phi, ratio, grip))
     closed = (np.cos(phi) + ratio) ** 2

@@ -203,7 +203,7 @@ def test_singular_shapes_on_the_way_are_refused_by_name():
 def test_three_skids_of_a_straight_worm_or_an_arc_are_refused():
     skids = Constraints(skids=(0, 1, 2))
     with pytest.raises(SolveError, match="parallel"):
-        kinematic_motion(WORM, Polygon([[1.0, 1.0, -0.5], [1.0, 1.0, 0.7]]), skids)
+        kinematic_motion(WORM, Polygon([[1.0, 1.3, -0.5], [1.0, 1.3, 0.7]]), skids)
     # equal links bent alike: the bisectors are tangents of an arc, but those of the ends are not
     arc, inner = chain_shape(4, lengths=(1.0,) * 4), Constraints(skids=(1, 2, 3))
     with pytest.raises(SolveError, match="meet there"):

@@ -279,3 +279,14 @@ def test_steps_come_nearer_at_first_order_two_sided(law: Any) -> None:
     errors = [step_again(stepper, motion, step=step).coarse for step in steps.tolist()]
     assert np.polyfit(np.log(steps), np.log(errors), 1)[0] == pytest.approx(1.0, abs=0.15)
     assert errors[-1] < 1e-3
+
+
+def test_a_motion_of_next_to_no_length_is_not_taken_for_a_sensitive_one() -> None:
+    """Steps of 5e-9 come nearer until they differ by rounding, which is large beside the way."""
+    result = wo.run(wo.load_scene("planar_chain", ["time.end=1e-6", "want=[]"]))
+    assert result.status == "ok"
+    assert 0 < value(result, "distance") < 1e-12
+
+
+def value(result: wo.Result, name: str) -> Any:
+    return result.scalars[name].value

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -47,13 +48,19 @@ def test_every_quantity_of_a_result_has_a_unit_and_a_meaning(kind: str):
         assert what
 
 
+@cache
+def validator(kind: str) -> jsonschema.Draft202012Validator:
+    jsonschema.Draft202012Validator.check_schema(schema(kind))
+    return jsonschema.Draft202012Validator(schema(kind))
+
+
 @pytest.mark.parametrize("name", packaged_scenes())
 def test_packaged_scenes_keep_to_the_schema(name: str):
     raw = tomllib.loads(packaged_scenes()[name].read_text(encoding="utf-8"))
-    jsonschema.validate(raw, schema(raw["kind"]))
+    validator(raw["kind"]).validate(raw)
     wrong: dict[str, Any] = {**raw, "no_such_key": 1}
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(wrong, schema(raw["kind"]))
+        validator(raw["kind"]).validate(wrong)
 
 
 def test_the_command_prints_the_schema(capsys: pytest.CaptureFixture[str]):

@@ -5,6 +5,7 @@ import json
 import re
 import signal
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.model.friction import Coulomb
+from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scene import load_scene, packaged_scenes
-from wormopt.simulation.options import Smooth
+from wormopt.simulation.options import Route, Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.shared import proof, signals
 from wormopt.systems.shared.proof import warnings_of_contact
@@ -70,6 +72,39 @@ def test_a_second_route_that_gives_up_makes_the_result_fail(
     result = wo.run(load_scene(write(tmp_path, TRACK), ["tolerance.recheck=false"]))
     assert result.status == "ok"
     assert any("not rechecked" in text for text in result.trust["warnings"])
+
+
+def test_a_check_that_would_take_for_ever_ends_where_it_is_and_still_sees_what_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(proof, "_STIFF", 20)
+    monkeypatch.setattr(proof, "_SPENT_IN_PYTHON", 500)
+    scene = load_scene(write(tmp_path, TRACK), ["want=[]"])
+    result = wo.run(scene)
+    assert result.status == "ok"
+    second = result.trust["recheck"]
+    assert second["route"] == "radau"
+    assert 0 < second["until"] < 2
+    assert second["error"] < 1e-7
+    assert any("was compared at t = " in text for text in result.trust["warnings"])
+
+    def heavier(model: Model, *given: Any, route: Route, **options: Any) -> Any:
+        wrong = replace(model, ode=1.001 * model.ode) if route == "radau" else model
+        return simulate(wrong, *given, route=route, **options)
+
+    monkeypatch.setattr(proof, "simulate", heavier)
+    wrong = wo.run(scene)
+    assert "ends elsewhere" in wrong.reason, wrong.trust
+
+
+@pytest.mark.slow
+def test_a_stiff_motion_is_rechecked_to_its_end_by_implicit_steps(tmp_path: Path):
+    drive = 'actuation={law="harmonic", amplitude=0.8, period=2, lag=0.3}'
+    change = ["worm.damping=1e6", drive, "time.end=0.5"]
+    result = wo.run(load_scene(write(tmp_path, SIMULATE), change))
+    assert result.status == "ok"
+    assert result.trust["recheck"]["route"] == "radau"
+    assert "until" not in result.trust["recheck"]
 
 
 def test_a_motion_that_is_given_up_is_kept_as_far_as_it_came(

@@ -139,6 +139,7 @@ def test_an_order_and_its_rotations_are_one():
     assert speeds == pytest.approx([G1] * 3, abs=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(4), deadline=None, derandomize=True)
 @given(
     three,
@@ -202,10 +203,11 @@ def test_relaxing_a_limit_never_slows_down(
             ),
             ((0,), (2,)),
         ),
-        (  # phases as short as it takes to reach the largest rate, and arcs of no duration
+        pytest.param(  # phases as short as it takes to reach the largest rate, and empty arcs
             Worm(3, mass=(1.83, 0.906, 0.819, 1.93), drag=0.454, load=9.22),
             Limits(period=1.71, length=(0.839, 1.15), rate=1.07, acceleration=45.1),
             ((1,), (0,), (1,), (2,), (3,), (2,)),
+            marks=pytest.mark.slow,
         ),
     ],
 )

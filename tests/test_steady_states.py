@@ -82,7 +82,9 @@ def test_outputs_and_names_of_a_steady_state():
         state["height"]
 
 
-@pytest.mark.parametrize("detuning", [-1.5, -0.3, 0.2, 0.5, 2.0])
+@pytest.mark.parametrize(
+    "detuning", [-0.3, 0.5, *(pytest.param(d, marks=pytest.mark.slow) for d in (-1.5, 0.2, 2.0))]
+)
 @pytest.mark.parametrize(("forward", "backward"), [(0.5, 1.0), (0.2, 0.9), (1.0, 0.5), (0.6, 0.6)])
 def test_the_averaged_pair_rests_where_19_says(detuning: float, forward: float, backward: float):
     eps = 0.02

@@ -123,7 +123,7 @@ def test_quantities_of_keys():
 
 
 def test_a_sweep_says_what_single_runs_say():
-    found = small({"worm.load": [1.0, 25.0], "gait.period": "1:2:3"})
+    found = small({"worm.load": [1.0, 25.0], "gait.period": "1:2:2"})
     assert found.status == "ok"
     assert found["speed"].dims == ("worm_load", "gait_period")
     for i, load in enumerate(found["worm_load"].values):
@@ -508,7 +508,7 @@ OVER = ["--over", "worm.load=1:30:40", "--over", "gait.period=[1.0, 1.5]"]
 
 @pytest.mark.parametrize(
     ("count", "loads"),
-    [(1, 16), *(pytest.param(n, 40, marks=pytest.mark.slow) for n in (3, 20))],
+    [(1, 8), *(pytest.param(n, 40, marks=pytest.mark.slow) for n in (3, 20))],
 )
 def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(
     tmp_path: Path, count: int, loads: int
@@ -541,7 +541,7 @@ def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(
 
 def test_an_interrupted_sweep_saves_what_it_has_and_leaves_nothing_running(tmp_path: Path):
     store = tmp_path / "store"
-    over = ["--over", "worm.load=1:30:4000"]
+    over = ["--over", "worm.load=1:30:400"]
     with started(store, ["--workers", "2"], over) as run:
         while len(points_in(store)) < 5:
             time.sleep(0.02)
@@ -552,7 +552,7 @@ def test_an_interrupted_sweep_saves_what_it_has_and_leaves_nothing_running(tmp_p
     assert "interrupted after" in told
     found = wo.Result.load(tmp_path / "out")
     assert found.status == "failed"
-    assert 5 <= found.scalars["ok"].value + found.scalars["failed"].value < 4000
+    assert 5 <= found.scalars["ok"].value + found.scalars["failed"].value < 400
     time.sleep(1.5)
     before = points_in(store)
     time.sleep(1.0)

@@ -6,12 +6,14 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
 
 from wormopt.numerics.workers import Workers, alone
+from wormopt.result import Result
 
 
 def square(x: int) -> int:
@@ -51,6 +53,14 @@ def ready(workers: Workers) -> None:
         assert time.monotonic() - begin < 60
 
 
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Workers]:
+    """Two that are ready."""
+    with Workers(2) as workers:
+        ready(workers)
+        yield workers
+
+
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_answers_come_in_the_order_of_the_jobs(count):
     with Workers(count) as workers:
@@ -58,10 +68,8 @@ def test_answers_come_in_the_order_of_the_jobs(count):
             assert list(workers.map(square, range(50))) == [x * x for x in range(50)]
 
 
-def test_work_is_done_elsewhere_once_processes_are_ready():
-    with Workers(2) as workers:
-        ready(workers)
-        assert len(set(workers.map(own_process, range(40)))) == 2
+def test_work_is_done_elsewhere_once_processes_are_ready(pool: Workers):
+    assert len(set(pool.map(own_process, range(40)))) == 2
 
 
 def test_a_process_that_dies_costs_no_answer():
@@ -73,12 +81,10 @@ def test_a_process_that_dies_costs_no_answer():
         ready(workers)
 
 
-def test_answers_come_as_soon_as_they_are_done():
-    with Workers(2) as workers:
-        ready(workers)
-        found = list(workers.as_completed(slept, [0.6, 0.01, 0.02]))
-        assert found == [(1, 0.01), (2, 0.02), (0, 0.6)]
-        assert os.getpid() not in dict(workers.as_completed(own_process, range(6))).values()
+def test_answers_come_as_soon_as_they_are_done(pool: Workers):
+    found = list(pool.as_completed(slept, [0.6, 0.01, 0.02]))
+    assert found == [(1, 0.01), (2, 0.02), (0, 0.6)]
+    assert os.getpid() not in dict(pool.as_completed(own_process, range(6))).values()
     with Workers(1) as alone:
         assert list(alone.as_completed(square, [3, 2])) == [(0, 9), (1, 4)]
 
@@ -98,19 +104,15 @@ def test_what_is_not_done_is_dropped_with_its_processes():
     assert time.monotonic() - begin < 30
 
 
-def test_an_error_of_the_work_is_told():
-    with Workers(2) as workers:
-        ready(workers)
-        with pytest.raises(ValueError, match="no 3"):
-            list(workers.map(fail, [3, 4]))
+def test_an_error_of_the_work_is_told(pool: Workers):
+    with pytest.raises(ValueError, match="no 3"):
+        list(pool.map(fail, [3, 4]))
 
 
-def test_workers_have_no_workers():
-    with Workers(2) as workers:
-        ready(workers)
-        assert list(workers.map(nested, [3, 4])) == [(1, [0, 1, 4]), (1, [0, 1, 4, 9])]
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        assert pool.map(nested, [3]) == [(1, [0, 1, 4])]
+def test_workers_have_no_workers(pool: Workers):
+    assert list(pool.map(nested, [3, 4])) == [(1, [0, 1, 4]), (1, [0, 1, 4, 9])]
+    with multiprocessing.get_context("spawn").Pool(1) as spawned:
+        assert spawned.map(nested, [3]) == [(1, [0, 1, 4])]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as others:
         assert list(others.map(nested, [3])) == [(2, [0, 1, 4])]
@@ -139,6 +141,24 @@ def test_an_interrupt_at_any_time_leaves_no_traceback_of_processes(tmp_path: Pat
         _, told = run.communicate(timeout=60)
     assert "Traceback" not in told
     assert run.returncode == 130
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="has no SIGTERM")
+def test_whoever_is_asked_to_end_saves_what_there_is_and_leaves_no_process(tmp_path: Path):
+    command = [sys.executable, "-m", "wormopt", "run", "design_five_links", "--no-plots", "--quiet"]
+    kwargs = {"start_new_session": True, "stderr": subprocess.PIPE, "stdout": subprocess.DEVNULL}
+    with subprocess.Popen([*command, "-o", str(tmp_path / "r")], text=True, **kwargs) as run:
+        time.sleep(8)
+        run.send_signal(signal.SIGTERM)
+        _, told = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "Traceback" not in told
+    assert Result.load(tmp_path / "r").reason.startswith("interrupted")
+    begin = time.monotonic()
+    while subprocess.run(["pgrep", "-s", str(run.pid)], stdout=subprocess.DEVNULL).returncode == 0:
+        assert time.monotonic() - begin < 10
+        time.sleep(0.1)
 
 
 def test_a_process_of_its_own_has_no_workers():

@@ -1,8 +1,17 @@
-"""``python -m wormopt``."""
+"""``wormopt`` and ``python -m wormopt``."""
 
 import sys
 
-from wormopt.cli import main
+
+def start() -> int:
+    """Run the command line of the process; also while it is loaded, Ctrl-C is no error."""
+    try:
+        from wormopt.cli import main
+
+        return main()
+    except KeyboardInterrupt:
+        return 130
+
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(start())

@@ -9,10 +9,14 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
+from threading import current_thread, main_thread
+from types import FrameType
 
 from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
 from wormopt.errors import ArgumentError, OutputError, SceneError, interruptible
@@ -31,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     options = None
     try:
-        with interruptible():
+        with _asked_to_end(), interruptible():
             options = parser().parse_args(arguments)
             return options.command(options)
     except SceneError as error:
@@ -50,6 +54,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:  # a name too long, a full disk
         say(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return BAD_INPUT
+
+
+@contextmanager
+def _asked_to_end() -> Iterator[None]:
+    """SIGTERM ends like Ctrl-C: what was found is kept, and processes are not left behind."""
+    if current_thread() is not main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+
+    def end(_number: int, frame: FrameType | None) -> None:
+        interrupt = signal.getsignal(signal.SIGINT)
+        if not callable(interrupt):  # what runs in the background is started without
+            raise KeyboardInterrupt
+        interrupt(signal.SIGINT, frame)
+
+    signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def parser() -> argparse.ArgumentParser:

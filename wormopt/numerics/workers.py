@@ -260,7 +260,7 @@ def _interrupts_held() -> Iterator[None]:
 
     for tracker in (resource_tracker, of_loky):  # to start one lets signals in
         tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
         yield
     finally:
@@ -273,6 +273,8 @@ def _load(work: Callable) -> None:
 
 def _begin(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asked for the work is told, and ends it
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _here.is_worker = True
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

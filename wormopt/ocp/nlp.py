@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
+import sys
 import time
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -188,9 +191,10 @@ class NonlinearProgram:
         begin = time.perf_counter()
         solver = self._prepared(options)
         start = time.perf_counter()
-        answer = solver(
-            x0=w0, p=bounds.p, lbx=bounds.lbw, ubx=bounds.ubw, lbg=bounds.lbg, ubg=bounds.ubg
-        )
+        with _uncounted(bounds):
+            answer = solver(
+                x0=w0, p=bounds.p, lbx=bounds.lbw, ubx=bounds.ubw, lbg=bounds.lbg, ubg=bounds.ubg
+            )
         stats = solver.stats()
         if stats["return_status"] in _STOPPED:
             raise KeyboardInterrupt
@@ -318,6 +322,25 @@ def _solver(nlp: dict[str, Any], options: Solver) -> ca.Function:
     if not ca.has_nlpsol(options.name):
         raise ArgumentError(f"this CasADi has no NLP solver {options.name!r}; take 'ipopt'")
     return ca.nlpsol("solver", options.name, nlp, options.as_casadi())
+
+
+@contextmanager
+def _uncounted(bounds: Bounds) -> Iterator[None]:
+    """CasADi warns of too many equations, to which it counts variables that are held fast.
+
+    IPOPT does not, and solves such programs. Whatever else is said on stderr is passed on.
+    """
+    equations = np.sum(bounds.lbw == bounds.ubw) + np.sum(bounds.lbg == bounds.ubg)
+    if equations <= len(bounds.lbw):
+        yield
+        return
+    heard = io.StringIO()
+    try:
+        with redirect_stderr(heard):
+            yield
+    finally:
+        lines = heard.getvalue().splitlines(keepends=True)
+        sys.stderr.write("".join(line for line in lines if "NLP is overconstrained" not in line))
 
 
 def _merit(solution: Solution) -> float:

@@ -54,7 +54,7 @@ def _override_by_text(raw: dict[str, Any], text: str) -> Iterator[Fault]:
     path, equals, value = text.partition("=")
     path = path.strip()
     if not equals:
-        yield path or "--set", f"{text!r} does not read key=value, worm.links=3 say"
+        yield "--set", f"{text!r} does not read key=value, worm.links=3 say"
         return
     try:
         value.encode()  # arguments need not be text; what they are kept as cannot be saved

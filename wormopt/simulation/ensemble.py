@@ -130,7 +130,7 @@ def simulate_ensemble(
         When to sample, alike for all.
     tolerance : Tolerance, optional
         How exact.
-    route : {"auto", "native", "python", "cvodes"}, optional
+    route : {"auto", "native", "python", "radau", "cvodes"}, optional
         How to integrate, see `simulate`.
     sensitivities : sequence of str, or mapping, optional
         Along what every motion is differentiated, see `simulate`.

@@ -107,6 +107,6 @@ class Tolerance:
             raise ArgumentError("stop must be positive, and 1e-3 at most")
 
 
-Route = Literal["auto", "native", "python", "cvodes"]
-"""How to integrate: compiled, the same steps in Python, CasADi's implicit integrators; "auto" picks
-the first that can."""
+Route = Literal["auto", "native", "python", "radau", "cvodes"]
+"""How to integrate: compiled, the same steps in Python, implicit steps in Python, CasADi's implicit
+integrators; "auto" picks the first that can."""

@@ -15,8 +15,8 @@ def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcom
     """
     if task.system.model.alg.numel() or route == "cvodes":
         return _implicitly(task, report)
-    if route == "python":
-        return _in_python(task, report)
+    if route in ("python", "radau"):
+        return _in_python(task, report, stiff=route == "radau")
     outcome = _native(task, report, required=route == "native")
     open_ = outcome is not None and outcome.status == "no_contact_mode" and task.system.shares
     if outcome is None or open_:  # no compiler, or a load to split: the same steps, slower

@@ -108,7 +108,7 @@ def simulate(
         Keep the whole motion, for `Trajectory.at`.
     tolerance : Tolerance, optional
         How exact.
-    route : {"auto", "native", "python", "cvodes"}, optional
+    route : {"auto", "native", "python", "radau", "cvodes"}, optional
         How to integrate. "auto" is compiled code where there is a compiler, and an implicit
         integrator where the motion is too stiff for explicit steps.
     sensitivities : sequence of str, or mapping of str to mapping of str to array_like, optional

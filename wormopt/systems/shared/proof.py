@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import atanh
 from typing import Any
@@ -27,9 +27,13 @@ _AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
 _SHARED = {
     "cvodes": "the model",
     "python": "the model; the rules for steps, events and contact modes, though not their code",
+    "radau": "the model; the rules for events and contact modes, though not their code",
 }
 # Implicit integrators take more steps than explicit ones of order 8.
 _MORE_STEPS = 100
+# A step in Python costs a thousand compiled ones: so many are spent on a check, and of more than so
+# many a motion is stiff, or goes through so many events that a part of it has to do.
+_SPENT_IN_PYTHON, _STIFF = 10_000, 10_000
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class CrossCheck:
     accepted: float  # largest error that is accepted
     shared: str = ""  # in common with the first route: errors there go unseen
     reason: str = ""  # why the error is not known
+    until: float | None = None  # where it was given up and compared, before the end
 
     @property
     def fault(self) -> str:
@@ -66,7 +71,8 @@ class CrossCheck:
     @property
     def facts(self) -> dict[str, Any]:
         """What a trust report says of it."""
-        return {name: getattr(self, name) for name in ("route", "error", "accepted", "shared")}
+        told = ("route", "error", "accepted", "shared", *(["until"] if self.until else []))
+        return {name: getattr(self, name) for name in told}
 
 
 def cross_check(
@@ -81,9 +87,10 @@ def cross_check(
     """Simulate again by another route and compare the ends; the model's states come first.
 
     Smooth systems go to CasADi's implicit integrators, exact contact and switches to the
-    Python event loop; if that was the first route, again with a tenth of `tolerance`.
+    Python event loop; if that was the first route, again with a tenth of `tolerance`. What would
+    take Python for ever is compared as far as it came, which is told.
     """
-    treatment, end = motion.system.treatment, motion.end_time
+    start, treatment = float(motion.time[0]), motion.system.treatment
     route = _second_route(model, motion)
     accepted = accepted_error(tolerance)
     label, shared = str(route), _SHARED[route]
@@ -93,25 +100,56 @@ def cross_check(
         shared = "all but the tolerance"
         relative = max(tolerance.relative / 10, 1e-14)
         tolerance = replace(tolerance, relative=relative, absolute=tolerance.absolute / 10)
-    tolerance = replace(tolerance, max_steps=_MORE_STEPS * tolerance.max_steps)
-    try:
-        again = simulate(
+
+    def again(by: Route, until: float, most: int) -> Trajectory:
+        return simulate(
             model,
-            (float(motion.time[0]), end),
+            (start, until),
             contact=treatment,
             p=p,
             schedules=schedules,
-            times=[end],
-            tolerance=tolerance,
-            route=route,
+            times=[until],
+            tolerance=replace(tolerance, max_steps=most),
+            route=by,
             report=lambda _, fraction: report("rechecking", fraction),
         )
+
+    until, first = None, motion.end
+    try:
+        second, through = _as_far_as_it_goes(again, route, motion, tolerance)
+        if not through:  # what was kept of the first is as exact as its interpolation only
+            until = second.end_time
+            first = again("auto", until, motion.n_steps + motion.n_rejected + 1).end
     except SolveError as error:
         return CrossCheck(label, None, accepted, shared, error.reason)
     sizes = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
-    size = np.maximum(sizes, np.abs(again.end))
-    error = np.max(np.abs(motion.end[: model.n_x] - again.end) / size)
-    return CrossCheck(label, float(error), accepted, shared)
+    size = np.maximum(sizes, np.abs(second.end))
+    error = np.max(np.abs(first[: model.n_x] - second.end) / size)
+    return CrossCheck(label, float(error), accepted, shared, until=until)
+
+
+def _as_far_as_it_goes(
+    again: Callable[[Route, float, int], Trajectory],
+    route: Route,
+    motion: Trajectory,
+    tolerance: Tolerance,
+) -> tuple[Trajectory, bool]:
+    """The motion by a second route, and whether it was followed to the end.
+
+    Raises SolveError.
+    """
+    most = _MORE_STEPS * tolerance.max_steps
+    if route in ("python", "radau"):
+        most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if route == "python" else 0)
+    try:
+        return again(route, motion.end_time, most), True
+    except SolveError as error:
+        if error.code == "too_many_steps" and route in ("python", "radau"):
+            if error.partial and error.partial.end_time > motion.time[0]:
+                return error.partial, False
+        elif route == "radau":  # its Newton steps may fail where explicit ones go on
+            return _as_far_as_it_goes(again, "python", replace(motion, n_steps=0), tolerance)
+        raise
 
 
 def accepted_error(tolerance: Tolerance) -> float:
@@ -122,7 +160,9 @@ def accepted_error(tolerance: Tolerance) -> float:
 
 def _second_route(model: Model, motion: Trajectory) -> Route:
     by_events = motion.system.exact or model.switches or model.delays
-    return "python" if by_events or motion.route == "cvodes" else "cvodes"
+    if not by_events and motion.route != "cvodes":
+        return "cvodes"
+    return "radau" if motion.n_steps > _STIFF else "python"
 
 
 def warnings_of_contact(treatment: Treatment, laws: Sequence[Law]) -> Iterator[str]:
@@ -168,6 +208,11 @@ def warnings_of_motion(motion: Trajectory, second: CrossCheck | None) -> Iterato
 
     if second is None:
         yield "not rechecked by a second route: tolerance.recheck is false"
+    elif second.until is not None:
+        yield (
+            f"the second route ({second.route}) was compared at t = {second.until:.6g}, not at the "
+            f"end: it takes too long, as the first took {motion.n_steps} steps"
+        )
     if motion.route != "native" and compiler() is None:
         yield "there is no C compiler: simulated without one, which is slower but as exact"
     if motion.dense is None and any(s.name == "input_work" for s in motion.system.model.x):

@@ -279,15 +279,14 @@ class Crawl(SampledMotion):
             fast *= 4
         if fast >= 1e9:
             return 0.0
-        slow = 0.0
-        if self.drive.load == 0:
-            # Only drag can hold the worm then, and where W0 comes to rest no slowness is enough.
-            slow = 1.0
-            while least(slow) < 0:
-                slow /= 4
-                if slow < 1e-6:
-                    return float("inf")
-        return self.gait.period / root(least, slow, fast)
+        slow = fast / 4
+        while least(slow) < 0:
+            slow /= 4
+            # Without load only drag can hold the worm, and where W0 comes to rest no slowness is
+            # enough.
+            if self.drive.load == 0 and slow < 1e-6:
+                return float("inf")
+        return self.gait.period / root(least, slow, fast, xtol=1e-15 * slow)
 
     def _inertia_and_drag(self, quickness: float) -> Iterator[float]:
         """Smallest values of sigma - Gamma, stretch by stretch, when the gait runs quicker."""

@@ -126,9 +126,8 @@ def split_pair(
     one for each side of the ground ahead and back, so that the best a is the lowest point of one
     of them, or where two cross. Gives the pushes, the gauge, and which masses are at it (G, 2).
     """
-    turns = np.divide(
-        -push[..., 0], way[..., 0], out=np.zeros_like(push[..., 0]), where=way[..., 0] != 0
-    )
+    ahead = np.abs(way[..., 0]) > _TINY  # others do not turn, however far
+    turns = np.divide(-push[..., 0], way[..., 0], out=np.zeros_like(push[..., 0]), where=ahead)
     turns = np.sort(turns, axis=1)
     gap = 1 + np.abs(turns).max(axis=1)
     inside = [turns[:, 0] - gap, turns.mean(axis=1), turns[:, 1] + gap]
@@ -140,7 +139,7 @@ def split_pair(
         tried += [-c1[:, 0] / (2 * c2[:, 0]), -c1[:, 1] / (2 * c2[:, 1])]
         tried += _crossings(c2[:, 0] - c2[:, 1], c1[:, 0] - c1[:, 1], c0[:, 0] - c0[:, 1])
     a = np.stack(tried, axis=1)
-    a[~np.isfinite(a)] = 0.0
+    a[~(np.abs(a) < 1 / _TINY)] = 0.0
     wide = ground.of((slice(None), None))
     gauges = wide.gauge(push[:, None] + a[..., None, None] * way[:, None])
     worst = gauges.max(axis=-1)

@@ -32,6 +32,7 @@ class Stepped:
     # over lengths near it, told for its own
     coarse: float
     fine: float  # by the shorter one: about a quarter of it, at first order
+    rounding: float  # what adding up so many short steps may cost, over the same way
 
 
 def stepper_of(worm: Model) -> MoreauJean | None:
@@ -66,7 +67,9 @@ def step_again(
         return float(np.abs(found.states[: len(places), -1] - places[:, -1]).max() / way)
 
     coarse = np.sqrt(np.mean([(error(share * step) / share) ** 2 for share in _LENGTHS]))
-    return Stepped(step, float(coarse), error(step / _FINER))
+    steps = _FINER * motion.end_time / step
+    rounding = steps * np.finfo(float).eps / 2 * float(np.abs(places).max()) / way
+    return Stepped(step, float(coarse), error(step / _FINER), rounding)
 
 
 def longest_way(places: np.ndarray, nominal: float) -> float:

@@ -294,7 +294,7 @@ def _checks(
     if second and second.stepped:
         yield Check(
             "second route, order",
-            second.stepped.fine / max(second.stepped.coarse, _NOISE),
+            second.stepped.fine / max(second.stepped.coarse, second.stepped.rounding, _NOISE),
             _ORDER,
             "the second route does not come nearer at its order; a motion this sensitive is not "
             "to be trusted",
