@@ -105,6 +105,9 @@ SCENES: dict[str, tuple[str, ...]] = {
     "parameters": ("fit_pair",),
     "profiles": ("fit_pair",),
     "measurements": ("fit_channel_worm",),
+    "errors": ("experiment_chain",),
+    "regions": ("experiment_chain",),
+    "loads": ("fit_then_design", SI),
     "shift": ("gait_shift",),
     "transitions": ("gait_shift",),
 }

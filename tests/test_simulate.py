@@ -633,7 +633,7 @@ def test_a_member_that_fails_is_marked_and_the_others_are_kept():
     [
         ({"contact": "smooth"}, r"contact must be Exact\(\) or Smooth"),
         ({"contact": Smooth}, r"contact must be Exact\(\) or Smooth"),
-        ({"route": "pyhton"}, "route must be one of auto, native, python, cvodes"),
+        ({"route": "pyhton"}, "route must be one of auto, native, python, radau, cvodes"),
         ({"tolerance": 1e-6}, r"tolerance must be Tolerance\("),
     ],
 )

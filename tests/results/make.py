@@ -61,6 +61,8 @@ SCENES = {
     "fit_chain": [],
     "fit_pair": [],
     "fit_channel_worm": [],
+    "experiment_chain": [],
+    "fit_then_design": ['units="SI"'],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
         "rates=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.rates=[20,100]",

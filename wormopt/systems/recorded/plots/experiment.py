@@ -18,6 +18,7 @@ from wormopt.plotting.parts import (
     legend_above,
     legend_below,
     line,
+    narrow,
     sheet,
     tell,
 )
@@ -84,7 +85,8 @@ def errors(result: Result) -> Figure:
     told = [name if name in wanted else f"{name} (not wanted)" for name in names]
     axes.set_yticks(range(len(names)), told, parse_math=False)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlabel("standard error (% of the value)")
+    axes.set_ylabel("number $p$")
+    axes.set_xlabel(r"standard error $\sigma_p/|\hat p|$ (%)")
     entries = [
         line("after the planned run", _BEST, "", marker="o"),
         line("after the best random run", _RANDOM, "", marker="s"),
@@ -103,9 +105,9 @@ def regions(result: Result) -> Figure:
     pairs = [*combinations([names.index(name) for name in wanted], 2)][:_PAIRS]
     if not pairs:
         return errors(result)
-    across = min(3, len(pairs))
+    across = min(1 if narrow() else 3, len(pairs))
     down = -(-len(pairs) // across)
-    drawn = sheet(2.6 * across + 0.3, 2.6 * down + 0.7)
+    drawn = sheet(max(2.6 * across, 4.0) + 0.3, 2.6 * down + 0.7)
     for axes, pair in zip(
         np.ravel(drawn.subplots(down, across, squeeze=False)), pairs, strict=False
     ):
@@ -133,9 +135,10 @@ def _draw_regions(axes: Axes, result: Result, pair: tuple[int, int]) -> None:
             ring = value[:, None] + np.linalg.cholesky(inner) @ circle
             axes.plot(*ring, color=colour, linestyle=dashes)
     axes.plot(*value, "+", color="black", markersize=5)
-    axes.set_xlabel(label(names[pair[0]].replace("_", " "), units[pair[0]]))
-    axes.set_ylabel(label(names[pair[1]].replace("_", " "), units[pair[1]]))
-    axes.locator_params(nbins=4)
+    told = [f"$p$: {names[k]} ({units[k] or 1})".replace("_", " ") for k in pair]
+    axes.set_xlabel(told[0])
+    axes.set_ylabel(told[1])
+    axes.locator_params(nbins=3)
 
 
 def _moves(result: Result, name: str) -> bool:
