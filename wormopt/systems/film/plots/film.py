@@ -194,26 +194,29 @@ def _waterfall(axes: Axes, result: Result) -> None:
                     vmin=h.min() - 0.3 * np.ptp(h), vmax=h.max() + 0.8 * np.ptp(h))  # fmt: skip
     lengths = np.atleast_1d(needed(result, "float_length"))
     held = np.atleast_1d(needed(result, "trapped"))
-    drifts = _drifts(result, len(lengths))
+    drifts = _drifts(result)
     for k, path in enumerate(places):
-        text = f"length {lengths[k]:g}" + (", held" if held[k] else drifts[k])
+        text = f"{lengths[k]:g}: {drifts[k]}" if drifts else f"length {lengths[k]:g}"
+        text += ", held" if held[k] else ""
         axes.plot(path / wavelength, time[shown], color=MASSES[k], linewidth=1.6,
                   linestyle=DASHES[k % 4], label=text)  # fmt: skip
     axes.grid(visible=False)
     axes.set_xlabel("place $x$ in wavelengths")
     axes.set_ylabel(label("time $t$", result["time"].unit))
-    legend(axes, [*axes.get_lines(), Patch(color=_CREST, label="crests of the film")])
+    entries = [*axes.get_lines(), Patch(color=_CREST, label="crests of the film")]
+    told = "length: drift with $\\varepsilon^2$\nover the wave's speed" if drifts else ""
+    legend(axes, entries, told)
 
 
-def _drifts(result: Result, count: int) -> list[str]:
-    """Drift of every float over the wave's speed with its error bar, where that is known."""
+def _drifts(result: Result) -> list[str]:
+    """Drift of every float over the wave's speed with its error bar; empty where not known."""
     bars = result.scalars.get("float_drift_bar")
     if bars is None or bars.value is None or None in np.atleast_1d(bars.value):
-        return [""] * count
+        return []
     speed = scalar(result, "wave_speed") or 1.0
     values = np.atleast_1d(needed(result, "float_drift_corrected")) / speed
     pairs = zip(values, np.atleast_1d(bars.value) / speed, strict=True)
-    return [f", {value:.3f} ± {bar:.1g}" for value, bar in pairs]
+    return [f"{number(value)} ± {number(bar, 2)}" for value, bar in pairs]
 
 
 def _from_the_wave(axes: Axes, result: Result) -> None:
