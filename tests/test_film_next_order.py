@@ -67,7 +67,7 @@ def test_both_orders_solve_slow_flow_up_to_eps_to_the_fourth():
     surface = (1 - eps**2 * SLOPE**2) * (sp.diff(psi, z, 2) - eps**2 * sp.diff(psi, x, 2))
     surface -= 4 * eps**2 * SLOPE * sp.diff(psi, x, z)
     laws = [laplace(laplace(psi)), surface.subs(z, h), psi.subs(z, h) - C - eps**2 * change]
-    laws += [psi.subs(z, 0), sp.diff(psi, z).subs(z, 0) + 1]
+    laws += [psi.subs(z, 0), sp.diff(psi + z, z).subs(z, 0)]
     for law in laws:
         powers = sp.Poly(sp.expand(law.doit()), eps)
         assert all(power % 2 == 0 for (power,) in powers.monoms())
@@ -116,7 +116,7 @@ def low_wave_flow() -> Any:
     """Mean flow over delta² of waves of next to no height, for any eps, from linear Stokes flow."""
     e, a, b = sp.symbols("e a b", positive=True)
     phi = a * z * sp.sinh(e * z) + b * (e * z * sp.cosh(e * z) - sp.sinh(e * z))
-    top = [sp.diff(phi, z, n).subs(z, 1) for n in range(4)]
+    top: list[Any] = [sp.diff(phi, z, n).subs(z, 1) for n in range(4)]
     found = sp.solve([top[0] - 1, top[2] + e**2], [a, b], dict=True)[0]
     flow = (-top[3] / 2 + sp.Rational(3, 2) * e**2 * top[1] + top[1]) / 2
     return sp.lambdify(e, flow.subs(found), "mpmath"), sp.simplify(flow.subs(found)), e
@@ -149,13 +149,15 @@ def test_the_bar_holds_low_waves_up_to_6_4_and_no_further():
 
 @pytest.mark.slow
 def test_elements_converge():
-    wave = CosineWave(0.5)
-    values = [slow_flow(wave, 0.5, 6 * n, n) for n in (3, 6, 12)]
-    flows, drifts = ([getattr(v, name) for v in values] for name in ("mean_flow", "drift"))
-    for name in (flows, drifts):
-        steps = np.abs(np.diff(name))
-        assert 3.3 < math.log2(steps[0] / steps[1]) < 5.2, name
-        assert steps[1] < 2e-5
+    """With twice their degree, as a number of the whole flow does; the drift is no worse."""
+    values = [slow_flow(CosineWave(0.5), 0.5, 6 * n, n) for n in (4, 8, 16)]
+    flow, drift = (
+        np.abs(np.diff([getattr(value, name) for value in values]))
+        for name in ("mean_flow", "drift")
+    )
+    assert math.log2(flow[0] / flow[1]) == pytest.approx(4, abs=0.5)
+    assert flow[1] < 1e-6
+    assert drift[1] < 1e-6
 
 
 @pytest.mark.slow
@@ -214,25 +216,28 @@ def test_a_drop_whose_correction_cancels_is_within_its_bar():
 
 @pytest.mark.slow
 def test_beyond_its_reach_there_is_no_bar_and_would_be_none():
-    wave, e = CosineWave(0.05), 9.0
+    wave, e = CosineWave(0.01), 9.0
     found, sizes = corrected_flow(wave, e), flow_terms(wave)
     assert found.bar is None
     assert corrected_drift(wave, e).bar is None
     would_be = e**2 * sum(map(abs, sizes))
-    assert abs(slow_flow(wave, e, 64, 24).mean_flow - found.value) > 1.1 * would_be
+    exact = slow_flow(wave, e, 32, 16).mean_flow
+    assert exact == pytest.approx(1e-4 * float(low_wave_flow()[0](e)), rel=0.05)
+    assert abs(exact - found.value) > 1.2 * would_be
 
 
 @pytest.mark.slow
-def test_thick_films_hold_floats_in_lower_waves():
-    """At eps = 0.2; lubrication says sqrt(13) - 3 = 0.6056."""
+def test_thicker_films_hold_floats_in_lower_waves():
+    """Lubrication says sqrt(13) - 3 = 0.6056; what is left of the shift is a small part of it."""
     low, high = 0.5, CAPTURE_DELTA
-    for _ in range(12):
+    for _ in range(20):
         middle = (low + high) / 2
-        holds = corrected_drift(CosineWave(middle), 0.2).value == 1.0
+        holds = corrected_drift(CosineWave(middle), 0.3).value == 1.0
         low, high = (low, middle) if holds else (middle, high)
-    assert high < CAPTURE_DELTA - 0.005
-    assert slow_flow(CosineWave(high + 0.002), 0.2).drift == 1.0
-    assert slow_flow(CosineWave(high - 0.002), 0.2).drift < 1.0
+    shift = CAPTURE_DELTA - high
+    assert shift > 0.004
+    assert slow_flow(CosineWave(high + shift / 4), 0.3).drift == 1.0
+    assert slow_flow(CosineWave(high - shift / 4), 0.3).drift < 1.0
 
 
 # -- use -------------------------------------------------------------------------------------------
