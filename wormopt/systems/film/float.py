@@ -166,7 +166,7 @@ def corrected_drift(wave: Wave, eps: float, length: float = 0.0) -> Corrected:
     --------
     >>> found = corrected_drift(CosineWave(0.5), 0.4)
     >>> round(found.value, 5), round(found.bar, 5)  # in two dimensions 0.64561
-    (0.64726, 0.02922)
+    (0.64726, 0.02923)
     >>> corrected_drift(CosineWave(0.6), 0.5).value  # held, which lubrication has from 0.6056 on
     1.0
     """

@@ -84,7 +84,7 @@ def corrected_flow(wave: Wave, eps: float) -> Corrected:
     --------
     >>> found = corrected_flow(CosineWave(0.5), 0.4)
     >>> round(found.value, 6), round(found.bar, 6)  # in two dimensions 0.352153
-    (0.353203, 0.033545)
+    (0.353203, 0.037019)
     """
     terms, square = flow_terms(wave), check_eps(eps) ** 2
     bar = square * sum(map(abs, terms)) if within_reach(wave, eps) else None
