@@ -4,11 +4,13 @@ from wormopt.systems.film.courses import carried_film as carried_film
 from wormopt.systems.film.design.search import best_wave as best_wave
 from wormopt.systems.film.design.wave import WaveAim as WaveAim
 from wormopt.systems.film.design.wave import WaveLimits as WaveLimits
+from wormopt.systems.film.float import corrected_drift as corrected_drift
 from wormopt.systems.film.float import float_drift as float_drift
 from wormopt.systems.film.float import floating as floating
 from wormopt.systems.film.float import tracers as tracers
 from wormopt.systems.film.given_field import thin_film as thin_film
 from wormopt.systems.film.lubrication import field_slope as field_slope
+from wormopt.systems.film.next_order import corrected_flow as corrected_flow
 from wormopt.systems.film.shapes import FourierWave as FourierWave
 from wormopt.systems.film.shapes import grid as grid
 from wormopt.systems.film.units import Fluid as Fluid

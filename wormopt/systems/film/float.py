@@ -30,6 +30,13 @@ from wormopt.systems.film.lubrication import (
     surface_velocity,
     velocities,
 )
+from wormopt.systems.film.next_order import (
+    Corrected,
+    check_eps,
+    flow_terms,
+    surface_correction,
+    within_reach,
+)
 from wormopt.systems.film.shapes import Wave, grid
 
 CAPTURE_DELTA = math.sqrt(13) - 3
@@ -37,6 +44,7 @@ CAPTURE_DELTA = math.sqrt(13) - 3
 
 # Sums over a period are refined until they agree to this share.
 _AGREED, _LEAST, _MOST = 1e-14, 256, 1 << 20
+_CORRECTED = 1e-9  # the same of corrected velocities
 _ROUND_OFF = 1e-15
 _LARGEST_BELOW_1 = math.nextafter(1.0, 0.0)
 
@@ -131,6 +139,64 @@ def float_drift(wave: Wave, length: float = 0.0) -> Drift:
     return Drift(1 - 2 * math.pi / turn, turn)
 
 
+def corrected_drift(wave: Wave, eps: float, length: float = 0.0) -> Corrected:
+    """Drift of a float on a surface whose velocity has the next order.
+
+    Parameters
+    ----------
+    wave : CosineWave or FourierWave
+        Shape of the surface.
+    eps : float
+        Mean thickness times wave number, 0 or above.
+    length : float, optional
+        Of the float, below 2 pi.
+
+    Returns
+    -------
+    Corrected
+        `value` over the speed of the wave, 1 if it holds the float; `bar`, the larger change of it
+        by leaving the correction out and by taking it twice. None as in `corrected_flow`.
+
+    Raises
+    ------
+    ArgumentError
+        If eps or the length is no number or out of range.
+
+    Examples
+    --------
+    >>> found = corrected_drift(CosineWave(0.5), 0.4)
+    >>> round(found.value, 5), round(found.bar, 5)  # in two dimensions 0.64561
+    (0.64726, 0.02923)
+    >>> corrected_drift(CosineWave(0.6), 0.5).value  # held, which lubrication has from 0.6056 on
+    1.0
+    """
+    square, length = check_eps(eps) ** 2, _lengths(length).item()
+    without, value, twice = (_drift_with(wave, k * square, length) for k in (0, 1, 2))
+    bar = max(abs(without - value), abs(twice - value))
+    return Corrected(value, bar if within_reach(wave, eps) else None)
+
+
+def _drift_with(wave: Wave, square: float, length: float) -> float:
+    """Drift where the surface's correction counts `square`-fold."""
+    change = sum(flow_terms(wave))
+
+    def velocity(xi: np.ndarray) -> np.ndarray:
+        h, slope, bend = (wave.height(xi, order) for order in range(3))
+        more = surface_correction(h, slope, bend, wave.constant, change)
+        if length:  # its mean below the float
+            smooth = np.sinc(np.arange(len(xi) // 2 + 1) * length / (2 * np.pi))
+            more = np.fft.irfft(smooth * np.fft.rfft(more), len(xi))
+        return body_velocity(wave, xi, length) + square * more
+
+    nodes = 4096 if isinstance(wave, CosineWave) else 4 * wave.nodes
+    if np.max(velocity(grid(nodes))) >= 1:
+        return 1.0
+    try:
+        return 1 - 2 * math.pi / _turn(lambda xi: 1 / (1 - velocity(xi)), _CORRECTED)
+    except ArgumentError:  # all but held
+        return 1.0
+
+
 def _rests(wave: Wave, length: float) -> tuple[float, ...]:
     """Phases at which a float is as fast as the wave, and faster than it behind them."""
     if isinstance(wave, CosineWave) and not length:
@@ -190,12 +256,12 @@ def _on_level(h: np.ndarray, constant: float, level: float) -> np.ndarray:
     return np.where(reached, (low + high) / 2, np.nan)
 
 
-def _turn(per_phase: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Integral over a period by sums that are refined until they agree."""
+def _turn(per_phase: Callable[[np.ndarray], np.ndarray], agreed: float = _AGREED) -> float:
+    """Integral over a period by sums that are refined until they agree to a share."""
     nodes, before = _LEAST, math.nan
     while nodes <= _MOST:
         value = 2 * math.pi * float(np.mean(per_phase(grid(nodes))))
-        if abs(value - before) <= _AGREED * abs(value):
+        if abs(value - before) <= agreed * abs(value):
             return value
         nodes, before = 2 * nodes, value
     raise ArgumentError(

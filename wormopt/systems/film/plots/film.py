@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -73,11 +74,20 @@ def film(result: Result) -> Figure:
         drawn,
         fact(result, "delta", r"amplitude $\delta$"),
         fact(result, "mean_flow", "mean flow"),
+        *_corrected(result),
         fact(result, "tension_number", "surface tension $W$"),
         fact(result, "d_max", "largest field $D$"),
         fact(result, "xi_at_d_max", r"at $\xi$ ="),
     )
     return drawn
+
+
+def _corrected(result: Result) -> Iterator[str]:
+    """Mean flow with the next order and its bar, where they are known."""
+    bar = scalar(result, "mean_flow_bar")
+    if bar is not None:
+        value = number(needed(result, "mean_flow_corrected"))
+        yield rf"with $\varepsilon^2$ {value} ± {number(bar, 2)}"
 
 
 def _share() -> float:
@@ -93,6 +103,11 @@ def _mean_flow(axes: Axes, result: Result) -> None:
               label="no wave has more")  # fmt: skip
     axes.plot(needed(result, "delta"), needed(result, "mean_flow"), "o", color=RED,
               label="this wave")  # fmt: skip
+    bar = scalar(result, "mean_flow_bar")
+    if bar is not None:
+        axes.errorbar(needed(result, "delta"), needed(result, "mean_flow_corrected"), yerr=bar,
+                      fmt="_", color=LINKS[3], capsize=3,
+                      label=r"with $\varepsilon^2$, error bar")  # fmt: skip
     axes.set_xlim(0, 1)
     axes.set_ylim(0, None)
     axes.set_xlabel(r"amplitude $\delta$ over mean thickness")
@@ -179,14 +194,29 @@ def _waterfall(axes: Axes, result: Result) -> None:
                     vmin=h.min() - 0.3 * np.ptp(h), vmax=h.max() + 0.8 * np.ptp(h))  # fmt: skip
     lengths = np.atleast_1d(needed(result, "float_length"))
     held = np.atleast_1d(needed(result, "trapped"))
+    drifts = _drifts(result)
     for k, path in enumerate(places):
-        text = f"length {lengths[k]:g}" + (", held" if held[k] else "")
+        text = f"{lengths[k]:g}: {drifts[k]}" if drifts else f"length {lengths[k]:g}"
+        text += ", held" if held[k] else ""
         axes.plot(path / wavelength, time[shown], color=MASSES[k], linewidth=1.6,
                   linestyle=DASHES[k % 4], label=text)  # fmt: skip
     axes.grid(visible=False)
     axes.set_xlabel("place $x$ in wavelengths")
     axes.set_ylabel(label("time $t$", result["time"].unit))
-    legend(axes, [*axes.get_lines(), Patch(color=_CREST, label="crests of the film")])
+    entries = [*axes.get_lines(), Patch(color=_CREST, label="crests of the film")]
+    told = "length: drift with $\\varepsilon^2$\nover the wave's speed" if drifts else ""
+    legend(axes, entries, told)
+
+
+def _drifts(result: Result) -> list[str]:
+    """Drift of every float over the wave's speed with its error bar; empty where not known."""
+    bars = result.scalars.get("float_drift_bar")
+    if bars is None or bars.value is None or None in np.atleast_1d(bars.value):
+        return []
+    speed = scalar(result, "wave_speed") or 1.0
+    values = np.atleast_1d(needed(result, "float_drift_corrected")) / speed
+    pairs = zip(values, np.atleast_1d(bars.value) / speed, strict=True)
+    return [f"{number(value)} ± {number(bar, 2)}" for value, bar in pairs]
 
 
 def _from_the_wave(axes: Axes, result: Result) -> None:

@@ -16,6 +16,7 @@ from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.lubrication import field_slope, flow, surface_velocity, velocities
+from wormopt.systems.film.next_order import REACH, corrected_flow, flow_terms, within_reach
 from wormopt.systems.film.scenes.film import FilmFlowScene, FilmTable
 from wormopt.systems.film.shapes import FourierWave, Wave, flow_constant, grid
 from wormopt.systems.film.units import Fluid
@@ -41,7 +42,7 @@ def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
         _signals(table, wave, tension, fluid) | _curves(table, tension, fluid),
         checks=_checks(wave, tension),
         facts=facts,
-        warnings=fluid.warnings() if fluid else (),
+        warnings=[*(fluid.warnings() if fluid else ()), *reach_warnings(wave, eps_of(table.film))],
         timings={"evaluate": time.perf_counter() - begin},
     )
 
@@ -65,6 +66,21 @@ def fluid_of(table: FilmTable) -> Fluid | None:
     if given is None:
         return None
     return Fluid(**{name: getattr(given, name) for name in given.__struct_fields__})
+
+
+def eps_of(table: FilmTable) -> float | None:
+    """Depth times wave number, where the scene tells it."""
+    fluid = fluid_of(table)
+    return fluid.eps if fluid else table.eps
+
+
+def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
+    """Say where the next order in eps is no error bar."""
+    if eps is not None and not within_reach(wave, eps):
+        yield (
+            f"eps = {eps:.3g} times the highest harmonic is above {REACH:g}: how far lubrication "
+            "is off is not known"
+        )
 
 
 def _checks(wave: Wave, tension: float) -> Iterator[Check]:
@@ -116,6 +132,7 @@ def _scalars(film: FilmTable, wave: Wave, tension: float, fluid: Fluid | None) -
     peak = wave.peak(tension)
     h = wave.height(grid(4096))
     half = (float(np.max(h)) - float(np.min(h))) / 2 if film.delta is None else film.delta
+    eps = eps_of(film)
     found = {
         "delta": half,
         "tension_number": tension,
@@ -125,6 +142,11 @@ def _scalars(film: FilmTable, wave: Wave, tension: float, fluid: Fluid | None) -
         "xi_at_d_max": peak.xi,
         "surface_speed_max": float(np.max(surface_velocity(h, wave.constant))),
     }
+    found["mean_flow_per_eps2"] = sum(flow_terms(wave))
+    if eps is not None:
+        corrected = corrected_flow(wave, eps)
+        found |= {"mean_flow_corrected": corrected.value, "mean_flow_bar": corrected.bar}
+        found["eps"] = eps
     if film.delta is not None:
         found["mean_flow_square_wave"] = square_wave_flow(film.delta)
     if fluid is None:
@@ -136,7 +158,6 @@ def _scalars(film: FilmTable, wave: Wave, tension: float, fluid: Fluid | None) -
         "wave_speed": fluid.speed,
         "pressure_scale": fluid.pressure,
         "flow_rate": wave.mean_flow * fluid.speed * fluid.depth,
-        "eps": fluid.eps,
         "reynolds": fluid.reynolds,
         "field_h0_gaussian": float(fluid.gaussian_field(peak.value)),
     }

@@ -22,12 +22,13 @@ from wormopt.systems.film.float import (
     Drift,
     body_velocity,
     capture_delta,
+    corrected_drift,
     float_drift,
     floating,
     tracer_drift,
     tracers,
 )
-from wormopt.systems.film.runs.film_flow import fluid_of, wave_of
+from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
 from wormopt.systems.film.scenes.film import FloatScene
 from wormopt.systems.film.shapes import Wave
 from wormopt.systems.film.units import Fluid
@@ -137,7 +138,11 @@ def run(scene: Scene[FloatScene], report: Report) -> Result:
         _variables(wave, lengths, rides, fluid),
         checks=_checks(rides, table),
         facts=_facts(rides, table),
-        warnings=[*_warnings(rides, table), *(fluid.warnings() if fluid else ())],
+        warnings=[
+            *_warnings(rides, table),
+            *(fluid.warnings() if fluid else ()),
+            *reach_warnings(wave, eps_of(table.film)),
+        ],
         timings={"ride": time.perf_counter() - begin},
         attributes={"lengths": list(table.floats.length)},
     )
@@ -235,6 +240,12 @@ def _scalars(
     if isinstance(wave, CosineWave):
         found["delta"] = wave.delta
         found["delta_capture"] = one_or_all([capture_delta(length) for length in lengths])
+    eps = eps_of(table.film)
+    if eps is not None:
+        corrected = [corrected_drift(wave, eps, length) for length in lengths]
+        found["float_drift_corrected"] = one_or_all([each.value * speed for each in corrected])
+        bars = [None if each.bar is None else each.bar * speed for each in corrected]
+        found["float_drift_bar"] = one_or_all(bars)
     for ride in rides:
         simulated = [value and value * speed for value in ride.simulated]
         found[f"{ride.what}_drift"] = one_or_all(simulated)

@@ -76,6 +76,14 @@ class FilmTable(Table, frozen=True, kw_only=True):
         NonNegative | None,
         says("1", "*W* of (25), 0 if left out; in SI scenes it follows from the fluid"),
     ] = None
+    eps: Annotated[
+        NonNegative | None,
+        says(
+            "1",
+            "*ε* of (25), thickness times wave number: tells how far lubrication is off; in SI "
+            "scenes it follows from the fluid",
+        ),
+    ] = None
     fluid: Annotated[FluidTable | None, says("", "what the film is made of, in SI scenes")] = None
 
     def faults(self, units: str) -> Iterator[Fault]:
@@ -91,6 +99,8 @@ class FilmTable(Table, frozen=True, kw_only=True):
             yield "film.fluid", 'missing; with units = "SI" describe the fluid: [film.fluid]'
         if units == "SI" and self.tension is not None:
             yield "film.tension", "belongs to scenes without units; surface_tension gives it here"
+        if units == "SI" and self.eps is not None:
+            yield "film.eps", "belongs to scenes without units; depth and wavelength give it here"
         if units != "SI" and self.fluid is not None:
             yield "film.fluid", 'is in SI units; write units = "SI"'
 
@@ -121,6 +131,13 @@ class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
     scalars: ClassVar = {
         "c_constant": ("1", "*C*"),
         "mean_flow": ("1", "mean flow 1 + *C*"),
+        "mean_flow_corrected": ("1", "the same with what the next order, *ε*², adds"),
+        "mean_flow_bar": (
+            "1",
+            "by how much the flow without lubrication and inertia may differ from that; unknown "
+            "where *ε* times the highest harmonic is above 3",
+        ),
+        "mean_flow_per_eps2": ("1", "what the next order adds, over *ε*²"),
         "d_max": ("1", "largest (*μ* − 1)*D*/(8π); (*μ* − 1)*H*<sub>0</sub>²/(8π) is no less"),
         "xi_at_d_max": ("rad", "where that is"),
         "delta": ("1", "amplitude; of other waves half of largest less least thickness"),
@@ -136,7 +153,7 @@ class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
         "wave_speed": ("speed", "speed of the wave (SI)"),
         "flow_rate": ("flow_per_width", "mean flow per width (SI)"),
         "pressure_scale": ("stress", "*P* (SI)"),
-        "eps": ("1", "*ε* (SI)"),
+        "eps": ("1", "*ε* (SI, or as in the scene)"),
         "reynolds": ("1", "*Re* (SI)"),
     }
     variables: ClassVar = {
@@ -233,6 +250,12 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
             "is held",
         ),
         "float_drift_error": ("1", "their difference"),
+        "float_drift_corrected": ("speed", "by quadrature, with the next order, *ε*²"),
+        "float_drift_bar": (
+            "speed",
+            "by how much the drift on a film without lubrication and inertia may differ from that; "
+            "unknown where *ε* times the highest harmonic is above 3",
+        ),
         "float_turn": (
             "time",
             "in which the wave overtakes it by a wavelength; unknown of what is held",

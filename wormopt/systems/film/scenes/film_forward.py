@@ -337,6 +337,8 @@ class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
             if self.field is None or not (key == "film.delta" and "missing" in message):
                 yield key, message
         yield from self._faults_of_tension()
+        if self.film.eps is not None and self.units != "SI":
+            yield "film.eps", "is 0 here, as lubrication has it; leave it out"
         if self.field is not None:
             yield from self.field.faults(self.units, folder)
         yield from self._faults_of_start()
