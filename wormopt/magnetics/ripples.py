@@ -113,4 +113,5 @@ def normal_field_number(fluid: Fluid, depth: float, across: float) -> float:
         return -float(field_stiffness(fluid, depth, k, across) / restoring)
 
     # the share rises with k and then falls, with its top within a decade of the capillary length
-    return -float(minimize_scalar(share, bounds=(-4.0, 4.0), method="bounded").fun)
+    found: Any = minimize_scalar(share, bounds=(-4.0, 4.0), method="bounded")
+    return -float(found.fun)

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import casadi as ca
@@ -44,8 +45,8 @@ Pull = Callable[[ca.SX, ca.SX], Any]
 """(h, h') in the cells, in m and 1, to what draws the surface up there, in Pa."""
 
 _FEWEST = 5
-_DEGREES = (4, 6, 8, 12, 16, 24)
-_RESOLVED = 1e-9
+_DEGREES = (4, 8, 10, 14, 24)
+_RESOLVED = 1e-7
 
 
 @dataclass(frozen=True)
@@ -170,11 +171,12 @@ class RowField:
         return place * one - two + terms[0]
 
 
+@lru_cache(maxsize=4)
 def row_field(row: CoilRow, layer: Layer, ground: float, top: float) -> RowField:
     """Field of a row whose coils' middles lie `ground` (m) below the film's ground.
 
     `top`: greatest thickness at which it is wanted, m. Raises ArgumentError if a winding is there,
-    or so near that a polynomial of degree 24 does not hold the field to 1e-9 of the largest.
+    or so near that a polynomial of degree 24 does not hold the field to 1e-7 of the largest.
     """
     for degree in _DEGREES:
         nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))

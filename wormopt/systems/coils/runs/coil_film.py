@@ -80,7 +80,7 @@ def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
     layer = replace(setup.layer, cells=setup.layer.cells // 2)
     coarse = replace(setup, layer=layer)
     rough = coarse.follow(table.grid.tolerance, report)
-    close = coarse.follow(max(table.grid.tolerance / 100, 1e-12), report)
+    close = coarse.follow(table.grid.tolerance / 10, report)
     done = time.perf_counter()
     h, depth = motion["thickness"].T, setup.layer.depth
     pairs = h[-1].reshape(-1, 2).mean(axis=1)
@@ -130,7 +130,7 @@ def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
     row = row_of(table.coils)
     length = row.places[-1] + 2 * film.overhang
     # even, so that half as many fit
-    cells = 2 * max(math.ceil(length / row.pitch * table.grid.cells / 2), 5)
+    cells = 2 * max(math.ceil(length / row.pitch * table.grid.cells / 2 - 1e-9), 5)
     layer = Layer(fluid, magnet.viscosity, film.depth, length, cells, start=-film.overhang)
     amount = table.coils.ampere_turns if switching.ampere_turns is None else switching.ampere_turns
     course = switched_course(
@@ -192,9 +192,7 @@ def _normal_field_number(setup: Setup, field: RowField) -> float:
     return normal_field_number(layer.fluid, layer.depth, float(np.abs(across).max()))
 
 
-def _scalars(
-    table: CoilFilmScene, setup: Setup, h: np.ndarray, flow: np.ndarray
-) -> dict[str, Any]:
+def _scalars(table: CoilFilmScene, setup: Setup, h: np.ndarray, flow: np.ndarray) -> dict[str, Any]:
     layer, fluid = setup.layer, setup.layer.fluid
     slopes = np.abs(np.diff(h, axis=1)) / layer.step
     middle = layer.start + layer.length / 2
@@ -216,9 +214,7 @@ def _scalars(
     }
 
 
-def _checks(
-    found: dict[str, float], scalars: dict[str, Any], setup: Setup
-) -> Iterator[Check]:
+def _checks(found: dict[str, float], scalars: dict[str, Any], setup: Setup) -> Iterator[Check]:
     advice = {
         "half the cells": "half the cells change the film by {:.2g} of its depth; raise grid.cells",
         "smaller steps": "smaller steps change the film by {:.2g} of its depth; lower "

@@ -74,7 +74,7 @@ class CellsTable(Table, frozen=True, kw_only=True):
     """How finely it is computed."""
 
     cells: Annotated[Cells, says("count", "cells per pitch; checked against half as many")] = 12
-    tolerance: Annotated[Tolerance, says("share", "error of a step in time")] = 1e-6
+    tolerance: Annotated[Tolerance, says("share", "error of a step in time")] = 1e-5
 
 
 class CoilFilmScene(SIScene, frozen=True, kw_only=True):
@@ -86,7 +86,7 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
 
     The trust report: checks `half the cells` (largest difference of the end state from that on
     half as many cells, over the depth; a quarter of it at most is left by second order), `smaller
-    steps` (the same for a hundredth of the tolerance), `volume`, `top`, `field` (at the surface,
+    steps` (the same for a tenth of the tolerance), `volume`, `top`, `field` (at the surface,
     against the row's own formula), `flat surface` (the normal-field instability); `warnings`
     (what lubrication and the flat layer's field leave out).
     """
@@ -114,7 +114,7 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         ),
         "inertia": ("share", "ε*Re*, which is left out: ρ × flow × slope over the viscosity"),
         "grid_error": ("share", "of the end state, estimated from half as many cells"),
-        "step_error": ("share", "of the end state, by a hundredth of the tolerance"),
+        "step_error": ("share", "of the end state, by a tenth of the tolerance"),
         "volume_error": ("share", "largest change of the volume"),
     }  # fmt: skip
     variables: ClassVar = {
