@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.sparse.linalg import spsolve
 
 import wormopt as wo
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.magnetics.ripples import growth_rate
 from wormopt.model.model import Model, Signal
@@ -253,6 +253,8 @@ def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
     upright = ['coils.axis="vertical"', "coils.gap=20e-3", "switching.ampere_turns=3000.0"]
     many = wo.run(load_scene("coil_film", [*SHORT, *upright, "film.top=8", "fluid.chi=2.5"]))
     assert "breaks up into peaks" in many.reason
+    with pytest.raises(SolveError, match="cannot be followed to the end.*lower switching"):
+        wo.run(load_scene("coil_film", [*SHORT, "fluid.chi=1e6"]))
 
 
 @pytest.mark.parametrize(

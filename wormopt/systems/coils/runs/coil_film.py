@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.control.drive import drive
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.magnetics.coils import CoilRow
 from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear
 from wormopt.magnetics.ripples import field_stiffness, growth_rate, normal_field_number
@@ -31,7 +31,8 @@ from wormopt.systems.coils.scenes.coil_film import CoilFilmScene
 ACCEPTED = {"half the cells": 0.1, "smaller steps": 1e-3, "volume": 1e-10, "field": 1e-6}
 """Largest values, over the depth, the volume and the largest field, for a trusted result."""
 _SMALL = 0.1  # shares of what is left out that are told
-_STEPS = 1_000_000
+_STEPS = 200_000
+_ADVICE = "lower switching.ampere_turns, or raise film.top, grid.cells or fluid.viscosity"
 _SPOTS = 7  # places and times at which fields are compared
 
 
@@ -57,16 +58,25 @@ class Setup:
         film = coil_film(
             self.layer, self.row, ground=self.ground, top=self.top, own_field=self.own_field
         )
-        return simulate(
-            drive(film, self.course, periodic=True), self.end, times=self.times, route="cvodes",
-            tolerance=Tolerance(tolerance, tolerance, max_steps=_STEPS), report=report,
-        )  # fmt: skip
+        try:
+            return simulate(
+                drive(film, self.course, periodic=True), self.end, times=self.times,
+                route="cvodes", report=report,
+                tolerance=Tolerance(tolerance, tolerance, max_steps=_STEPS),
+            )  # fmt: skip
+        except SolveError as error:
+            # a part of the motion is no Result
+            reason = f"the film cannot be followed to the end: {error.reason}"
+            raise SolveError(reason, _ADVICE, code=error.code) from None
+        except Interrupted:
+            raise Interrupted from None
 
 
 def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
     """Follow the film; then on half the cells, and with smaller steps.
 
-    Status "failed" where these differ, or the film leaves the heights that were looked for.
+    Status "failed" where these differ, or the film leaves the heights that were looked for. Raises
+    SceneError if a winding is too near, SolveError if the film cannot be followed to the end.
     """
     table, begin = scene.table, time.perf_counter()
     setup = setup_of(scene)
@@ -173,13 +183,18 @@ def _inside(setup: Setup, field: RowField, h: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _left_out(setup: Setup, h: np.ndarray, inside: tuple[np.ndarray, np.ndarray]) -> float:
-    """Stiffness by the field of ripples, over that by weight and surface tension, at its most."""
-    fluid, (across, along) = setup.layer.fluid, inside
+    """Stiffness by the field of ripples, over that by weight and surface tension, at its most.
+
+    The field across takes stiffness, the more the thicker the film; that along adds, the more
+    the thinner. So each by itself bounds both together.
+    """
+    fluid = setup.layer.fluid
+    across, along = (float(np.abs(part).max()) for part in inside)
     waves = np.pi * np.arange(1, setup.layer.cells) / setup.layer.length
-    worst = np.argmax(across**2 + along**2)  # where the field is strongest
-    H = across.ravel()[worst], along.ravel()[worst]
-    taken = field_stiffness(fluid, h.ravel()[worst], waves, *H)
-    return float(np.max(np.abs(taken) / (fluid.weight + fluid.surface_tension * waves**2)))
+    taken = field_stiffness(fluid, h.max(), waves, across)
+    added = -field_stiffness(fluid, h.min(), waves, 0.0, along)
+    restoring = fluid.weight + fluid.surface_tension * waves**2
+    return float(np.max(np.maximum(taken, added) / restoring))
 
 
 def _normal_field_number(setup: Setup, field: RowField) -> float:

@@ -85,7 +85,7 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
     [theory-film.md](../theory-film.md#5-a-film-over-switched-coils). `units` must be `"SI"`.
 
     The trust report: checks `half the cells` (largest difference of the end state from that on
-    half as many cells, over the depth; a quarter of it at most is left by second order), `smaller
+    half as many cells, over the depth; about a third of it is the error on all of them), `smaller
     steps` (the same for a tenth of the tolerance), `volume`, `top`, `field` (at the surface,
     against the row's own formula), `flat surface` (the normal-field instability); `warnings`
     (what lubrication and the flat layer's field leave out).
@@ -109,8 +109,8 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         ),
         "own_field_left_out": (
             "share",
-            "change of the field by the film's own ripples, which is left out: most of weight and "
-            "surface tension that it takes or adds, by first harmonics",
+            "change of the field by the film's own ripples, which is left out: bound of the "
+            "share of weight and surface tension that it takes or adds, by first harmonics",
         ),
         "inertia": ("share", "ε*Re*, which is left out: ρ × flow × slope over the viscosity"),
         "grid_error": ("share", "of the end state, estimated from half as many cells"),
