@@ -253,7 +253,7 @@ def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
     upright = ['coils.axis="vertical"', "coils.gap=20e-3", "switching.ampere_turns=3000.0"]
     many = wo.run(load_scene("coil_film", [*SHORT, *upright, "film.top=8", "fluid.chi=2.5"]))
     assert "breaks up into peaks" in many.reason
-    with pytest.raises(SolveError, match="cannot be followed to the end.*lower switching"):
+    with pytest.raises(SolveError, match=r"cannot be followed to the end.*lower switching"):
         wo.run(load_scene("coil_film", [*SHORT, "fluid.chi=1e6"]))
 
 
