@@ -78,6 +78,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "steps": ("prototype_steps",),
     "channel_velocity": ("fig19_channel_worm",),
     "segment_shapes": ("segment_shapes",),
+    "coil_film": ("coil_film",),
     "travelling_field": ("fig24_travelling_wave",),
     "row_currents": ("coil_row_inverse",),
     "reversals": ("three_masses_harmonic",),

@@ -346,6 +346,14 @@ KINDS: dict[str, Kind] = {
             "travelling_field": "wormopt.systems.coils.plots.coils:travelling_field",
         },
     ),
+    "coil-film": Kind(
+        summary="a film of magnetic fluid over a row of coils that are switched in turn",
+        table="wormopt.systems.coils.scenes.coil_film:CoilFilmScene",
+        study="wormopt.systems.coils.runs.coil_film",
+        pictures={
+            "coil_film": "wormopt.systems.coils.plots.film:coil_film",
+        },
+    ),
     "coil-inverse": Kind(
         summary="currents of a row of coils whose field comes nearest to what a film's wave needs",
         table="wormopt.systems.coils.scenes.coil_rows:CoilInverseScene",

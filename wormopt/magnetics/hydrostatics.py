@@ -123,14 +123,14 @@ def pressure(fluid: Fluid, z: Any, square: Any, level: Any) -> Any:
     return fluid.weight * (level - z) + MU0 * fluid.magnetisation.energy(square)
 
 
-def pull(fluid: Fluid, field: tuple[Any, Any], slope: Any) -> Any:
+def pull(fluid: Fluid, field: tuple[Any, Any], slope: Any, across: Any = 0.0) -> Any:
     """What the field adds to the pressure at the surface: mu0 int M dH + mu0 M_n² / 2, in Pa.
 
     The second part is the jump of the stress across the surface.
-    `field`: H along x and z, A/m; `slope`: h'.
+    `field`: H along x and z, A/m; `slope`: h'; `across`: H along y, A/m.
     """
     along, up = field
-    square = along * along + up * up
+    square = along * along + up * up + across * across
     normal2 = (up - slope * along) ** 2 / (1 + slope * slope)
     law = fluid.magnetisation
     return MU0 * (law.energy(square) + law.ratio(square) ** 2 * normal2 / 2)

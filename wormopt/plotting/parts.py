@@ -144,7 +144,9 @@ def _multiple(unit: str, wanted: str) -> float | None:
     """How many of the wanted unit one is; None where it is no multiple."""
     if unit == "1":
         return 100.0 if wanted == "%" else None
-    return {"": 1.0, "m": 1e3, "µ": 1e6, "k": 1e-3}.get(wanted.removesuffix(unit))
+    times = {"": 1.0, "m": 1e3, "µ": 1e6, "k": 1e-3}.get(wanted.removesuffix(unit))
+    power = re.fullmatch(r"[A-Za-z]+(-?\d)", unit.split()[0])  # the prefix is raised with its unit
+    return times ** int(power[1]) if times and power else times
 
 
 def number(value: float, digits: int = 4) -> str:
