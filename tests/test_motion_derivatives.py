@@ -170,6 +170,33 @@ def held(modes: np.ndarray, time: float) -> np.ndarray:
     return expm(a * time)
 
 
+@both
+@pytest.mark.parametrize("power", [2, 3])
+def test_a_gain_that_grows_from_where_a_tube_is_left(power: int, route: Any):
+    """x' = 1, k' = c max(x - r, 0)^n: until x = r all derivatives of k are 0, then none is."""
+    x, k, r, c = (ca.SX.sym(name) for name in ("x", "k", "r", "c"))
+    signals = [Signal("x", x, value=0.0), Signal("gain", k, value=0.0)]
+    radius, growth = 0.108, 1e4
+    numbers = [Signal("radius", r, value=radius), Signal("growth", c, value=growth)]
+    model = Model("tube", signals, ca.vertcat(1, c * ca.fmax(x - r, 0) ** power), p=numbers)
+    motion = simulate(model, 1.0, sensitivities=["radius", "growth"], route=route)
+    left = 1 - radius
+    expected = [-growth * left**power, left ** (power + 1) / (power + 1)]
+    np.testing.assert_allclose(motion.end_derivative[1], expected, rtol=1e-9)
+    assert motion.n_steps < 200
+
+
+@both
+def test_what_is_0_in_theory_is_rounding_and_costs_no_steps(route: Any):
+    """A link without ground moves as a whole under a uniform load: no spring is stretched."""
+    worm = chain(
+        1, mass=1.0, stiffness=10.0, damping=0.5, rest_length=1.0, load=0.3, position=[1.0, 0.0]
+    )
+    motion = simulate(worm, 10.0, sensitivities=["stiffness", "damping", "mass[0]"], route=route)
+    np.testing.assert_allclose(motion.end_derivative[:, :2], 0.0, atol=1e-12)
+    assert motion.n_steps < 300
+
+
 # -- invariants ------------------------------------------------------------------------------
 
 

@@ -89,7 +89,7 @@ class _Problem(Structure):
                     "reach",
                     "v_layer",
                 ),
-                "absolute",
+                *("absolute", "column_floor"),
                 *("schedules", "times"),
             )
         ),
@@ -289,6 +289,7 @@ def integrate(
         "reach": np.ascontiguousarray(task.reach),
         "v_layer": task.v_layer,
         "absolute": task.absolute,
+        "column_floor": task.column_floor,
         "times": np.ascontiguousarray(task.times, dtype=float),
     }
     problem = _Problem(
