@@ -313,6 +313,27 @@ def test_gains_that_jump_agree_with_differences():
 
 
 @both
+@pytest.mark.parametrize(("jump", "told"), [(1.0, 1), (1.5, 0), (0.5, 0)])
+def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
+    """At x = 1 y jumps by `jump` from -1; where y > 0, z jumps: a small change of y does it."""
+    x, y, z, by = (ca.SX.sym(name) for name in ("x", "y", "z", "by"))
+    model = Model(
+        "landing",
+        [Signal("x", x, value=0.0), Signal("y", y, value=-1.0), Signal("z", z, value=0.0)],
+        ca.vertcat(1.0, 0.0, 0.0),
+        p=[Signal("by", by, value=jump)],
+        switches=[
+            Switch("first", x - 1, ca.vertcat(x, y + by, z)),
+            Switch("again", x - 1, ca.vertcat(x, y, z)),
+            Switch("second", y, ca.vertcat(x, y, z + 1)),
+        ],
+    )
+    motion = simulate(model, 2.0, sensitivities=["by"], route=route)
+    assert [(d.event.name, d.reason) for d in motion.doubts] == [("second", "edge")] * told
+    assert simulate(model, 2.0, sensitivities=["x"], route=route).doubts == ()
+
+
+@both
 def test_a_root_at_0_has_no_derivative_and_says_so(route: Any):
     """y' = sqrt(x) while x falls to 0 and beyond: the slope is infinite there."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")

@@ -542,6 +542,7 @@ void fire_jumped_switches(Run *run) {
         long long fired = -1;
         if (run->in.n_switches == 0) return;
         event_values(run, run->out.t, run->out.x, run->value);
+        if (run->in.k) doubt_landings(run);
         for (long long j = n; j < n_functions(run) && fired < 0; j++)
             if (run->value[j] < run->level[j]) fired = j;
         if (fired < 0) {

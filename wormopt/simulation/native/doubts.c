@@ -91,3 +91,31 @@ void doubt_touches(Run *run, double h, double first) {
         if (run->touch[j] < first)
             doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);
 }
+
+static int is_told(const Run *run, long long which, Reason reason) {
+    const Table *told = &run->out.doubts;
+    for (long long r = told->rows - 1; r >= 0; r--) {
+        const double *row = told->data + told->width * r;
+        if (row[0] != run->out.t) return 0;
+        if (row[1] == which + (run->in.exact ? 0 : run->in.n_contacts) && row[3] == reason) return 1;
+    }
+    return 0;
+}
+
+/* Of guards that are next to 0 after a jump, and move: small changes fire their switches or not.
+   What falls to 0 along with the event's own guard does not move. Values are known. */
+void doubt_landings(Run *run) {
+    const long long n = n_functions(run) - run->in.n_switches;
+    double *parts = run->reset;
+    evaluate(run, run->in.guard_parts, run->out.t, run->out.x, parts);
+    for (long long c = 0; c < run->in.k; c++) {
+        change_along(run, run->in.guards_along, c);
+        for (long long j = 0; j < run->in.n_switches; j++) {
+            const double change = fabs(run->change[j]), value = fabs(run->value[n + j]);
+            if (run->level[n + j] == 0.0 && change > ALIKE * parts[j] * fabs(run->event_along[c])
+                && value * run->in.column_size[c] <= run->in.small_value * change
+                && !is_told(run, n + j, EDGE))
+                doubt(run, run->out.t, n + j, 0.0, EDGE);
+        }
+    }
+}

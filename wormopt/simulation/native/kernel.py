@@ -89,7 +89,7 @@ class _Problem(Structure):
                     "reach",
                     "v_layer",
                 ),
-                *("absolute", "column_floor"),
+                *("absolute", "column_size"),
                 *("schedules", "times"),
             )
         ),
@@ -289,7 +289,7 @@ def integrate(
         "reach": np.ascontiguousarray(task.reach),
         "v_layer": task.v_layer,
         "absolute": task.absolute,
-        "column_floor": task.column_floor,
+        "column_size": task.column_sizes,
         "times": np.ascontiguousarray(task.times, dtype=float),
     }
     problem = _Problem(

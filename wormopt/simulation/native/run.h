@@ -95,6 +95,7 @@ void suspect(Run *run, long long forced);
 void doubt_decision(Run *run, long long forced, int at_start);
 double function_size(const Run *run, long long j, double range);
 void note_touch(Run *run, long long j, double at, double value, double range);
+void doubt_landings(Run *run);
 void doubt_touches(Run *run, double h, double first);
 
 /* variation.c */

@@ -47,7 +47,7 @@ double columns_error(Run *run, double h) {
     double *size = run->column_error, *five = size + k, *three = five + k, worst = 0.0;
     double **slope = run->k;
     memset(five, 0, 2 * k * sizeof(double));
-    memcpy(size, run->in.column_floor, k * sizeof(double));
+    for (long long c = 0; c < k; c++) size[c] = 0.01 * run->in.column_size[c] / run->in.unit;
     for (long long m = 0, at = 0; m < n; m++)
         for (long long c = 0; c < k; c++, at++)
             size[c] = fmax(size[c], fmax(fabs(x[at]), fabs(end[at])) / absolute[m]);
