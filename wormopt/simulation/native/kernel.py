@@ -38,7 +38,10 @@ _ALONG = (
     *("slopes", "contacts_along", "project_along", "guards_along", "resets_along"),
     *("contact_parts", "guard_parts"),
 )
-_CODE = ("driver.c", "stepper.c", "contact.c", "aiming.c", "variation.c", "doubts.c")
+_CODE = (
+    *("driver.c", "stepper.c", "crossings.c", "layer.c", "contact.c", "aiming.c"),
+    *("variation.c", "doubts.c"),
+)
 _SOURCES = (*_CODE, "driver.h", "run.h", "tableau.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
