@@ -334,6 +334,17 @@ def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
 
 
 @both
+@pytest.mark.parametrize(("pull", "told"), [(2.0, 1), (-2.0, 1), (1.0, 0)])
+def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: Any):
+    """Friction 1.5, stiction 3: under a pull of 2 the slightest push sets the mass going."""
+    model = block(pull, speed=0.0)
+    motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
+    assert [d.reason for d in motion.doubts] == ["edge"] * told
+    pushed = simulate(model, 2.0, x0={"velocity": math.copysign(1e-8, pull)})
+    assert (abs(pushed.end[1]) > 0.1) == bool(told)
+
+
+@both
 def test_a_root_at_0_has_no_derivative_and_says_so(route: Any):
     """y' = sqrt(x) while x falls to 0 and beyond: the slope is infinite there."""
     x, y = ca.SX.sym("x"), ca.SX.sym("y")

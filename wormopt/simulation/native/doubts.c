@@ -59,6 +59,18 @@ void suspect(Run *run, long long forced) {
     }
 }
 
+/* Whether a resting contact would slide on if it moved the way it is pulled: what holds it holds
+   more than what slows it down. Beyond velocities and modes, `scan` is free. */
+static int slides_on(Run *run, long long i) {
+    const long long n = run->in.n_contacts;
+    double *probe = run->scan + 2 * n;
+    run->modes[i] = way_out(run, i);
+    evaluate(run, run->in.probe, run->out.t, run->out.x, probe);
+    const int slides = run->modes[i] * probe[n + i] > 0.0;
+    run->modes[i] = 0.0;
+    return slides;
+}
+
 /* Of a decision; the probe is that of the modes decided. At the start nothing comes before. */
 void doubt_decision(Run *run, long long forced, int at_start) {
     const long long n = run->in.n_contacts;
@@ -67,7 +79,7 @@ void doubt_decision(Run *run, long long forced, int at_start) {
         const double mode = run->modes[i], share = share_left(run, i);
         if (mode == 0.0 && share <= run->in.small_value) doubt(run, run->out.t, i, mode, EDGE);
         if (run->suspect[i] == 0.0) continue;
-        if (at_start ? mode != 0.0 : mode != 0.0 || !stop)
+        if (at_start ? mode != 0.0 || slides_on(run, i) : mode != 0.0 || !stop)
             doubt(run, run->out.t, i, mode, at_start ? EDGE : SIMULTANEOUS);
     }
 }

@@ -42,7 +42,7 @@ _CODE = (
     *("driver.c", "stepper.c", "crossings.c", "layer.c", "contact.c", "aiming.c"),
     *("variation.c", "doubts.c"),
 )
-_SOURCES = (*_CODE, "driver.h", "run.h", "tableau.h")
+_HEADERS = ("driver.h", "run.h", "tableau.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
@@ -131,7 +131,10 @@ class _Report(Structure):
 @cache
 def _driver() -> ctypes.CDLL:
     folder = files("wormopt.simulation.native")
-    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _SOURCES]
+    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _HEADERS]
+    # as one unit, so that what one file calls of another can stand in its place
+    code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _CODE)
+    sources.append(("unit.c", code))
     driver = library("driver", sources, "-O3")
     driver.wormopt_start.restype = POINTER(_Report)
     driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]

@@ -67,6 +67,10 @@ class Doubts:
             if suspects[i] and (mode != 0 or not (at_start or alone)):
                 self.rows.append((t, i, mode, _EDGE if at_start else _SIMULTANEOUS))
 
+    def slides_on(self, t: float, contact: int) -> None:
+        """Of a contact that rests, but would not stop if it moved."""
+        self.rows.append((t, contact, 0.0, _EDGE))
+
     def let_go(self, t: float, contact: int, mode: float, lacking: float) -> None:
         """Of a contact that is let go although it all but holds."""
         if lacking <= self.task.small_value:
@@ -77,7 +81,7 @@ class Doubts:
         if not any(
             row[0] == t and row[3] == _EDGE and row[1] == self._place(which) for row in self.rows
         ):
-            self._add(t, which, 0.0, _EDGE)
+            self.rows.append(row)
 
     def touch(self, t: float, which: int, mode: float) -> None:
         """Of an event that all but happened."""
