@@ -78,9 +78,8 @@ class Doubts:
 
     def land(self, t: float, which: int) -> None:
         """Of a switch whose guard is next to 0 after a jump."""
-        if not any(
-            row[0] == t and row[3] == _EDGE and row[1] == self._place(which) for row in self.rows
-        ):
+        row = (t, self._place(which), 0.0, _EDGE)
+        if row not in self.rows:
             self.rows.append(row)
 
     def touch(self, t: float, which: int, mode: float) -> None:
