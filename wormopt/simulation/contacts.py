@@ -134,7 +134,7 @@ class Contacts:
             self._columns.doubts.decision(
                 t, self._modes, shares, suspects, forced_mode, at_start=at_start
             )
-            for i in np.flatnonzero(suspects & (self._modes == 0)) if at_start else ():
+            for i in np.flatnonzero(suspects & (self._modes == 0)).tolist() if at_start else []:
                 if self._slides_on(t, x, i, float(probe.toward[i])):
                     self._columns.doubts.slides_on(t, i)
         self._columns.carry_rest(t, x)
