@@ -170,6 +170,33 @@ def held(modes: np.ndarray, time: float) -> np.ndarray:
     return expm(a * time)
 
 
+@both
+@pytest.mark.parametrize("power", [2, 3])
+def test_a_gain_that_grows_from_where_a_tube_is_left(power: int, route: Any):
+    """x' = 1, k' = c max(x - r, 0)^n: until x = r all derivatives of k are 0, then none is."""
+    x, k, r, c = (ca.SX.sym(name) for name in ("x", "k", "r", "c"))
+    signals = [Signal("x", x, value=0.0), Signal("gain", k, value=0.0)]
+    radius, growth = 0.108, 1e4
+    numbers = [Signal("radius", r, value=radius), Signal("growth", c, value=growth)]
+    model = Model("tube", signals, ca.vertcat(1, c * ca.fmax(x - r, 0) ** power), p=numbers)
+    motion = simulate(model, 1.0, sensitivities=["radius", "growth"], route=route)
+    left = 1 - radius
+    expected = [-growth * left**power, left ** (power + 1) / (power + 1)]
+    np.testing.assert_allclose(motion.end_derivative[1], expected, rtol=1e-9)
+    assert motion.n_steps < 200
+
+
+@both
+def test_what_is_0_in_theory_is_rounding_and_costs_no_steps(route: Any):
+    """A link without ground moves as a whole under a uniform load: no spring is stretched."""
+    worm = chain(
+        1, mass=1.0, stiffness=10.0, damping=0.5, rest_length=1.0, load=0.3, position=[1.0, 0.0]
+    )
+    motion = simulate(worm, 10.0, sensitivities=["stiffness", "damping", "mass[0]"], route=route)
+    np.testing.assert_allclose(motion.end_derivative[:, :2], 0.0, atol=1e-12)
+    assert motion.n_steps < 300
+
+
 # -- invariants ------------------------------------------------------------------------------
 
 
@@ -283,6 +310,38 @@ def test_gains_that_jump_agree_with_differences():
         d = motion.end_derivative[:, k]
         by = differences(model, 5.0, label, 1e-3 if label == "stiffness[1]" else 2e-5)
         assert np.abs(d - by).max() < 1e-6 * np.abs(d).max(), label
+
+
+@both
+@pytest.mark.parametrize(("jump", "told"), [(1.0, 1), (1.5, 0), (0.5, 0)])
+def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
+    """At x = 1 y jumps by `jump` from -1; where y > 0, z jumps: a small change of y does it."""
+    x, y, z, by = (ca.SX.sym(name) for name in ("x", "y", "z", "by"))
+    model = Model(
+        "landing",
+        [Signal("x", x, value=0.0), Signal("y", y, value=-1.0), Signal("z", z, value=0.0)],
+        ca.vertcat(1.0, 0.0, 0.0),
+        p=[Signal("by", by, value=jump)],
+        switches=[
+            Switch("first", x - 1, ca.vertcat(x, y + by, z)),
+            Switch("again", x - 1, ca.vertcat(x, y, z)),
+            Switch("second", y, ca.vertcat(x, y, z + 1)),
+        ],
+    )
+    motion = simulate(model, 2.0, sensitivities=["by"], route=route)
+    assert [(d.event.name, d.reason) for d in motion.doubts] == [("second", "edge")] * told
+    assert simulate(model, 2.0, sensitivities=["x"], route=route).doubts == ()
+
+
+@both
+@pytest.mark.parametrize(("pull", "told"), [(2.0, 1), (-2.0, 1), (1.0, 0)])
+def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: Any):
+    """Friction 1.5, stiction 3: under a pull of 2 the slightest push sets the mass going."""
+    model = block(pull, speed=0.0)
+    motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
+    assert [d.reason for d in motion.doubts] == ["edge"] * told
+    pushed = simulate(model, 2.0, x0={"velocity": math.copysign(1e-8, pull)})
+    assert (abs(pushed.end[1]) > 0.1) == bool(told)
 
 
 @both

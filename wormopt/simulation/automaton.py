@@ -215,6 +215,7 @@ class _Motion:
     def _start_afresh(self) -> None:
         """Fire switches whose guards have jumped above 0, and tell the stepper."""
         for _ in range(10 * len(self._task.system.model.switches) + 1):
+            self._note_landings()
             k = self._watch.jumped_switch(self._t, self._x)
             if k is None or self._ended:
                 break
@@ -226,6 +227,12 @@ class _Motion:
         self._watch.raise_levels(self._t, self._x)
         self._columns.arrive(self._t, self._x)
         self._stepper.restart(self._t, self._all)
+
+    def _note_landings(self) -> None:
+        """Doubt derivatives where a guard is next to 0 after a jump."""
+        if self._columns.k and self._task.system.model.switches:
+            guards, armed = self._watch.guards(self._t, self._x)
+            self._columns.land(self._t, self._x, guards, armed)
 
     def _fire(self, k: int, error: tuple[float, float] = (0.0, 0.0)) -> None:
         assert self._resets is not None

@@ -134,6 +134,9 @@ class Contacts:
             self._columns.doubts.decision(
                 t, self._modes, shares, suspects, forced_mode, at_start=at_start
             )
+            for i in np.flatnonzero(suspects & (self._modes == 0)).tolist() if at_start else []:
+                if self._slides_on(t, x, i, float(probe.toward[i])):
+                    self._columns.doubts.slides_on(t, i)
         self._columns.carry_rest(t, x)
         if self._coupled:
             self._aim.sweep(t, x)
@@ -145,6 +148,13 @@ class Contacts:
             if before[i] != self._modes[i] or i == forced or hit[i]
         ]
         return x, changes, np.flatnonzero(stopped).tolist()
+
+    def _slides_on(self, t: float, x: np.ndarray, i: int, toward: float) -> bool:
+        """Whether a resting contact would slide on if it moved the way it is pulled."""
+        self._modes[i] = toward
+        pull = toward * self._look(t, x).acceleration[i]
+        self._modes[i] = 0.0
+        return bool(pull > 0)
 
     def _has_begun(self, i: int, probe: _Probe) -> bool:
         """End a contact's onset where it is fast enough for a direction of its own."""

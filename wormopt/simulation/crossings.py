@@ -161,6 +161,10 @@ class Watch:
         found = np.flatnonzero(jumped[self.n_contacts :])
         return int(found[0]) if len(found) else None
 
+    def guards(self, t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Guards of the switches, and whether they fire as soon as they are above 0."""
+        return self._values(t, x)[0][self.n_contacts :], self._levels[self.n_contacts :] == 0
+
     # -- location --------------------------------------------------------------------------
 
     def find(self, step: Step) -> Crossing | None:

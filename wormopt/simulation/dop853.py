@@ -82,13 +82,13 @@ class Explicit:
     def _columns_error(self, x_new: np.ndarray, stages: np.ndarray, h: float) -> float:
         """Error of the step in S: the worst column counts.
 
-        Sizes of columns are their own, in units of the nominal sizes of states.
+        Sizes of columns are their own, in units of the nominal sizes of states, or their floor.
         """
         task, n_x, k = self._task, len(self._task.x0), self._task.k
         x, end = (part[n_x:].reshape(-1, k) for part in (self._x, x_new))
         nominal = task.absolute[: len(x), None]
         own = np.maximum(np.abs(x), np.abs(end))
-        own = own + 0.1 * nominal * (own / nominal).max(axis=0)
+        own = own + 0.1 * nominal * np.maximum((own / nominal).max(axis=0), task.column_floor)
         slopes = stages.reshape(12, -1)[:, n_x:]
         scale = SLACK * task.tolerance.relative * own + _TINY
         five, three = (

@@ -82,8 +82,28 @@ class InitialValueProblem:
         if self.directions is None:
             return self.absolute
         own = self.absolute[: self.system.model.n_x]
-        sizes = self.directions.sizes(own / self.tolerance.absolute, self.p, self.schedules)
-        return np.append(self.absolute, SLACK * np.outer(own, sizes))
+        return np.append(self.absolute, SLACK * np.outer(own, self.column_sizes))
+
+    @cached_property
+    def column_sizes(self) -> np.ndarray:
+        """How large derivatives are expected, per direction, in units of nominal sizes of states.
+
+        Where nominal sizes move nominal sizes.
+        """
+        if self.directions is None:
+            return np.zeros(0)
+        model, nominal_p = self.system.model, np.ones(len(self.p))
+        given = _nominals((*model.p, *model.u))
+        nominal_p[: len(given)] = given
+        return self.directions.sizes(_nominals(model.x), self.p, nominal_p, self.schedules)
+
+    @cached_property
+    def column_floor(self) -> np.ndarray:
+        """Sizes below which columns count as so large, in absolute tolerances of states.
+
+        Where a column leaves 0 all of it is error, and what is 0 in theory is rounding.
+        """
+        return 0.01 * self.column_sizes / self.tolerance.absolute
 
     @property
     def _nominal_speeds(self) -> np.ndarray:

@@ -296,10 +296,8 @@ def _names(system: System) -> list[str]:
 
 
 def _events(system: System, rows: np.ndarray) -> tuple[Event, ...]:
-    names = _names(system)
+    names, changes = _names(system), rows[:, 4:] if rows.shape[1] > 4 else [None] * len(rows)
     return tuple(
-        Event(
-            float(t), names[int(which)], KINDS[int(kind)], int(mode), along if along.size else None
-        )
-        for (t, which, kind, mode), along in zip(rows[:, :4], rows[:, 4:], strict=True)
+        Event(t, names[int(which)], KINDS[int(kind)], int(mode), along)
+        for (t, which, kind, mode), along in zip(rows[:, :4].tolist(), changes, strict=True)
     )

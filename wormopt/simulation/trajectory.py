@@ -223,18 +223,15 @@ class Trajectory(SampledMotion):
 
     def _observed_along(self, expression: ca.SX) -> np.ndarray:
         assert self.along is not None
-        function, (t, m) = (
-            variation(self.system, ()).observed(expression),
-            (self.time, len(self.time)),
-        )
+        t, n_fixed = self.time, self.system.n_fixed
+        function, places = variation(self.system, self.along.active(n_fixed)).observed(expression)
         p = self.system.scheduled(self.p, self.schedules, t)
-        dp = self.along.scheduled(self.system.n_fixed, self.schedules, t)
-        s, every = self.s_at(t), range(self.along.k)
-        columns = [
-            np.array(function(t[None], self.states, p, s, self.state_derivatives[:, k], dp[:, k]))
-            for k in every
-        ]
-        return np.stack(columns, axis=1).reshape(-1, len(columns), m)
+        values = np.array(function(t[None], self.states, p, self.s_at(t)))
+        moved = [self.state_derivatives, self.along.scheduled(n_fixed, self.schedules, t)]
+        change, n_x = np.zeros((expression.numel(), self.along.k, len(t))), len(self.states)
+        for value, row, column in zip(values, *places.tolist(), strict=True):
+            change[row] += value * moved[column >= n_x][column - n_x * (column >= n_x)]
+        return change
 
     @property
     def warnings(self) -> tuple[str, ...]:

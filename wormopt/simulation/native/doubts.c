@@ -59,6 +59,18 @@ void suspect(Run *run, long long forced) {
     }
 }
 
+/* Whether a resting contact would slide on if it moved the way it is pulled: what holds it holds
+   more than what slows it down. Beyond velocities and modes, `scan` is free. */
+static int slides_on(Run *run, long long i) {
+    const long long n = run->in.n_contacts;
+    double *probe = run->scan + 2 * n;
+    run->modes[i] = way_out(run, i);
+    evaluate(run, run->in.probe, run->out.t, run->out.x, probe);
+    const int slides = run->modes[i] * probe[n + i] > 0.0;
+    run->modes[i] = 0.0;
+    return slides;
+}
+
 /* Of a decision; the probe is that of the modes decided. At the start nothing comes before. */
 void doubt_decision(Run *run, long long forced, int at_start) {
     const long long n = run->in.n_contacts;
@@ -67,7 +79,7 @@ void doubt_decision(Run *run, long long forced, int at_start) {
         const double mode = run->modes[i], share = share_left(run, i);
         if (mode == 0.0 && share <= run->in.small_value) doubt(run, run->out.t, i, mode, EDGE);
         if (run->suspect[i] == 0.0) continue;
-        if (at_start ? mode != 0.0 : mode != 0.0 || !stop)
+        if (at_start ? mode != 0.0 || slides_on(run, i) : mode != 0.0 || !stop)
             doubt(run, run->out.t, i, mode, at_start ? EDGE : SIMULTANEOUS);
     }
 }
@@ -90,4 +102,32 @@ void doubt_touches(Run *run, double h, double first) {
     for (long long j = 0; j < n_functions(run); j++)
         if (run->touch[j] < first)
             doubt(run, run->out.t + run->touch[j] * h, j, j < n ? run->modes[j] : 0.0, GRAZING);
+}
+
+static int is_told(const Run *run, long long which, Reason reason) {
+    const Table *told = &run->out.doubts;
+    for (long long r = told->rows - 1; r >= 0; r--) {
+        const double *row = told->data + told->width * r;
+        if (row[0] != run->out.t) return 0;
+        if (row[1] == which + (run->in.exact ? 0 : run->in.n_contacts) && row[3] == reason) return 1;
+    }
+    return 0;
+}
+
+/* Of guards that are next to 0 after a jump, and move: small changes fire their switches or not.
+   What falls to 0 along with the event's own guard does not move. Values are known. */
+void doubt_landings(Run *run) {
+    const long long n = n_functions(run) - run->in.n_switches;
+    double *parts = run->reset;
+    evaluate(run, run->in.guard_parts, run->out.t, run->out.x, parts);
+    for (long long c = 0; c < run->in.k; c++) {
+        change_along(run, run->in.guards_along, c);
+        for (long long j = 0; j < run->in.n_switches; j++) {
+            const double change = fabs(run->change[j]), value = fabs(run->value[n + j]);
+            if (run->level[n + j] == 0.0 && change > ALIKE * parts[j] * fabs(run->event_along[c])
+                && value * run->in.column_size[c] <= run->in.small_value * change
+                && !is_told(run, n + j, EDGE))
+                doubt(run, run->out.t, n + j, 0.0, EDGE);
+        }
+    }
 }

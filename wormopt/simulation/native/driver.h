@@ -54,6 +54,7 @@ typedef struct {
     const double *reach;             /* 4 rows, per contact: see event_values */
     const double *v_layer;           /* per contact: where the smooth law is steep */
     const double *absolute;          /* per state */
+    const double *column_size;       /* per direction how large S is expected, in nominal sizes */
     const Schedule *schedules;
     const double *times;             /* ascending, within [t, t_end] */
     double relative, max_step, t_start, t_end;

@@ -38,8 +38,11 @@ _ALONG = (
     *("slopes", "contacts_along", "project_along", "guards_along", "resets_along"),
     *("contact_parts", "guard_parts"),
 )
-_CODE = ("driver.c", "stepper.c", "contact.c", "aiming.c", "variation.c", "doubts.c")
-_SOURCES = (*_CODE, "driver.h", "run.h", "tableau.h")
+_CODE = (
+    *("driver.c", "stepper.c", "crossings.c", "layer.c", "contact.c", "aiming.c"),
+    *("variation.c", "doubts.c"),
+)
+_HEADERS = ("driver.h", "run.h", "tableau.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
@@ -89,7 +92,7 @@ class _Problem(Structure):
                     "reach",
                     "v_layer",
                 ),
-                "absolute",
+                *("absolute", "column_size"),
                 *("schedules", "times"),
             )
         ),
@@ -128,7 +131,10 @@ class _Report(Structure):
 @cache
 def _driver() -> ctypes.CDLL:
     folder = files("wormopt.simulation.native")
-    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _SOURCES]
+    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _HEADERS]
+    # as one unit, so that what one file calls of another can stand in its place
+    code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _CODE)
+    sources.append(("unit.c", code))
     driver = library("driver", sources, "-O3")
     driver.wormopt_start.restype = POINTER(_Report)
     driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
@@ -289,6 +295,7 @@ def integrate(
         "reach": np.ascontiguousarray(task.reach),
         "v_layer": task.v_layer,
         "absolute": task.absolute,
+        "column_size": task.column_sizes,
         "times": np.ascontiguousarray(task.times, dtype=float),
     }
     problem = _Problem(

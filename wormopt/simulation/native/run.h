@@ -63,18 +63,25 @@ void dense_state(const Run *run, double theta, double *x, long long count);
 double first_step(Run *run);
 int looks_stiff(Run *run, double h);
 
-/* contact.c */
+/* crossings.c */
+long long n_exact(const Run *run);
 long long n_functions(const Run *run);
+double small(const Run *run, long long j);
+double margin(const double *probe, long long n, long long i);
 void event_values(Run *run, double t, const double *x, double *value);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
 int grazes(Run *run, double h, double theta, long long j);
+void set_levels(Run *run, int at_start);
+
+/* layer.c */
+int dips_into_layer(Run *run, double h);
+int goes_over_bend(Run *run, double h);
+
+/* contact.c */
 double force_scale(const Run *run, long long i);
 double share_left(const Run *run, long long i);
 double way_out(const Run *run, long long i);
-int dips_into_layer(Run *run, double h);
-int goes_over_bend(Run *run, double h);
-void set_levels(Run *run, int at_start);
 void decide_modes(Run *run, long long forced, int record);
 void apply_event(Run *run, long long which, int jumped);
 void fire_jumped_switches(Run *run);
@@ -95,6 +102,7 @@ void suspect(Run *run, long long forced);
 void doubt_decision(Run *run, long long forced, int at_start);
 double function_size(const Run *run, long long j, double range);
 void note_touch(Run *run, long long j, double at, double value, double range);
+void doubt_landings(Run *run);
 void doubt_touches(Run *run, double h, double first);
 
 /* variation.c */

@@ -40,13 +40,14 @@ void vary(Run *run, double t, const double *x, double *dx) {
 }
 
 /* Error of the step in S: the worst column counts. Sizes of columns are their own, in units of the
-   nominal sizes of states. */
+   nominal sizes of states, or their floor. */
 double columns_error(Run *run, double h) {
     const long long n = run->in.n_model, k = run->in.k, first = run->in.n_x;
     const double *x = run->out.x + first, *end = run->x_new + first, *absolute = run->in.absolute;
     double *size = run->column_error, *five = size + k, *three = five + k, worst = 0.0;
     double **slope = run->k;
-    memset(size, 0, 3 * k * sizeof(double));
+    memset(five, 0, 2 * k * sizeof(double));
+    for (long long c = 0; c < k; c++) size[c] = 0.01 * run->in.column_size[c] / run->in.unit;
     for (long long m = 0, at = 0; m < n; m++)
         for (long long c = 0; c < k; c++, at++)
             size[c] = fmax(size[c], fmax(fabs(x[at]), fabs(end[at])) / absolute[m]);

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wormopt.simulation.initial_value import InitialValueProblem
-from wormopt.simulation.sensitivity.doubts import Doubts
+from wormopt.simulation.sensitivity.doubts import ALIKE, Doubts
 from wormopt.simulation.steps import Call
 
 
@@ -25,6 +25,7 @@ class Columns:
         self._directions = p[n_p:].reshape(n_p, self.k)  # a view: schedules rewrite it
         self._n_x, self._states, self._rows = len(task.x0), system.row_state, system.row_contact
         self._modes, self._exact, self._small_rate = modes, system.exact, task.small_rate
+        self._small_value, self._sizes = task.small_value, task.column_sizes
         self._n_contacts = len(system.contacts) if system.exact else 0
         shared = (("p", p), ("s", modes))
         self._rhs = Call(system.rhs, *shared)
@@ -71,6 +72,18 @@ class Columns:
         """What rests has no velocity."""
         if self.k and np.any(self._modes[: self._n_contacts] == 0):
             self.carry("project_along", t, x)
+
+    def land(self, t: float, x: np.ndarray, guards: np.ndarray, armed: np.ndarray) -> None:
+        """Doubt guards that are next to 0 after a jump, and move: small changes fire or not.
+
+        What falls to 0 along with the event's own guard does not move.
+        """
+        changes = np.abs(self._each("guards_along", t, x, self.dt))
+        parts, sizes = self._along["guard_parts"](t, x)[0], self._sizes[:, None]
+        moves = changes > ALIKE * np.outer(np.abs(self.dt), parts)
+        near = np.abs(guards) * sizes <= self._small_value * changes
+        for j in np.flatnonzero(armed & np.any(moves & near, axis=0)):
+            self.doubts.land(t, self._n_contacts + int(j))
 
     def arrive(self, t: float, x: np.ndarray) -> None:
         """End what began with `leave`: back to the state at a given time."""

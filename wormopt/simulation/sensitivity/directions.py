@@ -17,6 +17,7 @@ from wormopt.simulation.functions import System
 Sensitivities = Sequence[str] | Mapping[str, Mapping[str, ArrayLike]]
 """Names of parameters, inputs, states and schedules, or a direction for each label."""
 
+_FAR_BELOW = 0.01
 _ENTRY = re.compile(r"(.*)\[\s*(\d+)\s*(?:,\s*(\d+)\s*)?\]")
 
 
@@ -35,10 +36,18 @@ class Directions:
         return len(self.labels)
 
     def sizes(
-        self, nominal_x: np.ndarray, p: np.ndarray, schedules: Sequence[Schedule]
+        self,
+        nominal_x: np.ndarray,
+        p: np.ndarray,
+        nominal_p: np.ndarray,
+        schedules: Sequence[Schedule],
     ) -> np.ndarray:
-        """Relative changes (k,) of what each moves most."""
-        found = [self.x0 / nominal_x[:, None], self.p / np.where(p == 0, 1.0, np.abs(p))[:, None]]
+        """Relative changes (k,) of what each moves most.
+
+        Numbers far below their nominal size may count for much, and are taken to have that size.
+        """
+        size_p = np.where(np.abs(p) < _FAR_BELOW * nominal_p, nominal_p, np.abs(p))
+        found = [self.x0 / nominal_x[:, None], self.p / size_p[:, None]]
         for schedule, along in zip(schedules, self.schedules, strict=True):
             largest = np.abs(schedule.values).max(initial=0.0)
             found.append(along.reshape(-1, self.k) / (largest or 1.0))

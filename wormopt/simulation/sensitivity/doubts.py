@@ -13,7 +13,7 @@ REASONS = ("grazing", "simultaneous", "edge")
 
 _GRAZING, _SIMULTANEOUS, _EDGE = range(len(REASONS))
 # Of the whole time; and changes that differ by no more, relative to them, are the same.
-_AT_ONCE, _ALIKE = 1e-10, 1e-6
+_AT_ONCE, ALIKE = 1e-10, 1e-6
 
 
 @dataclass(eq=False)
@@ -37,7 +37,7 @@ class Doubts:
         stop = self._is_stop(mode)
         size = max(np.abs(dt).max(), np.abs(self._dt).max())
         near = t - self._time <= _AT_ONCE * self._span and which != self._which
-        apart = np.abs(dt - self._dt).max() > _ALIKE * size
+        apart = np.abs(dt - self._dt).max() > ALIKE * size
         if near and apart and not (stop and self._stopped):
             self._add(t, which, mode, _SIMULTANEOUS)
         self._time, self._which, self._stopped, self._dt = t, which, stop, dt.copy()
@@ -67,24 +67,38 @@ class Doubts:
             if suspects[i] and (mode != 0 or not (at_start or alone)):
                 self.rows.append((t, i, mode, _EDGE if at_start else _SIMULTANEOUS))
 
+    def slides_on(self, t: float, contact: int) -> None:
+        """Of a contact that rests, but would not stop if it moved."""
+        self.rows.append((t, contact, 0.0, _EDGE))
+
     def let_go(self, t: float, contact: int, mode: float, lacking: float) -> None:
         """Of a contact that is let go although it all but holds."""
         if lacking <= self.task.small_value:
             self.rows.append((t, contact, mode, _EDGE))
+
+    def land(self, t: float, which: int) -> None:
+        """Of a switch whose guard is next to 0 after a jump."""
+        row = (t, self._place(which), 0.0, _EDGE)
+        if row not in self.rows:
+            self.rows.append(row)
 
     def touch(self, t: float, which: int, mode: float) -> None:
         """Of an event that all but happened."""
         self._add(t, which, mode, _GRAZING)
 
     def _add(self, t: float, which: int, mode: float, reason: int) -> None:
-        """Note a doubt; with smooth contact only switches have events."""
+        """Note a doubt."""
+        self.rows.append((t, self._place(which), mode, reason))
+
+    def _place(self, which: int) -> int:
+        """With smooth contact only switches have events."""
         system = self.task.system
-        self.rows.append((t, which + (0 if system.exact else len(system.contacts)), mode, reason))
+        return which + (0 if system.exact else len(system.contacts))
 
     def suspects(self, changes: list[np.ndarray], s: np.ndarray) -> np.ndarray:
         """Which velocities change with the columns `s` (n_x, k); changes of each by contact."""
         nominal = self.task.absolute[: len(s), None] / self.task.tolerance.absolute
         sizes = (np.abs(s) / nominal).max(axis=0)
         speeds = np.array([c.nominal_speed for c in self.task.system.contacts])
-        least = _ALIKE * np.outer(sizes, speeds)
+        least = ALIKE * np.outer(sizes, speeds)
         return np.any(np.abs(np.array(changes)) > least, axis=0)

@@ -147,15 +147,20 @@ class Variation:
         result = ca.vertcat(dx, ca.vec(ca.densify(rows)))
         return ca.Function("rhs", [t, all_x, all_p, s], [result], ["t", "x", "p", "s"], ["rhs"])
 
-    def observed(self, expression: ca.SX) -> ca.Function:
-        """Change of an expression of the model's symbols, contact forces among them."""
+    def observed(self, expression: ca.SX) -> tuple[ca.Function, np.ndarray]:
+        """Entries of the Jacobian of an expression by the model's states and by p.
+
+        A function of (t, x, p, s), and the rows and columns (2, entries) of what it gives. Contact
+        forces may stand in the expression; only entries of p in `active` count.
+        """
         system, (t, _, p, s) = self.system, self.system.symbols
-        function = system.observe(expression)
+        function, active = system.observe(expression), list(self.active)
         x = ca.SX.sym("x", system.model.n_x)
-        dx, dp = ca.SX.sym("dx", x.numel()), ca.SX.sym("dp", p.numel())
-        result = function(t, x, p, s)
-        change = ca.jtimes(result, ca.vertcat(x, p), ca.vertcat(dx, dp))
-        return ca.Function("observed_along", [t, x, p, s, dx, dp], [ca.densify(change)])
+        by = ca.jacobian(function(t, x, p, s), ca.vertcat(x, p[active]))
+        rows, columns = np.array(by.sparsity().get_triplet(), dtype=int).reshape(2, -1)
+        entries = ca.Function("observed_along", [t, x, p, s], [ca.vec(by.nz[:])])
+        places = np.append(np.arange(x.numel()), x.numel() + np.array(active, dtype=int))
+        return entries, np.array([rows, places[columns]])
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,229 @@
+/* When a contact or a switch has to be decided anew: zeros of event functions within a step.
+
+   Event function j is positive while things stay as they are: for a sliding contact its velocity in
+   the direction of sliding, for a resting one the distance of its force from the nearer bound, for
+   a switch minus its guard. In the plane a contact slides while its speed is above that of a stop;
+   its onset lasts while it goes ahead, and until it is fast enough and its error counts. An event
+   is where it falls below its level. The level is 0 once it has been well above 0; until then it is
+   a little lower, so that a contact that has just been let go, with no velocity and perhaps no
+   acceleration, is not caught again by a rounding error. A switch that has just fired and whose
+   guard goes on rising has no level at all. */
+#include <math.h>
+#include <string.h>
+
+#include "run.h"
+
+enum { N_SAMPLES = 11 };
+static const double SAMPLES[N_SAMPLES] = {0.0,   1.0 / 64, 0.125, 0.25,      0.375, 0.5,
+                                          0.625, 0.75,     0.875, 63.0 / 64, 1.0};
+
+long long n_exact(const Run *run) { return run->in.exact ? run->in.n_contacts : 0; }
+
+long long n_functions(const Run *run) { return n_exact(run) + run->in.n_switches; }
+
+/* Size below which event function j is nothing but rounding. */
+double small(const Run *run, long long j) {
+    if (j >= n_exact(run)) return 0.0;
+    return run->modes[j] ? run->in.v_rest[j] : run->in.f_rest[j];
+}
+
+double margin(const double *probe, long long n, long long i) {
+    double force = probe[2 * n + i], least = probe[3 * n + i], largest = probe[4 * n + i];
+    return fmin(force - least, largest - force);
+}
+
+/* Of a moving contact in the plane. `reach`: speed of a stop; least and largest speed at the end of
+   an onset, the least over its largest error. */
+static double planar_value(const Run *run, long long i, double v) {
+    const long long n = run->in.n_contacts;
+    const double *reach = run->in.reach + i, error = -run->probe[2 * n + i];
+    if (!in_onset(run, i)) return v - reach[0];
+    return fmin(v, fmax(reach[n] - v, fmin(reach[2 * n] - v, reach[n] - reach[3 * n] * error)));
+}
+
+void event_values(Run *run, double t, const double *x, double *value) {
+    const long long n = n_exact(run);
+    if (n) {
+        int states = 1;
+        for (long long i = 0; i < n; i++)
+            states &= run->modes[i] != 0.0 && run->in.velocity_state[i] >= 0;
+        if (!states) evaluate(run, run->in.probe, t, x, run->probe);
+        for (long long i = 0; i < n; i++) {
+            double v = states ? x[run->in.velocity_state[i]] : run->probe[i];
+            if (run->modes[i] == 0.0)
+                value[i] = margin(run->probe, n, i);
+            else
+                value[i] = run->in.planar[i] < 0 ? run->modes[i] * v : planar_value(run, i, v);
+        }
+    }
+    if (run->in.n_switches) {
+        evaluate(run, run->in.guards, t, x, run->guard);
+        for (long long k = 0; k < run->in.n_switches; k++) value[n + k] = -run->guard[k];
+        /* the rates of the guards follow, see note_fired */
+    }
+}
+
+static void values_within(Run *run, double theta, double h, double *value) {
+    dense_state(run, theta, run->column, run->in.n_x);
+    event_values(run, run->out.t + theta * h, run->column, value);
+}
+
+static double value_within(Run *run, long long j, double theta, double h) {
+    if (j < n_exact(run) && run->modes[j] != 0.0 && run->in.velocity_state[j] >= 0)
+        return run->modes[j] * dense_component(run, run->in.velocity_state[j], theta);
+    values_within(run, theta, h, run->value);
+    return run->value[j];
+}
+
+/* Least value of function j between a and b by golden sections. */
+static double lowest(Run *run, long long j, double h, double a, double b, double *at) {
+    const double ratio = 0.6180339887498949;
+    double p = b - ratio * (b - a), q = a + ratio * (b - a);
+    double vp = value_within(run, j, p, h), vq = value_within(run, j, q, h);
+    while (b - a > 1e-7) {
+        if (vp < vq) {
+            b = q, q = p, vq = vp;
+            p = b - ratio * (b - a), vp = value_within(run, j, p, h);
+        } else {
+            a = p, p = q, vp = vq;
+            q = a + ratio * (b - a), vq = value_within(run, j, q, h);
+        }
+    }
+    *at = vp < vq ? p : q;
+    return fmin(vp, vq);
+}
+
+/* Where function j falls through the level between a and b: regula falsi (Illinois), safeguarded. */
+static double crossing(Run *run, long long j, double h, double a, double b, double va, double vb,
+                       double level) {
+    va -= level, vb -= level;
+    if (va <= 0.0) return a;
+    for (int i = 0, side = 0; i < 100 && b - a > 1e-15; i++) {
+        double c = isfinite(va) && isfinite(vb) && i < 40 ? (a * vb - b * va) / (vb - va) : NAN;
+        if (!(c > a && c < b)) c = 0.5 * (a + b);
+        if (c == a || c == b) break;
+        double vc = value_within(run, j, c, h) - level;
+        if (vc > 0.0) {
+            a = c, va = vc;
+            if (side == 1) vb *= 0.5;
+            side = 1;
+        } else {
+            b = c, vb = vc;
+            if (side == -1) va *= 0.5;
+            side = -1;
+            if (vc == 0.0) break;
+        }
+    }
+    return b;
+}
+
+/* First crossing of function j in the sampled step if it is before `limit`, else 2; notes its level
+   if there is none at all. The values at the limit are the last row but one. */
+static double first_crossing(Run *run, long long j, double h, const double *value, double limit) {
+    const long long n = n_functions(run);
+    double level = run->level[j];
+    for (int k = 0; k < N_SAMPLES; k++) {
+        const double here = value[k * n + j], at_limit = value[N_SAMPLES * n + j];
+        if (k > 0 && SAMPLES[k - 1] >= limit) return 2.0;
+        if (here < level) {
+            if (k == 0) return 0.0;
+            const double before = value[(k - 1) * n + j];
+            if (limit >= SAMPLES[k])
+                return crossing(run, j, h, SAMPLES[k - 1], SAMPLES[k], before, here, level);
+            if (at_limit >= level) return 2.0;
+            return crossing(run, j, h, SAMPLES[k - 1], limit, before, at_limit, level);
+        }
+        if (k >= 2) { /* a dip between samples */
+            double a = value[(k - 2) * n + j], b = value[(k - 1) * n + j], at;
+            double depth = fmin(a, here) - b;
+            if (b < a && b <= here && b - level < 4 * fmax(fmax(a, here) - b, depth)) {
+                const double least = lowest(run, j, h, SAMPLES[k - 2], SAMPLES[k], &at);
+                if (least < level) {
+                    double low = value_within(run, j, at, h);
+                    return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
+                }
+                if (run->in.k) note_touch(run, j, at, least, fmax(a, here));
+            }
+        }
+        if (k > 0 && here > small(run, j)) level = 0.0;
+    }
+    run->scan[(N_SAMPLES + 1) * n + j] = level;
+    return 2.0;
+}
+
+/* First event of the step of length h, as a fraction of it; 2 if there is none. */
+double find_event(Run *run, double h, long long *which) {
+    const long long n = n_functions(run);
+    for (int k = 0; k < N_SAMPLES; k++) values_within(run, SAMPLES[k], h, run->scan + k * n);
+    for (long long i = 0; i < N_SAMPLES * n; i++)
+        if (isnan(run->scan[i])) run->out.status = NOT_FINITE;
+    double first = 2.0;
+    for (long long j = 0; j < n && run->in.k; j++) run->touch[j] = INFINITY;
+    for (long long j = 0; j < n; j++) {
+        double theta = first_crossing(run, j, h, run->scan, first);
+        if (theta >= first) continue;
+        first = theta, *which = j;
+        values_within(run, first, h, run->scan + N_SAMPLES * n);
+    }
+    if (first > 1.0) memcpy(run->level, run->scan + (N_SAMPLES + 1) * n, n * sizeof(double));
+    /* what has been well above 0 before the event is armed, whoever has it */
+    for (int k = 1; k < N_SAMPLES && SAMPLES[k] < first && first <= 1.0; k++)
+        for (long long j = 0; j < n; j++)
+            if (j != *which && run->scan[k * n + j] > small(run, j)) run->level[j] = 0.0;
+    if (run->in.k) doubt_touches(run, h, first);
+    return first;
+}
+
+/* Whether function j would fall next to nothing below 0 after theta, and rise again in the step. */
+int grazes(Run *run, double h, double theta, long long j) {
+    const long long n = n_functions(run);
+    const double end = run->scan[(N_SAMPLES - 1) * n + j];
+    int rises = 0;
+    for (int k = 0; k < N_SAMPLES - 1; k++) rises |= SAMPLES[k] > theta && run->scan[k * n + j] < end;
+    double at, largest = 0.0;
+    for (int k = 0; k < N_SAMPLES; k++) largest = fmax(largest, fabs(run->scan[k * n + j]));
+    return (rises || end > 0.0)
+           && lowest(run, j, h, theta, 1.0, &at) >= -run->in.small_value * function_size(run, j, largest);
+}
+
+/* Length of the step that ends at the event. The polynomial is of a lower order than the steps, so
+   the step itself is taken and corrected by Newton's method; x_new holds its end. */
+double polish_event(Run *run, double h, double theta, long long which) {
+    const double delta = 1e-4, length = theta * h;
+    const double slope = (value_within(run, which, fmin(theta + delta, 1.0), h)
+                          - value_within(run, which, fmax(theta - delta, 0.0), h))
+                         / ((fmin(theta + delta, 1.0) - fmax(theta - delta, 0.0)) * h);
+    double best = length, least = INFINITY, next = length;
+    for (int i = 0; i < 4; i++) {
+        stages(run, next);
+        event_values(run, run->out.t + next, run->x_new, run->value);
+        double value = run->value[which];
+        if (fabs(value) < least) least = fabs(value), best = next;
+        if (run->level[which] != 0.0 || !(slope < 0.0) || fabs(value) <= 1e-3 * small(run, which)
+            || fabs(value) > least)
+            break;
+        double corrected = next - value / slope;
+        if (!(corrected > 0.0 && corrected <= h) || corrected == next) break;
+        next = corrected;
+    }
+    if (next != best) stages(run, best);
+    return best;
+}
+
+/* Value above which an event function counts as well above 0: for a switch more than it loses in
+   a time that is nothing but rounding. */
+static double clearly_above(const Run *run, long long j) {
+    if (j < n_exact(run)) return small(run, j);
+    double rate = run->guard[run->in.n_switches + j - n_exact(run)];
+    return rate > 0.0 ? 1e3 * floor_of_step(run) * rate : 0.0;
+}
+
+/* Raise levels of what is well above 0; at the start of a run those of all guards not above 0. */
+void set_levels(Run *run, int at_start) {
+    event_values(run, run->out.t, run->out.x, run->value);
+    for (long long j = 0; j < n_functions(run); j++) {
+        int guard = j >= n_exact(run);
+        if (at_start) run->level[j] = !guard ? -small(run, j) : run->value[j] < 0.0 ? -INFINITY : 0.0;
+        if (run->value[j] > clearly_above(run, j)) run->level[j] = 0.0;
+    }
+}
