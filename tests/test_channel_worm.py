@@ -438,3 +438,23 @@ def test_pictures():
     assert "sleeve (elastica): 12.69 mm" in drawn.axes[0].get_legend_handles_labels()[1]
     facts = " ".join(text.get_text() for text in drawn.texts).replace("\n", "; ")
     assert "closest to point contact: sine, 0.108 mm; closest to sleeve: sine, 0.161 mm" in facts
+
+
+def test_the_table_of_bodies():
+    """The column of (32) in docs/theory-channel.md, from arc lengths by quadrature."""
+    page = (Path(__file__).parents[1] / "docs/theory-channel.md").read_text(encoding="utf-8")
+    section = page.partition("### 4.3 All bodies")[2]
+    for name, count in (("sample 1", 4), ("sample 2", 6), ("capsule", 6)):
+        (row,) = [line for line in section.splitlines() if line.startswith(f"| {name} |")]
+        printed = [float(text) for text in row.split("|")[2].split(",")]
+        body = SAMPLES[name.replace(" ", "-")]
+        rise = (body.channel - body.body) / body.pitch
+        sine = 2 / math.pi * ellipe(-((math.pi * rise) ** 2) / 4)
+        beam = quad(lambda t, r=rise: math.sqrt(1 + (6 * r * t * (1 - t)) ** 2), 0, 1)[0]
+        line = math.hypot(1, rise)
+        counts = (count, count, 7 if name == "sample 2" else count)
+        wanted = [
+            1e3 * body.pitch * k * (long - 1) / (k + 3)
+            for long, k in zip((sine, beam, line), counts, strict=True)
+        ]
+        assert printed == pytest.approx(wanted, abs=5e-3)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from effort import examples
 from hypothesis import given, settings
-from scipy.integrate import solve_ivp
+from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
@@ -361,3 +361,20 @@ def test_rods_that_cannot_be_are_refused(changed: dict[str, Any], said: str):
 def test_channels_that_do_not_fit_are_refused(channel: float, friction: float):
     with pytest.raises(ArgumentError):
         channel_rod(rubber(), channel, friction)
+
+
+def test_a_filled_skin_resists_as_a_tube():
+    """Area and second moment of the ring by quadrature; Cowper's shear of thin and full tubes."""
+    rod = Rod(75e-3, 4e-3, 3e5, 1200.0, skin=0.3e-3)
+    area = quad(lambda r: 2 * np.pi * r, 1.7e-3, 2e-3)[0]
+    moment = quad(lambda r: np.pi * r**3, 1.7e-3, 2e-3)[0]
+    assert rod.stiffness().stretching == pytest.approx(3e5 * area, rel=1e-12)
+    assert rod.stiffness().bending == pytest.approx(3e5 * moment, rel=1e-12)
+    assert rod.magnetised_area == pytest.approx(np.pi * 1.7e-3**2, rel=1e-12)
+    thin = Rod(75e-3, 4e-3, 3e5, 1200.0, skin=1e-9)
+    assert thin.shear_ratio == pytest.approx(2 * 1.5 / (4 + 3 * 0.5) / 3, rel=1e-6)
+    solid, full = Rod(75e-3, 4e-3, 3e5, 1200.0), Rod(75e-3, 4e-3, 3e5, 1200.0, skin=2e-3)
+    assert full.stiffness() == solid.stiffness()
+    assert (solid.magnetised_area, full.magnetised_area) == (solid.area, 0.0)
+    with pytest.raises(ArgumentError, match="thicker than the radius"):
+        Rod(75e-3, 4e-3, 3e5, 1200.0, skin=2.1e-3)

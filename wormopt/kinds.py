@@ -16,9 +16,10 @@ KINDS: dict[str, Kind] = {
             "gait": "wormopt.systems.spiked.plots.gaits:gait",
             "motion": "wormopt.systems.spiked.plots.gaits:motion",
             "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+            "region": "wormopt.systems.spiked.plots.region:region",
             "animation": "wormopt.systems.spiked.plots.animation:first_frame",
         },
-        wanted=("gait", "motion", "spikes", "animation"),
+        wanted=("gait", "motion", "spikes", "region", "animation"),
     ),
     "gait-design": Kind(
         summary="the best gait within limits on links, spikes and actuators",

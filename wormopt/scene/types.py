@@ -63,6 +63,11 @@ Pair = Annotated[
     Meta(min_length=2, max_length=2),
     _words("two finite numbers above 0, [smallest, largest]"),
 ]
+NonNegativePair = Annotated[
+    tuple[NonNegative, ...],
+    Meta(min_length=2, max_length=2),
+    _words("two finite numbers, 0 or above, [smallest, largest]"),
+]
 PositiveOrPair = Annotated[
     Positive | Pair, _words("a finite number above 0, or a range [smallest, largest]")
 ]

@@ -56,6 +56,9 @@ class Rod:
         0.5 of rubber, which keeps its volume.
     elements, degree : int, optional
         Number of elements, and degree of their polynomials.
+    skin : float, optional
+        Thickness, in m, of the skin of a rod that is filled with a fluid: the skin alone resists
+        strains, the fluid alone is magnetised, `density` is that of the whole. Solid if 0.
 
     Raises
     ------
@@ -77,9 +80,16 @@ class Rod:
     poisson_ratio: float = 0.5
     elements: int = 24
     degree: int = 2
+    skin: float = 0.0
 
     def __post_init__(self) -> None:
-        least = {"damping_time": 0.0, "poisson_ratio": -1.0, "elements": 1, "degree": 1}
+        least = {
+            "damping_time": 0.0,
+            "skin": 0.0,
+            "poisson_ratio": -1.0,
+            "elements": 1,
+            "degree": 1,
+        }
         for item in fields(self):
             value = getattr(self, item.name)
             low = least.get(item.name, 0.0)
@@ -91,6 +101,21 @@ class Rod:
             raise ArgumentError(
                 f"rod: poisson_ratio must be above -1 and at most 0.5, not {self.poisson_ratio:g}"
             )
+
+        if 2 * self.skin > self.diameter:
+            raise ArgumentError(
+                f"rod: a skin of {self.skin:g} m is thicker than the radius; write less"
+            )
+
+    @property
+    def _hole(self) -> float:
+        """Inner over outer diameter of what resists strains."""
+        return 1 - 2 * self.skin / self.diameter if self.skin else 0.0
+
+    @property
+    def magnetised_area(self) -> float:
+        """Area that the field pulls: of the whole section, or of the fluid in its skin, in m²."""
+        return self.area * (self._hole**2 if self.skin else 1.0)
 
     @property
     def area(self) -> float:
@@ -104,9 +129,10 @@ class Rod:
 
     @property
     def shear_ratio(self) -> float:
-        """Share k of the section that carries shear times G / E (Cowper, round section)."""
-        nu = self.poisson_ratio
-        return 6 * (1 + nu) / (7 + 6 * nu) / (2 * (1 + nu))
+        """Share k of the section that carries shear times G / E (Cowper, round or a tube)."""
+        nu, square = self.poisson_ratio, self._hole**2
+        bulge = (7 + 6 * nu) * (1 + square) ** 2 + (20 + 12 * nu) * square
+        return 3 * (1 + square) ** 2 / bulge
 
     def stiffness(self, youngs_modulus: Any = None) -> Stiffness:
         """Resistance to stretching, shearing and bending.
@@ -121,7 +147,9 @@ class Rod:
         Stiffness
         """
         E = self.youngs_modulus if youngs_modulus is None else youngs_modulus
-        return Stiffness(E * self.area, E * self.area * self.shear_ratio, E * self.second_moment)
+        stretching = E * self.area * (1 - self._hole**2)
+        bending = E * self.second_moment * (1 - self._hole**4)
+        return Stiffness(stretching, stretching * self.shear_ratio, bending)
 
     @property
     def count(self) -> int:

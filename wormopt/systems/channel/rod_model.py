@@ -231,7 +231,7 @@ def magnetic_strength(rod: Rod, susceptibility: float, ampere_turns: float) -> f
 
     In N m² (gradient in 1/m³, force per length in N/m); `ampere_turns` of each coil on.
     """
-    return MU0 * susceptibility / 2 * rod.area * ampere_turns**2
+    return MU0 * susceptibility / 2 * rod.magnetised_area * ampere_turns**2
 
 
 def block_schedule(blocks: Blocks, pitch: float, strength: float) -> Schedule:

@@ -19,12 +19,12 @@ from wormopt.model.motion import SampledMotion
 from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.numerics.roots import root
 from wormopt.systems.spiked.limits import Sharing
+from wormopt.systems.spiked.region import Region
 from wormopt.systems.spiked.sharing import share_load
 from wormopt.systems.spiked.stretches import (
     Drive,
     Stretch,
     at_breaks,
-    exact_degree,
     periodic_stretches,
 )
 
@@ -260,8 +260,7 @@ class Crawl(SampledMotion):
         """Smallest load Gamma for which kinematics alone rules this gait; inf if none does."""
         if self.drops:
             return float("inf")
-        low = min(self._inertia_and_drag(1.0))
-        return max(0.0, -low)
+        return max(0.0, Region(self.drive).least_load(self.gait.period))
 
     @cached_property
     def smallest_period(self) -> float:
@@ -271,8 +270,10 @@ class Crawl(SampledMotion):
         if self.drive.drag == 0 < self.drive.load:  # inertia goes with the square of the pace
             return self.gait.period * float(np.sqrt(self.smallest_load / self.drive.load))
 
+        region = Region(self.drive)
+
         def least(quickness: float) -> float:
-            return min(self._inertia_and_drag(quickness)) + self.drive.load
+            return self.drive.load - region.least_load(self.gait.period / quickness)
 
         fast = 1.0
         while least(fast) >= 0 and fast < 1e9:
@@ -287,19 +288,6 @@ class Crawl(SampledMotion):
             if self.drive.load == 0 and slow < 1e-6:
                 return float("inf")
         return self.gait.period / root(least, slow, fast, xtol=1e-15 * slow)
-
-    def _inertia_and_drag(self, quickness: float) -> Iterator[float]:
-        """Smallest values of sigma - Gamma, stretch by stretch, when the gait runs quicker."""
-        drive = self.drive
-        for stretch in self.stretches:
-
-            def value(s: np.ndarray, stretch: Stretch = stretch) -> np.ndarray:
-                v, a = drive.kinematic(stretch.piece, stretch.leader, s)
-                inertia = drive.mass @ a / len(drive.mass)
-                return (inertia * quickness**2 + drive.drag * v.mean(axis=0) * quickness)[None]
-
-            series = resolve(value, stretch.start, stretch.stop, exact_degree(self.gait))
-            yield float(series.extremes()[0][0])
 
     def sample(self, points: int = 600) -> dict[str, np.ndarray]:
         """Signals on a grid of about `points` times in which both sides of every jump appear.

@@ -102,6 +102,7 @@ class RodCase:
             poisson_ratio=self.worm.poisson_ratio,
             elements=self.mesh.elements,
             degree=self.mesh.degree,
+            skin=self.worm.skin or 0.0,
         )
 
     @property
@@ -144,7 +145,7 @@ class RodCase:
     def marcher(self) -> MoreauJean:
         """Time stepper of the rod, compiled once for all materials, frictions and frequencies."""
         rod = self.rod
-        sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree
+        sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree, rod.skin
         return _marcher(*sizes, self.channel.diameter, self.fields)
 
     @property
@@ -162,7 +163,7 @@ class RodCase:
         return self.marcher.safe_step(self.start, np.array(values))
 
     @property
-    def assumed(self) -> dict[str, float]:
+    def assumed(self) -> dict[str, float | None]:
         """Scalars: numbers that are assumptions, so that results show them."""
         worm = self.worm
         return {
@@ -170,6 +171,8 @@ class RodCase:
             "assumed_damping_time": worm.damping_time,
             "assumed_susceptibility": worm.susceptibility,
             "assumed_friction": self.channel.friction,
+            "assumed_skin": worm.skin,
+            "assumed_skin_modulus": worm.youngs_modulus if worm.skin else None,
         } | self.coils.assumed
 
     def warnings(self) -> Iterator[str]:
@@ -188,11 +191,12 @@ def _marcher(
     poisson_ratio: float,
     elements: int,
     degree: int,
+    skin: float,
     channel: float,
     fields: tuple[BlockField, ...],
 ) -> MoreauJean:
     """Steps of a rod, whatever its material and friction: those are parameters."""
     rod = Rod(length, diameter, 1.0, 1.0, poisson_ratio=poisson_ratio, elements=elements,
-              degree=degree)  # fmt: skip
+              degree=degree, skin=skin)  # fmt: skip
     model = channel_rod(rod, channel, friction=1.0)
     return MoreauJean(model, integrals=_POWERS, inputs=block_load(rod, fields))

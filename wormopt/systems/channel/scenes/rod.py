@@ -42,11 +42,13 @@ ASSUMED = {
     "assumed_damping_time": ("time", "of the worm"),
     "assumed_susceptibility": ("1", "of the worm"),
     "assumed_friction": ("1", "on the walls"),
+    "assumed_skin": ("length", "thickness of the skin of a capsule; unknown where it is solid"),
+    "assumed_skin_modulus": ("stress", "Young's modulus of the skin; unknown where it is solid"),
 } | ASSUMED_COILS
 
 
 class WormTable(Table, frozen=True, kw_only=True):
-    """The worm: a round rod of soft magnetisable rubber."""
+    """The worm: a round rod of soft magnetisable rubber, or a skin filled with magnetic fluid."""
 
     length: Annotated[Positive, says("length", "at least a pitch of the coils")] = 48e-3
     diameter: Annotated[Positive, says("length", "thinner than the channel")] = 4e-3
@@ -59,6 +61,15 @@ class WormTable(Table, frozen=True, kw_only=True):
     susceptibility: Annotated[
         Positive, says("1", "magnetisation over the field without the worm, *assumed*")
     ] = 2.0
+    skin: Annotated[
+        Positive | None,
+        says(
+            "length",
+            "thickness of the skin of a capsule filled with magnetic fluid, *assumed*: "
+            "`youngs_modulus` is then the skin's, `susceptibility` the fluid's, `density` that of "
+            "the whole; solid if left out",
+        ),
+    ] = None
 
 
 class ChannelTable(Table, frozen=True, kw_only=True):
@@ -188,6 +199,12 @@ class RodScene(SIScene, frozen=True, kw_only=True):
         yield from super().faults(folder)
         worm, channel, coils, mesh = self.worm, self.channel, self.coils, self.mesh
         yield from coils.faults()
+        if worm.skin and 2 * worm.skin > worm.diameter:
+            yield (
+                "worm.skin",
+                f"{worm.skin:g} is above the radius of the body; write at most "
+                f"{worm.diameter / 2:g}",
+            )
         if worm.diameter >= channel.diameter:
             yield (
                 "worm.diameter",

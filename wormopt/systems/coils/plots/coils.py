@@ -56,6 +56,7 @@ def travelling_field(result: Result) -> Figure:
     legend_below(drawn, [*entries, *frame.get_legend_handles_labels()[0]])
     tell(
         drawn,
+        fact(result, "pitch", "assumed pitch", "mm"),
         fact(result, "wave_speed", "speed of the wave"),
         fact(result, "field_max", "largest field", "kA m-1"),
         fact(result, "ripple", unit="%"),

@@ -48,17 +48,20 @@ _PROFILE = {
 class CoilsTable(Table, frozen=True, kw_only=True):
     """A row of equal coils; sizes that the chapter does not tell are assumptions.
 
+    So is that they belong together: 20 coils and 3000 ampere-turns are told of its section 3.5,
+    the pitch of section 3.4.
+
     Refused: coils that overlap.
     """
 
-    count: Annotated[Count, says("count", "places along the row; 20 is the chapter's")] = 20
-    pitch: Annotated[Positive, says("length", "distance of neighbours, the chapter's")] = 10e-3
+    count: Annotated[Count, says("count", "places along the row; 20 in section 3.5")] = 20
+    pitch: Annotated[Positive, says("length", "distance of neighbours; of section 3.4")] = 10e-3
     inner: Annotated[Positive, says("length", "inner radius of the winding; assumed")] = 2e-3
     outer: Annotated[Positive, says("length", "outer radius of the winding; assumed")] = 4.5e-3
     length: Annotated[Positive, says("length", "of the winding along the axis; assumed")] = 20e-3
-    ampere_turns: Annotated[Positive, says("ampere_turns", "largest of a coil, the chapter's")] = (
-        3000.0
-    )
+    ampere_turns: Annotated[
+        Positive, says("ampere_turns", "largest of a coil; 3000 in section 3.5")
+    ] = 3000.0
     axis: Annotated[
         Literal["across", "along", "vertical"],
         says(

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 
 from wormopt.progress import Report
 from wormopt.result import Result
-from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.runs.motion import (
+    Findings,
     agreement,
     cross_check,
     motion_facts,
@@ -19,7 +19,8 @@ from wormopt.systems.spiked.runs.motion import (
     motion_variables,
 )
 from wormopt.systems.spiked.runs.reference import gait_of_shape
-from wormopt.systems.spiked.scenes.gait import GaitScene
+from wormopt.systems.spiked.runs.region import mapped
+from wormopt.systems.spiked.scenes.gait import GaitScene, RegionTable
 
 
 def run(scene: Scene[GaitScene], report: Report) -> Result:
@@ -34,15 +35,18 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
     motion = crawl(gait, worm.masses, worm.drag, worm.worm.load_range[1], table.gait.sharing)
     crawled = time.perf_counter()
     again = cross_check(motion)
-    return conclude(
-        scene,
+    found = Findings(
         motion_scalars(motion, again, table.units),
         motion_variables(motion) if table.want else {},
-        checks=agreement(motion, again),
-        facts=motion_facts(motion, again) | assumed(table.units),
-        warnings=_warnings(motion),
-        timings={"crawl": crawled - clock, "recheck": time.perf_counter() - crawled},
+        tuple(agreement(motion, again)),
+        motion_facts(motion, again) | assumed(table.units),
+        tuple(_warnings(motion)),
+        {"crawl": crawled - clock, "recheck": time.perf_counter() - crawled},
     )
+    if "region" in table.want:
+        report("mapping periods and loads", None)
+        found |= mapped(table.region or RegionTable(), motion)
+    return found.result(scene)
 
 
 def _warnings(motion: Crawl) -> Iterator[str]:

@@ -12,11 +12,15 @@ from wormopt.errors import Fault
 from wormopt.scene.types import (
     NonNegative,
     NonNegativeOrPair,
+    NonNegativePair,
+    Pair,
     PerMass,
+    Positive,
     SceneTable,
     Table,
     per,
     says,
+    wrong_order,
 )
 from wormopt.systems.shared.declared import COST_OF_TRANSPORT, GAIT
 from wormopt.systems.shared.incline import (
@@ -119,6 +123,28 @@ MOTION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
 """Signals over one period."""
 
 
+REGION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
+    "region_period": ("time", ("region_period",), "periods of the map"),
+    "region_load": ("force", ("region_load",), "loads *Γ* of the map"),
+    "region_spike_load": (
+        "force",
+        ("region_period", "region_load"),
+        "largest load on a spike; not a number where the worm glides",
+    ),
+    "region_least_load": (
+        "force",
+        ("region_period",),
+        "smallest *Γ* that holds the worm, w = 0; below 0 where it is held without load",
+    ),
+    "region_most_load": (
+        "force",
+        ("region_period",),
+        "*Γ* at which a spike carries `region.spike_load`; there if that is given",
+    ),
+}
+"""Where kinematics alone rules the gait, by period and load."""
+
+
 class WormTable(Table, frozen=True, kw_only=True):
     """A chain of *n* + 1 point masses on the ground, joined by *n* links.
 
@@ -198,6 +224,32 @@ class GaitFile(FileShape, frozen=True, kw_only=True):  # noqa: D101
     sharing: Shared = "equal"
 
 
+class RegionTable(Table, frozen=True, kw_only=True):
+    """Over which periods and loads the map `region` is drawn."""
+
+    periods: Annotated[
+        Pair | None, says("time", "range of periods; null: from half to twice the gait's")
+    ] = None
+    loads: Annotated[
+        NonNegativePair | None,
+        says(
+            "force",
+            "range of *Γ*, the weight's pull included; null: from 0 to twice the scene's, or "
+            "twice the smallest that holds the worm, whichever is more",
+        ),
+    ] = None
+    spike_load: Annotated[
+        Positive | None, says("force", "load at which a spike breaks; null: not known")
+    ] = None
+
+    def faults(self) -> Iterator[Fault]:
+        """Yield what is wrong between the keys."""
+        for key in ("periods", "loads"):
+            pair = getattr(self, key)
+            if pair is not None:
+                yield from wrong_order(f"region.{key}", pair, may_be_equal=False)
+
+
 GivenGait = FastGait | BlockWave | Accordion | GaitFile
 
 
@@ -221,23 +273,37 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
     """
 
     headline: ClassVar = ("speed", "period", "resting_min", "mode_sequence", "glides")
-    scalars: ClassVar = MOTION_SCALARS
-    variables: ClassVar = MOTION_VARIABLES | GAIT
+    scalars: ClassVar = MOTION_SCALARS | {
+        "region_gait_load": ("force", "*Γ* of the scene, the weight's pull included, on the map"),
+        "region_spike_strength": ("force", "load at which a spike breaks, on the map"),
+    }
+    variables: ClassVar = MOTION_VARIABLES | GAIT | REGION_VARIABLES
 
     kind: Literal["gait"]
     want: Annotated[
-        tuple[Literal["gait", "motion", "spikes", "animation"], ...],
+        tuple[Literal["gait", "motion", "spikes", "region", "animation"], ...],
         says(
             "",
             "`gait`: lengths, rates, resting masses; `motion`: paths, time upward; `spikes`: loads "
-            "and forces; `animation`: two periods, a GIF",
+            "and forces; `region`: periods and loads at which kinematics alone rules the gait, and "
+            "the largest load on a spike there; `animation`: two periods, a GIF",
         ),
     ] = ()
     worm: Annotated[WormTable, says("", "the worm")]
     gait: Annotated[GivenGait, says("", "`shape` decides which other keys there are")]
+    region: Annotated[RegionTable | None, says("", "read where `want` holds `region`")] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.worm.faults(self.units)
         yield from self.gait.faults(self.worm.links, folder)
+        if self.region:
+            yield from self.region.faults()
+            if "region" not in self.want:
+                yield (
+                    "region",
+                    'is read only where `want` holds "region"; add it, or leave this out',
+                )
+        if "region" in self.want and self.gait.sharing != "equal":
+            yield "gait.sharing", 'the map of loads, `region`, is for "equal" only; write that'

@@ -1,0 +1,75 @@
+"""Where kinematics rules a gait, by period and load: gait (15) by hand, others by simulation."""
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.errors import SolveError
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.spiked.bimodal import integrate
+from wormopt.systems.spiked.construct import block_wave, fast_gait
+from wormopt.systems.spiked.driven import driven_worm
+from wormopt.systems.spiked.region import Region
+from wormopt.systems.spiked.stretches import Drive
+
+E_L0 = 0.3  # elongation times rest length of gait (15)
+
+
+def region_of(gait: wo.Gait, mass: list[float], drag: float) -> Region:
+    return Region(Drive(gait, np.array(mass), drag, 0.0, "equal"))
+
+
+@pytest.mark.parametrize(("mass", "drag"), [(1.0, 1.0), (2.5, 0.0), (0.3, 40.0)])
+def test_gait_15_by_hand(mass: float, drag: float):
+    """W0 = (2 pi e l0/T) |sin(3 pi t/T)|, so sigma is a sine whose two ends are known."""
+    region = region_of(fast_gait(1.0, 2.0, 0.15), [mass] * 3, drag)
+    for period in (0.4, 1.0, 3.7):
+        least = 6 * np.pi**2 * E_L0 * mass / period**2
+        swing = 2 * np.pi * E_L0 / period * np.hypot(3 * np.pi * mass / period, drag)
+        assert region.least_load(period) == pytest.approx(least, rel=1e-12)
+        loads = np.array([0.0, 20.0])
+        assert region.spike_loads(period, loads) == pytest.approx(3 * (loads + swing), rel=1e-12)
+        assert region.most_load(period, 150.0) == pytest.approx(50 - swing, rel=1e-12, abs=1e-10)
+    if drag == 0:  # both borders meet where 2 least = strength / 3
+        meets = 6 * np.pi * np.sqrt(E_L0 * mass / 150.0)
+        assert region.most_load(meets, 150.0) == pytest.approx(region.least_load(meets))
+
+
+def test_corners_leave_no_region():
+    worm = {"links": 2, "mass": 1.0, "load": 20.0}
+    shape = {"shape": "block_wave", "period": 1.0, "length": [1.0, 1.3], "resting": 1}
+    scene = {"schema": 1, "kind": "gait", "want": ["region"], "worm": worm}
+    with pytest.raises(SolveError, match="corners"):
+        wo.run(scene | {"gait": shape | {"profile": "trapezoid", "ramp": 0.0}})
+
+
+GAITS = {
+    "fast": (fast_gait(0.7, 2.0, 0.2), [1.0, 2.0, 0.5]),
+    "one at rest": (block_wave(3, 1, 1.3, (1.0, 1.4), "cosine"), [1.0] * 4),
+    "two at rest": (block_wave(3, 2, 1.3, (1.0, 1.4), "trapezoid", 0.3), [1.0, 3.0, 1.0, 2.0]),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("drag", [0.0, 2.0])
+def test_both_sides_of_the_borders_by_simulation(name: str, drag: float):
+    """The gait is made anew for each period; the dynamics know no borders."""
+    gait, mass = GAITS[name]
+    region, numbers = region_of(gait, mass, drag), np.random.default_rng(5)
+    for period in numbers.uniform(0.3, 3.0, 6):
+        quick, border = gait.with_period(period), region.least_load(period)
+        for side in (-1, 1):
+            load = border * (1 + side * numbers.uniform(0.003, 0.2))
+            worm = driven_worm(quick, mass, drag, load)
+            motion = simulate(worm, 2 * period, dense=True)
+            glides = motion["glide"].max() > 1e-7 * quick.period
+            assert glides == (side < 0)
+            assert bool(integrate(quick, mass, drag, load).glides) == glides
+            if glides:
+                continue
+            total, share = motion.largest("spike_load"), 2 if name == "two at rest" else 1
+            most = region.spike_loads(period, np.array([load]))[0]
+            assert total / share == pytest.approx(most, rel=1e-7)
+            # a spike that holds just this much breaks with more load, and not with less
+            assert region.most_load(period, most) == pytest.approx(load, rel=1e-12)

@@ -1,0 +1,69 @@
+"""Where kinematics alone rules a shape of gait, over its period and the load.
+
+The same shape run q times quicker needs q^2 inertia + q drag + load of its spikes. So two
+functions of time, found once, tell for every period which loads hold the worm, and which break
+a spike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.systems.spiked.stretches import Drive, Stretch, exact_degree, kinematic_stretches
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """What a shape of gait asks of the load, period by period, with w = 0; see `Drive`."""
+
+    drive: Drive  # its gait at any one period; its load does not count
+
+    @cached_property
+    def _needs(self) -> tuple[tuple[int, Series], ...]:
+        """Masses at rest, and the parts of sigma by inertia and by drag, stretch by stretch."""
+        cells = kinematic_stretches(self.drive)
+        return tuple((len(cell.resting), self._parts(cell)) for cell in cells)
+
+    def _parts(self, cell: Stretch) -> Series:
+        drive = self.drive
+
+        def parts(s: np.ndarray) -> np.ndarray:
+            v, a = drive.kinematic(cell.piece, cell.leader, s)
+            return np.vstack([drive.mass @ a / len(drive.mass), drive.drag * v.mean(axis=0)])
+
+        return resolve(parts, cell.start, cell.stop, exact_degree(drive.gait))
+
+    def _extremes(self, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Masses at rest, and least and largest sigma without load, of every stretch."""
+        q = self.drive.gait.period / period
+        counts, low, high = [], [], []
+        for resting, parts in self._needs:
+            rows = np.array([q**2, q]) @ parts.coefficients
+            ends = Series(parts.a, parts.b, rows[None]).extremes()
+            counts.append(resting)
+            low.append(ends[0][0])
+            high.append(ends[1][0])
+        return np.array(counts), np.array(low), np.array(high)
+
+    def least_load(self, period: float) -> float:
+        """Smallest load with which w = 0 at this period; below 0 where it holds without any."""
+        return -float(self._extremes(period)[1].min())
+
+    def spike_loads(self, period: float, loads: np.ndarray) -> np.ndarray:
+        """Largest load on one spike while w = 0, by loads (m,); resting masses share equally."""
+        counts, _, high = self._extremes(period)
+        share = len(self.drive.mass) / counts
+        return ((high + loads[:, None]) * share).max(axis=1)
+
+    def total_load(self, period: float, load: float) -> float:
+        """Largest load on all spikes together while w = 0."""
+        return len(self.drive.mass) * (float(self._extremes(period)[2].max()) + load)
+
+    def most_load(self, period: float, strength: float) -> float:
+        """Load at which a spike carries its `strength`, with w = 0; more breaks it."""
+        counts, _, high = self._extremes(period)
+        return float((strength * counts / len(self.drive.mass) - high).min())
