@@ -282,9 +282,7 @@ def _numbers(plan: Plan, slopes: np.ndarray, units: str) -> dict[str, Scalar]:
         finite = float(error) if np.isfinite(error) else None
         found[f"{label_of(name)}_error"] = Scalar(finite, unit)
     signals = {s.name: s.unit for s in (*model.p, *model.u)}
-    for choice, part in zip(
-        plan.experiment.choices, plan.experiment.parts(plan.chosen), strict=True
-    ):
+    for choice, part in plan.experiment.chosen.parts(plan.chosen):
         for name, value in choice.explained(part).items():
             quantity = "rate" if name.endswith("_frequency") else signals[choice.signal]
             found[f"chosen_{label_of(name)}"] = Scalar(value, told(quantity, units))
@@ -318,7 +316,7 @@ def _signals(plan: Plan, units: str) -> Iterator[Variable]:
     instants = np.linspace(0.0, float(experiment.instants[-1]), _SHOWN)
     yield Variable("time", told("time", units), ("time",), instants, "time")
     own = {s.name: s.unit for s in (*experiment.model.p, *experiment.model.u)}
-    for choice, part in zip(experiment.choices, experiment.parts(plan.chosen), strict=True):
+    for choice, part in experiment.chosen.parts(plan.chosen):
         name, course = choice.signal, choice.course(part, instants)
         dims = f"course_{name}_entry", "time"
         yield Variable(f"course_{name}", told(own[name], units), dims, course, f"course of {name}")
