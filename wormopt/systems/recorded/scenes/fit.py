@@ -16,6 +16,7 @@ from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, extr
 from wormopt.scene.units import parsed
 from wormopt.systems.recorded.columns import Columns, read_csv
 from wormopt.systems.recorded.scenes.tables import (
+    FOUND,
     FiniteOrList,
     Level,
     SceneTables,
@@ -226,12 +227,7 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
         ),
         "profile_threshold": ("1", "rise of χ² at the ends of the intervals"),
     }
-    variables: ClassVar = {
-        "estimate": ("count", ("unknown",), "numbers found, in their own units"),
-        "standard_error": ("count", ("unknown",), "their standard errors"),
-        "interval": ("count", ("unknown", "end"), "their intervals, low and high"),
-        "began": ("count", ("unknown",), "where the search began"),
-        "correlation": ("count", ("unknown", "other_unknown"), "of the errors of numbers found"),
+    variables: ClassVar = FOUND | {
         "profile_value": ("count", ("unknown", "profile"), "value that a number is held at"),
         "profile_rise": ("count", ("unknown", "profile"), "twice the rise of the cost then"),
         "start_cost": ("count", ("start",), "cost at which each start of the search ended"),

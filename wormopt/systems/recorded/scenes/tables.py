@@ -34,6 +34,14 @@ SceneTables = Annotated[
         '"my_worm.py:build"`',
     ),
 ]
+FOUND = {
+    "estimate": ("count", ("unknown",), "numbers found, in their own units"),
+    "standard_error": ("count", ("unknown",), "their standard errors"),
+    "interval": ("count", ("unknown", "end"), "their intervals, low and high"),
+    "began": ("count", ("unknown",), "where the search began"),
+    "correlation": ("count", ("unknown", "other_unknown"), "of the errors of numbers found"),
+}
+"""What results hold of numbers found, as arrays."""
 
 
 class UnknownTable(Table, frozen=True, kw_only=True):
