@@ -128,8 +128,8 @@ class Experiment:
         return float(self.instants[-1])
 
     @cached_property
-    def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, bool], ...]:
-        """Name, directions, value and whether its logarithm is meant, of each number sought."""
+    def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, Unknown], ...]:
+        """Name, directions, value and Unknown of each number sought."""
         signals = (*self.model.x, *self.model.p, *self.model.u)
         own = {s.name: np.asarray(s.value) for s in signals if s.value is not None}
         found = []
@@ -141,7 +141,7 @@ class Experiment:
                 value = along(directions, own)
                 if unknown.log and not value > 0:
                     raise ArgumentError(f"{name} is {value:g}, which has no logarithm")
-                found.append((name, directions, value, unknown.log))
+                found.append((name, directions, value, unknown))
         return tuple(found)
 
     @property
@@ -152,8 +152,7 @@ class Experiment:
     @property
     def unknowns_of(self) -> tuple[Unknown, ...]:
         """Which Unknown each number is of."""
-        sizes = [(unknown, len(unknown.directions(self.model))) for unknown in self.unknowns]
-        return tuple(unknown for unknown, size in sizes for _ in range(size))
+        return tuple(unknown for *_, unknown in self._numbers)
 
     @property
     def values(self) -> np.ndarray:
@@ -163,14 +162,14 @@ class Experiment:
     @property
     def sizes(self) -> np.ndarray:
         """By what errors of their coordinates (n,) are relative ones; 1 where a value is 0."""
-        return np.array([1.0 if log or not v else abs(v) for _, _, v, log in self._numbers])
+        return np.array([1.0 if u.log or not v else abs(v) for _, _, v, u in self._numbers])
 
     @cached_property
     def directions(self) -> Directions:
         """Change of each signal with the coordinate of each unknown."""
         return {
-            name: {signal: (v if log else 1.0) * d for signal, d in directions.items()}
-            for name, directions, v, log in self._numbers
+            name: {signal: (v if u.log else 1.0) * d for signal, d in directions.items()}
+            for name, directions, v, u in self._numbers
         }
 
     @cached_property

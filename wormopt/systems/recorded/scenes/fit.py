@@ -12,7 +12,7 @@ from msgspec import Meta, field
 from wormopt.errors import Fault, SceneError
 from wormopt.scene.numerics import Contacts, ExactContact
 from wormopt.scene.scene import packaged_folder
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, extreme_numbers, says
+from wormopt.scene.types import Positive, SceneTable, Table, Title, extreme_numbers, says
 from wormopt.scene.units import parsed
 from wormopt.systems.recorded.columns import Columns, read_csv
 from wormopt.systems.recorded.scenes.tables import (
@@ -21,6 +21,7 @@ from wormopt.systems.recorded.scenes.tables import (
     Level,
     SceneTables,
     SearchTable,
+    Span,
     UnknownTable,
     named_twice,
     near,
@@ -28,10 +29,6 @@ from wormopt.systems.recorded.scenes.tables import (
 )
 
 _ENTRY = re.compile(r"([A-Za-z][A-Za-z0-9_]*?)(?:\[(\d+)\])?")
-Span = Annotated[
-    tuple[Finite, ...],
-    Meta(min_length=2, max_length=2, description="two finite numbers, [first, last]"),
-]
 Draws = Annotated[int, Meta(ge=100, le=100_000, description="a whole number, 100 to 100000")]
 Names = Annotated[
     str | tuple[str, ...],
