@@ -75,8 +75,9 @@ def test_everything_public_is_described(name: str):
     module = importlib.import_module(name)
     assert module.__doc__, f"{name} has no docstring"
     for label, thing in public_things(module):
-        # A class takes over the docstring of its base otherwise.
-        assert thing.__doc__, f"{name}.{label} has no docstring"
+        # A method may do what its base says it does; a class is another thing than its base.
+        told = thing.__doc__ if inspect.isclass(thing) else inspect.getdoc(thing)
+        assert told, f"{name}.{label} has no docstring"
 
 
 SPACES = [name for name in wormopt.__all__ if inspect.ismodule(getattr(wormopt, name))]

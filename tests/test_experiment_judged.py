@@ -138,7 +138,7 @@ def test_fits_scatter_as_the_plan_expects():
     todo, count = worm(8.0, moved(6, 8.0)), 100
     plan = wo.plan_experiment(todo, todo.criterion("D", WANTED), starts=1)
     clean = recorded(todo, plan.chosen, np.array(VALUES))
-    p, schedules = todo.settings(plan.chosen)
+    p, schedules = todo.chosen.values(plan.chosen)
     rng, found = np.random.default_rng(11), []
     for _ in range(count):
         seen = clean + rng.normal(0.0, 0.01, clean.shape)

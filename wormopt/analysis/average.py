@@ -31,7 +31,7 @@ from wormopt.analysis.crossings import Crossing, Wave, sign_after
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, pack
 from wormopt.model.planar_friction import PlanarLaw
-from wormopt.model.values import signal_values
+from wormopt.model.values import nominal_of, signal_values
 from wormopt.numerics.collocation import Collocation
 
 # Without reversals to split it, the period is cut into so many parts.
@@ -221,7 +221,7 @@ class _Course:
         fixed = np.concatenate([signal_values(s, None, "parameter", fill=1.0)
                                 for s in (self.model.p, self.model.u)])  # fmt: skip
         random = np.random.default_rng(0)
-        nominal = np.concatenate([np.full(s.size, s.nominal) for s in self.model.x])
+        nominal = nominal_of(self.model.x)
         states = nominal[:, None] * random.uniform(0.2, 1.0, (len(nominal), 3))
         return ca.vertcat(self.x, self.fixed), np.vstack([states, np.tile(fixed, (3, 1)).T])
 

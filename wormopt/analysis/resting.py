@@ -23,7 +23,7 @@ from scipy.linalg import null_space
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, pack
-from wormopt.model.values import signal_values
+from wormopt.model.values import nominal_of, signal_values
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 
 # Rounds in which walls are touched or left, and steps of Newton's method in each.
@@ -212,8 +212,7 @@ class Loaded:
     @cached_property
     def _sizes(self) -> np.ndarray:
         """Nominal sizes of the places."""
-        parts = [np.full(signal.size, signal.nominal) for signal in self.model.x]
-        return np.concatenate(parts)[: self.n_q]
+        return nominal_of(self.model.x)[: self.n_q]
 
     @cached_property
     def _own(self) -> ca.Function:

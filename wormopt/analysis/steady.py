@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, pack
-from wormopt.model.values import by_name, check_names, signal_values
+from wormopt.model.values import by_name, check_names, nominal_of, signal_values
 from wormopt.numerics.newton import newton
 
 Values = Mapping[str, ArrayLike]
@@ -80,7 +80,7 @@ class Rates:
         if ca.depends_on(model.ode, model.t):
             raise ArgumentError(f"{model.name} depends on time; average it first")
         self.model = model
-        self.nominal = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+        self.nominal = nominal_of(model.x)
         self._fixed = (*model.p, *model.u)
         self._symbols = [pack(model.x), pack(self._fixed)]
         self._rates = ca.Function("rates", self._symbols, [model.ode])

@@ -18,6 +18,7 @@ from scipy.linalg import eig
 from wormopt.analysis.steady import SteadyState
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, pack
+from wormopt.model.values import nominal_of
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Exact
 from wormopt.simulation.sensitivity.directions import Sensitivities, directions
@@ -139,7 +140,7 @@ def steady_sensitivity(
     labels, columns = _columns(model, sensitivities)
     slopes, change = _derivatives(model)
     by_x, by_p = (np.array(slope) for slope in slopes(state.x, state.p))
-    size = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+    size = nominal_of(model.x)
     shares = np.linalg.svd(by_x * size / size[:, None], compute_uv=False)
     if not shares[-1] > _SINGULAR * shares[0]:
         raise SolveError(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from wormopt.control.loop import feed
 from wormopt.errors import ArgumentError
@@ -18,50 +20,131 @@ from wormopt.model.values import numbers_of
 Values = dict[str, np.ndarray]
 
 
-class Choice(Protocol):
+class Choice(ABC):
     """Something that may be chosen, as numbers between -1 and 1."""
 
-    @property
-    def signal(self) -> str:
-        """Name of the input or parameter."""
-        ...
+    signal: str
 
     @property
+    def moving(self) -> int:
+        """So many numbers, the first, by which a course departs from its base in proportion."""
+        return 0
+
+    @property
+    @abstractmethod
     def size(self) -> int:
         """How many numbers are chosen."""
-        ...
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw numbers at random, a course as large as its limits allow."""
-        ...
+        """Draw numbers at random, a course as large as its limits allow.
+
+        Parameters
+        ----------
+        rng : Generator
+            Of random numbers.
+
+        Returns
+        -------
+        ndarray, shape (size,)
+        """
+        chosen = rng.uniform(-1.0, 1.0, self.size)
+        if not self.moving:
+            return chosen
+        shares = np.append(np.abs(chosen[: self.moving]), self.excess(chosen)[0] + 1)
+        return self.shrunk(chosen, 1 / float(shares.max()))
 
     def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Take a share of the course's changes from its base; what is held stays."""
-        ...
+        """Take a share of the course's changes from its base; what is held stays.
 
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen, from -1 to 1.
+        share : float
+            How much is left.
+
+        Returns
+        -------
+        ndarray, shape (size,)
+        """
+        return np.append(share * chosen[: self.moving], chosen[self.moving :])
+
+    @abstractmethod
     def put(self, model: Model) -> Model:
-        """Put the choice for the signal of a model; the model's own value is where it starts."""
-        ...
+        """Put the choice for the signal of a model; the model's own value is where it starts.
 
+        Parameters
+        ----------
+        model : Model
+            With the signal among its inputs or parameters.
+
+        Returns
+        -------
+        Model
+        """
+
+    @abstractmethod
     def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
-        """Parameters and schedules by name, of the model that `put` made."""
-        ...
+        """Parameters and schedules by name, of the model that `put` made.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen, from -1 to 1.
+
+        Returns
+        -------
+        p, schedules : dict of str to ndarray
+        """
 
     def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much limits are exceeded (m,), as a share of each, and derivatives (m, size)."""
-        ...
+        """By how much limits are exceeded, as a share of each; those from -1 to 1 are left out.
 
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen, from -1 to 1.
+
+        Returns
+        -------
+        excess : ndarray, shape (m,)
+        derivative : ndarray, shape (m, size)
+        """
+        return np.zeros(0), np.zeros((0, len(chosen)))
+
+    @abstractmethod
     def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Evaluate the signal, shape (entries, times)."""
-        ...
+        """Evaluate the signal.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen, from -1 to 1.
+        time : ndarray, shape (m,)
+            Times.
+
+        Returns
+        -------
+        ndarray, shape (entries, m)
+        """
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
-        """The chosen numbers in their own units, by name."""
-        ...
+        """The chosen numbers in their own units, by name; none where the course says it all.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen, from -1 to 1.
+
+        Returns
+        -------
+        dict of str to float
+        """
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
-class Constant:
+class Constant(Choice):
     """A number that is chosen and held: a load, say.
 
     Parameters
@@ -94,113 +177,61 @@ class Constant:
         """One number."""
         return 1
 
-    def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw from the range.
-
-        Parameters
-        ----------
-        rng : Generator
-            Of random numbers.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-        """
-        return rng.uniform(-1.0, 1.0, 1)
-
-    def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Leave it.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-        share : float
-            How much is left.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-        """
-        return chosen
-
     def put(self, model: Model) -> Model:
-        """Leave the model as it is.
-
-        Parameters
-        ----------
-        model : Model
-            With the signal among its inputs or parameters.
-
-        Returns
-        -------
-        Model
-        """
         signal_of(model, self.signal, len(self.direction))
         return model
 
     def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
-        """Value of the parameter or input.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        p, schedules : dict of str to ndarray
-        """
         return {self.signal: self._value(chosen) * np.array(self.direction)}, {}
 
     def _value(self, chosen: np.ndarray) -> float:
         share = (float(chosen[0]) + 1) / 2
         return self.lower * (1 - share) + self.upper * share
 
-    def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nothing but the range itself.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        excess : ndarray, shape (m,)
-        derivative : ndarray, shape (m, size)
-        """
-        return np.zeros(0), np.zeros((0, 1))
-
     def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Give the same at all times.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-        time : ndarray, shape (m,)
-            Times.
-
-        Returns
-        -------
-        ndarray, shape (entries, m)
-        """
         return np.outer(self._value(chosen) * np.array(self.direction), np.ones(len(time)))
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
-        """Tell the number itself.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        dict of str to float
-        """
         return {self.signal: self._value(chosen)}
+
+
+@dataclass(frozen=True, eq=False)
+class Choices:
+    """All that is chosen in an experiment, as one vector: their numbers one after the other."""
+
+    each: Sequence[Choice]
+
+    @property
+    def size(self) -> int:
+        """How many numbers are chosen."""
+        return sum(choice.size for choice in self.each)
+
+    def parts(self, chosen: np.ndarray) -> list[tuple[Choice, np.ndarray]]:
+        """Every choice with its numbers."""
+        ends = np.cumsum([choice.size for choice in self.each])[:-1]
+        return list(zip(self.each, np.split(np.asarray(chosen, float), ends), strict=True))
+
+    def draw(self, rng: np.random.Generator) -> np.ndarray:
+        """Draw all of them."""
+        return np.concatenate([choice.draw(rng) for choice in self.each])
+
+    def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
+        """Take a share of all courses' changes from their bases."""
+        parts = self.parts(chosen)
+        return np.concatenate([choice.shrunk(part, share) for choice, part in parts])
+
+    def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
+        """Parameters and schedules by name, of the model with all choices put in."""
+        p, schedules = {}, {}
+        for choice, part in self.parts(chosen):
+            one, other = choice.values(part)
+            p, schedules = p | one, schedules | other
+        return p, schedules
+
+    def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much courses exceed their own limits (m,), and derivatives (m, size)."""
+        values, rows = zip(*(c.excess(part) for c, part in self.parts(chosen)), strict=True)
+        return np.concatenate(values), np.asarray(block_diag(*rows))
 
 
 def base_of(model: Model, signal: str, given: ArrayLike | None = None) -> tuple[float, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -92,7 +92,7 @@ def _coordinate(
     name, directions = unknown.directions(model)[index]
     name = name if run is None else f"{name}, {runs[run].name}"
     if unknown.start is None:
-        begins = _along(directions, known[run or 0])
+        begins = along(directions, known[run or 0])
     else:
         begins = _pick(unknown.start, index, name)
     lower, upper = _natural(model, directions)
@@ -124,7 +124,7 @@ def _pick(given: object, index: int, name: str) -> float:
     return float(values[index if values.size > 1 else 0])
 
 
-def _along(directions: dict[str, np.ndarray], known: dict[str, np.ndarray]) -> float:
+def along(directions: Mapping[str, np.ndarray], known: Mapping[str, np.ndarray]) -> float:
     """Number that comes nearest to the known values of its targets."""
     up = sum(float(np.sum(d * known[s], where=d != 0)) for s, d in directions.items())
     return up / sum(float(np.sum(d * d)) for d in directions.values())

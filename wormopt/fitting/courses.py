@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.fitting.choices import Values, check_positive, check_whole, replaced
+from wormopt.fitting.choices import Choice, Values, check_positive, check_whole, replaced
 from wormopt.model.model import Model, Signal
 from wormopt.model.path import ParameterPath
 
@@ -19,7 +19,7 @@ _LOOKS = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Ramps:
+class Ramps(Choice):
     """A course that is linear between equidistant knots, and begins at the signal's own value.
 
     Limits hold exactly at all times.
@@ -62,80 +62,21 @@ class Ramps:
         """Knots after the first, for every entry."""
         return len(self.base) * self.pieces
 
-    def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw knots, scaled up to a limit.
-
-        Parameters
-        ----------
-        rng : Generator
-            Of random numbers.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-        """
-        return _enlarged(self, rng.uniform(-1.0, 1.0, self.size))
-
-    def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Shrink all changes.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-        share : float
-            How much is left.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-        """
-        return share * chosen
+    @property
+    def moving(self) -> int:
+        """All of them."""
+        return self.size
 
     def put(self, model: Model) -> Model:
-        """Make a schedule of the signal.
-
-        Parameters
-        ----------
-        model : Model
-            With the signal among its inputs or parameters.
-
-        Returns
-        -------
-        Model
-        """
         path = self._path(np.zeros(self.size))
         expression, schedule = path.schedule(self.signal, model.t)
         put = replaced(model, self.signal, len(self.base), expression)
         return replace(put, schedules=[*put.schedules, schedule])
 
     def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
-        """Coefficients of the schedule.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        p, schedules : dict of str to ndarray
-        """
         return {}, {self.signal: self._path(chosen).values}
 
     def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Limit the rates; values keep to their limits by being chosen from -1 to 1.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        excess : ndarray, shape (m,)
-        derivative : ndarray, shape (m, size)
-        """
         step = self.duration / self.pieces
         if self.rate * step >= 2 * self.change:
             return np.zeros(0), np.zeros((0, self.size))
@@ -145,35 +86,8 @@ class Ramps:
         return np.concatenate([rates, -rates]) - 1, np.vstack([steps, -steps])
 
     def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Interpolate between the knots.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-        time : ndarray, shape (m,)
-            Times.
-
-        Returns
-        -------
-        ndarray, shape (entries, m)
-        """
         knots = np.linspace(0.0, self.duration, self.pieces + 1)
         return np.array([np.interp(time, knots, row) for row in self._knots(chosen)])
-
-    def explained(self, chosen: np.ndarray) -> dict[str, float]:
-        """No few numbers: the course says it.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        dict of str to float
-        """
-        return {}
 
     def _knots(self, chosen: np.ndarray) -> np.ndarray:
         base = np.array(self.base)[:, None]
@@ -190,7 +104,7 @@ class Ramps:
 
 
 @dataclass(frozen=True, eq=False)
-class Waves:
+class Waves(Choice):
     """A course of a few harmonics that begins at the signal's own value.
 
     Entry j is base_j + sum_k a_jk (cos k w t - 1) + b_jk sin k w t. Limits hold at all times,
@@ -236,56 +150,19 @@ class Waves:
     def size(self) -> int:
         """Two for each harmonic of each entry, and one for a frequency that is chosen."""
         low, high = self._range
-        return 2 * self.harmonics * len(self.base) + (low < high)
+        return self.moving + (low < high)
+
+    @property
+    def moving(self) -> int:
+        """The amplitudes."""
+        return 2 * self.harmonics * len(self.base)
 
     @property
     def _range(self) -> tuple[float, float]:
         low, high = np.broadcast_to(self.frequency, 2).tolist()
         return low, high
 
-    def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Draw amplitudes, scaled up to a limit, and a frequency.
-
-        Parameters
-        ----------
-        rng : Generator
-            Of random numbers.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-        """
-        return _enlarged(self, rng.uniform(-1.0, 1.0, self.size))
-
-    def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Shrink all amplitudes.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-        share : float
-            How much is left.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-        """
-        count = 2 * len(self.base) * self.harmonics
-        return np.concatenate([share * chosen[:count], chosen[count:]])
-
     def put(self, model: Model) -> Model:
-        """Make the amplitudes and the frequency parameters of the model.
-
-        Parameters
-        ----------
-        model : Model
-            With the signal among its inputs or parameters.
-
-        Returns
-        -------
-        Model
-        """
         entries = len(self.base)
         parts = {name: ca.SX.sym(name, entries * self.harmonics) for name in self._names[:2]}
         cosine, sine = (ca.reshape(part, entries, self.harmonics) for part in parts.values())
@@ -306,25 +183,14 @@ class Waves:
         return tuple(f"{self.signal}_{part}" for part in parts)  # type: ignore[return-value]
 
     def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
-        """Amplitudes, columns of entries by harmonic, and the frequency.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        p, schedules : dict of str to ndarray
-        """
+        # columns of entries by harmonic
         cosine, sine = self._amplitudes(chosen)
         numbers = (cosine.ravel("F"), sine.ravel("F"), np.array(self._turns(chosen)[0]))
         return dict(zip(self._names[:3], numbers, strict=True)), {}
 
     def _amplitudes(self, chosen: np.ndarray) -> np.ndarray:
         """Of cosines and sines (2, entries, harmonics)."""
-        count = 2 * len(self.base) * self.harmonics
-        return self.change * np.reshape(chosen[:count], (2, len(self.base), self.harmonics))
+        return self.change * np.reshape(chosen[: self.moving], (2, len(self.base), self.harmonics))
 
     def _turns(self, chosen: np.ndarray) -> tuple[float, float]:
         """Frequency, and its derivative by the number that chooses it."""
@@ -335,23 +201,8 @@ class Waves:
         return turns, turns * math.log(high / low) / 2
 
     def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Limit changes and rates over a period, by looks narrow enough to bound what is between.
-
-        A trigonometric polynomial of degree N exceeds its largest of M equidistant values by at
-        most the factor 1/cos(pi N/M).
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        excess : ndarray, shape (m,)
-        derivative : ndarray, shape (m, size)
-
-        Source: H. Ehlich, K. Zeller, Math. Z. 86 (1964) 41.
-        """
+        # A trigonometric polynomial of degree N exceeds its largest of M equidistant values by at
+        # most the factor 1/cos(pi N/M): H. Ehlich, K. Zeller, Math. Z. 86 (1964) 41.
         looks, sure = _LOOKS * self.harmonics, math.cos(math.pi / _LOOKS)
         order = np.arange(1, self.harmonics + 1)
         angle = 2 * math.pi * np.arange(looks)[:, None] / looks * order
@@ -375,24 +226,10 @@ class Waves:
 
     def _pick(self, entry: int) -> np.ndarray:
         """Rows (2 harmonics, size) that pick the cosines and sines of an entry."""
-        at = np.arange(2 * len(self.base) * self.harmonics)
-        at = at.reshape(2, len(self.base), self.harmonics)[:, entry].ravel()
-        return np.eye(self.size)[at]
+        at = np.arange(self.moving).reshape(2, len(self.base), self.harmonics)[:, entry]
+        return np.eye(self.size)[at.ravel()]
 
     def course(self, chosen: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Evaluate the harmonics.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-        time : ndarray, shape (m,)
-            Times.
-
-        Returns
-        -------
-        ndarray, shape (entries, m)
-        """
         cosine, sine = self._amplitudes(chosen)
         order = np.arange(1, self.harmonics + 1)[:, None]
         angle = 2 * math.pi * self._turns(chosen)[0] * order * time
@@ -400,17 +237,6 @@ class Waves:
         return np.array(self.base)[:, None] + moved
 
     def explained(self, chosen: np.ndarray) -> dict[str, float]:
-        """Frequency and amplitudes.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen, from -1 to 1.
-
-        Returns
-        -------
-        dict of str to float
-        """
         cosine, sine = self._amplitudes(chosen)
         told = {self._names[2]: float(self._turns(chosen)[0])}
         for name, part in zip(self._names[:2], (cosine, sine), strict=True):
@@ -420,10 +246,3 @@ class Waves:
                 for k in range(part.shape[1])
             }
         return told
-
-
-def _enlarged(choice: Ramps | Waves, chosen: np.ndarray) -> np.ndarray:
-    """Scale a course until it touches a limit, of which each grows with it."""
-    shares = [np.abs(choice.shrunk(chosen, 1.0)[: choice.size - choice.size % 2])]
-    shares.append(choice.excess(chosen)[0] + 1)
-    return choice.shrunk(chosen, 1 / float(np.max(np.concatenate(shares))))

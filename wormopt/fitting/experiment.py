@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.fitting.choices import Choice
+from wormopt.fitting.choices import Choice, Choices
+from wormopt.fitting.coordinates import along
 from wormopt.fitting.information import Criterion, Knowledge
 from wormopt.fitting.unknowns import Unknown
 from wormopt.model.model import Model
@@ -22,7 +23,6 @@ from wormopt.simulation.trajectory import Trajectory
 
 # Limits along a motion are looked at so often beside the times of measurements.
 _LOOKS = 200
-_FAR = 2.0  # standard errors within which measurements shall be linear
 _TOLERANCE = Tolerance(1e-9, 1e-10)
 
 Directions = dict[str, dict[str, np.ndarray]]
@@ -128,16 +128,20 @@ class Experiment:
         return float(self.instants[-1])
 
     @cached_property
-    def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, bool], ...]:
-        """Name, directions, value and whether its logarithm is meant, of each number sought."""
-        own = {s.name: s.value for s in (*self.model.x, *self.model.p, *self.model.u)}
+    def _numbers(self) -> tuple[tuple[str, dict[str, np.ndarray], float, Unknown], ...]:
+        """Name, directions, value and Unknown of each number sought."""
+        signals = (*self.model.x, *self.model.p, *self.model.u)
+        own = {s.name: np.asarray(s.value) for s in signals if s.value is not None}
         found = []
         for unknown in self.unknowns:
             for name, directions in unknown.directions(self.model):
-                value = _along(name, directions, own)
+                for signal in directions.keys() - own.keys():
+                    what = f"the model brings no value of {signal}; give it one"
+                    raise ArgumentError(f"{name}: {what}")
+                value = along(directions, own)
                 if unknown.log and not value > 0:
                     raise ArgumentError(f"{name} is {value:g}, which has no logarithm")
-                found.append((name, directions, value, unknown.log))
+                found.append((name, directions, value, unknown))
         return tuple(found)
 
     @property
@@ -148,8 +152,7 @@ class Experiment:
     @property
     def unknowns_of(self) -> tuple[Unknown, ...]:
         """Which Unknown each number is of."""
-        sizes = [(unknown, len(unknown.directions(self.model))) for unknown in self.unknowns]
-        return tuple(unknown for unknown, size in sizes for _ in range(size))
+        return tuple(unknown for *_, unknown in self._numbers)
 
     @property
     def values(self) -> np.ndarray:
@@ -159,14 +162,14 @@ class Experiment:
     @property
     def sizes(self) -> np.ndarray:
         """By what errors of their coordinates (n,) are relative ones; 1 where a value is 0."""
-        return np.array([1.0 if log or not v else abs(v) for _, _, v, log in self._numbers])
+        return np.array([1.0 if u.log or not v else abs(v) for _, _, v, u in self._numbers])
 
     @cached_property
     def directions(self) -> Directions:
         """Change of each signal with the coordinate of each unknown."""
         return {
-            name: {signal: (v if log else 1.0) * d for signal, d in directions.items()}
-            for name, directions, v, log in self._numbers
+            name: {signal: (v if u.log else 1.0) * d for signal, d in directions.items()}
+            for name, directions, v, u in self._numbers
         }
 
     @cached_property
@@ -185,10 +188,15 @@ class Experiment:
             before = Knowledge.from_covariance(self.names, self.known)
         return before.after(np.vstack(rows))
 
+    @cached_property
+    def chosen(self) -> Choices:
+        """All that is chosen, as one vector."""
+        return Choices(self.choices)
+
     @property
     def size(self) -> int:
         """How many numbers are chosen, each from -1 to 1."""
-        return sum(choice.size for choice in self.choices)
+        return self.chosen.size
 
     @cached_property
     def driven(self) -> Model:
@@ -197,79 +205,6 @@ class Experiment:
         for choice in self.choices:
             model = choice.put(model)
         return model
-
-    def parts(self, chosen: np.ndarray) -> list[np.ndarray]:
-        """Take chosen numbers apart, choice by choice.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            All of them.
-
-        Returns
-        -------
-        list of ndarray
-        """
-        ends = np.cumsum([choice.size for choice in self.choices])[:-1]
-        return np.split(np.asarray(chosen, dtype=float), ends)
-
-    def settings(self, chosen: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Parameters and schedules of ``driven`` by which it is run.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen.
-
-        Returns
-        -------
-        p, schedules : dict of str to ndarray
-        """
-        p, schedules = {}, {}
-        for choice, part in zip(self.choices, self.parts(chosen), strict=True):
-            one, other = choice.values(part)
-            p, schedules = p | one, schedules | other
-        return p, schedules
-
-    def excess(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much courses exceed their own limits, as shares of them.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen.
-
-        Returns
-        -------
-        excess : ndarray, shape (m,)
-        derivative : ndarray, shape (m, size)
-        """
-        values, rows, at = [], [], 0
-        for choice, part in zip(self.choices, self.parts(chosen), strict=True):
-            value, slope = choice.excess(part)
-            row = np.zeros((len(value), self.size))
-            row[:, at : at + choice.size] = slope
-            values.append(value)
-            rows.append(row)
-            at += choice.size
-        return np.concatenate(values), np.vstack(rows)
-
-    def shrunk(self, chosen: np.ndarray, share: float) -> np.ndarray:
-        """Take a share of all courses' changes from where they begin.
-
-        Parameters
-        ----------
-        chosen : ndarray, shape (size,)
-            What is chosen.
-        share : float
-            0 keeps courses still.
-
-        Returns
-        -------
-        ndarray, shape (size,)
-        """
-        parts = zip(self.choices, self.parts(chosen), strict=True)
-        return np.concatenate([choice.shrunk(part, share) for choice, part in parts])
 
     def run(
         self,
@@ -298,23 +233,16 @@ class Experiment:
         SolveError
             If the motion cannot be followed.
         """
-        p, schedules = self.settings(chosen)
-        motion = simulate(
-            self.driven,
-            self.end,
-            contact=self.contact,
-            p=p,
-            schedules=schedules,
-            times=self.instants,
-            tolerance=tolerance,
-            route=route,
-            sensitivities=self.directions,
+        motion = self._simulated(
+            chosen, self.instants, tolerance=tolerance, route=route, sensitivities=self.directions
         )
         rows = [
             np.moveaxis(motion.derivative(name), 1, 2).reshape(-1, len(self.names)) / deviation
             for name, deviation in self.measured.items()
         ]
-        return Run(motion, np.vstack(rows), self.limited(chosen, _LOOKS))
+        jacobian = np.vstack(rows)
+        known = self.prior.after(jacobian)
+        return Run(motion, jacobian, self.limited(chosen, _LOOKS), known)
 
     def motion(self, chosen: np.ndarray, times: np.ndarray) -> Trajectory:
         """Simulate it without derivatives.
@@ -335,16 +263,46 @@ class Experiment:
         SolveError
             If the motion cannot be followed.
         """
-        p, schedules = self.settings(chosen)
+        return self._simulated(chosen, times, tolerance=_TOLERANCE)
+
+    def _simulated(self, chosen: np.ndarray, times: np.ndarray, **how: Any) -> Trajectory:
+        p, schedules = self.chosen.values(chosen)
+        end, contact = float(times[-1]), self.contact
         return simulate(
-            self.driven,
-            float(times[-1]),
+            self.driven, end, contact=contact, p=p, schedules=schedules, times=times, **how
+        )
+
+    def seen(self, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
+        """Simulate measurements over their deviations, the unknowns moved.
+
+        Parameters
+        ----------
+        chosen : ndarray, shape (size,)
+            What is chosen.
+        shift : ndarray, shape (n,)
+            By how much coordinates of the unknowns are moved.
+
+        Returns
+        -------
+        ndarray, shape (r,)
+        """
+        p, schedules = self.chosen.values(chosen)
+        model = self.driven
+        moved = {s.name: np.asarray(s.value, float) for s in (*model.x, *model.p, *model.u)} | p
+        for directions, by in zip(self.directions.values(), shift, strict=True):
+            for name, direction in directions.items():
+                moved[name] = moved[name] + by * direction
+        motion = simulate(
+            model,
+            self.end,
             contact=self.contact,
-            p=p,
+            x0={s.name: moved.pop(s.name) for s in model.x},
+            p=moved,
             schedules=schedules,
-            times=times,
+            times=self.instants,
             tolerance=_TOLERANCE,
         )
+        return np.concatenate([motion[name].ravel() / sd for name, sd in self.measured.items()])
 
     def knowledge(self, chosen: np.ndarray) -> Knowledge:
         """What would be known after the run.
@@ -358,7 +316,7 @@ class Experiment:
         -------
         Knowledge
         """
-        return self.prior.after(self.run(chosen).jacobian)
+        return self.run(chosen).known
 
     def criterion(self, kind: Literal["D", "A"], wanted: Sequence[str] | None = None) -> Criterion:
         """Small relative errors of some of the unknowns; the others are nuisances.
@@ -410,15 +368,4 @@ class Run:
     motion: Trajectory
     jacobian: np.ndarray  # (r, n) of what is measured over its deviation, by the unknowns
     excess: np.ndarray  # (m,) of limits along the motion, as shares of their ranges
-
-
-def _along(name: str, directions: Mapping[str, np.ndarray], own: Mapping[str, object]) -> float:
-    """Value of an unknown in a model, whose entries are multiples of it."""
-    up = down = 0.0
-    for signal, direction in directions.items():
-        value = own.get(signal)
-        if value is None:
-            raise ArgumentError(f"{name}: the model brings no value of {signal}; give it one")
-        up += float(np.sum(direction * np.broadcast_to(np.asarray(value), direction.shape)))
-        down += float(np.sum(direction**2))
-    return up / down
+    known: Knowledge  # after it

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 
 from wormopt.errors import ArgumentError
-from wormopt.fitting.uncertainty import TOLD
+from wormopt.fitting.uncertainty import TOLD, spectrum, triangle
 from wormopt.model.values import numbers
 
 # A direction that is not seen involves the unknowns that have more than this share of it.
@@ -81,16 +81,15 @@ class Knowledge:
     def after(self, jacobian: ArrayLike) -> Knowledge:
         """Measure more: derivatives (r, n) of it, over its standard deviation."""
         stacked = np.vstack([self.root, numbers("jacobian", jacobian)])
-        return replace(self, root=_triangular(stacked))
+        return replace(self, root=triangle(stacked))
 
     @cached_property
     def _factors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """Lengths of columns, singular values and right vectors of the rest, and the rank."""
         length = np.linalg.norm(self.root, axis=0)
         length[length == 0] = 1.0
-        _, values, right = np.linalg.svd(np.atleast_2d(self.root / length), full_matrices=True)
-        values = np.pad(values, (0, len(self.names) - len(values)))
-        return length, values, right, int(np.sum(values > TOLD * max(values[0], 1e-300)))
+        values, right = spectrum(self.root, 1 / length)
+        return length, values, right.T, int(np.sum(values > TOLD * max(values[0], 1e-300)))
 
     @property
     def rank(self) -> int:
@@ -158,10 +157,6 @@ def _inverse_root(covariance: np.ndarray) -> np.ndarray:
     raise ArgumentError(f"{what}; give it as the fit left it")
 
 
-def _triangular(rows: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.qr(rows, mode="r"))
-
-
 @dataclass(frozen=True, eq=False)
 class Criterion:
     """What a measurement should be good for: small errors of combinations of the unknowns.
@@ -216,7 +211,5 @@ class Criterion:
             return np.inf
         if self.kind == "A":
             return float(np.log(np.sum(spread**2) / len(self.rows)) / 2)
-        if len(spread) < len(self.rows):
-            return np.inf
-        pivots = np.abs(np.diag(_triangular(spread)))
+        pivots = np.abs(np.diag(triangle(spread)))
         return float(np.sum(np.log(pivots)) / len(pivots)) if np.all(pivots > 0) else np.inf

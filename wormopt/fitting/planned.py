@@ -17,7 +17,7 @@ _TOLERANCE = Tolerance(1e-9, 1e-10)
 
 def largest_excess(experiment: Experiment, chosen: np.ndarray, looks: int) -> float:
     """Largest excess of any limit, as a share; infinite where the motion cannot be followed."""
-    found = [experiment.excess(chosen)[0], np.abs(chosen) - 1]
+    found = [experiment.chosen.excess(chosen)[0], np.abs(chosen) - 1]
     try:
         found.append(experiment.limited(chosen, looks))
     except SolveError:
@@ -35,37 +35,15 @@ def departure(experiment: Experiment, chosen: np.ndarray) -> float:
     """
     worst = 0.0
     try:
-        jacobian = experiment.run(chosen).jacobian
-        here = _measured(experiment, chosen, np.zeros(len(experiment.names)))
-        for axis in experiment.prior.after(jacobian).axes.T:
+        run = experiment.run(chosen)
+        here = experiment.seen(chosen, np.zeros(len(experiment.names)))
+        for axis in run.known.axes.T:
             for step in (-_FAR * axis, _FAR * axis):
-                departs = _measured(experiment, chosen, step) - here - jacobian @ step
+                departs = experiment.seen(chosen, step) - here - run.jacobian @ step
                 worst = max(worst, float(np.linalg.norm(departs)) / _FAR)
     except (SolveError, ArgumentError):  # friction below 0, say
         return np.inf
     return worst
-
-
-def _measured(experiment: Experiment, chosen: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Measurements (r,) over their deviations, coordinates of the unknowns moved by `shift`."""
-    p, schedules = experiment.settings(chosen)
-    own = {s.name: np.asarray(s.value, float) for s in (*experiment.driven.p, *experiment.driven.u)}
-    moved = {s.name: np.asarray(s.value, float) for s in experiment.driven.x} | own | p
-    starts = {state.name for state in experiment.driven.x}
-    for directions, by in zip(experiment.directions.values(), shift, strict=True):
-        for name, direction in directions.items():
-            moved[name] = moved[name] + by * direction
-    motion = simulate(
-        experiment.driven,
-        experiment.end,
-        contact=experiment.contact,
-        x0={name: moved[name] for name in starts},
-        p={name: value for name, value in moved.items() if name not in starts},
-        schedules=schedules,
-        times=experiment.instants,
-        tolerance=_TOLERANCE,
-    )
-    return np.concatenate([motion[name].ravel() / sd for name, sd in experiment.measured.items()])
 
 
 def mean_rate(

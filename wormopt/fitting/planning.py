@@ -55,11 +55,9 @@ class Plan:
     criterion : Criterion
         By what it was judged.
     chosen : ndarray, shape (size,)
-        What is chosen, see `Experiment.parts`.
+        What is chosen, choice after choice.
     run : Run
         Its run.
-    known : Knowledge
-        What is known after it.
     rivals : tuple of Rival
         Experiments drawn at random within the same limits, the best first.
     ends : tuple of float
@@ -77,12 +75,16 @@ class Plan:
     criterion: Criterion
     chosen: np.ndarray
     run: Run
-    known: Knowledge
     rivals: tuple[Rival, ...]
     ends: tuple[float, ...]
     excess: float
     departure: float
     recheck: float
+
+    @property
+    def known(self) -> Knowledge:
+        """What is known after it."""
+        return self.run.known
 
     @property
     def value(self) -> float:
@@ -188,13 +190,10 @@ class _Search:
 
     def __init__(self, experiment: Experiment, criterion: Criterion) -> None:
         self.experiment, self.criterion = experiment, criterion
+        self.over = partial(largest_excess, experiment, looks=_CLOSER)
         self.found: tuple[float, np.ndarray] | None = None
         self._last: tuple[bytes, _Look] | None = None
         self._slopes: tuple[bytes, np.ndarray, np.ndarray] | None = None
-
-    def known(self, run: Run) -> Knowledge:
-        """What is known after a run."""
-        return self.experiment.prior.after(run.jacobian)
 
     def look(self, chosen: np.ndarray) -> _Look:
         """Run an experiment; the last one is remembered."""
@@ -208,7 +207,7 @@ class _Search:
             run = self.experiment.run(chosen)
         except SolveError:
             return _Look(None, _WORTHLESS, np.zeros(0))
-        return _Look(run, min(self.criterion(self.known(run)), _WORTHLESS), run.excess)
+        return _Look(run, min(self.criterion(run.known), _WORTHLESS), run.excess)
 
     def slopes(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the criterion and of the excess, by looks beside."""
@@ -234,7 +233,7 @@ class _Search:
             report("drawing experiments", number / count)
             chosen = self._drawn(rng)
             run = self.experiment.run(chosen)
-            found.append(Rival(chosen, self.criterion(self.known(run)), self.known(run)))
+            found.append(Rival(chosen, self.criterion(run.known), run.known))
         found.sort(key=lambda rival: rival.value)
         if not np.isfinite(found[0].value):
             self._refuse(found[0].known)
@@ -252,8 +251,7 @@ class _Search:
 
     def _drawn(self, rng: np.random.Generator) -> np.ndarray:
         for _ in range(_DRAWS):
-            parts = [choice.draw(rng) for choice in self.experiment.choices]
-            chosen = self.within(np.concatenate(parts))
+            chosen = self.within(self.experiment.chosen.draw(rng))
             if chosen is not None:
                 return chosen
         raise SolveError(
@@ -267,17 +265,13 @@ class _Search:
         if self.over(chosen) <= _KEPT:
             return chosen
         low, high = 0.0, 1.0
-        if self.over(self.experiment.shrunk(chosen, low)) > _KEPT:
+        if self.over(self.experiment.chosen.shrunk(chosen, low)) > _KEPT:
             return None
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            kept = self.over(self.experiment.shrunk(chosen, middle)) <= _KEPT
+            kept = self.over(self.experiment.chosen.shrunk(chosen, middle)) <= _KEPT
             low, high = (middle, high) if kept else (low, middle)
-        return self.experiment.shrunk(chosen, low)
-
-    def over(self, chosen: np.ndarray) -> float:
-        """Largest excess of any limit, seen closely."""
-        return largest_excess(self.experiment, chosen, _CLOSER)
+        return self.experiment.chosen.shrunk(chosen, low)
 
     def improve(self, start: np.ndarray, tell: Callable[[], None]) -> float:
         """Search from a point that keeps all limits; gives the criterion at the end."""
@@ -315,7 +309,7 @@ class _Search:
 
     def _steps(self, start: np.ndarray, margin: float, tell: Callable[[], None]) -> np.ndarray:
         """Sequential quadratic programs, with a margin to limits along the motion."""
-        allowed = self.experiment.excess
+        allowed = self.experiment.chosen.excess
 
         def room(chosen: np.ndarray) -> np.ndarray:
             return -np.concatenate([allowed(chosen)[0], self.look(chosen).excess + margin])
@@ -350,10 +344,9 @@ class _Search:
             self.criterion,
             chosen,
             run,
-            self.known(run),
             drawn,
             tuple(ends),
             self.over(chosen),
             departure(self.experiment, chosen),
-            self.criterion(self.known(again)),
+            self.criterion(again.known),
         )

@@ -21,7 +21,7 @@ from wormopt.fitting.recording import Recording
 from wormopt.fitting.shooting import Shooting
 from wormopt.fitting.task import FitTask
 from wormopt.model.model import Model
-from wormopt.model.values import by_name
+from wormopt.model.values import by_name, nominal_of
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 
@@ -235,7 +235,7 @@ def _around(times: np.ndarray, row: np.ndarray, t: float) -> tuple[float, float]
 
 def _usual(model: Model, guess: np.ndarray) -> np.ndarray:
     """Usual size of each state, (n_x,): how it varies from node to node."""
-    nominal = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+    nominal = nominal_of(model.x)
     return np.maximum(guess.std(axis=0), _LEAST * nominal)
 
 

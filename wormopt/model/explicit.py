@@ -24,27 +24,27 @@ class Described(Protocol):
     """What is read of a `Model`, which is not imported here since its `to_control` leads here."""
 
     @property
-    def name(self) -> str: ...  # noqa: D102  as in Model, here and below
+    def name(self) -> str: ...
     @property
-    def t(self) -> ca.SX: ...  # noqa: D102
+    def t(self) -> ca.SX: ...
     @property
-    def x(self) -> Sequence[Any]: ...  # noqa: D102
+    def x(self) -> Sequence[Any]: ...
     @property
-    def u(self) -> Sequence[Any]: ...  # noqa: D102
+    def u(self) -> Sequence[Any]: ...
     @property
-    def z(self) -> Sequence[Any]: ...  # noqa: D102
+    def z(self) -> Sequence[Any]: ...
     @property
-    def p(self) -> Sequence[Any]: ...  # noqa: D102
+    def p(self) -> Sequence[Any]: ...
     @property
-    def ode(self) -> ca.SX: ...  # noqa: D102
+    def ode(self) -> ca.SX: ...
     @property
-    def outputs(self) -> Sequence[Any]: ...  # noqa: D102
+    def outputs(self) -> Sequence[Any]: ...
     @property
-    def contacts(self) -> Sequence[Any]: ...  # noqa: D102
+    def contacts(self) -> Sequence[Any]: ...
     @property
-    def switches(self) -> Sequence[Any]: ...  # noqa: D102
+    def switches(self) -> Sequence[Any]: ...
     @property
-    def schedules(self) -> Sequence[Any]: ...  # noqa: D102
+    def schedules(self) -> Sequence[Any]: ...
 
 
 def import_control() -> Any:

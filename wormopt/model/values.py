@@ -30,6 +30,11 @@ def numbers_of(name: str, given: object, size: int) -> tuple[float, ...]:
     return tuple(np.broadcast_to(values, (size,)).tolist())
 
 
+def nominal_of(signals: Sequence[Any]) -> np.ndarray:
+    """Nominal sizes of signals, entry by entry."""
+    return np.concatenate([np.zeros(0), *(np.full(s.size, s.nominal) for s in signals)])
+
+
 def check_names(given: object, known: Sequence[str], what: str) -> None:
     """Refuse what is no mapping from names that are known; `what` they name, "state" say.
 

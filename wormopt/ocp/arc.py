@@ -10,14 +10,11 @@ import casadi as ca
 import numpy as np
 
 from wormopt.model.model import Signal, pack
+from wormopt.model.values import nominal_of
 from wormopt.numerics.collocation import bernstein_matrix
 from wormopt.ocp.contact import FixedModes, Treatment, never_rests
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.problem import Constraint, Problem
-
-
-def _nominals(signals: Sequence[Signal]) -> np.ndarray:
-    return np.concatenate([np.zeros(0), *(np.full(s.size, s.nominal) for s in signals)])
 
 
 def limits_of(signals: Sequence[Signal]) -> tuple[np.ndarray, np.ndarray]:
@@ -75,11 +72,11 @@ class Arc:
             ),
             model.t,
         )
-        self.x_nominal = _nominals(model.x)
-        self.z_nominal = _nominals(model.z)
-        self.u_nominal = _nominals(model.u)
-        self.s_nominal = _nominals(problem.slacks)
-        self.design_nominal = _nominals(problem.design)
+        self.x_nominal = nominal_of(model.x)
+        self.z_nominal = nominal_of(model.z)
+        self.u_nominal = nominal_of(model.u)
+        self.s_nominal = nominal_of(problem.slacks)
+        self.design_nominal = nominal_of(problem.design)
         self.f_nominal = np.array([c.nominal_force for c in model.contacts])
         self.v_nominal = np.array([c.nominal_speed for c in model.contacts])
         self.time_nominal = problem.duration[1]

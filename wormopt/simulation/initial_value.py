@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from wormopt.model.model import Signal
 from wormopt.model.schedule import Schedule
+from wormopt.model.values import nominal_of
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.sensitivity.directions import Directions
@@ -74,7 +73,7 @@ class InitialValueProblem:
     def absolute(self) -> np.ndarray:
         """Absolute tolerance of every state."""
         pushed = self._nominal_speeds[self.system.row_contact][: self.system.n_pushes]
-        return self.tolerance.absolute * np.append(_nominals(self.system.model.x), pushed)
+        return self.tolerance.absolute * np.append(nominal_of(self.system.model.x), pushed)
 
     @cached_property
     def all_absolute(self) -> np.ndarray:
@@ -181,10 +180,6 @@ class InitialValueProblem:
         treatment = self.system.treatment
         width = treatment.v_reg if isinstance(treatment, Smooth) else 0.0
         return np.full(len(self.system.contacts), width)
-
-
-def _nominals(signals: Sequence[Signal]) -> np.ndarray:
-    return np.concatenate([np.zeros(0), *(np.full(s.size, s.nominal) for s in signals)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model
-from wormopt.model.values import by_name, check_names, signal_values
+from wormopt.model.values import by_name, check_names, nominal_of, signal_values
 from wormopt.numerics.newton import newton
 from wormopt.progress import Report, silent
 from wormopt.simulation.functions import System
@@ -124,7 +124,7 @@ class _Returns:
     def __init__(self, model: Model, period: float, names: Sequence[str], **how: object) -> None:
         self.model, self.period, self._how = model, period, how
         rows = np.concatenate([np.full(s.size, s.name in names) for s in model.x])
-        sizes = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+        sizes = nominal_of(model.x)
         self.rows, self.nominal = rows, sizes[rows]
         self.names = [s.name for s in model.x if s.name in names]
         self.start = np.zeros(len(rows))

@@ -17,6 +17,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.model.model import Model, Signal, Switch
 from wormopt.model.schedule import Schedule
+from wormopt.model.values import nominal_of
 from wormopt.progress import silent
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem
@@ -65,7 +66,7 @@ class Costate:
         share = last - (backwards - begin) / length
         costate, size = ca.SX.sym("costate", n), ca.SX.sym("size", self.n_p)
         summed = ca.SX.sym("summed", self.n_p)
-        nominal = np.concatenate([np.full(s.size, s.nominal) for s in system.model.x])
+        nominal = nominal_of(system.model.x)
         rates = system.rhs(t, x, p, s)[:n]
         slopes = ca.jtimes(rates, ca.vertcat(x[:n], p), costate / nominal, True)
         slopes = ca.substitute(
@@ -121,8 +122,7 @@ class Backwards:
         self._motion, self._time, self._tolerance = motion, motion.dense.time, tolerance
         self._route: Route = route
         self._equation = costate_of(motion.system)
-        nominal = [np.full(s.size, s.nominal) for s in motion.system.model.x]
-        self._nominal, self._sizes = np.concatenate(nominal), sizes
+        self._nominal, self._sizes = nominal_of(motion.system.model.x), sizes
         fixed = motion.p[: motion.system.n_fixed]
         self._p = self._equation.system.parameters({"fixed": fixed, "size": sizes})
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import pack
-from wormopt.model.values import by_name, check_names, numbers
+from wormopt.model.values import by_name, check_names, nominal_of, numbers
 from wormopt.simulation.adjoint.costate import Backwards, Kicks
 from wormopt.simulation.adjoint.jumps import Instants, Jump
 from wormopt.simulation.options import Route, Tolerance
@@ -180,7 +180,7 @@ class _Number:
     def __init__(self, motion: Trajectory, weights: Mapping[str, ArrayLike]) -> None:
         system, n_x = motion.system, motion.system.model.n_x
         self._motion, self._unit, m = motion, 1.0, len(motion.time)
-        self._nominal = np.concatenate([np.full(s.size, s.nominal) for s in system.model.x])
+        self._nominal = nominal_of(system.model.x)
         check_names(weights, motion.names, "state or output")
         self._by_x, by_p = np.zeros((m, n_x)), np.zeros((m, len(motion.p)))
         for name, given in weights.items():
@@ -227,9 +227,8 @@ class _Number:
     def _sizes(self) -> np.ndarray:
         """Of all parameters: what they are, or the usual size of what is 0."""
         motion, model = self._motion, self._motion.system.model
-        usual = [np.full(s.size, s.nominal) for s in (*model.p, *model.u)]
         fixed = np.abs(motion.p[: motion.system.n_fixed])
-        found = [np.where(fixed > 0, fixed, np.concatenate([*usual, [1.0]]))]
+        found = [np.where(fixed > 0, fixed, np.append(nominal_of((*model.p, *model.u)), 1.0))]
         for schedule in motion.schedules:
             largest = np.abs(schedule.values).max(axis=0)
             found += [np.ones(1), np.where(largest > 0, largest, 1.0)]

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.model.values import nominal_of
 from wormopt.simulation.adjoint.costate import Kicks
 from wormopt.simulation.functions import System
 from wormopt.simulation.trajectory import Event, Trajectory
@@ -155,7 +156,7 @@ class Instants:
         assert motion.dense is not None
         self._motion, self._dense = motion, motion.dense
         self._jumps = _jumps_of(motion.system)
-        self._sizes = np.concatenate([np.full(s.size, s.nominal) for s in motion.system.model.x])
+        self._sizes = nominal_of(motion.system.model.x)
         self.events: dict[float, list[Event]] = {}
         for event in motion.events:
             if event.time <= until:

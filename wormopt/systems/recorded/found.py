@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.stats import norm
 
-from wormopt.quantities import Scalar, Variable
+from wormopt.model.model import Model
+from wormopt.quantities import UNITS, Scalar, unit_of
 
 
 class Coordinates(Protocol):
@@ -82,19 +83,15 @@ class Found:
         return found
 
     @property
-    def variables(self) -> list[Variable]:
+    def variables(self) -> dict[str, np.ndarray]:
         """The same as arrays, each in its number's own unit."""
-        own, began = "in the unit of each", np.array([n.began for n in self.numbers])
-        return [
-            Variable("estimate", "1", ("unknown",), self.value, f"numbers found, {own}"),
-            Variable("standard_error", "1", ("unknown",), self.error, f"their errors, {own}"),
-            Variable("interval", "1", ("unknown", "end"), self.interval, f"intervals, {own}"),
-            Variable("began", "1", ("unknown",), began, "first guesses"),
-            Variable(
-                "correlation", "1", ("unknown", "other_unknown"), self.correlation,
-                "correlation of the errors",
-            ),
-        ]  # fmt: skip
+        return {
+            "estimate": self.value,
+            "standard_error": self.error,
+            "interval": self.interval,
+            "began": np.array([number.began for number in self.numbers]),
+            "correlation": self.correlation,
+        }
 
 
 def label_of(name: str) -> str:
@@ -118,3 +115,17 @@ def markdown(found: Found, level: float) -> str:
             f"{error} | {told} |"
         )
     return "\n".join(rows) + "\n"
+
+
+def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units: str) -> str:
+    """Unit of a number that signals follow, "1" where theirs are not one."""
+    signals = {s.name: s.unit for s in (*model.x, *model.p, *model.u)}
+    found = {told(signals.get(name, "1"), units) for name in directions}
+    return found.pop() if len(found) == 1 else "1"
+
+
+def told(unit: str, units: str) -> str:
+    """Unit of a signal: that of its quantity, or its own."""
+    if unit in UNITS:
+        return unit_of(unit, units)
+    return unit if units == "SI" else "1"

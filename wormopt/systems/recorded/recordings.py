@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import casadi as ca
 import numpy as np
@@ -14,15 +14,36 @@ from wormopt.control.loop import feed
 from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording
+from wormopt.kinds import KINDS
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
 from wormopt.quantities import UNITS, unit_of
+from wormopt.scene.scene import Scene
 from wormopt.scene.units import parsed
 from wormopt.systems.recorded.columns import Columns
 from wormopt.systems.recorded.scenes.fit import RecordingTable, entry_of, plain_numbers
-from wormopt.systems.recorded.scenes.tables import near
+from wormopt.systems.recorded.scenes.tables import near, scene_of
 
 _DRIVE = "recorded"
+
+
+def model_of(scene: Scene[Any], model: dict[str, Any], which: str) -> Model:
+    """Build the Model of a scene within another, by its label; SceneError if it has none."""
+    inner = scene_of(model, scene.folder, scene.table.units)
+    models_of = getattr(KINDS[inner.table.kind].load_study(), "models_of", None)
+    if models_of is None:
+        what = f'scenes of kind "{inner.table.kind}" have no Model that recordings could be'
+        hint = 'take one of kind "simulate", "track" or "magnetic-pair"'
+        raise SceneError(scene.name, [("model.kind", f"{what} compared with; {hint}")])
+    try:
+        models = models_of(inner)
+    except SceneError as error:
+        faults = [(f"model.{key}" if key else "model", what) for key, what in error.faults]
+        raise SceneError(scene.name, faults) from None
+    if which not in models and (which or len(models) > 1):
+        there = near(which, models)
+        raise SceneError(scene.name, [("which", f"the scene has several models; {there}")])
+    return models[which] if which in models else next(iter(models.values()))
 
 
 @dataclass(frozen=True, eq=False)

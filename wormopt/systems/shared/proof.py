@@ -14,6 +14,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Law
 from wormopt.model.model import Model
+from wormopt.model.values import nominal_of
 from wormopt.progress import Report
 from wormopt.result import Check
 from wormopt.simulation.options import Route, Smooth, Tolerance, Treatment
@@ -122,7 +123,7 @@ def cross_check(
             first = again("auto", until, motion.n_steps + motion.n_rejected + 1).end
     except SolveError as error:
         return CrossCheck(label, None, accepted, shared, error.reason)
-    sizes = np.concatenate([np.full(s.size, s.nominal) for s in model.x])
+    sizes = nominal_of(model.x)
     size = np.maximum(sizes, np.abs(second.end))
     error = np.max(np.abs(first[: model.n_x] - second.end) / size)
     return CrossCheck(label, float(error), accepted, shared, until=until)

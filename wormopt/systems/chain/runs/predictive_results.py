@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.control.estimation import places
+from wormopt.model.values import nominal_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.systems.chain.copies import Draw, numbers_of
@@ -188,7 +189,7 @@ def _excess(right: Sequence[float]) -> float:
 def _replayed(task: Task, row: Row) -> Check:
     """Whether what was simulated from decision to decision is what the whole simulation says."""
     assert row.receded is not None
-    sizes = np.concatenate([np.full(s.size, s.nominal) for s in task.plant.x])
+    sizes = nominal_of(task.plant.x)
     whole = row.motion.states[: task.plant.n_x, -1]
     off = np.abs(row.receded.states[:, -1] - whole) / np.maximum(sizes, np.abs(whole))
     error, accepted = float(off.max()), accepted_error(tolerance_of(task.scene.table.tolerance))

@@ -14,6 +14,7 @@ from wormopt.control.reference import gait_reference
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
+from wormopt.model.values import nominal_of
 from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, unit_of
@@ -114,7 +115,7 @@ def run(scene: Scene[TrackOptimalScene], report: Report) -> Result:
 
 def _replayed(optimum: Optimum, plant: Model, motion: Trajectory) -> Check:
     """Compare every state at every sample between optimiser and simulation."""
-    sizes = np.concatenate([np.full(s.size, s.nominal) for s in plant.x])[:, None]
+    sizes = nominal_of(plant.x)[:, None]
     exact = motion.states[: plant.n_x]
     apart = np.abs(optimum.motion.states(motion.time) - exact) / np.maximum(sizes, np.abs(exact))
     error = float(apart.max())

@@ -25,8 +25,8 @@ from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.recorded.found import label_of
-from wormopt.systems.recorded.runs.fit import model_of, told, unit_of_directions
+from wormopt.systems.recorded.found import label_of, told, unit_of_directions
+from wormopt.systems.recorded.recordings import model_of
 from wormopt.systems.recorded.scenes.experiment import (
     ExperimentScene,
     HeldTable,
@@ -130,8 +130,8 @@ def _experiment(scene: Scene[ExperimentScene], known: _Known) -> tuple[Experimen
         for one in table.unknown
     ]
     try:
-        asked: Scene[Any] = scene
-        model = _best(scene, model_of(asked), unknowns, known)
+        own = model_of(scene, table.model, table.which)
+        model = _best(scene, own, unknowns, known)
         experiment = Experiment(
             model,
             unknowns,
@@ -209,17 +209,9 @@ def _criterion(
     table = scene.table
     if table.prediction is None:
         return experiment.criterion(table.criterion, _wanted(scene, experiment))
-    asked = _of_prediction(scene, table.prediction.model)
-    model = _best(scene, model_of(asked), unknowns, known)
+    model = _best(scene, model_of(scene, table.prediction.model, ""), unknowns, known)
     first, last = table.prediction.span
     return mean_rate(experiment, model, table.prediction.output, (first, last))
-
-
-def _of_prediction(scene: Scene[ExperimentScene], model: dict[str, Any]) -> Scene[Any]:
-    """Make the same scene with another scene in ``[model]``."""
-    import msgspec
-
-    return replace(scene, table=msgspec.structs.replace(scene.table, model=model, which=""))
 
 
 def _wanted(scene: Scene[ExperimentScene], experiment: Experiment) -> list[str]:
@@ -238,7 +230,7 @@ def _result(scene: Scene[ExperimentScene], plan: Plan, timings: Mapping[str, flo
     return conclude(
         scene,
         _scalars(scene, plan) | _numbers(plan, slopes, units),
-        [*_arrays(scene, plan, slopes), *_signals(plan, units)],
+        _arrays(plan, slopes) | {v.name: v for v in _signals(plan, units)},
         checks=_checks(plan),
         facts=_facts(plan),
         warnings=_warnings(plan),
@@ -282,16 +274,14 @@ def _numbers(plan: Plan, slopes: np.ndarray, units: str) -> dict[str, Scalar]:
         finite = float(error) if np.isfinite(error) else None
         found[f"{label_of(name)}_error"] = Scalar(finite, unit)
     signals = {s.name: s.unit for s in (*model.p, *model.u)}
-    for choice, part in zip(
-        plan.experiment.choices, plan.experiment.parts(plan.chosen), strict=True
-    ):
+    for choice, part in plan.experiment.chosen.parts(plan.chosen):
         for name, value in choice.explained(part).items():
             quantity = "rate" if name.endswith("_frequency") else signals[choice.signal]
             found[f"chosen_{label_of(name)}"] = Scalar(value, told(quantity, units))
     return found
 
 
-def _arrays(scene: Scene[ExperimentScene], plan: Plan, slopes: np.ndarray) -> list[Variable]:
+def _arrays(plan: Plan, slopes: np.ndarray) -> dict[str, np.ndarray]:
     experiment, best = plan.experiment, plan.rivals[0].known
     arrays = {
         "value": experiment.values,
@@ -304,12 +294,7 @@ def _arrays(scene: Scene[ExperimentScene], plan: Plan, slopes: np.ndarray) -> li
         "rival_error": np.array([rival.known.errors * slopes for rival in plan.rivals]),
         "start_criterion": np.array(plan.ends),
     }
-    declared = scene.table.variables
-    return [
-        Variable(name, "1", declared[name][1], array, declared[name][2])
-        for name, array in arrays.items()
-        if array.size
-    ]
+    return {name: array for name, array in arrays.items() if array.size}
 
 
 def _signals(plan: Plan, units: str) -> Iterator[Variable]:
@@ -318,7 +303,7 @@ def _signals(plan: Plan, units: str) -> Iterator[Variable]:
     instants = np.linspace(0.0, float(experiment.instants[-1]), _SHOWN)
     yield Variable("time", told("time", units), ("time",), instants, "time")
     own = {s.name: s.unit for s in (*experiment.model.p, *experiment.model.u)}
-    for choice, part in zip(experiment.choices, experiment.parts(plan.chosen), strict=True):
+    for choice, part in experiment.chosen.parts(plan.chosen):
         name, course = choice.signal, choice.course(part, instants)
         dims = f"course_{name}_entry", "time"
         yield Variable(f"course_{name}", told(own[name], units), dims, course, f"course of {name}")

@@ -19,17 +19,23 @@ from wormopt.fitting.inference.profile import Profile, profile
 from wormopt.fitting.inference.whiteness import Whiteness, whiteness
 from wormopt.fitting.task import FitTask
 from wormopt.fitting.unknowns import Unknown
-from wormopt.kinds import KINDS
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.quantities import UNITS, Scalar, Variable, unit_of
+from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
-from wormopt.systems.recorded.found import Found, Number, label_of, markdown
-from wormopt.systems.recorded.recordings import Run, runs_of
+from wormopt.systems.recorded.found import (
+    Found,
+    Number,
+    label_of,
+    markdown,
+    told,
+    unit_of_directions,
+)
+from wormopt.systems.recorded.recordings import Run, model_of, runs_of
 from wormopt.systems.recorded.scenes.fit import FitScene, FitUnknown, PosteriorTable
-from wormopt.systems.recorded.scenes.tables import SearchTable, near, scene_of
+from wormopt.systems.recorded.scenes.tables import SearchTable
 from wormopt.systems.shared.proof import one_or_all
 from wormopt.systems.shared.settings import treatment_of
 
@@ -45,7 +51,7 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     or models, SolveError if no start leads anywhere, Interrupted with the best fit so far.
     """
     table, clock = scene.table, time.perf_counter()
-    model = model_of(scene)
+    model = model_of(scene, table.model, table.which)
     runs = runs_of(table.recording, scene.folder, model, table.units, table.noise, scene.name)
     task = _task(scene, model, runs)
     read = time.perf_counter()
@@ -108,26 +114,6 @@ def _drawn(scene: Scene[FitScene], table: PosteriorTable, found: Fit, report: Re
         )
     except ArgumentError as error:
         raise SceneError(scene.name, [("posterior", str(error))]) from None
-
-
-def model_of(scene: Scene[FitScene]) -> Model:
-    """Build the Model of the scene in ``[model]``; SceneError if it has none."""
-    table = scene.table
-    inner = scene_of(table.model, scene.folder, table.units)
-    models_of = getattr(KINDS[inner.table.kind].load_study(), "models_of", None)
-    if models_of is None:
-        what = f'scenes of kind "{inner.table.kind}" have no Model that recordings could be'
-        hint = 'take one of kind "simulate", "track" or "magnetic-pair"'
-        raise SceneError(scene.name, [("model.kind", f"{what} compared with; {hint}")])
-    try:
-        models = models_of(inner)
-    except SceneError as error:
-        faults = [(f"model.{key}" if key else "model", what) for key, what in error.faults]
-        raise SceneError(scene.name, faults) from None
-    if table.which not in models and (table.which or len(models) > 1):
-        there = near(table.which, models)
-        raise SceneError(scene.name, [("which", f"the scene has several models; {there}")])
-    return models[table.which] if table.which in models else next(iter(models.values()))
 
 
 def _task(scene: Scene[FitScene], model: Model, runs: Sequence[Run]) -> FitTask:
@@ -195,27 +181,12 @@ class _Study:
         return replace(found, interval=np.array([self.profiles[n].interval for n in found.names]))
 
 
-def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units: str) -> str:
-    """Unit of a number that signals follow, "1" where theirs are not one."""
-    signals = {s.name: s.unit for s in (*model.x, *model.p, *model.u)}
-    found = {told(signals.get(name, "1"), units) for name in directions}
-    return found.pop() if len(found) == 1 else "1"
-
-
-def told(unit: str, units: str) -> str:
-    """Unit of a signal: that of its quantity, or its own."""
-    if unit in UNITS:
-        return unit_of(unit, units)
-    return unit if units == "SI" else "1"
-
-
 def _result(study: _Study, timings: Mapping[str, float]) -> Result:
     scene, numbers = study.scene, study.numbers
-    seen = _seen(study)
     return conclude(
         scene,
         numbers.scalars | _scalars(study),
-        numbers.variables + seen + _profiles(study),
+        numbers.variables | {v.name: v for v in _seen(study)} | _profiles(study),
         checks=_checks(study),
         facts=_facts(study),
         warnings=_warnings(study),
@@ -352,18 +323,14 @@ def _told_of_runs(study: _Study) -> dict[str, list[Mapping[str, np.ndarray]]]:
     return found
 
 
-def _profiles(study: _Study) -> list[Variable]:
+def _profiles(study: _Study) -> dict[str, np.ndarray]:
     if not study.profiles:
-        return []
+        return {}
     longest = max(len(one.values) for one in study.profiles.values())
-    arrays = np.full((2, len(study.profiles), longest), np.nan)
+    values, rises = np.full((2, len(study.profiles), longest), np.nan)
     for k, one in enumerate(study.profiles.values()):
-        arrays[:, k, : len(one.values)] = one.values, one.rises
-    dims, words = ("unknown", "profile"), ("values held, in the unit of each", "rise of chi^2")
-    names = ("profile_value", "profile_rise")
-    return [
-        Variable(*row[:1], "1", dims, *row[1:]) for row in zip(names, arrays, words, strict=True)
-    ]
+        values[k, : len(one.values)], rises[k, : len(one.values)] = one.values, one.rises
+    return {"profile_value": values, "profile_rise": rises}
 
 
 def _facts(study: _Study) -> dict[str, Any]:

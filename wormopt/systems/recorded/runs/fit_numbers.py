@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from wormopt.errors import Interrupted, SolveError
 from wormopt.fitting.uncertainty import covariance_of, held_at, offset_of, spectrum
 from wormopt.progress import Report
-from wormopt.quantities import Variable, unit_of
+from wormopt.quantities import unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
@@ -187,7 +187,7 @@ def _result(study: _Study, begun: Looked, timings: Mapping[str, float]) -> Resul
             "offset": study.offset,
             "tells": list(tells.values()),
         },
-        [*numbers.variables, *_measured(study, begun)],
+        numbers.variables | _measured(study, begun),
         checks=_checks(study),
         facts={
             "tells": tells,
@@ -230,7 +230,7 @@ def _changed(task: NumbersTask) -> str | None:
     return key if all(isinstance(v, int | float) for v in values) else None
 
 
-def _measured(study: _Study, begun: Looked) -> Iterator[Variable]:
+def _measured(study: _Study, begun: Looked) -> dict[str, np.ndarray]:
     task, key = study.task, _changed(study.task)
     arrays: dict[str, Any] = {
         "measured": [one.value for one in task.measured],
@@ -240,11 +240,7 @@ def _measured(study: _Study, begun: Looked) -> Iterator[Variable]:
     }
     if key is not None:
         arrays["changed"] = [float(one.changes[key]) for one in task.measured]
-    declared = study.scene.table.variables
-    for name, values in arrays.items():
-        yield Variable(
-            name, "1", declared[name][1], np.array(values, dtype=float), declared[name][2]
-        )
+    return {name: np.array(values, dtype=float) for name, values in arrays.items()}
 
 
 def _checks(study: _Study) -> Iterator[Check]:

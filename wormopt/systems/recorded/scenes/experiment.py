@@ -25,6 +25,7 @@ from wormopt.scene.types import (
 from wormopt.systems.recorded.scenes.tables import (
     FiniteOrList,
     SceneTables,
+    Span,
     named_twice,
     scene_of,
 )
@@ -33,6 +34,10 @@ Name = Annotated[str, Meta(description="the name of a signal")]
 Count = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Pieces = Annotated[int, Meta(ge=1, le=200, description="a whole number from 1 to 200")]
 Harmonics = Annotated[int, Meta(ge=1, le=20, description="a whole number from 1 to 20")]
+Range = Annotated[
+    tuple[Finite, ...],
+    Meta(min_length=2, max_length=2, description="two finite numbers, [least, largest]"),
+]
 End = Annotated[
     tuple[Finite | Literal["free"], ...],
     Meta(min_length=2, max_length=2, description='[least, largest], numbers or "free"'),
@@ -92,10 +97,7 @@ class HeldTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="held")
 
     signal: Annotated[Name, says("", "an input or a parameter")]
     range: Annotated[
-        Annotated[
-            tuple[Finite, ...],
-            Meta(min_length=2, max_length=2, description="two finite numbers, [least, largest]"),
-        ],
+        Range,
         says("", "from which it is chosen"),
     ]
 
@@ -119,10 +121,7 @@ class PredictionTable(Table, frozen=True, kw_only=True):
         Name, says("", "state or output; its mean rate is predicted, a speed for a place")
     ] = "center_of_mass"
     span: Annotated[
-        Annotated[
-            tuple[Finite, ...],
-            Meta(min_length=2, max_length=2, description="two finite numbers, [first, last]"),
-        ],
+        Span,
         says("time", "of the motion over which the mean is taken"),
     ]
 

@@ -12,14 +12,16 @@ from msgspec import Meta, field
 from wormopt.errors import Fault, SceneError
 from wormopt.scene.numerics import Contacts, ExactContact
 from wormopt.scene.scene import packaged_folder
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, extreme_numbers, says
+from wormopt.scene.types import Positive, SceneTable, Table, Title, extreme_numbers, says
 from wormopt.scene.units import parsed
 from wormopt.systems.recorded.columns import Columns, read_csv
 from wormopt.systems.recorded.scenes.tables import (
+    FOUND,
     FiniteOrList,
     Level,
     SceneTables,
     SearchTable,
+    Span,
     UnknownTable,
     named_twice,
     near,
@@ -27,10 +29,6 @@ from wormopt.systems.recorded.scenes.tables import (
 )
 
 _ENTRY = re.compile(r"([A-Za-z][A-Za-z0-9_]*?)(?:\[(\d+)\])?")
-Span = Annotated[
-    tuple[Finite, ...],
-    Meta(min_length=2, max_length=2, description="two finite numbers, [first, last]"),
-]
 Draws = Annotated[int, Meta(ge=100, le=100_000, description="a whole number, 100 to 100000")]
 Names = Annotated[
     str | tuple[str, ...],
@@ -226,12 +224,7 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
         ),
         "profile_threshold": ("1", "rise of χ² at the ends of the intervals"),
     }
-    variables: ClassVar = {
-        "estimate": ("count", ("unknown",), "numbers found, in their own units"),
-        "standard_error": ("count", ("unknown",), "their standard errors"),
-        "interval": ("count", ("unknown", "end"), "their intervals, low and high"),
-        "began": ("count", ("unknown",), "where the search began"),
-        "correlation": ("count", ("unknown", "other_unknown"), "of the errors of numbers found"),
+    variables: ClassVar = FOUND | {
         "profile_value": ("count", ("unknown", "profile"), "value that a number is held at"),
         "profile_rise": ("count", ("unknown", "profile"), "twice the rise of the cost then"),
         "start_cost": ("count", ("start",), "cost at which each start of the search ended"),

@@ -13,6 +13,7 @@ from wormopt.kinds import KINDS
 from wormopt.scene.scene import Scene, load_scene
 from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, extreme_numbers, says
 from wormopt.systems.recorded.scenes.tables import (
+    FOUND,
     Level,
     SceneTables,
     UnknownTable,
@@ -116,12 +117,7 @@ class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
             "by how much measurements lessen the error of each number that a prior brings, a list",
         ),
     }
-    variables: ClassVar = {
-        "estimate": ("count", ("unknown",), "numbers found, in their own units"),
-        "standard_error": ("count", ("unknown",), "their standard errors"),
-        "interval": ("count", ("unknown", "end"), "their intervals, low and high"),
-        "began": ("count", ("unknown",), "where the search began"),
-        "correlation": ("count", ("unknown", "other_unknown"), "of the errors of numbers found"),
+    variables: ClassVar = FOUND | {
         "measured": ("count", ("measurement",), "what was measured"),
         "deviation": ("count", ("measurement",), "its standard deviation"),
         "fitted": ("count", ("measurement",), "what the scene says with the numbers found"),

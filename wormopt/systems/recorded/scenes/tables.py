@@ -17,6 +17,10 @@ Prior = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [mean, standard deviation]"),
 ]
+Span = Annotated[
+    tuple[Finite, ...],
+    Meta(min_length=2, max_length=2, description="two finite numbers, [first, last]"),
+]
 Seeds = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Level = Annotated[float, Meta(gt=0.5, lt=1, description="a number between 0.5 and 1, 0.95 say")]
 # Kinds whose scenes must say when they end.
@@ -34,6 +38,14 @@ SceneTables = Annotated[
         '"my_worm.py:build"`',
     ),
 ]
+FOUND = {
+    "estimate": ("count", ("unknown",), "numbers found, in their own units"),
+    "standard_error": ("count", ("unknown",), "their standard errors"),
+    "interval": ("count", ("unknown", "end"), "their intervals, low and high"),
+    "began": ("count", ("unknown",), "where the search began"),
+    "correlation": ("count", ("unknown", "other_unknown"), "of the errors of numbers found"),
+}
+"""What results hold of numbers found, as arrays."""
 
 
 class UnknownTable(Table, frozen=True, kw_only=True):
