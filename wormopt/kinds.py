@@ -18,17 +18,10 @@ KINDS: dict[str, Kind] = {
         summary="what a given gait does: speed, resting masses, spike loads, forces, energy",
         table="wormopt.systems.spiked.scenes.gait:GaitScene",
         study="wormopt.systems.spiked.runs.gait",
-        pictures={
-            "gait": "wormopt.systems.spiked.plots.gaits:gait",
-            "motion": "wormopt.systems.spiked.plots.gaits:motion",
-            "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
-            "region": "wormopt.systems.spiked.plots.region:region",
-            "animation": "wormopt.systems.spiked.plots.animation:first_frame",
-        },
-        wanted=("gait", "motion", "spikes", "region", "animation"),
         pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes")
+        | _drawn("spiked.plots.region", "region")
         | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("gait", "motion", "spikes", "animation"),
+        wanted=("gait", "motion", "spikes", "region", "animation"),
     ),
     "gait-design": Kind(
         summary="the best gait within limits on links, spikes and actuators",
@@ -272,9 +265,7 @@ KINDS: dict[str, Kind] = {
         summary="a film of magnetic fluid over a row of coils that are switched in turn",
         table="wormopt.systems.coils.scenes.coil_film:CoilFilmScene",
         study="wormopt.systems.coils.runs.coil_film",
-        pictures={
-            "coil_film": "wormopt.systems.coils.plots.film:coil_film",
-        },
+        pictures=_drawn("coils.plots.film", "coil_film"),
     ),
     "coil-inverse": Kind(
         summary="currents of a row of coils whose field comes nearest to what a film's wave needs",
