@@ -58,8 +58,7 @@ def _least(task: FitTask, signal: str) -> float:
 
 
 def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[str]:
-    """Yield why what a fit leaves, `plain` (rows,), is no noise: its size, or how it hangs
-    together.
+    """Yield why what a fit leaves, `plain` (rows,), is no noise: by size, or by correlation.
 
     Noise that nobody said is held against how readings scatter from one to the next, which is what
     `asked` has.

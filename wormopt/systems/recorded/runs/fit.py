@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.errors import ArgumentError, Interrupted, SceneError
+from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
 from wormopt.fitting.inference.identifiability import Identifiability, identifiability
@@ -56,6 +56,10 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     fitted = time.perf_counter()
     try:
         study = _judged(scene, model, runs, found, report)
+    except SolveError as error:
+        partial = _result(_Study(scene, model, runs, found), {})
+        reason = f"the fit could not be judged: {error.reason}"
+        raise SolveError(reason, error.suggestion, partial=partial) from None
     except KeyboardInterrupt:
         partial = _result(_Study(scene, model, runs, found), {})
         raise Interrupted(partial.failed("interrupted before the fit was judged")) from None
