@@ -474,3 +474,60 @@ def test_stretches_have_exact_derivatives():
         step = 1e-6 * np.eye(len(w))[k]
         slope = (whole.residuals(w + step)[0] - whole.residuals(w - step)[0]) / 2e-6
         assert slope == pytest.approx(jacobian[:, k], abs=1e-5 * np.abs(jacobian[:, k]).max())
+
+
+# -- what is no noise is said -------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_all_starts_are_tried_where_they_agree_but_leave_no_noise():
+    """A block that turns back at the end, which friction never makes it do."""
+    rng = np.random.default_rng(4)
+    seen = thrown(TIME, 1.0, 1.25) - 0.02 * np.maximum(TIME - 1.0, 0.0)
+    seen += 5e-3 * rng.standard_normal(TIME.size)
+    run = wo.Recording(TIME, {"position": seen}, noise={"position": 1e-3})
+    sought = [wo.Unknown("friction_forward", lower=0.1, upper=50.0)]
+    right = wo.Recording(
+        TIME,
+        {"position": thrown(TIME, 1.0, 1.25) + 5e-3 * rng.standard_normal(TIME.size)},
+        noise={"position": 5e-3},
+    )
+    strange = wo.fit(wo.FitTask(sliding_block(), [run], sought))
+    plain = wo.fit(wo.FitTask(sliding_block(), [right], sought))
+    assert len(plain.starts) == 3
+    assert not any("residuals" in line for line in plain.warnings)
+    assert len(strange.starts) == 8
+    assert any("times the noise said" in line for line in strange.warnings)
+
+
+@pytest.mark.slow
+def test_a_clock_that_is_late_is_told_though_the_size_is_that_of_noise():
+    """Residuals smaller than the noise said that hang together: only their order tells."""
+    seen = thrown(np.maximum(TIME - 0.03, 0.0), 1.0, 1.25)
+    seen += 0.002 * np.random.default_rng(6).standard_normal(TIME.size)
+    run = wo.Recording(TIME, {"position": seen}, noise={"position": 0.015})
+    task = wo.FitTask(sliding_block(), [run], [wo.Unknown("friction_forward", lower=0.1)])
+    found = wo.fit(task)
+    assert np.mean(found.residuals**2) < 1
+    assert any("hang together" in line for line in found.warnings)
+
+
+@pytest.mark.slow
+def test_numbers_held_by_their_bounds_are_no_fit():
+    run = wo.Recording(TIME, {"position": 1e3 * thrown(TIME, 1.0, 1.25)})
+    sought = [
+        wo.Unknown("friction_forward", lower=0.1, upper=50.0),
+        wo.Unknown("velocity", start=1.0, lower=0.1, upper=5.0),
+    ]
+    found = wo.fit(wo.FitTask(sliding_block(), [run], sought))
+    assert found.at_bound == ("friction_forward", "velocity")
+    assert not found.converged
+    assert found.reason.startswith("2 of 2 numbers lie at their bounds")
+
+
+def test_errors_are_infinite_where_derivatives_are_no_more_exact_than_that():
+    """Singular values 1 and 1e-4: told if derivatives are known to 1e-6, not told if to 1e-3."""
+    pair = np.array([1.0, 1e-4]), np.eye(2)
+    assert covariance_of(pair, np.ones(2), 1e-6)[1, 1] == pytest.approx(1e8)
+    assert np.isinf(covariance_of(pair, np.ones(2), 1e-3)[1, 1])
+    assert covariance_of(pair, np.ones(2), 1e-3)[0, 0] == pytest.approx(1.0)

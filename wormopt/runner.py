@@ -80,10 +80,12 @@ def attempt(scene: Scene[Any], report: Report = silent) -> Result:
         raise Interrupted(_failed(scene, stop.partial, reason or "interrupted")) from None
 
 
-def _failed(scene: Scene[Any], partial: Result | None, reason: str) -> Result:
+def _failed(scene: Scene[Any], partial: object, reason: str) -> Result:
+    from wormopt.result import Result
     from wormopt.scene.conclude import conclude
 
-    return (partial or conclude(scene, {})).failed(reason)
+    # a motion that a study came upon is no Result of it
+    return (partial if isinstance(partial, Result) else conclude(scene, {})).failed(reason)
 
 
 def result_at(given: str | Path) -> Result:

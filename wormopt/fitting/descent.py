@@ -21,7 +21,7 @@ ARRIVED = 1e-3
 # Widths of the smooth law, in typical contact speeds.
 _WIDTHS = (1.0, 0.2)
 # Nodes where nobody says how many, and standard deviations of jumps, in usual sizes of states.
-_NODES, _JUMPS = 6, (0.1, 0.01, 1e-3)
+_NODES, _MANY_NODES, _JUMPS = 6, 20, (0.1, 0.01, 1e-3)
 # Steps at most, and the share of the cost that a step shall gain where a start is all one wants.
 _LOOKS, _LOOKS_ROUGH, _GAIN_ROUGH = 100, 20, 1e-1
 # A trust region that shrank at a kink, or came to a bound, is opened again so many times.
@@ -196,13 +196,17 @@ class Way:
 
 
 def ways_of(task: FitTask, nodes: int | None) -> tuple[Way, ...]:
-    """Ways that starts take in turn: different ones go astray in different places."""
+    """Ways that starts take in turn: different ones go astray in different places.
+
+    The last is dear, for when all others have left more than noise.
+    """
     if nodes:
-        return (Way(nodes=nodes),)
+        return (Way(nodes=nodes), Way(nodes=nodes))
     rough = isinstance(task.contact, Smooth) or not task.model.contacts
     over = () if rough else (Way(_WIDTHS), Way(_WIDTHS[:1]))
-    read = nodes is None and all(_is_read(shooting) for shooting in task.shootings)
-    return (*((Way(nodes=_NODES),) if read else ()), *over[: 1 if read else 2], Way())
+    if nodes is None and all(_is_read(shooting) for shooting in task.shootings):
+        return (Way(nodes=_NODES), *over[:1], Way(), Way(nodes=_MANY_NODES))
+    return (*over, Way(), over[0] if over else Way())
 
 
 def _is_read(shooting: Shooting) -> bool:

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from wormopt.errors import SolveError
 from wormopt.fitting.stretches import continuity
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import correlation_of, covariance_of, held_at, spectrum
+from wormopt.fitting.uncertainty import (
+    TOLD,
+    correlation_of,
+    covariance_of,
+    held_at,
+    spectrum,
+    triangle,
+)
 from wormopt.shown import SHORT, lines, text
 from wormopt.simulation.trajectory import Doubt
+
+# Derivatives are computed anew with tolerances so many times larger: their difference is about
+# the error of those, an upper bound for the better ones.
+_COARSER = 10.0
 
 
 @dataclass(frozen=True)
@@ -153,10 +165,33 @@ class Fit:
     def singular(self) -> tuple[np.ndarray, np.ndarray]:
         """Singular values (n,) and right singular vectors (n, n), in columns.
 
-        Of the Jacobian by coordinates over their nominal sizes: a change by v nominal sizes along
-        a column changes the residuals by s v standard deviations.
+        Of the Jacobian by coordinates over their ``sizes``: a change by v sizes along a column
+        changes the residuals by s v standard deviations.
         """
-        return spectrum(self.jacobian, self.task.nominal)
+        return spectrum(self.jacobian, self.sizes)
+
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """Sizes of the coordinates, (n,), by which their effects are compared; 1 of a logarithm."""
+        sizes = np.maximum(np.abs(self.theta), self.task.nominal)
+        return np.where([c.log for c in self.task.coordinates], 1.0, sizes)
+
+    @cached_property
+    def error(self) -> float:
+        """How wrong singular values may be: as much as derivatives change, computed less exactly.
+
+        At least by what simulations promise, and by rounding.
+        """
+        task, fine = self.task, self.task.precision
+        less = replace(fine, relative=_COARSER * fine.relative, absolute=_COARSER * fine.absolute)
+        scaled = self.jacobian[: task.count] * self.sizes
+        promised = fine.relative + max(scaled.shape) * np.finfo(float).eps
+        try:
+            _, jacobian = replace(task, tolerance=less).residuals(self.theta)
+        except SolveError:
+            promised, jacobian = TOLD, self.jacobian
+        apart = np.linalg.norm(triangle(jacobian[: task.count] * self.sizes - scaled), 2)
+        return float(apart + promised * self.singular[0].max(initial=0.0))
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -164,7 +199,7 @@ class Fit:
 
         As if there were no bounds: what lies at one is not known better for it.
         """
-        return covariance_of(self.singular, self.task.nominal)
+        return covariance_of(self.singular, self.sizes, self.error)
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -174,4 +209,4 @@ class Fit:
     @property
     def correlation(self) -> np.ndarray:
         """Correlation of the coordinates, (n, n)."""
-        return correlation_of(self.singular)
+        return correlation_of(self.singular, self.error)

@@ -17,7 +17,7 @@ from wormopt.fitting.descent import (
     ways_of,
 )
 from wormopt.fitting.estimate import Attempt, Fit
-from wormopt.fitting.levels import MEDIAN, noise_of
+from wormopt.fitting.levels import noise_of, unexplained
 from wormopt.fitting.starts import starts_of
 from wormopt.fitting.task import FitTask
 from wormopt.progress import Report, silent
@@ -27,8 +27,6 @@ from wormopt.simulation.trajectory import Doubt
 _SAME = 0.1
 # Noise is estimated until it changes by less than this share.
 _SETTLED, _MOST_LEVELS = 1e-3, 20
-# Residuals so many times the noise said, on average, are more than chance.
-_EXPLAINED = 1.5
 
 
 def fit(
@@ -50,7 +48,8 @@ def fit(
         From how many starts at most: the first is the one given, the others are spread around it
         within the bounds.
     enough : int, optional
-        How many starts have to end at the best before no other is tried.
+        How many starts have to end at the best, and leave noise only, before no other is tried.
+        Where they leave more, all are tried.
     nodes : int, optional
         At how many readings each run is cut while starts are led downhill (multiple shooting):
         many for long runs, and motions that soon go elsewhere. 0: nowhere; if left out every third
@@ -63,8 +62,9 @@ def fit(
     Returns
     -------
     Fit
-        Not `converged` where it did not come to the bottom, or the best start is alone and
-        leaves more than noise.
+        Not `converged` where it did not come to the bottom, or leaves more than noise and the
+        best start is alone, or half of the numbers are at bounds. Other residuals that are no
+        noise are warnings: the model may lack something, and all starts were tried.
 
     Raises
     ------
@@ -121,18 +121,23 @@ def _of_starts(
     report: Report,
 ) -> Descent:
     """Lead starts downhill, one after the other, until enough of them agree."""
-    speed, ways, best, first = contact_speed(task, task.start), ways_of(task, nodes), None, None
+    speed, (*ways, last) = contact_speed(task, task.start), ways_of(task, nodes)
+    best, first, noisy = None, None, False  # whether the best leaves noise only
     for number, start in enumerate(starts):
         report(f"fitting from start {number + 1} of {len(starts)}", number / len(starts))
+        way = ways[number % len(ways)] if noisy or number < len(ways) else last
         try:
-            found = approach(task, start, speed, ways[number % len(ways)], seen)
+            found = approach(task, start, speed, way, seen)
         except (SolveError, ArgumentError) as error:
             first = first or error
             ends.append(Attempt(start, start, np.inf, np.inf, 0))
             continue
         ends.append(Attempt(start, found.theta, found.cost, found.offset, found.evaluations))
-        best = found if best is None or found.cost < best.cost else best
-        if sum(_agrees(best, end) for end in ends) >= enough and best.offset < ARRIVED:
+        if best is None or found.cost < best.cost:
+            best = found
+            noisy = not any(unexplained(task, task, task.plain(best.theta)[0]))
+        agree = sum(_agrees(best, end) for end in ends)
+        if noisy and agree >= enough and best.offset < ARRIVED:
             break
     if best is None:
         assert first is not None
@@ -167,61 +172,63 @@ def _with_levels(
     return task, best
 
 
-def _excess(asked: FitTask, task: FitTask, theta: np.ndarray) -> float:
-    """How many times what noise explains is left of the signal of which most is left.
-
-    Noise that nobody said is held against how readings scatter from one to the next.
-    """
-    plain, _ = task.plain(theta)
-    left = np.abs(plain[: task.count] * task.deviations / asked.deviations)
-    if task.loss == "linear":
-        return max(float(np.sqrt(np.mean(left[rows] ** 2))) for rows in task.groups.values())
-    return max(float(np.median(left[rows])) / MEDIAN for rows in task.groups.values())
-
-
 def _told(
     asked: FitTask, task: FitTask, best: Descent, ends: list[Attempt], reason: str = ""
 ) -> Fit:
     """Say what was found and whether it holds; `asked` is the task before noise was estimated."""
     ends = sorted(ends, key=lambda end: end.cost)
-    same = sum(end.agrees for end in ends)
-    excess = _excess(asked, task, best.theta)
-    warnings = list(task.warnings)
-    if same < len(ends) and not reason:
-        warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
-    if excess > _EXPLAINED:
-        which = "noise said" if not asked.estimated else "scatter of the readings"
-        warnings.append(
-            f"residuals are {excess:.2g} times the {which}: the model does not tell all, or the "
-            "noise is of another kind"
-        )
-    if not reason and best.offset >= ARRIVED:
-        reason = (
-            f"the bottom was not reached: {best.offset:.2g} standard errors are left; events may "
-            "appear or vanish there, or other starts help"
-        )
-    still = np.flatnonzero(~np.any(best.jacobian, axis=0))
-    if not reason and excess > _EXPLAINED and still.size:
-        names = ", ".join(task.names[k] for k in still)
-        reason = (
-            f"the motion does not depend on {names} here, and does not fit; begin with other "
-            "numbers, at which it does"
-        )
-    if not reason and len(ends) > 1 and same < 2 and excess > _EXPLAINED:
-        reason = f"the best of {len(ends)} starts is alone and leaves {excess:.2g} times the noise"
     found = Fit(
         task=task,
         theta=best.theta,
         residuals=best.residuals,
         jacobian=best.jacobian,
         offset=best.offset,
-        converged=not reason,
+        converged=False,
         reason=reason,
         starts=tuple(ends),
         estimated=asked.estimated,
-        warnings=tuple(warnings),
     )
-    return replace(found, warnings=(*warnings, *_doubted(found)))
+    strange = [*unexplained(asked, task, task.plain(best.theta)[0])]
+    warnings, same = list(task.warnings), sum(end.agrees for end in ends)
+    if same < len(ends) and not reason:
+        warnings.append(f"{len(ends) - same} of {len(ends)} starts ended elsewhere, see starts")
+    if strange:
+        warnings.append(
+            f"{'; '.join(strange)}: the model does not tell all, or the search ended at a wrong "
+            "place, or a clock, a unit or a column is wrong"
+        )
+    warnings += (f"{name} is at its bound" for name in found.at_bound)
+    reason = reason or _failing(found, strange)
+    return replace(
+        found,
+        converged=not reason,
+        reason=reason,
+        warnings=(*warnings, *_doubted(found)),
+    )
+
+
+def _failing(found: Fit, strange: list[str]) -> str:
+    """Why a search has not converged, of which the residuals may be no noise; "" if it has."""
+    names, same, held = found.names, sum(end.agrees for end in found.starts), found.at_bound
+    if strange and 2 * len(held) >= len(names):
+        return (
+            f"{len(held)} of {len(names)} numbers lie at their bounds, and {strange[0]}; look at "
+            "units, signs and columns, or write wider bounds"
+        )
+    if found.offset >= ARRIVED:
+        return (
+            f"the bottom was not reached: {found.offset:.2g} standard errors are left; events may "
+            "appear or vanish there, or other starts help"
+        )
+    still = np.flatnonzero(~np.any(found.jacobian, axis=0))
+    if strange and still.size:
+        return (
+            f"the motion does not depend on {', '.join(names[k] for k in still)} here, and does "
+            "not fit; begin with other numbers, at which it does"
+        )
+    if strange and len(found.starts) > 1 and same < 2:
+        return f"the best of {len(found.starts)} starts is alone, and {strange[0]}"
+    return ""
 
 
 def _doubted(found: Fit) -> list[str]:

@@ -1,15 +1,22 @@
-"""Noise of readings, estimated from what a fit leaves."""
+"""Noise of readings, estimated from what a fit leaves, and whether what is left is noise."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from wormopt.fitting.losses import robust
-from wormopt.fitting.task import FitTask
+from wormopt.fitting.task import Block, FitTask
 from wormopt.fitting.uncertainty import leverages
 
+# Lags that are tested, at most a fifth of the readings (R. Hyndman, 2014), and readings at least.
+_LAGS, _SHARE, _FEWEST = 10, 5, 8
+# Residuals so many times the noise said, on average, are more than chance; so is a correlation
+# that white noise would show so rarely.
+_EXPLAINED, _LACKING = 1.5, 1e-6
+# Mean squares below this share of the noise are lost in it, whatever they look like.
+_LOST = 1e-2
 # Readings cannot be told to be better than motions are simulated.
 _ERRORS = 100.0
 MEDIAN = 0.6745
@@ -48,3 +55,46 @@ def _least(task: FitTask, signal: str) -> float:
     readings = [run.readings[signal] for run in task.recordings if signal in run.readings]
     largest = max(float(np.nanmax(np.abs(rows))) for rows in readings)
     return _ERRORS * task.precision.relative * largest
+
+
+def unexplained(asked: FitTask, task: FitTask, plain: np.ndarray) -> Iterator[str]:
+    """Yield why what a fit leaves, `plain` (rows,), is no noise: by size, or by correlation.
+
+    Noise that nobody said is held against how readings scatter from one to the next, which is what
+    `asked` has.
+    """
+    left = plain[: task.count] * task.deviations / asked.deviations
+    if task.loss == "linear":
+        sizes = [float(np.sqrt(np.mean(left[rows] ** 2))) for rows in task.groups.values()]
+    else:
+        sizes = [float(np.median(np.abs(left[rows]))) / MEDIAN for rows in task.groups.values()]
+    if max(sizes) > _EXPLAINED:
+        which = "noise said" if not asked.estimated else "scatter of the readings"
+        yield f"residuals are {max(sizes):.2g} times the {which}"
+    chances = [p for block in task.blocks for p in _chances(block, left)]
+    if min(chances, default=1.0) < _LACKING:
+        yield f"residuals hang together as noise never does (p = {min(chances):.1g})"
+
+
+def _chances(block: Block, left: np.ndarray) -> Iterator[float]:
+    rows = np.full(block.there.shape, np.nan)
+    rows[block.there] = left[block.rows]
+    for row in rows:
+        there = row[np.isfinite(row)]
+        if len(there) >= _FEWEST and np.ptp(there) > 0 and np.mean(there**2) > _LOST:
+            yield ljung_box(row)[1]
+
+
+def ljung_box(row: np.ndarray, lags: int | None = None) -> tuple[float, float]:
+    """Statistic of correlations up to so many lags, and p; NaN in `row` (m,) are gaps."""
+    from scipy.special import chdtrc
+
+    there = np.isfinite(row)
+    n = int(there.sum())
+    r = np.where(there, row - row[there].mean(), 0.0)
+    lags = lags or min(_LAGS, n // _SHARE)
+    pairs = np.array([np.sum(there[k:] & there[:-k]) for k in range(1, lags + 1)])
+    products = np.array([r[k:] @ r[:-k] for k in range(1, lags + 1)])[pairs > 0]
+    squares = (products / (r @ r)) ** 2 / pairs[pairs > 0]
+    statistic = float(n * (n + 2) * squares.sum())
+    return statistic, float(chdtrc(len(squares), statistic))

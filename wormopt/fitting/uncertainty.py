@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-# Singular values below this share of the largest are errors of the Jacobian: motions are simulated
-# to 1e-8 and their derivatives to little less.
+# Singular values below this share of the largest are errors of the Jacobian where nobody measured
+# how wrong it is: motions are simulated to 1e-8 and their derivatives to little less.
 TOLD = 1e-7
 _BLOCK = 256  # rows of a matrix that are worked on at once
-# An unknown takes part in what cannot be told if its share of such a direction is larger.
-_TAKES_PART = 1e-6
+# Shares of an unknown in what cannot be told that are round-off, and that never are.
+_ROUND, _SURELY = 1e-9, 0.1
 
 
 def triangle(matrix: np.ndarray) -> np.ndarray:
@@ -31,25 +31,48 @@ def spectrum(jacobian: np.ndarray, nominal: np.ndarray) -> tuple[np.ndarray, np.
     return s, rows.T
 
 
-def _parts(spectrum: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def told_by(
+    spectrum: tuple[np.ndarray, np.ndarray], error: float | None = None
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """How many singular values are told, as they may be wrong by `error`, and what of unknowns is.
+
+    Gives also the standard error of each unknown by what is told, and which take part in what is
+    not: with a larger share than the error mixes in (Wedin).
+    """
+    s, v = spectrum
+    error = TOLD * float(s.max(initial=0.0)) if error is None else error
+    rank = int(np.sum(s > error))
+    errors = np.linalg.norm(v[:, :rank] / s[:rank], axis=1)
+    shares = np.linalg.norm(v[:, rank:], axis=1)
+    return rank, errors, shares > np.clip(error * errors, _ROUND, _SURELY)
+
+
+def _parts(
+    spectrum: tuple[np.ndarray, np.ndarray], error: float | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Finite part of the scaled covariance, and the projector on what cannot be told."""
     s, v = spectrum
-    told = s > TOLD * s.max(initial=0.0)
-    finite = (v[:, told] / s[told] ** 2) @ v[:, told].T
-    open_ = v[:, ~told] @ v[:, ~told].T
-    return finite, np.where(np.abs(open_) > _TAKES_PART**2, open_, 0.0)
+    rank, _, lost = told_by(spectrum, error)
+    finite = (v[:, :rank] / s[:rank] ** 2) @ v[:, :rank].T
+    open_ = v[:, rank:] @ v[:, rank:].T
+    apart = np.abs(open_) <= _ROUND * np.sqrt(np.outer(np.diag(open_), np.diag(open_)))
+    return finite, np.where(np.outer(lost, lost) & ~apart, open_, 0.0)
 
 
-def covariance_of(spectrum: tuple[np.ndarray, np.ndarray], nominal: np.ndarray) -> np.ndarray:
-    """Covariance (n, n), infinite along what cannot be told."""
-    finite, open_ = _parts(spectrum)
+def covariance_of(
+    spectrum: tuple[np.ndarray, np.ndarray], sizes: np.ndarray, error: float | None = None
+) -> np.ndarray:
+    """Covariance (n, n), infinite along what cannot be told; `error` is that of the spectrum."""
+    finite, open_ = _parts(spectrum, error)
     with np.errstate(invalid="ignore"):
-        return np.where(open_ != 0, np.sign(open_) * np.inf, finite * np.outer(nominal, nominal))
+        return np.where(open_ != 0, np.sign(open_) * np.inf, finite * np.outer(sizes, sizes))
 
 
-def correlation_of(spectrum: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def correlation_of(
+    spectrum: tuple[np.ndarray, np.ndarray], error: float | None = None
+) -> np.ndarray:
     """Correlation (n, n), its limit where variances are infinite."""
-    finite, open_ = _parts(spectrum)
+    finite, open_ = _parts(spectrum, error)
     unknown = np.diag(open_) > 0
     size = np.sqrt(np.where(unknown, np.diag(open_), np.diag(finite)))
     both, neither = np.outer(unknown, unknown), np.outer(~unknown, ~unknown)

@@ -3,12 +3,12 @@
 The singular values of the Jacobian, its columns scaled by the sizes of the unknowns, say how much
 each combination of relative changes moves the residuals, in standard deviations. Computed
 derivatives are wrong by E, and so every singular value by as much at most (Weyl): what is not
-larger than E is none. E is measured, by derivatives computed anew, less exactly.
+larger than E is none. E is measured, by derivatives computed anew, less exactly (`Fit.error`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,13 +16,11 @@ from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.asked import check_fit
 from wormopt.fitting.inference.combination import Combination, combination, sparse_basis
 from wormopt.fitting.task import FitTask
-from wormopt.fitting.uncertainty import spectrum
+from wormopt.fitting.uncertainty import spectrum, told_by
 from wormopt.shown import lines
 
-# Derivatives are computed anew with tolerances so many times larger: their difference is about
-# the error of those, an upper bound for the better ones.
-_COARSER = 10.0
-_ROUND = 1e-9  # shares that are round-off of linear programs and decompositions
+# Shares that are round-off of linear programs and decompositions, and that never are.
+_ROUND, _SURELY = 1e-9, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +102,6 @@ def identifiability(found: Fit) -> Identifiability:
     ------
     ArgumentError
         If it is no fit.
-    SolveError
-        If the motions cannot be followed a second time, less exactly.
 
     Notes
     -----
@@ -132,20 +128,21 @@ def identifiability(found: Fit) -> Identifiability:
     """
     check_fit(found)
     task, theta = found.task, found.theta
-    sizes = np.maximum(np.abs(theta), task.nominal)
-    sizes[[c.log for c in task.coordinates]] = 1.0
+    sizes, error = found.sizes, found.error
     scaled = found.jacobian[: task.count] * sizes
-    error = _error(task, theta, scaled, sizes)
-    values, directions, rank, zero = told = _told(scaled, error)
+    values, columns = by_readings = spectrum(scaled, np.ones(len(sizes)))
+    rank, _, _ = told_by(by_readings, error)
+    # directions on both sides of the gap mix by error over gap (Wedin)
+    zero = float(np.clip(error / values[rank - 1] if rank else 0.0, _ROUND, _SURELY))
     effects = np.linalg.norm(scaled, axis=0)
-    basis = sparse_basis(directions[rank:].T, zero)
-    errors = _errors(*told)
+    basis = sparse_basis(columns[:, rank:], zero)
+    errors = _errors(by_readings, error)
     weak = errors >= 1
-    held = weak & (_errors(*_told(found.jacobian * sizes, error)) < 1)
+    held = weak & (_errors(found.singular, error) < 1)
     return Identifiability(
         task.names,
         values,
-        directions,
+        columns.T,
         error,
         rank,
         errors,
@@ -159,29 +156,7 @@ def _named(task: FitTask, which: np.ndarray) -> tuple[str, ...]:
     return tuple(name for name, is_it in zip(task.names, which, strict=True) if is_it)
 
 
-def _errors(values: np.ndarray, directions: np.ndarray, rank: int, zero: float) -> np.ndarray:
+def _errors(spectrum: tuple[np.ndarray, np.ndarray], error: float) -> np.ndarray:
     """Standard errors (n,) in sizes, infinite for what has a share in what cannot be told."""
-    errors = np.linalg.norm(directions[:rank] / values[:rank, None], axis=0)
-    lost = np.linalg.norm(directions[rank:], axis=0) > zero
+    _, errors, lost = told_by(spectrum, error)
     return np.where(lost, np.inf, errors)
-
-
-def _told(scaled: np.ndarray, error: float) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Singular values (n,), directions, rank, and shares in a direction that are none."""
-    values, columns = spectrum(scaled, np.ones(scaled.shape[1]))
-    rank = int(np.sum(values > error))
-    # directions on both sides of the gap mix by error over gap (Wedin)
-    return values, columns.T, rank, max(error / values[rank - 1] if rank else 0.0, _ROUND)
-
-
-def _error(task: FitTask, theta: np.ndarray, scaled: np.ndarray, sizes: np.ndarray) -> float:
-    """How wrong singular values may be: as much as the derivatives, by their change.
-
-    At least by what simulations promise, and by rounding.
-    """
-    fine = task.precision
-    less = replace(fine, relative=_COARSER * fine.relative, absolute=_COARSER * fine.absolute)
-    _, jacobian = replace(task, tolerance=less).residuals(theta)
-    apart = np.linalg.norm(jacobian[: task.count] * sizes - scaled, 2)
-    promised = fine.relative + max(scaled.shape) * np.finfo(float).eps
-    return float(apart + promised * np.linalg.norm(scaled, 2))

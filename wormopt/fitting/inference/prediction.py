@@ -194,9 +194,9 @@ def _spread(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Factor (n, k) of the covariance of all coordinates, and what the fit cannot tell (n, l)."""
     s, v = found.singular
-    told = s > TOLD * s.max(initial=0.0)
+    told = s > found.error
     rows = [found.names.index(n) for n, is_own in zip(task.names, own, strict=True) if not is_own]
-    directions = (found.task.nominal[:, None] * v)[rows]
+    directions = (found.sizes[:, None] * v)[rows]
     spread = np.zeros((len(own), len(s)))
     spread[~own] = directions
     if own.any():  # these make up for it, and know their own part by the run's noise

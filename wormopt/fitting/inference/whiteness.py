@@ -11,11 +11,11 @@ from scipy import stats
 
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.inference.asked import check_fit, check_level
+from wormopt.fitting.levels import ljung_box
 from wormopt.fitting.uncertainty import leverages
 from wormopt.shown import lines
 
 TestName = Literal["correlation", "runs", "normal", "size"]
-_LAGS, _SHARE = 10, 5  # as many, at most a fifth of the readings (R. Hyndman, 2014)
 _FEWEST = 8  # readings that are tested
 _SHAPIRO = 5000  # readings up to which its p-values hold
 _SAYS = {
@@ -155,19 +155,6 @@ def _tests(
     yield ResidualTest("normal", run, signal, *_normal(there))
     if free is not None:
         yield ResidualTest("size", run, signal, *_size(there, float(np.nansum(free))))
-
-
-def ljung_box(row: np.ndarray, lags: int | None = None) -> tuple[float, float]:
-    """Statistic of correlations up to so many lags, and p; NaN in `row` (m,) are gaps."""
-    there = np.isfinite(row)
-    n = int(there.sum())
-    r = np.where(there, row - row[there].mean(), 0.0)
-    lags = lags or min(_LAGS, n // _SHARE)
-    pairs = np.array([np.sum(there[k:] & there[:-k]) for k in range(1, lags + 1)])
-    products = np.array([r[k:] @ r[:-k] for k in range(1, lags + 1)])[pairs > 0]
-    squares = (products / (r @ r)) ** 2 / pairs[pairs > 0]
-    statistic = float(n * (n + 2) * squares.sum())
-    return statistic, float(stats.chi2.sf(statistic, len(squares)))
 
 
 def runs_test(r: np.ndarray) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.errors import ArgumentError, Interrupted, SceneError
+from wormopt.errors import ArgumentError, Interrupted, SceneError, SolveError
 from wormopt.fitting.estimate import Fit
 from wormopt.fitting.fit import fit
 from wormopt.fitting.inference.identifiability import Identifiability, identifiability
@@ -35,12 +35,8 @@ from wormopt.systems.recorded.found import (
 )
 from wormopt.systems.recorded.recordings import Run, model_of, runs_of
 from wormopt.systems.recorded.scenes.fit import FitScene, FitUnknown, PosteriorTable
-from wormopt.systems.recorded.scenes.tables import SearchTable
 from wormopt.systems.shared.proof import one_or_all
 from wormopt.systems.shared.settings import treatment_of
-
-# Chance of residuals that hang together as they do, below which that is no chance.
-_LACKING = 1e-6
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -56,7 +52,7 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     task = _task(scene, model, runs)
     read = time.perf_counter()
     try:
-        found = _fitted(table.search, task, report)
+        found = fit(task, seeds=table.search.seeds, seed=table.search.seed, report=report)
     except Interrupted as stop:
         if not isinstance(stop.partial, Fit):
             raise Interrupted from None
@@ -65,25 +61,15 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
     fitted = time.perf_counter()
     try:
         study = _judged(scene, model, runs, found, report)
+    except SolveError as error:
+        partial = _result(_Study(scene, model, runs, found), {})
+        reason = f"the fit could not be judged: {error.reason}"
+        raise SolveError(reason, error.suggestion, partial=partial) from None
     except KeyboardInterrupt:
         partial = _result(_Study(scene, model, runs, found), {})
         raise Interrupted(partial.failed("interrupted before the fit was judged")) from None
     timings = {"read": read - clock, "fit": fitted - read, "judge": time.perf_counter() - fitted}
     return _result(study, timings)
-
-
-def _fitted(search: SearchTable, task: FitTask, report: Report) -> Fit:
-    """Fit from several starts; from all of them where what is left is no noise."""
-    found = fit(task, seeds=search.seeds, seed=search.seed, report=report)
-    if len(found.starts) < search.seeds and _lacking(whiteness(found)):
-        more = {"seeds": search.seeds, "enough": search.seeds, "seed": search.seed}
-        found = fit(task, **more, report=report)
-    return found
-
-
-def _lacking(tests: Whiteness) -> bool:
-    """Whether residuals hang together so much that the model cannot be right as it is."""
-    return any(each.test == "correlation" and each.p < _LACKING for each in tests.tests)
 
 
 def _judged(
@@ -389,9 +375,3 @@ def _warnings(study: _Study) -> Iterator[str]:
     yield from found.warnings
     for judged in (study.known, study.tests, *study.predictions, *study.profiles.values()):
         yield from () if judged is None else judged.words
-    if study.tests is not None and _lacking(study.tests):
-        yield (
-            "the recordings are not explained: the model lacks something, or the search ended at "
-            "a wrong place; write other starts, narrower bounds or more search.seeds"
-        )
-    yield from (f"{name} is at its bound" for name in found.at_bound)
