@@ -14,6 +14,8 @@ from wormopt.fitting.uncertainty import correlation_of, covariance_of, held_at, 
 from wormopt.shown import SHORT, lines, text
 from wormopt.simulation.trajectory import Doubt
 
+_LINES = 20  # of numbers in a repr
+
 
 @dataclass(frozen=True)
 class Attempt:
@@ -83,14 +85,16 @@ class Fit:
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        found = ", ".join(
+        found = [
             f"{name} {text(float(value), SHORT)} ± {text(float(error), 2)}"
             for name, value, error in zip(
                 self.names, self.values, self.standard_errors, strict=True
             )
-        )
+        ]
+        if len(found) > _LINES:
+            found[_LINES - 1 :] = [f"and {len(found) - _LINES + 1} more"]
         state = "converged" if self.converged else f"not converged: {self.reason}"
-        return lines(f"Fit of {self.task.model.name} ({state})", found)
+        return lines(f"Fit of {self.task.model.name} ({state})", *found)
 
     @property
     def names(self) -> tuple[str, ...]:
