@@ -79,19 +79,17 @@ def run(scene: Scene[FitNumbersScene], report: Report) -> Result:
     inner = scene_of(table.model, scene.folder, table.units)
     task = NumbersTask(inner, table.measured, table.unknown)
     task.say = lambda done, of: report(f"run {task.runs + done}", done / of)
-    begun = task.look([task.start])[0]
-    if not np.isfinite(begun.values[task.fitted]).all():
-        raise SolveError(
-            f"the scene in [model] cannot be computed where the search starts: {begun.reasons[0]}",
-            "write another start",
-        )
     best: list[np.ndarray] = [task.start]
     try:
+        begun = task.look([task.start])[0]
+        if not np.isfinite(begun.values[task.fitted]).all():
+            reason = f"cannot be computed where the search starts: {begun.reasons[0]}"
+            raise SolveError(f"the scene in [model] {reason}", "write another start")
         study = _search(scene, task, best)
+        return _result(study, begun, {"search": time.perf_counter() - clock})
     except KeyboardInterrupt:
         partial = _partial(scene, task, best[-1])
         raise Interrupted(partial.failed("interrupted before the search had ended")) from None
-    return _result(study, begun, {"search": time.perf_counter() - clock})
 
 
 def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
