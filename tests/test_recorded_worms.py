@@ -81,7 +81,7 @@ def test_what_is_wrong_in_a_file_is_told_by_its_place(tmp_path: Path, text: str,
 
 
 def test_many_faults_are_counted_not_listed(tmp_path: Path):
-    path = written(tmp_path, "time,x\n" + "".join(f"{k},?\n" for k in range(40)))
+    path = written(tmp_path, "time,x\n-1,0\n" + "".join(f"{k},?\n" for k in range(40)))
     faults: list[Fault] = []
     read_csv(path, "time", faults, "file")
     assert len(faults) == 6
@@ -100,6 +100,35 @@ def test_columns_units_and_gaps_are_read(tmp_path: Path, separator: str):
     assert found.values["x"][::2] == (1.0, 3.0)
     assert math.isnan(found.values["x"][1])
     assert found.values["position[1]"][1] == 2e-3
+
+
+def test_what_a_camera_writes_is_read_as_it_is(tmp_path: Path):
+    """Lines above the names, remarks, frames for times, one lost, an axis that points back."""
+    text = "Tracker 3.2\nworm 7; 50 fps\n\nframe;head [mm];back;quality\n"
+    text += "1400;60;0;fair\n1402;61;-1;good\n1403;65;-2;\n"
+    table = RecordingTable(
+        file=str(written(tmp_path, text)),
+        time="frame",
+        columns={"head": "position[0]", "back": "position[1]"},
+        units={"frame": "20 ms", "back": "-0.5 mm"},
+        window=(1401.0, 1403.0),
+    )
+    model = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    assert list(table.faults(tmp_path, "SI", "recording[0]")) == []
+    (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
+    assert run.recording.time == pytest.approx([28.04, 28.06], rel=1e-15)
+    assert run.recording.values["position"] == pytest.approx(
+        np.array([[0.061, 0.065], [0.0005, 0.001]]), rel=1e-15
+    )
+    assert run.left_out == ("quality",)
+
+
+def test_words_in_a_column_that_is_a_signal_are_refused(tmp_path: Path):
+    text = "time,position[0],position[1]\n0,1,bad\n1,2,good\n"
+    table = RecordingTable(file=str(written(tmp_path, text)))
+    model = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
+    with pytest.raises(SceneError, match=r"column position\[1\] holds text"):
+        runs_of([table], tmp_path, model, "SI", {}, "scene")
 
 
 @pytest.mark.parametrize(

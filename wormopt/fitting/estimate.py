@@ -25,6 +25,7 @@ from wormopt.simulation.trajectory import Doubt
 # Derivatives are computed anew with tolerances so many times larger: their difference is about
 # the error of those, an upper bound for the better ones.
 _COARSER = 10.0
+_LINES = 20  # of numbers in a repr
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,16 @@ class Fit:
     warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        found = ", ".join(
+        found = [
             f"{name} {text(float(value), SHORT)} ± {text(float(error), 2)}"
             for name, value, error in zip(
                 self.names, self.values, self.standard_errors, strict=True
             )
-        )
+        ]
+        if len(found) > _LINES:
+            found[_LINES - 1 :] = [f"and {len(found) - _LINES + 1} more"]
         state = "converged" if self.converged else f"not converged: {self.reason}"
-        return lines(f"Fit of {self.task.model.name} ({state})", found)
+        return lines(f"Fit of {self.task.model.name} ({state})", *found)
 
     @property
     def names(self) -> tuple[str, ...]:

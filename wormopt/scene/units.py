@@ -154,6 +154,19 @@ def parsed(unit: str) -> tuple[Fraction, Dimension]:
     return factor, {name: power for name, power in dimension.items() if power}
 
 
+def scale(unit: str) -> tuple[Fraction, Dimension]:
+    """Size and dimension of a unit or of a multiple of one: "0.02 s" a frame, "-0.21 mm" a pixel.
+
+    ValueError says what cannot be used.
+    """
+    found = _TEXT.fullmatch(unit)
+    size, dimension = parsed(found[2] if found else unit)
+    factor = Fraction(found[1]) * size if found else size
+    if not factor:
+        raise ValueError("is no size")
+    return factor, dimension
+
+
 def _symbol(text: str) -> tuple[Fraction, str]:
     known = _PREFIXED | _PLAIN
     if text in known:

@@ -92,9 +92,9 @@ class InitialValueProblem:
         if self.directions is None:
             return np.zeros(0)
         model, nominal_p = self.system.model, np.ones(len(self.p))
-        given = _nominals((*model.p, *model.u))
+        given = nominal_of((*model.p, *model.u))
         nominal_p[: len(given)] = given
-        return self.directions.sizes(_nominals(model.x), self.p, nominal_p, self.schedules)
+        return self.directions.sizes(nominal_of(model.x), self.p, nominal_p, self.schedules)
 
     @cached_property
     def column_floor(self) -> np.ndarray:

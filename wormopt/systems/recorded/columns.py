@@ -18,6 +18,8 @@ _UNIT = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>(?!\d+\])[^\]]+)\]|\((?P<ro
 # Faults of one file that are told; cells that stand for a reading that is not there.
 _TOLD, _GAPS = 5, frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 _MOST_BYTES = 500_000_000
+# Semicolons and tabs first: a comma may be a decimal one. Lines that may stand above the names.
+_DELIMITERS, _MOST_ABOVE = ";\t,", 100
 
 
 @dataclass(frozen=True)
@@ -27,13 +29,15 @@ class Columns:
     time: Sequence[float]
     values: dict[str, Sequence[float]]
     units: dict[str, str] = field(default_factory=dict)  # of columns that tell one, of time as ""
+    texts: frozenset[str] = frozenset()  # columns of words, whose values are all NaN
 
 
 def read_csv(path: Path, time: str, faults: list[Fault], key: str) -> Columns | None:
     """Read a CSV file; every fault is added to `faults` under `key`, and gives None.
 
-    `time` is the name of the column of times. The first line names the columns, with units in
-    brackets: ``x0 [mm]``. Empty cells and NaN are gaps; lines that begin with # are skipped.
+    `time` is the name of the column of times. The line that holds it names the columns, with units
+    in brackets: ``x0 [mm]``; what stands above is skipped, and lines that begin with # are. Empty
+    cells and NaN are gaps.
     """
     wrong: list[str] = []
     found = _read(path, time, wrong)
@@ -59,31 +63,69 @@ def _read(path: Path, time: str, wrong: list[str]) -> Columns | None:
     if not lines:
         wrong.append(" is empty; write a line with the names of its columns, then the readings")
         return None
-    delimiter = max(",;\t", key=lines[0][1].count)
-    rows = [(n, [cell.strip() for cell in row]) for n, row in _split(lines, delimiter)]
+    first, delimiter = _line_of_names(lines, time)
+    rows = [(n, _cells(line, delimiter)) for n, line in lines[first:]]
     names, units = _header(rows[0], time, wrong)
     if not wrong and len(rows) < 3:
         count = "no" if len(rows) == 1 else "one"
         wrong.append(f" has {count} line of readings; at least two instants are needed")
     if wrong:
         return None
-    table = list(_numbers(rows[1:], names, delimiter, wrong))
+    texts = _texts(rows[1:], names, time)
+    table = list(_numbers(rows[1:], names, texts, delimiter, wrong))
     if wrong:
         return None
     at = names.index(time)
     _check_times([n for n, _ in rows[1:]], [row[at] for row in table], time, wrong)
     values: dict[str, Sequence[float]] = dict(zip(names, zip(*table, strict=True), strict=True))
     units[""] = units.pop(time, "")
-    return Columns(values.pop(time), values, units)
+    return Columns(values.pop(time), values, units, texts)
 
 
 def _counts(line: str) -> bool:
     return bool(line.strip()) and not line.lstrip().startswith("#")
 
 
-def _split(lines: list[tuple[int, str]], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    for number, line in lines:
-        yield number, next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+def _cells(line: str, delimiter: str) -> list[str]:
+    row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    return [cell.strip() for cell in row]
+
+
+def _line_of_names(lines: list[tuple[int, str]], time: str) -> tuple[int, str]:
+    """Index of the line that names the columns, below what a program has written about itself.
+
+    And what stands between its cells. It is the line with the column of times; where none has it,
+    the first one of as many cells as the last.
+    """
+    for k, (_, line) in enumerate(lines[:_MOST_ABOVE]):
+        for delimiter in _DELIMITERS:
+            cells = _cells(line, delimiter)
+            if len(cells) > 1 and time in (_named(cell)[0] for cell in cells):
+                return k, delimiter
+    for delimiter in _DELIMITERS:
+        counts = [len(_cells(line, delimiter)) for _, line in (*lines[:_MOST_ABOVE], lines[-1])]
+        if counts[-1] > 1:
+            return counts.index(counts[-1]), delimiter
+    return 0, ","
+
+
+def _named(cell: str) -> tuple[str, str]:
+    """Name and unit, if any, of a column."""
+    found = _UNIT.fullmatch(cell)
+    if found is None:
+        return cell, ""
+    return found["name"].strip("\"' "), (found["square"] or found["round"] or "").strip()
+
+
+def _texts(rows: list[tuple[int, list[str]]], names: list[str], time: str) -> frozenset[str]:
+    """Columns without any number, remarks say; numbers with decimal commas are none of them."""
+    found = set()
+    for k, name in enumerate(names):
+        cells = [row[k] for _, row in rows if len(row) == len(names)]
+        values = [_number(cell.replace(",", ".", 1)) for cell in cells]
+        if name != time and None in values and not any(v == v for v in values if v is not None):
+            found.add(name)
+    return frozenset(found)
 
 
 def _header(
@@ -96,10 +138,9 @@ def _header(
         return [], {}
     names, units = [], {}
     for k, cell in enumerate(cells):
-        found = _UNIT.fullmatch(cell)
-        name = found["name"].strip("\"' ") if found else cell
-        if found:
-            units[name] = (found["square"] or found["round"] or "").strip()
+        name, unit = _named(cell)
+        if unit:
+            units[name] = unit
         if not name:
             wrong.append(f" line {number}: column {k + 1} has no name; write one")
         elif name in names:
@@ -113,7 +154,11 @@ def _header(
 
 
 def _numbers(
-    rows: list[tuple[int, list[str]]], names: list[str], delimiter: str, wrong: list[str]
+    rows: list[tuple[int, list[str]]],
+    names: list[str],
+    texts: frozenset[str],
+    delimiter: str,
+    wrong: list[str],
 ) -> Iterator[list[float]]:
     for number, cells in rows:
         if len(cells) != len(names):
@@ -122,7 +167,7 @@ def _numbers(
             continue
         row = []
         for name, cell in zip(names, cells, strict=True):
-            value = _number(cell)
+            value = math.nan if name in texts else _number(cell)
             if value is None:
                 wrong.append(f" line {number}, column {name}: {_hint(cell, delimiter)}")
             elif math.isinf(value):

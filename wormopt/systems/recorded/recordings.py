@@ -19,7 +19,7 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
 from wormopt.quantities import UNITS, unit_of
 from wormopt.scene.scene import Scene
-from wormopt.scene.units import parsed
+from wormopt.scene.units import parsed, scale
 from wormopt.systems.recorded.columns import Columns
 from wormopt.systems.recorded.scenes.fit import RecordingTable, entry_of, plain_numbers
 from wormopt.systems.recorded.scenes.tables import near, scene_of
@@ -154,9 +154,12 @@ def _run(
 ) -> Run:
     places = _Places(model, table, units, key)
     seen, driven, left = places.sorted(columns)
-    time = np.asarray(columns.time) * places.factor("time", places.unit_of("", columns), table.time)
+    pace = places.factor("time", places.unit_of("", columns), table.time)
+    if pace < 0:
+        raise SceneError(table.file, [(f"{key}.units.{table.time}", "must be above 0")])
+    time = np.asarray(columns.time) * pace
     first, last = table.window or (-np.inf, np.inf)
-    kept = (first <= time) & (time <= last)
+    kept = (first <= np.asarray(columns.time)) & (np.asarray(columns.time) <= last)
     values = {name: rows[:, kept] for name, rows in places.rows(seen, columns).items()}
     if not any(np.isfinite(rows).any() for rows in values.values()):
         raise SceneError(table.file, [(f"{key}.file", "holds no reading of any state or output")])
@@ -202,6 +205,8 @@ class _Places:
         for column in columns.values:
             named = self._table.columns.get(column)
             place = self._place(column) if named is None else self._place(named)
+            if place and column in columns.texts:
+                self._refuse("file", f"column {column} holds text, no numbers; rename or mend it")
             if place is None and named is None:
                 left.append(column)
             elif place is None:
@@ -234,7 +239,12 @@ class _Places:
         known = self._seen | self._drives
         name, entry = entry_of(signal)
         if name not in known:
-            return f"the model has no signal {name}; {near(name, known)}"
+            entries = (
+                f"{n}[{k}]" if size > 1 else n
+                for n, (size, _) in known.items()
+                for k in range(size)
+            )
+            return f"the model has no signal {signal}; {near(signal, entries)}"
         size = known[name][0]
         one = f"{name}[0]" if size == 2 else f"{name}[0] to {name}[{size - 1}]"
         if entry is None:
@@ -262,7 +272,7 @@ class _Places:
             return 1.0
         wanted = unit_of(quantity, "SI") if quantity in UNITS else quantity
         try:
-            (size, dimension), (one, needed) = parsed(unit), parsed(wanted)
+            (size, dimension), (one, needed) = scale(unit), parsed(wanted)
         except ValueError as error:
             self._refuse(f"units.{column}", f'"{unit}" {error}; {wanted} say')
         if dimension != needed:

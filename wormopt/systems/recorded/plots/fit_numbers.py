@@ -14,6 +14,7 @@ from wormopt.plotting.parts import (
     legend_below,
     line,
     narrow,
+    raised,
     sheet,
     tell,
 )
@@ -44,7 +45,7 @@ def measurements(result: Result) -> Figure:
                 few_decades(axes.xaxis)
     else:
         axes.set_xticks(x, names, rotation=20, ha="right", parse_math=False)
-    axes.set_ylabel(_of(result), parse_math=False)
+    axes.set_ylabel(_of(result))
     entries = [line("measured, ± 2 standard deviations", MASSES[0], "", marker="o")]
     if "predict" in uses:
         entries.append(line("kept aside", MASSES[0], "", marker="s"))
@@ -63,4 +64,4 @@ def _of(result: Result) -> str:
     if len(names) > 1:
         return "measured numbers"
     unit = units.pop()
-    return names.pop().replace("_", " ") + (f" ({unit})" if unit != "1" else "")
+    return names.pop().replace("_", " ") + (f" ({raised(unit)})" if unit != "1" else "")

@@ -71,7 +71,7 @@ def correlation(result: Result) -> Figure:
     count = len(names)
     drawn = sheet(7.1, 1.2 + 0.42 * count, 1.4 + 0.3 * count)
     axes = drawn.subplots()
-    shown = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
+    shown = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
     for i in range(count if count <= (4 if narrow() else 16) else 0):
         for j in range(count):
             dark = abs(values[i, j]) > 0.6

@@ -132,8 +132,13 @@ def _unknown(scene: Scene[FitScene], k: int, table: FitUnknown, model: Model) ->
         )
         unknown.directions(model)
     except ArgumentError as error:
-        raise SceneError(scene.name, [(f"unknown[{k}]", str(error))]) from None
+        raise SceneError(scene.name, [(f"unknown[{k}]", f"{error}{_own(model)}")]) from None
     return unknown
+
+
+def _own(model: Model) -> str:
+    """What to do with arguments of a function of one's own, of which the Model knows nothing."""
+    return "" if model.p else "; numbers to be found are parameters of it, p = [Signal(...)]"
 
 
 # -- what is told ----------------------------------------------------------------------------------

@@ -38,6 +38,7 @@ class _Study:
     residuals: np.ndarray
     jacobian: np.ndarray
     ended: str  # why the search ended before it converged; empty otherwise
+    gain: float | None = None  # by how much the best neighbour of a compass search is better
 
     @property
     def free(self) -> np.ndarray:
@@ -78,19 +79,17 @@ def run(scene: Scene[FitNumbersScene], report: Report) -> Result:
     inner = scene_of(table.model, scene.folder, table.units)
     task = NumbersTask(inner, table.measured, table.unknown)
     task.say = lambda done, of: report(f"run {task.runs + done}", done / of)
-    begun = task.look([task.start])[0]
-    if not np.isfinite(begun.values[task.fitted]).all():
-        raise SolveError(
-            f"the scene in [model] cannot be computed where the search starts: {begun.reasons[0]}",
-            "write another start",
-        )
     best: list[np.ndarray] = [task.start]
     try:
+        begun = task.look([task.start])[0]
+        if not np.isfinite(begun.values[task.fitted]).all():
+            reason = f"cannot be computed where the search starts: {begun.reasons[0]}"
+            raise SolveError(f"the scene in [model] {reason}", "write another start")
         study = _search(scene, task, best)
+        return _result(study, begun, {"search": time.perf_counter() - clock})
     except KeyboardInterrupt:
         partial = _partial(scene, task, best[-1])
         raise Interrupted(partial.failed("interrupted before the search had ended")) from None
-    return _result(study, begun, {"search": time.perf_counter() - clock})
 
 
 def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
@@ -133,8 +132,9 @@ def _compass(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.nda
             break
     r, jacobian = task.wide_residuals(best[-1], _FINEST)
     better = min(_squares(task, theta) for theta in task.neighbours(best[-1], _FINEST))
-    ended = "a neighbour is better yet; write more search.steps" if better < r @ r else ""
-    return _Study(scene, task, best[-1], r, jacobian, ended)
+    gain = max(float(r @ r) - better, 0.0)
+    ended = "a neighbour is better yet; write more search.steps" if gain else ""
+    return _Study(scene, task, best[-1], r, jacobian, ended, gain)
 
 
 def _squares(task: NumbersTask, theta: np.ndarray) -> float:
@@ -249,10 +249,12 @@ def _checks(study: _Study) -> Iterator[Check]:
         f"the next step would be {study.offset:.2g} standard errors; write more search.steps, or "
         "other steps of the unknowns where runs are irregular"
     )
-    by_slopes = study.scene.table.search.method == "slopes"
-    passed = not study.ended and (study.offset <= accepted or not by_slopes)
     advice = f"the search has not converged: {advice}"
-    yield Check("distance from the bottom", study.offset, accepted, advice, passed)
+    if study.gain is None:
+        passed = not study.ended and study.offset <= accepted
+        yield Check("distance from the bottom", study.offset, accepted, advice, passed)
+    else:  # where there are no slopes, there is no such distance
+        yield Check("by how much a neighbour is better", study.gain, 0.0, advice)
     reasons = study.look.reasons
     said = f"the scene in [model] fails with the numbers found: {reasons[0] if reasons else ''}"
     yield Check("runs at the numbers found that fail", float(len(reasons)), 0.0, said)

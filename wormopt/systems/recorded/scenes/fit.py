@@ -13,7 +13,7 @@ from wormopt.errors import Fault, SceneError
 from wormopt.scene.numerics import Contacts, ExactContact
 from wormopt.scene.scene import packaged_folder
 from wormopt.scene.types import Positive, SceneTable, Table, Title, extreme_numbers, says
-from wormopt.scene.units import parsed
+from wormopt.scene.units import scale
 from wormopt.systems.recorded.columns import Columns, read_csv
 from wormopt.systems.recorded.scenes.tables import (
     FOUND,
@@ -39,8 +39,9 @@ Names = Annotated[
 class RecordingTable(Table, frozen=True, kw_only=True):
     """One run of the worm, as a file tells it: columns over time.
 
-    CSV files have a line with the names of columns, with units if wanted, `x0 [mm]`; empty cells
-    are gaps. NetCDF-3 files, `result.nc` of a scene say, have a dimension `time`.
+    CSV files have a line with the names of columns, with units if wanted, `x0 [mm]`; what stands
+    above the line with the column of times is skipped. Empty cells are gaps. NetCDF-3 files,
+    `result.nc` of a scene say, have a dimension `time`.
     """
 
     file: Annotated[
@@ -64,7 +65,12 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     ] = field(default_factory=dict)
     units: Annotated[
         dict[str, str],
-        says("", 'units of columns, `{x0 = "mm"}`, where the first line does not tell them'),
+        says(
+            "",
+            'units of columns, `{x0 = "mm"}`, where the line of names does not tell them, or how '
+            'much a frame or a pixel is: `{frame = "20 ms", x0 = "-0.21 mm"}`, negative where an '
+            "axis points back",
+        ),
     ] = field(default_factory=dict)
     window: Annotated[
         Span | None,
@@ -126,6 +132,8 @@ class RecordingTable(Table, frozen=True, kw_only=True):
                 if column not in columns.values and column != self.time:
                     what = f"the file has no column {column}; {near(column, columns.values)}"
                     yield f"{key}.{name}.{column}", what
+        for column in columns.texts & self.columns.keys():
+            yield f"{key}.columns.{column}", "the column holds text, no numbers; leave it out"
         for column, unit in columns.units.items():
             named = column or self.time
             if named not in self.units and (column == "" or named in self.columns):
@@ -147,9 +155,12 @@ def _faults_of_unit(key: str, unit: str, units: str) -> Iterator[Fault]:
         yield key, f'a unit, "{unit}", in a scene without; write units = "SI", or leave it out'
         return
     try:
-        parsed(unit)
+        scale(unit)
     except ValueError as error:
-        yield key, f'"{unit}" {error}; write "mm", "m/s", "mN" or the like'
+        yield (
+            key,
+            f'"{unit}" {error}; write "mm", "m/s", "mN" or the like, or how much is 1: "20 ms"',
+        )
 
 
 class FitUnknown(UnknownTable, frozen=True, kw_only=True):
