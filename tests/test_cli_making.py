@@ -153,7 +153,11 @@ def test_schemas_of_all_kinds_go_to_a_folder(tmp_path: Path, capsys: pytest.Capt
 def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
     assert main(["list", "--kind", "gait"]) == 0
     out = capsys.readouterr().out
-    assert re.findall(r"^  (\w\S*)  +gait  ", out, re.MULTILINE) == ["fast_gait", "uphill_gait"]
+    assert re.findall(r"^  (\w\S*)  +gait  ", out, re.MULTILINE) == [
+        "fast_gait",
+        "gait_region",
+        "uphill_gait",
+    ]
     assert "film" not in out
     assert main(["list", "FLUID", "wave"]) == 0
     out = capsys.readouterr().out

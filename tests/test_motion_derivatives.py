@@ -320,7 +320,7 @@ def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
     model = Model(
         "landing",
         [Signal("x", x, value=0.0), Signal("y", y, value=-1.0), Signal("z", z, value=0.0)],
-        ca.vertcat(1.0, 0.0, 0.0),
+        ca.SX([1.0, 0.0, 0.0]),
         p=[Signal("by", by, value=jump)],
         switches=[
             Switch("first", x - 1, ca.vertcat(x, y + by, z)),

@@ -100,6 +100,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "turning": ("planar_turn_in_place", SI),
     "path": ("planar_path",),
     "rod_frequency": ("fig22_frequency_response",),
+    "region": ("gait_region", SI),
     "recordings": ("fit_chain",),
     "correlation": ("fit_chain",),
     "prediction": ("fit_chain",),

@@ -59,6 +59,7 @@ SCENES = {
         "predictive.horizon=0.1", "predictive.period=0.02", "estimation.window=0.1",
     ],
     "gait_shift": ['units="SI"', "way.goal=12.0"],
+    "gait_region": ['units="SI"'],
     "fit_chain": [],
     "fit_pair": [],
     "fit_channel_worm": [],

@@ -19,7 +19,6 @@ from wormopt.systems.spiked.runs.motion import (
     motion_variables,
 )
 from wormopt.systems.spiked.runs.reference import gait_of_shape
-from wormopt.systems.spiked.runs.region import mapped
 from wormopt.systems.spiked.scenes.gait import GaitScene, RegionTable
 
 
@@ -44,6 +43,8 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
         {"crawl": crawled - clock, "recheck": time.perf_counter() - crawled},
     )
     if "region" in table.want:
+        from wormopt.systems.spiked.runs.region import mapped  # it simulates
+
         report("mapping periods and loads", None)
         found |= mapped(table.region or RegionTable(), motion)
     return found.result(scene)
