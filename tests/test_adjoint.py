@@ -87,6 +87,19 @@ def test_a_load_that_grows_lets_the_block_go_when_it_holds_no_more():
     assert found.x0["velocity"] == pytest.approx(0.0, abs=1e-12)  # it would stop at once
 
 
+def test_a_step_of_a_schedule_lets_go_what_far_more_held():
+    """From rest at 1 it goes (u - F) (T - 1)^2 / (2 m); a bound that stands still never fires."""
+    u, begin = ca.SX.sym("u"), ca.SX.sym("begin")
+    push = Schedule("push", u, begin, np.arange(3.0), np.array([[0.0], [40.0]]))
+    pulled = block(u)
+    model = replace(pulled, p=pulled.p[:2], schedules=[push])
+    numbers = {"friction": 30.0}
+    found = gradient(simulate(model, 2.0, p=numbers, dense=True), {"position": [1.0]})
+    assert found.schedules["push"].ravel() == pytest.approx([0.0, 0.25], abs=1e-12)
+    assert found.p["friction"] == pytest.approx(-0.25, rel=1e-10)
+    assert found.p["mass"] == pytest.approx(-10.0 / 8, rel=1e-10)
+
+
 def bouncing() -> Model:
     x, v, g, e = (ca.SX.sym(name) for name in ("x", "v", "g", "e"))
     return Model(

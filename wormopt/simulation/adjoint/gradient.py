@@ -63,7 +63,7 @@ def gradient(
         From ``simulate(..., dense=True)``.
     weights : mapping of str to array_like, shape (size, m) or (size,)
         By name of a state or output, the derivative of the number by its samples, in the shape of
-        ``motion[name]``; by the last sample alone where there is one column. For the sum of
+        ``motion[name]``; by the last sample alone in the shape (size,). For the sum of
         squares of a residual r these are 2 r.
     tolerance : Tolerance, optional
         How exact the adjoint equation is solved, in usual sizes of states and values of parameters.

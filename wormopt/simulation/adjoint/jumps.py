@@ -260,7 +260,8 @@ class Instants:
                 continue
             i = jumps.contacts.index(event.name)
             rows += [i] if before.s[i] != 0 else [n + i, 2 * n + i]
-        off = np.abs(guards[rows]) / np.maximum(np.abs(speeds[rows]), np.finfo(float).tiny)
+        with np.errstate(over="ignore"):  # what does not move at all fires never
+            off = np.abs(guards[rows]) / np.maximum(np.abs(speeds[rows]), np.finfo(float).tiny)
         nearest = int(np.argmin(off))
         if off[nearest] <= _NEAR * (self._dense.time[-1] - self._dense.time[0]):
             return rows[nearest]
