@@ -185,6 +185,7 @@ def test_figure_13():
     assert all(check.passed for check in result.checks)
 
 
+@pytest.mark.slow
 def test_the_chapters_velocity_is_shown_as_a_discrepancy():
     result = figure_13()
     assert value(result, "velocity_stated_deviation") == pytest.approx(0.29 - 0.2593, abs=5e-5)

@@ -373,6 +373,7 @@ def test_limits_in_conflict_are_named(changed, said: str):
         design(G1_WORM, replace(G1_LIMITS, **changed), search=Search(effort="quick", phases=3))
 
 
+@pytest.mark.slow
 def test_a_speed_that_no_gait_reaches_is_named():
     """0.9 is below the ceiling 1, and above G1."""
     with pytest.raises(SolveError, match=r"objective\.speed smaller by"):

@@ -135,6 +135,7 @@ def test_g1_solved_again():
     assert known["limits.rate"].derivative == pytest.approx(again / 2e-3, rel=0.01)
 
 
+@pytest.mark.slow
 def test_spike_limit_solved_again():
     assert_confirmed(design(G1, replace(LIMITS, spike_load=27.0)))
 

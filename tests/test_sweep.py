@@ -506,6 +506,7 @@ def points_in(store: Path) -> set[str]:
 OVER = ["--over", "worm.load=1:30:40", "--over", "gait.period=[1.0, 1.5]"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("count", "loads"),
     [(1, 8), *(pytest.param(n, 40, marks=pytest.mark.slow) for n in (3, 20))],
@@ -539,6 +540,7 @@ def test_a_sweep_that_is_killed_loses_nothing_and_does_nothing_twice(
     assert not list(store.glob("*.lock")) + list(store.glob("*.part")) + list(store.glob("*.tries"))
 
 
+@pytest.mark.slow
 def test_an_interrupted_sweep_saves_what_it_has_and_leaves_nothing_running(tmp_path: Path):
     store = tmp_path / "store"
     over = ["--over", "worm.load=1:30:400"]
