@@ -32,7 +32,7 @@ _SETTLED = 1e-9
 # Velocities of consecutive means that differ by more, of their size, have not settled.
 _DRIFT = 1e-6
 # Times of 1/e after which a deviation has faded, longest time in 1 / eps, steps of the average.
-_FADED, _LONGEST, _STEPS = 25.0, 2000.0, 20_000
+_FADED, _LONGEST, _STEPS = 25.0, 2000.0, 5_000
 # Periods of the field at the end that are shown closely.
 _LATE, _LATE_SAMPLES = 4, 801
 
