@@ -17,7 +17,8 @@ from wormopt.model.model import Model, Signal
 from wormopt.progress import silent
 from wormopt.scene.scene import load_scene
 from wormopt.simulation.options import Tolerance
-from wormopt.systems.coils.film import Layer, coil_film, surface_film
+from wormopt.systems.coils.film import coil_film, surface_film
+from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.profile import settle
 from wormopt.systems.coils.runs import coil_film as study
 from wormopt.systems.coils.runs import coil_pressure

@@ -265,7 +265,7 @@ KINDS: dict[str, Kind] = {
         summary="a film of magnetic fluid over a row of coils that are switched in turn",
         table="wormopt.systems.coils.scenes.coil_film:CoilFilmScene",
         study="wormopt.systems.coils.runs.coil_film",
-        pictures=_drawn("coils.plots.film", "coil_film"),
+        pictures=_drawn("coils.plots.film", "coil_film", "cargo"),
     ),
     "coil-inverse": Kind(
         summary="currents of a row of coils whose field comes nearest to what a film's wave needs",

@@ -9,90 +9,30 @@ where `pull` is all that draws the surface up: mu0 int M dH + mu0 M_n² / 2 of a
 lies on it. M along H leaves no tangential stress on the surface. P is minus `balance` of
 `wormopt.magnetics.hydrostatics` times the weight per volume: at rest the surface is that of kind
 "coil-pressure".
-
-Finite volumes of second order: h in equal cells, Q on the faces between them with the mobility
-
-    (h_r - h_l) / int_l^r 3 eta dh / h³ = 2 h_l² h_r² / (3 eta (h_l + h_r)),
-
-by which the entropy int int 3 eta / h³ is dissipated as in the equation itself, and which keeps
-the film positive (Zhornitskaya and Bertozzi, SIAM J. Numer. Anal. 37, 2000). The state is the
-volume to the left of each face, so that no volume is lost whatever it is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import CoilRow
-from wormopt.magnetics.hydrostatics import Fluid, balance, pull
-from wormopt.magnetics.material import check_number
+from wormopt.magnetics.hydrostatics import Fluid, pull
 from wormopt.magnetics.ripples import flat_field
 from wormopt.model.model import Model, Output, Signal
-from wormopt.model.values import numbers
+from wormopt.systems.coils.cargo import Float, floated_film
+from wormopt.systems.coils.layer import Layer, Pull
 
-Ends = Literal["walls", "periodic"]
-Pull = Callable[[ca.SX, ca.SX], Any]
-"""(h, h') in the cells, in m and 1, to what draws the surface up there, in Pa."""
-
-_FEWEST = 5
 _DEGREES = (4, 8, 10, 14, 24)
 _RESOLVED = 1e-7
-
-
-@dataclass(frozen=True)
-class Layer:
-    """A film of magnetic fluid on flat ground, cut into equal cells.
-
-    Raises ArgumentError if a number is not above 0, or cells are too few.
-    """
-
-    fluid: Fluid
-    viscosity: float  # Pa s
-    depth: float  # mean thickness, m
-    length: float  # along x, m
-    cells: int
-    start: float = 0.0  # where the film begins, x in m
-    ends: Ends = "walls"  # upright walls, no flow through them; or the film repeats
-
-    def __post_init__(self) -> None:
-        for name in ("viscosity", "depth", "length"):
-            check_number(name, getattr(self, name))
-        if self.ends not in get_args(Ends):
-            raise ArgumentError(f'no ends "{self.ends}"; there are {", ".join(get_args(Ends))}')
-        if self.cells < _FEWEST:
-            raise ArgumentError(f"{self.cells} cells are too few; take at least {_FEWEST}")
-
-    @property
-    def step(self) -> float:
-        """Width of a cell, in m."""
-        return self.length / self.cells
-
-    @property
-    def places(self) -> np.ndarray:
-        """Middles of the cells, shape (cells,), in m."""
-        return self.start + self.step * (np.arange(self.cells) + 0.5)
-
-    def volume(self, thickness: ArrayLike) -> np.ndarray:
-        """State of a film (m³ per metre across) of given thickness (m) in the cells.
-
-        Raises ArgumentError if it is not positive in each cell, or its mean not the depth.
-        """
-        h = np.broadcast_to(numbers("thickness", thickness), (self.cells,))
-        if not np.all(h > 0):
-            raise ArgumentError("the thickness must be above 0 in every cell")
-        if abs(h.mean() / self.depth - 1) > 1e-9:
-            raise ArgumentError(f"the mean thickness is {h.mean():g} m, not {self.depth:g} m")
-        return self.step * np.cumsum(h - self.depth)[:-1]
 
 
 def surface_film(
@@ -109,15 +49,10 @@ def surface_film(
     film; outputs ``thickness`` in the cells and ``flow`` Q on the faces, from the left end on.
     """
     volume = ca.SX.sym("volume", layer.cells - 1)
-    whole = ca.vertcat(0, volume, 0)
-    h = layer.depth + (whole[1:] - whole[:-1]) / layer.step
-    left, right = _beside(h, layer.ends)
-    slope = (right - left) / (2 * layer.step)
-    bend = ((right - h) - (h - left)) / layer.step**2
-    # the pull goes into P by itself, so that `drawn` may be more than a field's
-    P = -layer.fluid.weight * balance(layer.fluid, (0.0, 0.0), h, slope, bend, 0.0)
-    P = P - drawn(h, slope)
-    flow = _flow(layer, h, P)
+    h, known = layer.thickness(volume), ca.SX.sym("h", layer.cells)
+    restoring = ca.Function("P", [known], [ca.gradient(layer.energy(known), known) / layer.step])
+    P = restoring(h) - drawn(h, layer.slope(h))
+    flow = layer.ended(-layer.mobility(h) * layer.gradient(P))
     return Model(
         "film over coils",
         x=[Signal("volume", volume, "area", nominal=layer.depth * layer.step, value=0.0)],
@@ -127,24 +62,6 @@ def surface_film(
         t=ca.SX.sym("t") if t is None else t,
         outputs=[Output("thickness", h, "length"), Output("flow", flow, "flow_per_width")],
     )
-
-
-def _beside(values: ca.SX, ends: Ends) -> tuple[ca.SX, ca.SX]:
-    """Values in the cells to the left and to the right; walls are mirrors."""
-    first, last = values[0], values[-1]
-    if ends == "periodic":
-        first, last = last, first
-    return ca.vertcat(first, values[:-1]), ca.vertcat(values[1:], last)
-
-
-def _flow(layer: Layer, h: ca.SX, P: ca.SX) -> ca.SX:
-    """Q on all faces, both ends included."""
-    if layer.ends == "periodic":
-        h, P = ca.vertcat(h[-1], h, h[0]), ca.vertcat(P[-1], P, P[0])
-    low, high = h[:-1], h[1:]
-    mobility = 2 * low**2 * high**2 / (3 * layer.viscosity * (low + high))
-    inner = -mobility * (P[1:] - P[:-1]) / layer.step
-    return inner if layer.ends == "periodic" else ca.vertcat(0, inner, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +107,13 @@ def row_field(row: CoilRow, layer: Layer, ground: float, top: float) -> RowField
 
 
 def coil_film(
-    layer: Layer, row: CoilRow, *, ground: float, top: float, own_field: bool = True
+    layer: Layer,
+    row: CoilRow,
+    *,
+    ground: float,
+    top: float,
+    own_field: bool = True,
+    cargo: Float | None = None,
 ) -> Model:
     """Model of a film over a row of coils, with their currents as input.
 
@@ -206,13 +129,15 @@ def coil_film(
         Greatest thickness that is looked for, in m; the field is resolved up to it.
     own_field : bool, optional
         Whether the fluid weakens the field across it, as a flat layer does.
+    cargo : Float, optional
+        A float on the film.
 
     Returns
     -------
     Model
         State ``volume`` to the left of the faces between cells, less that of a flat film; input
         ``current``, ampere-turns of each coil; outputs ``thickness`` in the cells, ``flow`` (Q)
-        on the faces.
+        on the faces. With a float more, see `floated_film`.
 
     Raises
     ------
@@ -223,7 +148,7 @@ def coil_film(
     --------
     >>> import wormopt as wo
     >>> from wormopt.magnetics.hydrostatics import Fluid, Linear
-    >>> from wormopt.systems.coils.film import Layer, coil_film
+    >>> from wormopt.systems.coils.layer import Layer
     >>> row = wo.magnetics.CoilRow(
     ...     wo.magnetics.Coil(2e-3, 4.5e-3, 5e-3), count=2, pitch=10e-3, axis="vertical"
     ... )
@@ -242,7 +167,10 @@ def coil_film(
         H = field(h, current)
         return surface_pull(layer.fluid, H, slope, own_field=own_field)
 
-    return surface_film(layer, drawn, u=[Signal("current", current, "ampere_turns", value=0.0)])
+    given = [Signal("current", current, "ampere_turns", value=0.0)]
+    return (
+        floated_film(layer, drawn, cargo, u=given) if cargo else surface_film(layer, drawn, u=given)
+    )
 
 
 def surface_pull(fluid: Fluid, H: Sequence[Any], slope: Any, *, own_field: bool) -> Any:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from wormopt.plotting.parts import (
     DASHES,
     GREY,
     LINKS,
+    MASSES,
     fact,
     label,
     legend_below,
@@ -19,6 +21,7 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _SNAPSHOTS = 4
+_FRAMES, _AROUND = 5, 2.0  # times of a float, what is shown on each side of it in its lengths
 
 
 def coil_film(result: Result) -> Figure:
@@ -63,3 +66,49 @@ def coil_film(result: Result) -> Figure:
         fact(result, "grid_error", "error of the grid", "%"),
     )
     return drawn
+
+
+def cargo(result: Result) -> Figure:
+    """Draw the float on the film at some times, to scale, and its path over that of the coils."""
+    t, x = result["time"].values, 1e3 * result["x"].values
+    h, X = 1e3 * result["thickness"].values, 1e3 * result["float_position"].values
+    length, thick = (1e3 * result.attributes["float"][name] for name in ("length", "thickness"))
+    drawn = sheet(7.1, 7.4, 7.4)
+    *frames, path = drawn.subplots(_FRAMES + 1, height_ratios=[1] * _FRAMES + [4])
+    top = h.max() + 3 * thick
+    on = result["current"].values > 0
+    places = 1e3 * result["coil_place"].values
+    for axes, k in zip(frames, np.linspace(0, len(t) - 1, _FRAMES).astype(int), strict=True):
+        axes.fill_between(x, 0, h[k], color=LINKS[0], alpha=0.5, linewidth=0)
+        below = np.abs(x - X[k]) <= length / 2
+        axes.fill_between(x[below], h[k][below], h[k][below] + thick, color=MASSES[0])
+        axes.plot(places[on[k]], 0 * places[on[k]], "|", color="black", clip_on=False)
+        axes.set(xlim=(X[k] - _AROUND * length, X[k] + _AROUND * length), ylim=(0, top))
+        axes.set_aspect("equal")
+        axes.grid(visible=False)
+        axes.set_title(f"{t[k]:.3g} s", loc="left", fontsize="small")
+    frames[-1].set_xlabel("place $x$ (mm), height to the same scale; ticks: coils that are on")
+    _path(path, result, t, X, places, on)
+    tell(
+        drawn,
+        fact(result, "float_speed", "mean speed", "mm s-1"),
+        fact(result, "wave_speed", "coils switched at", "mm s-1"),
+        fact(result, "float_captured", "keeps up", "%"),
+        fact(result, "draught", "draught", "mm"),
+        fact(result, "energy_error", "energy open by", "%"),
+    )
+    return drawn
+
+
+def _path(
+    axes: Axes, result: Result, t: np.ndarray, X: np.ndarray, places: np.ndarray, on: np.ndarray
+) -> None:
+    half = (places[1] - places[0]) / 2
+    edges = np.concatenate([places - half, places[-1:] + half])
+    axes.pcolormesh(edges, t, on[:-1], cmap="Greys", vmax=4, shading="flat", rasterized=True)
+    axes.plot(X, t, color=MASSES[0], label="middle of the float")
+    axes.fill_betweenx([], [], color="0.75", label="coils that are on")
+    axes.grid(visible=False)
+    axes.set_xlabel("place $x$ (mm)")
+    axes.set_ylabel(label("time $t$", result["time"].unit))
+    axes.legend(loc="upper left")

@@ -24,7 +24,10 @@ from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.coils.film import Layer, RowField, coil_film, inside_field, row_field
+from wormopt.systems.coils.cargo import Float
+from wormopt.systems.coils.film import RowField, coil_film, inside_field, row_field
+from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.runs import cargo
 from wormopt.systems.coils.runs.coil_row import row_of, warnings_of_coils
 from wormopt.systems.coils.scenes.coil_film import CoilFilmScene
 
@@ -46,6 +49,8 @@ class Setup:
     ground: float  # m
     top: float  # m
     own_field: bool
+    cargo: Float | None
+    start: float  # of the float, m
     end: float  # s
     times: np.ndarray  # s
 
@@ -54,22 +59,24 @@ class Setup:
         return row_field(self.row, self.layer, self.ground, self.top)
 
     def follow(self, tolerance: float, report: Report) -> Trajectory:
-        """Follow the film from flat, in its cells."""
+        """Follow the film from flat, in its cells.
+
+        A SolveError or Interrupted has the motion until then.
+        """
         film = coil_film(
-            self.layer, self.row, ground=self.ground, top=self.top, own_field=self.own_field
-        )
+            self.layer, self.row, ground=self.ground, top=self.top, own_field=self.own_field,
+            cargo=self.cargo,
+        )  # fmt: skip
         try:
             return simulate(
                 drive(film, self.course, periodic=True), self.end, times=self.times,
+                x0={"position": self.start} if self.cargo else None,
                 route="cvodes", report=report,
                 tolerance=Tolerance(tolerance, tolerance, max_steps=_STEPS),
             )  # fmt: skip
         except SolveError as error:
-            # a part of the motion is no Result
             reason = f"the film cannot be followed to the end: {error.reason}"
-            raise SolveError(reason, _ADVICE, code=error.code) from None
-        except Interrupted:
-            raise Interrupted from None
+            raise SolveError(reason, _ADVICE, error.partial, error.code) from None
 
 
 def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
@@ -84,13 +91,19 @@ def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
         field = setup.field()
     except ArgumentError as error:
         raise SceneError(scene.name, [("film.ground", str(error))]) from None
-    motion = setup.follow(table.grid.tolerance, report)
+    motion = _followed(scene, setup, report)
     followed = time.perf_counter()
     report("half the cells", 0.5)
     layer = replace(setup.layer, cells=setup.layer.cells // 2)
     coarse = replace(setup, layer=layer)
-    rough = coarse.follow(table.grid.tolerance, report)
-    close = coarse.follow(table.grid.tolerance / 10, report)
+    try:
+        rough = coarse.follow(table.grid.tolerance, report)
+        close = coarse.follow(table.grid.tolerance / 10, report)
+    except Interrupted:
+        raise Interrupted(_partial(scene, setup, motion)) from None
+    except SolveError as error:
+        found = _partial(scene, setup, motion)
+        raise SolveError(error.reason, _ADVICE, found, error.code) from None
     done = time.perf_counter()
     h, depth = motion["thickness"].T, setup.layer.depth
     pairs = h[-1].reshape(-1, 2).mean(axis=1)
@@ -110,23 +123,62 @@ def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
         "step_error": found["smaller steps"],
         "volume_error": found["volume"],
     }
+    checks, warnings = list(_checks(found, scalars, setup)), list(_warnings(table, scalars))
+    if setup.cargo:
+        scalars |= cargo.scalars_of(table, setup.layer, setup.cargo, motion, rough)
+        checks += cargo.checks_of(scalars, setup.cargo, setup.layer)
+        warnings += cargo.warnings_of(table, scalars)
     return conclude(
         scene,
         scalars,
-        {
-            "time": setup.times,
-            "x": setup.layer.places,
-            "face": setup.layer.start + setup.layer.step * np.arange(setup.layer.cells + 1),
-            "thickness": h,
-            "flow": flow,
-            "coil_place": setup.row.places,
-            "current": setup.course(np.mod(setup.times, setup.course.period)).T,
-        },
-        checks=_checks(found, scalars, setup),
+        _variables(setup, motion),
+        checks=checks,
         facts={"steps": motion.n_steps, "cells": setup.layer.cells},
-        warnings=_warnings(table, scalars),
+        warnings=warnings,
         timings={"film": followed - begin, "recheck": done - followed},
+        attributes=_attributes(table),
     )
+
+
+def _attributes(table: CoilFilmScene) -> dict[str, Any]:
+    """Sizes that pictures draw to scale."""
+    if table.cargo is None:
+        return {}
+    return {"float": {"length": table.cargo.length, "thickness": table.cargo.thickness}}
+
+
+def _partial(scene: Scene[CoilFilmScene], setup: Setup, motion: Trajectory) -> Result:
+    attributes = _attributes(scene.table)
+    return conclude(scene, {}, _variables(setup, motion), attributes=attributes)
+
+
+def _followed(scene: Scene[CoilFilmScene], setup: Setup, report: Report) -> Trajectory:
+    """Motion of the film; what there is of it is kept where it cannot be followed to the end."""
+    try:
+        return setup.follow(scene.table.grid.tolerance, report)
+    except SolveError as error:
+        found = _partial(scene, setup, error.partial)
+        raise SolveError(error.reason, error.suggestion, found, error.code) from None
+    except Interrupted as stop:
+        raise Interrupted(_partial(scene, setup, stop.partial)) from None
+
+
+def _variables(setup: Setup, motion: Trajectory) -> dict[str, Any]:
+    """Arrays of a motion."""
+    layer = setup.layer
+    found = {
+        "time": motion.time,
+        "x": layer.places,
+        "face": layer.start + layer.step * np.arange(layer.cells + 1),
+        "thickness": motion["thickness"].T,
+        "flow": motion["flow"].T,
+        "coil_place": setup.row.places,
+        "current": setup.course(np.mod(motion.time, setup.course.period)).T,
+    }
+    if setup.cargo:
+        found["float_position"] = motion["position"][0]
+        found["float_velocity"] = motion["velocity"][0]
+    return found
 
 
 def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
@@ -150,7 +202,9 @@ def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
     end = steps / switching.rate
     times = np.linspace(0, end, steps * table.course.samples + 1)
     top = film.top * film.depth
-    return Setup(layer, row, course, film.ground, top, film.own_field, end, times)
+    start = table.cargo.start if table.cargo else 0.0
+    body = cargo.float_of(table.cargo)
+    return Setup(layer, row, course, film.ground, top, film.own_field, body, start, end, times)
 
 
 def _currents(setup: Setup, count: int) -> np.ndarray:

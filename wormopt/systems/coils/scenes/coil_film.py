@@ -63,6 +63,41 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
             )
 
 
+class CargoTable(Table, frozen=True, kw_only=True):
+    """A float on the film, as wide as the trough: a plate of one material, that does not magnetise.
+
+    Refused: a start where the float is not between the walls.
+    """
+
+    length: Annotated[Positive, says("length", "along the row")]
+    thickness: Annotated[Positive, says("length", "of the plate")]
+    density: Annotated[Positive, says("density", "of the plate")]
+    modulus: Annotated[
+        Positive, says("stress", "Young's: the plate resists bending by modulus thickness³ / 12")
+    ] = 1e9
+    start: Annotated[Finite, says("length", "place of its middle, the first coil being at 0")] = 0.0
+    edge: Annotated[
+        Positive | None,
+        says("length", "over which its ends fade, assumed; a fifth of its length by default"),
+    ] = None
+
+    def faults(self, coils: CoilsTable, film: CoilFilmTable) -> Iterator[Fault]:
+        """Yield faults of a float that does not lie on the film, or of ends longer than it."""
+        low = -film.overhang + self.length / 2
+        high = (coils.count - 1) * coils.pitch + film.overhang - self.length / 2
+        if not low <= self.start <= high:
+            yield (
+                "cargo.start",
+                f"{self.start:g}: a float {self.length:g} long is not between the walls there; "
+                + (f"write {low:g} to {high:g}" if low <= high else "write a smaller cargo.length"),
+            )
+        if self.edge is not None and self.edge > self.length:
+            yield (
+                "cargo.edge",
+                f"{self.edge:g}: longer than the float; write {self.length:g} at most",
+            )
+
+
 class SwitchedTimeTable(Table, frozen=True, kw_only=True):
     """How long the film is followed."""
 
@@ -116,6 +151,19 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         "grid_error": ("share", "of the end state, estimated from half as many cells"),
         "step_error": ("share", "of the end state, by a tenth of the tolerance"),
         "volume_error": ("share", "largest change of the volume"),
+        "draught": ("length", "of the float where nothing moves: mass over density and length"),
+        "float_travel": ("length", "way of the float"),
+        "float_speed": ("speed", "the same over the time"),
+        "float_captured": (
+            "share",
+            "of the switches after the first few in which it keeps up with the coils: comes on "
+            "by at least nine tenths of a pitch",
+        ),
+        "float_bend": ("length", "largest departure of its underside from a straight line"),
+        "float_clearance": ("length", "least thickness of the film below it"),
+        "float_grid_error": ("length", "of its end place, estimated from half as many cells"),
+        "energy_error": ("share", "of the work, over what is dissipated"),
+        "momentum_error": ("share", "of the push, over the largest forces on the float"),
     }  # fmt: skip
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
@@ -125,6 +173,8 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         "flow": ("flow_per_width", ("time", "face"), "flow to the right"),
         "coil_place": ("length", ("coil",), "place of the coil"),
         "current": ("ampere_turns", ("time", "coil"), "ampere-turns"),
+        "float_position": ("length", ("time",), "place of the float's middle"),
+        "float_velocity": ("speed", ("time",), "velocity of the float"),
     }
     headline: ClassVar = (
         "carried_per_switch", "thickness_max", "thickness_min", "own_field_left_out", "grid_error",
@@ -132,13 +182,18 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
 
     kind: Literal["coil-film"]
     want: Annotated[
-        tuple[Literal["coil_film"], ...],
-        says("", "`coil_film`: surface over place and time, at some times, and the flow"),
+        tuple[Literal["coil_film", "cargo"], ...],
+        says(
+            "",
+            "`coil_film`: surface over place and time, at some times, and the flow; `cargo`: the "
+            "float on the film at some times, to scale, and its path",
+        ),
     ] = ()
     coils: Annotated[CoilsTable, says("", "the row")] = field(default_factory=CoilsTable)
     switching: Annotated[SwitchingTable, says("", "which coils are on when")]
     fluid: Annotated[ViscousFluidTable, says("", "the fluid")]
     film: Annotated[CoilFilmTable, says("", "the film")]
+    cargo: Annotated[CargoTable | None, says("", "a float on the film")] = None
     course: Annotated[SwitchedTimeTable, says("", "how long it is followed")]
     grid: Annotated[CellsTable, says("", "how finely")] = field(default_factory=CellsTable)
     gravity: Annotated[Positive, says("acceleration", "of the fall")] = 9.80665
@@ -151,3 +206,7 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         yield from self.switching.faults(self.coils)
         if not coil_faults:
             yield from self.film.faults(self.coils)
+            if self.cargo:
+                yield from self.cargo.faults(self.coils, self.film)
+        if self.cargo is None and "cargo" in self.want:
+            yield "want", 'the picture "cargo" needs a float: write a table [cargo]'

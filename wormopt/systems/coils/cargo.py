@@ -1,0 +1,180 @@
+"""A float on a film over coils, each moved by the other, as a Model: lubrication in SI units.
+
+The float spans the film across. It presses on the film by its weight, resists bending, keeps the
+surface from stretching and the fluid at it at its own velocity V. With c its coverage, 1 below it
+and 0 beside it, and G = P_x, Onsager's principle (least of dissipation and of the rate of energy)
+gives
+
+    Q = -h³ / (3 eta) (1 - 3/4 c) G + c h V / 2,
+    m V' = -dE/dX - int c (eta V / h + h G / 2) dx,
+
+where E is the energy of film and float, which loses what is dissipated,
+
+    dE/dt = int pull h_t dx - int [h³ / (3 eta) (1 - 3/4 c) G² + c eta V² / h] dx,
+
+exactly so in the cells too. Where c lies between 0 and 1, at its ends, fluid slips along the float.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError
+from wormopt.magnetics.material import check_number
+from wormopt.model.model import Model, Output, Signal
+from wormopt.systems.coils.layer import Layer, Pull
+
+_STOP = 1e3  # stiffness of the walls, in weights of fluid
+
+
+@dataclass(frozen=True)
+class Float:
+    """A float, by metre across.
+
+    Raises ArgumentError if a number is out of range.
+    """
+
+    length: float  # m
+    mass: float  # kg/m
+    stiffness: float = 0.0  # in bending, N m
+    edge: float = 0.0  # length over which its ends fade, m; 0: a fifth of its length
+
+    def __post_init__(self) -> None:
+        for name in ("length", "mass"):
+            check_number(name, getattr(self, name))
+        for name in ("stiffness", "edge"):
+            if getattr(self, name) != 0:
+                check_number(name, getattr(self, name))
+        if self.edge > self.length:
+            raise ArgumentError(f"an edge of {self.edge:g} m is longer than the float")
+
+    @property
+    def fade(self) -> float:
+        """Length over which its ends fade, in m."""
+        return self.edge or self.length / 5
+
+    def coverage(self, layer: Layer, x: Any, X: Any) -> Any:
+        """Share of the surface at places x (m) that a float with its middle at X covers."""
+        away = ca.DM(x) - X
+        if layer.ends == "periodic":
+            away = away - layer.length * ca.floor(away / layer.length + 0.5)
+        u = ca.fmin(ca.fmax((self.length / 2 - ca.fabs(away)) / self.fade + 0.5, 0), 1)
+        return u**3 * (10 - 15 * u + 6 * u * u)
+
+    def energy(self, layer: Layer, h: ca.SX, X: ca.SX) -> ca.SX:
+        """Energy of its weight, bending, and of walls that stop it, in J per metre across."""
+        covered = self.coverage(layer, layer.places, X)
+        left, right = layer.beside(h)
+        bend = (right - 2 * h + left) / layer.step**2
+        load = self.mass / self.length * layer.fluid.gravity
+        stored = load * (h - layer.depth) + self.stiffness * bend * bend / 2
+        return layer.step * ca.sum1(covered * stored) + self.stopped(layer, X)
+
+    def stopped(self, layer: Layer, X: ca.SX) -> Any:
+        """Energy of stiff walls that stop it, in J per metre across."""
+        if layer.ends == "periodic":
+            return ca.SX(0)
+        beyond = ca.fabs(X - layer.start - layer.length / 2) + (self.length - layer.length) / 2
+        return _STOP * layer.fluid.weight * layer.depth * ca.fmax(beyond, 0) ** 2 / 2
+
+
+def floated_film(
+    layer: Layer,
+    drawn: Pull,
+    cargo: Float,
+    *,
+    u: Sequence[Signal] = (),
+    p: Sequence[Signal] = (),
+    t: ca.SX | None = None,
+) -> Model:
+    """Model of a film with a float on it, whose surface is drawn up by a pressure.
+
+    `drawn` may hold the symbols of `u`, `p` and `t`. States ``volume``, ``position`` of the
+    float's middle, its ``velocity``, and, since the start, ``field_work`` and ``dissipated``.
+    Outputs ``thickness``, ``flow``, ``energy`` (without that of the field), the forces ``shear``
+    and ``push`` on the float, and ``pressed``, which is ``push`` as the film bears it.
+    """
+    volume = ca.SX.sym("volume", layer.cells - 1)
+    X, V = ca.SX.sym("position"), ca.SX.sym("velocity")
+    h = layer.thickness(volume)
+    energy, by_h, by_X = _energy(layer, cargo, h, X)
+    pull, slope = drawn(h, layer.slope(h)), layer.slope(h)
+    passed, shear, lost = _dragged(layer, cargo, h, X, V, layer.gradient(by_h / layer.step - pull))
+    flow = layer.ended(passed)
+    # what moves film and float together, along x, changes the energy by what the walls bear
+    borne = layer.fluid.weight * (h[-1] ** 2 - h[0] ** 2) / 2
+    stop = -ca.gradient(cargo.stopped(layer, X), X)
+    spent = partial(
+        Signal, unit="energy_per_width", nominal=layer.fluid.weight * layer.depth**2 * cargo.length,
+        value=0.0,
+    )  # fmt: skip
+    return Model(
+        "float on a film over coils",
+        x=[
+            Signal("volume", volume, "area", nominal=layer.depth * layer.step, value=0.0),
+            Signal("position", X, "length", nominal=cargo.length),
+            Signal("velocity", V, "speed", nominal=_speed(layer), value=0.0),
+            spent("field_work", ca.SX.sym("field_work")),
+            spent("dissipated", ca.SX.sym("dissipated")),
+        ],
+        ode=ca.vertcat(
+            flow[0] - flow[1:-1],
+            V,
+            (shear - by_X) / cargo.mass,
+            ca.dot(pull, flow[:-1] - flow[1:]),
+            lost,
+        ),
+        u=u,
+        p=p,
+        t=ca.SX.sym("t") if t is None else t,
+        outputs=[
+            Output("thickness", h, "length"),
+            Output("flow", flow, "flow_per_width"),
+            Output("energy", energy + cargo.mass * V * V / 2, "energy_per_width"),
+            Output("shear", shear, "force_per_width"),
+            Output("push", -by_X, "force_per_width"),
+            Output("pressed", stop + borne - ca.dot(by_h, slope), "force_per_width"),
+        ],
+    )
+
+
+def _dragged(
+    layer: Layer, cargo: Float, h: ca.SX, X: ca.SX, V: ca.SX, G: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Flow on the faces, force of the fluid's shear on the float, and power dissipated."""
+    edges = layer.start + layer.step * np.arange(layer.cells + 1)
+    widths = np.full(layer.cells + 1, layer.step)
+    if layer.ends == "walls":
+        edges, widths = edges[1:-1], widths[1:-1]
+    else:  # the first face is the last
+        widths[[0, -1]] /= 2
+    c, (low, high) = cargo.coverage(layer, edges, X), layer.faces(h)
+    thick = 2 * low * high / (low + high)
+    mobility = layer.mobility(h) * (1 - 0.75 * c)
+    drag = c * layer.viscosity * V / thick
+    flow = -mobility * G + c * thick * V / 2
+    shear = -ca.dot(ca.DM(widths), drag + c * thick * G / 2)
+    return flow, shear, ca.dot(ca.DM(widths), mobility * G * G + drag * V)
+
+
+def _energy(
+    layer: Layer, cargo: Float, thickness: ca.SX, position: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Energy of film and float, and its derivatives by the thickness in the cells and by X."""
+    h, X = ca.SX.sym("h", layer.cells), ca.SX.sym("X")
+    right = cargo.coverage(layer, layer.places + layer.step / 2, X)
+    energy = layer.energy(h, right) + cargo.energy(layer, h, X)
+    found = ca.Function("energy", [h, X], [energy, ca.gradient(energy, h), ca.gradient(energy, X)])
+    values: Any = found(thickness, position)
+    return values
+
+
+def _speed(layer: Layer) -> float:
+    """Speed at which a heap as high as the film is deep runs over its own length, in m/s."""
+    return layer.fluid.weight * layer.depth**2 / (3 * layer.viscosity)
