@@ -110,16 +110,22 @@ def floated_film(
     # what moves film and float together, along x, changes the energy by what the walls bear
     borne = layer.fluid.weight * (h[-1] ** 2 - h[0] ** 2) / 2
     stop = -ca.gradient(cargo.stopped(layer, X), X)
+    heap = _heap(layer, cargo.length)
     spent = partial(
-        Signal, unit="energy_per_width", nominal=layer.fluid.weight * layer.depth**2 * cargo.length,
-        value=0.0,
-    )  # fmt: skip
+        Signal, unit="energy_per_width", nominal=heap * layer.depth * cargo.length, value=0.0
+    )
     return Model(
         "float on a film over coils",
         x=[
             Signal("volume", volume, "area", nominal=layer.depth * layer.step, value=0.0),
             Signal("position", X, "length", nominal=cargo.length),
-            Signal("velocity", V, "speed", nominal=_speed(layer), value=0.0),
+            Signal(
+                "velocity",
+                V,
+                "speed",
+                nominal=heap * layer.depth**2 / (3 * layer.viscosity * cargo.length),
+                value=0.0,
+            ),
             spent("field_work", ca.SX.sym("field_work")),
             spent("dissipated", ca.SX.sym("dissipated")),
         ],
@@ -175,6 +181,7 @@ def _energy(
     return values
 
 
-def _speed(layer: Layer) -> float:
-    """Speed at which a heap as high as the film is deep runs over its own length, in m/s."""
-    return layer.fluid.weight * layer.depth**2 / (3 * layer.viscosity)
+def _heap(layer: Layer, length: float) -> float:
+    """Pressure of a heap that is as high as the film is deep, and so long; in Pa."""
+    fluid = layer.fluid
+    return layer.depth * (fluid.weight + fluid.surface_tension / length**2)

@@ -82,12 +82,18 @@ def cargo(result: Result) -> Figure:
         axes.fill_between(x, 0, h[k], color=LINKS[0], alpha=0.5, linewidth=0)
         below = np.abs(x - X[k]) <= length / 2
         axes.fill_between(x[below], h[k][below], h[k][below] + thick, color=MASSES[0])
-        axes.plot(places[on[k]], 0 * places[on[k]], "|", color="black", clip_on=False)
-        axes.set(xlim=(X[k] - _AROUND * length, X[k] + _AROUND * length), ylim=(0, top))
+        low, high = X[k] - _AROUND * length, X[k] + _AROUND * length
+        seen = places[on[k] & (low < places) & (places < high)]
+        axes.plot(seen, 0 * seen, "|", color="black", markersize=12, clip_on=False)
+        axes.set(xlim=(low, high), ylim=(0, top))
         axes.set_aspect("equal")
         axes.grid(visible=False)
         axes.set_title(f"{t[k]:.3g} s", loc="left", fontsize="small")
-    frames[-1].set_xlabel("place $x$ (mm), height to the same scale; ticks: coils that are on")
+    frames[0].set_title(
+        "height to scale; strokes: coils that are on", loc="right", fontsize="small"
+    )
+    frames[_FRAMES // 2].set_ylabel("height $z$ (mm)")
+    frames[-1].set_xlabel("place $x$ (mm)")
     _path(path, result, t, X, places, on)
     tell(
         drawn,

@@ -1,0 +1,223 @@
+"""A float on a film over coils: what it keeps, its limits, and the kind "coil-film" with it."""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.magnetics.hydrostatics import Fluid, Linear
+from wormopt.model.model import Model
+from wormopt.scene.scene import load_scene
+from wormopt.simulation.options import Tolerance
+from wormopt.systems.coils.cargo import Float, floated_film
+from wormopt.systems.coils.layer import Ends, Layer
+
+OIL = Fluid(1200.0, 0.03, Linear(0.35))
+FOAM = Float(0.012, 3.6e-3, 1e-6, edge=4e-3)
+
+
+def bent(h: ca.SX, slope: ca.SX) -> Any:
+    """Some pull, which depends on height, slope and place."""
+    return 8 * ca.sin(ca.DM(np.arange(h.numel()))) + 3e3 * h + 2 * slope**2
+
+
+def numbers_of(model: Model) -> ca.Function:
+    """All of the model as a function of its states."""
+    x = ca.vertcat(*(signal.symbol for signal in model.x))
+    energy = model["energy"]
+    rate = ca.jtimes(energy, x, model.ode)
+    outputs = [model[name] for name in ("thickness", "flow", "shear", "push", "pressed")]
+    return ca.Function("all", [x], [model.ode, rate, *outputs])
+
+
+def state(layer: Layer, h: np.ndarray, X: float, V: float) -> np.ndarray:
+    return np.concatenate([layer.volume(h * layer.depth / h.mean()), [X, V, 0.0, 0.0]])
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    ends=st.sampled_from(["walls", "periodic"]),
+    stiffness=st.sampled_from([0.0, 1e-6, 1e-2]),
+    at=st.floats(-0.01, 0.05),
+)
+def test_energy_falls_by_what_is_dissipated_to_round_off(
+    seed: int, ends: Ends, stiffness: float, at: float
+) -> None:
+    layer = Layer(OIL, 0.05, 1e-3, 0.04, 24, ends=ends)
+    rng = np.random.default_rng(seed)
+    evaluate = numbers_of(floated_film(layer, bent, Float(0.012, 3.6e-3, stiffness, edge=4e-3)))
+    x = state(layer, np.exp(rng.normal(0, 0.5, 24)), at, rng.normal(0, 0.02))
+    ode, rate, *_ = (np.array(value).ravel() for value in evaluate(x))
+    work, lost = ode[-2:]
+    size = abs(work) + lost + np.abs(ode[-3] * 3.6e-3 * x[-3])
+    assert lost >= 0
+    assert rate[0] == pytest.approx(work - lost, abs=1e-9 * size)
+
+
+def test_nothing_moves_a_float_on_a_flat_film() -> None:
+    layer = Layer(OIL, 0.05, 1e-3, 0.04, 40)
+    evaluate = numbers_of(floated_film(layer, lambda h, slope: 0 * h, FOAM))
+    for X in (0.01, 0.0123, 0.02, 0.0287):
+        _, _, _, _, _, push, _ = evaluate(state(layer, np.ones(40), X, 0.0))
+        assert abs(float(push)) < 1e-15
+
+
+def test_below_a_film_without_end_flow_is_that_of_couette() -> None:
+    """All of the film covered: Q = h V / 2, and a shear of eta V / h."""
+    layer = Layer(OIL, 0.05, 1e-3, 0.04, 40, ends="periodic")
+    evaluate = numbers_of(floated_film(layer, lambda h, slope: 0 * h, Float(0.06, 1e-3, edge=1e-4)))
+    _, _, _, flow, shear, *_ = evaluate(state(layer, np.ones(40), 0.02, 0.03))
+    assert np.array(flow) == pytest.approx(1e-3 * 0.03 / 2, rel=1e-12)
+    assert float(shear) == pytest.approx(-0.05 * 0.03 / 1e-3 * 0.04, rel=1e-12)
+
+
+def test_a_mirror_shows_the_mirrored_motion() -> None:
+    layer = Layer(OIL, 0.05, 1e-3, 0.04, 40)
+    evaluate = numbers_of(floated_film(layer, lambda h, slope: 3e3 * h, FOAM))
+    h = 1 + 0.3 * np.sin(np.linspace(0, 7, 40))
+    one = np.array(evaluate(state(layer, h, 0.013, 0.02))[0]).ravel()
+    other = np.array(evaluate(state(layer, h[::-1], 0.027, -0.02))[0]).ravel()
+    assert one[:39] == pytest.approx(-other[:39][::-1], rel=1e-9)
+    assert one[39:41] == pytest.approx(-other[39:41], rel=1e-9)
+
+
+def test_the_film_bears_what_pushes_the_float_at_second_order() -> None:
+    gaps = []
+    for cells in (128, 256, 512):
+        layer = Layer(OIL, 0.05, 1e-3, 0.04, cells)
+        evaluate = numbers_of(floated_film(layer, lambda h, slope: 0 * h, FOAM))
+        h = (
+            1
+            + 0.2 * np.cos(np.pi * layer.places / 0.04)
+            + 0.1 * np.cos(3 * np.pi * layer.places / 0.04)
+        )
+        *_, push, pressed = evaluate(state(layer, h, 0.0251, 0.0))
+        gaps.append(abs(float(push) - float(pressed)) / abs(float(push)))
+    assert np.log2(np.array(gaps[:-1]) / gaps[1:]) == pytest.approx(2.0, abs=0.3)
+    assert gaps[-1] < 1e-4
+
+
+def test_hostile_floats_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="mass must be a number above 0"):
+        Float(0.01, 0.0)
+    with pytest.raises(ArgumentError, match="longer than the float"):
+        Float(0.01, 1e-3, edge=0.02)
+
+
+def settled(cargo: Float, fluid: Fluid) -> np.ndarray:
+    """Thickness after so long that nothing moves, the float in the middle."""
+    layer = Layer(fluid, 0.05, 1e-3, 0.06, 120)
+    motion = wo.simulate(
+        floated_film(layer, lambda h, slope: 0 * h, cargo), 200.0, x0={"position": 0.03},
+        times=np.array([0.0, 200.0]), route="cvodes", tolerance=Tolerance(1e-8, 1e-8),
+    )  # fmt: skip
+    # cells of half a millimetre are not quite alike to it
+    assert motion["position"][0, -1] == pytest.approx(0.03, abs=0.5e-3)
+    return motion["thickness"][:, -1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [0.0, 1e-2])
+def test_it_sinks_to_the_depth_of_archimedes(stiffness: float) -> None:
+    """Without surface tension: mass over density and length."""
+    h = settled(Float(0.012, 3.6e-3, stiffness, edge=3e-3), Fluid(1200.0, 1e-7, Linear(0.35)))
+    assert h[0] - h[60] == pytest.approx(3.6e-3 / 1200 / 0.012, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_menisci_bear_a_part_of_a_stiff_float() -> None:
+    """Weight = rho g d l + 2 gamma tan(slope), the slopes being d over the capillary length."""
+    found = []
+    for edge in (3e-3, 1.5e-3):
+        h = settled(Float(0.012, 3.6e-3, 1e-2, edge=edge), OIL)
+        found.append(h[0] - h[60])
+    known = 3.6e-3 * OIL.gravity / (OIL.weight * 0.012 + 2 * (0.03 * OIL.weight) ** 0.5)
+    assert found[1] == pytest.approx(known, rel=0.03)
+    assert abs(found[1] / known - 1) < abs(found[0] / known - 1)
+
+
+def carried(length: float, cells: int, delta: float, end: float) -> tuple[float, float]:
+    """Way of a light float on a cosine wave, and the change of the wave, in the film's units."""
+    eps, W = 1e-4, 1.0
+    fluid = Fluid(1.0, W / eps**3, Linear(0.1), gravity=1e-12)
+    step = 2 * np.pi / cells
+    layer = Layer(fluid, 1.0, eps, 2 * np.pi, cells, start=-step / 2, ends="periodic")
+    t = ca.SX.sym("t")
+    xi = t - ca.DM(layer.places)
+    c, s = ca.cos(xi), ca.sin(xi)
+    given_ = W * delta * c - 3 * delta * s * (2 + delta * c) / (
+        (2 + delta**2) * (1 + delta * c) ** 2
+    )
+    film = floated_film(
+        layer, lambda h, slope: given_ / eps**2, Float(length, 1e-7, edge=length), t=t
+    )
+    start = 1 + delta * np.cos(layer.places)
+    motion = wo.simulate(
+        film, end, x0={"volume": layer.volume(eps * start / start.mean()), "position": 1.0},
+        route="cvodes", tolerance=Tolerance(1e-8, 1e-8, max_steps=100_000),
+    )  # fmt: skip
+    wave = 1 + delta * np.cos(end - layer.places)
+    change = np.abs(motion["thickness"][:, -1] / eps - wave).max()
+    return float(motion["position"][0, -1]), float(change)
+
+
+@pytest.mark.slow
+def test_a_small_light_float_goes_with_the_surface() -> None:
+    delta, end = 0.3, 2 * np.pi
+    C = -2 * (1 - delta**2) / (2 + delta**2)
+    known = solve_ivp(
+        lambda t, x: 1.5 * (1 + C / (1 + delta * np.cos(t - x))), (0, end), [1.0],
+        rtol=1e-12, atol=1e-12, method="DOP853",
+    ).y[0, -1]  # fmt: skip
+    found = np.array([carried(length, 256, delta, end)[0] for length in (0.8, 0.4)])
+    errors = np.abs(found - known)
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.4)
+    assert (4 * found[1] - found[0]) / 3 == pytest.approx(known, abs=2e-3)
+
+
+@pytest.mark.slow
+def test_the_packaged_scene_carries_the_foam_and_leaves_a_plate() -> None:
+    short = ["course.switches=8", "coils.count=12"]
+    foam = wo.run(load_scene("coil_cargo", short))
+    assert foam.status == "ok"
+    assert foam.scalars["float_captured"].value == 1.0
+    plate = wo.run(load_scene("coil_cargo", [*short, "cargo.modulus=1e9"]))
+    assert plate.status == "ok"
+    assert plate.scalars["float_captured"].value < 0.5
+    assert plate.scalars["float_bend"].value < 0.05 * foam.scalars["float_bend"].value
+
+
+@pytest.mark.slow
+def test_a_float_that_is_too_heavy_is_told() -> None:
+    heavy = ["course.switches=2", "coils.count=8", "cargo.density=8000.0", "grid.cells=8"]
+    try:
+        result = wo.run(load_scene("coil_cargo", heavy))
+    except SolveError as error:
+        assert error.partial is not None
+    else:
+        assert result.status == "failed"
+        assert "touches the ground" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (["cargo.start=1.0"], "not between the walls"),
+        (["cargo.edge=1.0"], "longer than the float"),
+        (["cargo.density=0.0"], "above 0"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes: list[str], told: str) -> None:
+    with pytest.raises(SceneError, match=told):
+        load_scene("coil_cargo", changes)
+
+
+def test_the_picture_of_a_float_needs_one() -> None:
+    with pytest.raises(SceneError, match=r"write a table \[cargo\]"):
+        load_scene("coil_film", ['want=["cargo"]'])
