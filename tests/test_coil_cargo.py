@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import wormopt as wo
-from wormopt.errors import ArgumentError, SceneError, SolveError
+from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.model.model import Model
 from wormopt.scene.scene import load_scene
@@ -138,22 +138,22 @@ def test_menisci_bear_a_part_of_a_stiff_float() -> None:
         h = settled(Float(0.012, 3.6e-3, 1e-2, edge=edge), OIL)
         found.append(h[0] - h[60])
     known = 3.6e-3 * OIL.gravity / (OIL.weight * 0.012 + 2 * (0.03 * OIL.weight) ** 0.5)
-    assert found[1] == pytest.approx(known, rel=0.03)
-    assert abs(found[1] / known - 1) < abs(found[0] / known - 1)
+    # ends that fade are held at first order
+    assert (known - found[0]) / (known - found[1]) == pytest.approx(2.0, abs=0.15)
+    assert 2 * found[1] - found[0] == pytest.approx(known, rel=0.02)
 
 
 def carried(length: float, cells: int, delta: float, end: float) -> tuple[float, float]:
     """Way of a light float on a cosine wave, and the change of the wave, in the film's units."""
-    eps, W = 1e-4, 1.0
-    fluid = Fluid(1.0, W / eps**3, Linear(0.1), gravity=1e-12)
+    eps, weight, tension = 1e-4, 3.0, 1e-4
+    fluid = Fluid(1.0, tension / eps**3, Linear(0.1), gravity=weight / eps**3)
     step = 2 * np.pi / cells
     layer = Layer(fluid, 1.0, eps, 2 * np.pi, cells, start=-step / 2, ends="periodic")
     t = ca.SX.sym("t")
     xi = t - ca.DM(layer.places)
     c, s = ca.cos(xi), ca.sin(xi)
-    given_ = W * delta * c - 3 * delta * s * (2 + delta * c) / (
-        (2 + delta**2) * (1 + delta * c) ** 2
-    )
+    flow = 3 * delta * s * (2 + delta * c) / ((2 + delta**2) * (1 + delta * c) ** 2)
+    given_ = (weight + tension) * delta * c - flow
     film = floated_film(
         layer, lambda h, slope: given_ / eps**2, Float(length, 1e-7, edge=length), t=t
     )
@@ -175,10 +175,11 @@ def test_a_small_light_float_goes_with_the_surface() -> None:
         lambda t, x: 1.5 * (1 + C / (1 + delta * np.cos(t - x))), (0, end), [1.0],
         rtol=1e-12, atol=1e-12, method="DOP853",
     ).y[0, -1]  # fmt: skip
-    found = np.array([carried(length, 256, delta, end)[0] for length in (0.8, 0.4)])
-    errors = np.abs(found - known)
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.4)
-    assert (4 * found[1] - found[0]) / 3 == pytest.approx(known, abs=2e-3)
+    (far, rough), (near, close) = (carried(length, 128, delta, end) for length in (0.8, 0.4))
+    # its weight, a hundredth of the film's below it, leaves what length does not
+    assert np.log2((known - far) / (known - near)) == pytest.approx(1.8, abs=0.5)
+    assert (4 * near - far) / 3 == pytest.approx(known, abs=1e-2)
+    assert close < rough < 0.02
 
 
 @pytest.mark.slow
@@ -187,22 +188,19 @@ def test_the_packaged_scene_carries_the_foam_and_leaves_a_plate() -> None:
     foam = wo.run(load_scene("coil_cargo", short))
     assert foam.status == "ok"
     assert foam.scalars["float_captured"].value == 1.0
-    plate = wo.run(load_scene("coil_cargo", [*short, "cargo.modulus=1e9"]))
-    assert plate.status == "ok"
-    assert plate.scalars["float_captured"].value < 0.5
-    assert plate.scalars["float_bend"].value < 0.05 * foam.scalars["float_bend"].value
+    weak = wo.run(load_scene("coil_cargo", [*short, "switching.ampere_turns=900.0"]))
+    assert weak.status == "ok"
+    assert weak.scalars["float_captured"].value < 0.5
 
 
 @pytest.mark.slow
 def test_a_float_that_is_too_heavy_is_told() -> None:
-    heavy = ["course.switches=2", "coils.count=8", "cargo.density=8000.0", "grid.cells=8"]
-    try:
-        result = wo.run(load_scene("coil_cargo", heavy))
-    except SolveError as error:
-        assert error.partial is not None
-    else:
-        assert result.status == "failed"
-        assert "touches the ground" in result.reason
+    """Its draught is more than the film's depth."""
+    heavy = ["course.switches=8", "coils.count=8", "cargo.density=5000.0", "switching.rate=0.02"]
+    result = wo.run(load_scene("coil_cargo", [*heavy, "switching.ampere_turns=1.0"]))
+    assert result.scalars["draught"].value > result.scalars["float_clearance"].value
+    assert result.status == "failed"
+    assert "touches the ground" in result.reason
 
 
 @pytest.mark.parametrize(
