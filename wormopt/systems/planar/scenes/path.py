@@ -107,7 +107,9 @@ class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block
         pairs = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
         twice = sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs)
         wide = max(max(row) - min(row) for row in zip(*self.corners, strict=True))
-        return abs(twice) < 1e-9 * wide**2 or wide == 0
+        return (
+            abs(twice) < 1e-9 * wide * wide or wide == 0
+        )  # no power: it raises where it overflows
 
 
 class WallTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
