@@ -216,7 +216,7 @@ class LinearProgram:
             empty = min(self._bound(0.0 * self._cost, y) for y in (ray, -ray)) < 0.0
             return Maximum(-np.inf if empty else self._crude(), nothing, nothing)
         solution = self._highs.getSolution()
-        if not solution.dual_valid:
+        if not solution.dual_valid or len(solution.row_dual) != len(self._row_lower):
             return Maximum(self._crude(), nothing, nothing)
         duals = np.array(solution.row_dual)
         bound = min(self.bound(duals), self._crude())

@@ -16,7 +16,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     per,
     says,
 )
@@ -250,7 +249,6 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.body.faults("body")
         variables = _n_s(self.body)
         if len(self.rest) != variables:

@@ -18,7 +18,6 @@ from wormopt.scene.types import (
     Seed,
     Table,
     Title,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -250,7 +249,6 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         for key, given in (
             ("unknown", self.unknown),
             ("choose", self.choose),

@@ -12,7 +12,7 @@ from msgspec import Meta, field
 from wormopt.errors import Fault, SceneError
 from wormopt.scene.numerics import Contacts, ExactContact
 from wormopt.scene.scene import packaged_folder
-from wormopt.scene.types import Positive, SceneTable, Table, Title, extreme_numbers, says
+from wormopt.scene.types import Positive, SceneTable, Table, Title, says
 from wormopt.scene.units import scale
 from wormopt.systems.recorded.columns import Columns, read_csv
 from wormopt.systems.recorded.scenes.tables import (
@@ -285,7 +285,6 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows, and the files; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         for key in ("recording", "unknown"):
             if not getattr(self, key):
                 yield key, f"there is none; write a table [[{key}]]"
