@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -260,7 +261,7 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
             yield "unknown", "none is wanted; leave out wanted = false at one"
         yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
         yield from self._faults_of_ranges()
-        if self.known is not None and not (folder / self.known).exists():
+        if self.known is not None and not os.path.exists(folder / self.known):  # noqa: PTH110  as there
             yield "known", f'there is no "{self.known}" in {folder}; run the scene of kind "fit"'
         for key, tables in (
             ("model", self.model),
