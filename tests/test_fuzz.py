@@ -1,5 +1,6 @@
 """Hostile use: spoiled scenes end with an answer or a refusal, and so do runs in bad places."""
 
+import dataclasses
 import gc
 import json
 import resource
@@ -74,6 +75,17 @@ def test_what_once_ended_in_a_traceback_is_refused(name: str, change: str | dict
 
 def test_an_angle_in_degrees_is_still_guessed():
     assert '"45 deg" say' in refusal("fast_gait", "worm.slope=45")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drag", [0.0, 0.1])
+def test_a_worm_of_which_nothing_slows_the_moving_mass_is_told_so(drag: float):
+    """All but one rest, so m v' >= -k v, which reaches 0 at no time; a load of 1e-3 is enough."""
+    worm = wo.Worm(links=2, drag=drag)
+    limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=2)
+    with pytest.raises(wo.SolveError, match=r"no gait advances.*give worm.load above 0"):
+        wo.design(worm, limits)
+    assert wo.design(dataclasses.replace(worm, load=1e-3), limits).speed > 0
 
 
 @pytest.mark.slow
