@@ -5,6 +5,7 @@ import sys
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
+from typing import Any
 
 import highspy
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.optimize import linprog
 
-from wormopt.numerics.linear_program import LinearProgram, Rows
+from wormopt.numerics.linear_program import LinearProgram, Rows, simplex, solve
 
 ULP = float(np.finfo(float).eps)
 
@@ -273,6 +274,12 @@ class Liar:
     def getRunTime(self):
         return 0.0
 
+    def getInfo(self):
+        return highspy.HighsInfo()
+
+    def clearSolver(self):
+        return highspy.HighsStatus.kOk
+
     def setOptionValue(self, *_):
         return highspy.HighsStatus.kOk
 
@@ -350,3 +357,58 @@ def test_the_solver_prints_nothing():
     code = "from wormopt.numerics.linear_program import simplex; simplex().run()"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout == ""
+
+
+def transport(size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Carry goods from as many places to others at least cost: costs, supplies, demands."""
+    draw = np.random.default_rng(size)
+    supply = draw.uniform(1.0, 2.0, size)
+    return draw.uniform(1.0, 9.0, (size, size)), supply, draw.permutation(supply)
+
+
+def carried(size: int) -> tuple[Any, float]:
+    """A transport problem in the solver, and its least cost by another route of SciPy's."""
+    cost, supply, demand = transport(size)
+    row, column = np.indices((size, size))
+    rows, own = np.concatenate([row.ravel(), size + column.ravel()]), np.arange(size * size)
+    matrix = sparse.csc_array((np.ones(2 * size * size), (rows, np.tile(own, 2))))
+    sides = np.concatenate([supply, demand])
+    known = linprog(cost.ravel(), A_eq=matrix[:-1], b_eq=sides[:-1], method="highs-ds")
+    highs = simplex()
+    model: Any = highspy.HighsLp()
+    model.num_row_, model.num_col_ = 2 * size, size * size
+    model.col_cost_, model.col_lower_ = cost.ravel(), np.zeros(size * size)
+    model.col_upper_ = np.full(size * size, np.inf)
+    model.row_lower_ = model.row_upper_ = sides
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
+    model.a_matrix_.value_ = matrix.data
+    highs.passModel(model)
+    return highs, known.fun
+
+
+@pytest.mark.parametrize("size", [5, 20])
+def test_where_the_simplex_method_does_not_end_interior_points_do(size: int):
+    highs, least = carried(size)
+    status, pivots = solve(highs, 1)
+    assert status == highspy.HighsModelStatus.kOptimal
+    assert pivots <= 1
+    assert highs.getInfo().objective_function_value == pytest.approx(least, rel=1e-9)
+
+
+def test_the_limit_of_pivots_counts_for_each_program_alone():
+    highs, least = carried(20)
+    _, whole = solve(highs)
+    for _ in range(3):
+        highs.clearSolver()
+        status, pivots = solve(highs, whole)
+        assert (status, pivots) == (highspy.HighsModelStatus.kOptimal, whole)
+    assert whole > 1
+    assert highs.getInfo().objective_function_value == pytest.approx(least, rel=1e-9)
+
+
+def test_coefficients_that_the_solver_refuses_give_the_poor_bound():
+    rows = Rows()
+    rows.add([(0, 1e30), (1, 1.0)], -np.inf, 1.0)
+    program = LinearProgram(np.array([1.0, 2.0]), rows, np.zeros(2), np.array([3.0, 4.0]))
+    assert program.maximise().bound == pytest.approx(3.0 + 2 * 4.0, rel=1e-12)

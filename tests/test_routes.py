@@ -17,6 +17,7 @@ from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
+from wormopt.simulation import routes
 from wormopt.simulation.native import build, kernel
 from wormopt.simulation.native.build import CompilerError
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
@@ -623,6 +624,19 @@ def test_stiff_motions_with_switches_take_implicit_steps():
     before, after = simulate(smooth, 1700.0, times=times, route="cvodes").states[0]
     slope = (after - before) / 2e-7
     assert event.time - before / slope == pytest.approx(event.time, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_where_implicit_steps_are_too_many_explicit_ones_go_on(monkeypatch: pytest.MonkeyPatch):
+    """Steps in Python have a limit of their own: nobody waits for ten million of them."""
+    tolerance = Tolerance(1e-7, 1e-8)
+    few = simulate(relaxation(), 4000.0, tolerance=tolerance)
+    monkeypatch.setattr(routes, "_STEPS_IN_PYTHON", 20)
+    many = simulate(relaxation(), 4000.0, tolerance=tolerance)
+    assert (few.route, many.route) == ("python", "native")
+    assert many.n_steps > 100 * few.n_steps
+    assert many.end[2] == few.end[2] > 1
+    assert many.events[0].time == pytest.approx(few.events[0].time, abs=1e-3)
 
 
 def test_what_passes_the_smooth_layer_unseen_is_refused():

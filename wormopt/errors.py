@@ -89,9 +89,14 @@ class SceneError(WormoptError):
 
     def __str__(self) -> str:
         return "\n".join(
-            f"{self.file}: {key}: {message}" if key else f"{self.file}: {message}"
+            _printable(f"{self.file}: {key}: {message}" if key else f"{self.file}: {message}")
             for key, message in self.faults
         )
+
+
+def _printable(text: str) -> str:
+    """Texts of files may hold letters that terminals mangle, or obey."""
+    return "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
 
 
 class OutputError(WormoptError):

@@ -26,6 +26,11 @@ STILL, MOVING = ("png", "pdf", "svg"), ("gif", "mp4")
 """Formats of pictures, as suffixes; the second of animations only."""
 
 
+def is_there(file: Path) -> bool:
+    """Whether there is such a file; of a name that none can have there is none."""
+    return os.path.isfile(file)  # noqa: PTH113  Path.is_file raises where a name is too long
+
+
 def picture_file(picture: str, form: str | None = None) -> str:
     """Name of the file for a picture, a word of ``want``, in the usual format or another."""
     return f"{picture}.{form or ('gif' if picture == 'animation' else 'png')}"

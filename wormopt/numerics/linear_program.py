@@ -18,8 +18,9 @@ import numpy as np
 # Columns, one per row or one for all, with their coefficients.
 Term = tuple["np.ndarray | int", "np.ndarray | float"]
 
-# Seconds that the solver may take for one program.
-_LONGEST = 30.0
+# Seconds that a method may take for one program, and pivots: usual programs take thousandths of
+# a second and hundreds of pivots.
+_LONGEST, _MOST_PIVOTS = 30.0, 200_000
 # Unit roundoffs by which a coefficient that was itself computed may be off.
 _COEFFICIENT_ULPS = 8
 _ULP = float(np.finfo(float).eps)
@@ -52,9 +53,36 @@ def simplex(**options: float | str) -> Any:
     return highs
 
 
+def solve(highs: Any, pivots: int = _MOST_PIVOTS) -> tuple[Any, int]:
+    """Solve within limits; give what became of it and how many pivots the simplex method took.
+
+    Where that method cycles, or fails, interior points are the second one: they take some fifty
+    steps where it takes millions.
+    """
+    highs.setOptionValue("simplex_iteration_limit", pivots)
+    status = _solve_by(highs, "simplex")
+    taken = max(int(highs.getInfo().simplex_iteration_count), 0)
+    if status in _UNDECIDED:
+        highs.clearSolver()
+        status = _solve_by(highs, "ipm")
+    return status, taken
+
+
+def _solve_by(highs: Any, method: str) -> Any:
+    highs.setOptionValue("solver", method)
+    highs.setOptionValue("time_limit", highs.getRunTime() + _LONGEST)  # it counts all its runs
+    return highs.getModelStatus() if highs.run() != _FAILED else highspy.HighsModelStatus.kUnknown
+
+
+_FAILED = highspy.HighsStatus.kError
+_UNDECIDED = {
+    highspy.HighsModelStatus.kIterationLimit,
+    highspy.HighsModelStatus.kTimeLimit,
+    highspy.HighsModelStatus.kSolveError,
+    highspy.HighsModelStatus.kUnknown,
+}
 _OPTIONS: dict[str, float | str] = {
     "threads": 1,
-    "solver": "simplex",
     "presolve": "off",
     "primal_feasibility_tolerance": 1e-9,
     "dual_feasibility_tolerance": 1e-9,
@@ -205,10 +233,7 @@ class LinearProgram:
         fails the bound is poor but true.
         """
         nothing = np.empty(0)
-        self._highs.setOptionValue("time_limit", self._highs.getRunTime() + _LONGEST)
-        if self._highs.run() == highspy.HighsStatus.kError:
-            return Maximum(self._crude(), nothing, nothing)
-        status = self._highs.getModelStatus()
+        status, _ = solve(self._highs)
         if status == highspy.HighsModelStatus.kInfeasible:
             # a ray of multipliers proves it: along it the bound of any cost falls without end
             _, exists, ray = self._highs.getDualRay()
@@ -216,7 +241,7 @@ class LinearProgram:
             empty = min(self._bound(0.0 * self._cost, y) for y in (ray, -ray)) < 0.0
             return Maximum(-np.inf if empty else self._crude(), nothing, nothing)
         solution = self._highs.getSolution()
-        if not solution.dual_valid:
+        if not solution.dual_valid or len(solution.row_dual) != len(self._row_lower):
             return Maximum(self._crude(), nothing, nothing)
         duals = np.array(solution.row_dual)
         bound = min(self.bound(duals), self._crude())

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from wormopt.numerics.bilinear_rows import BilinearRows
-from wormopt.numerics.linear_program import simplex
+from wormopt.numerics.linear_program import simplex, solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,6 @@ class Linearised:
         model = self._model(jacobian, self.slope(x, jacobian), jacobian @ x - self.values(x))
         highs.passModel(model)
         size = model.num_row_ + model.num_col_
-        highs.setOptionValue("simplex_iteration_limit", int(_MOST_WORK / size))
         highs.setOptionValue("primal_feasibility_tolerance", self._tolerance)
         columns = self._guarded
         low, high = self.lower[columns], self.upper[columns]
@@ -144,9 +143,9 @@ class Linearised:
         if self._basis is not None:
             highs.setBasis(self._basis)
         self.programs += 1
-        highs.run()
-        self.work += (highs.getInfo().simplex_iteration_count + _PIVOTS_OF_SETTING_UP) * size
-        if highs.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        status, pivots = solve(highs, int(_MOST_WORK / size))
+        self.work += (pivots + _PIVOTS_OF_SETTING_UP) * size
+        if status != highspy.HighsModelStatus.kOptimal:
             return None
         self._basis = highs.getBasis()
         return highs.getSolution()
@@ -182,7 +181,7 @@ class Linearised:
 
 
 _PIVOTS_OF_SETTING_UP = 20
-# Work after which a linear program is given up: seconds, where usual ones take thousandths.
+# Work after which the simplex method is given up: a second, where usual programs take thousandths.
 _MOST_WORK = 5e8
 _NO_SLOPE = 1e-12
 

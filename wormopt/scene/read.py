@@ -19,6 +19,7 @@ from wormopt.scene.units import bare_number, has_unit, to_number
 T = TypeVar("T", bound=msgspec.Struct)
 _fields = cache(msgspec.structs.fields)
 
+_MANY_DEGREES = 1e9  # nobody means so many; a whole number may be too large to be turned
 _WORDS: dict[Any, str] = {
     bool: "true or false",
     int: "a whole number",
@@ -58,7 +59,8 @@ def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -
     if quantity:
         raw = _without_units(raw, quantity, path, units, faults)
     value = read_value(raw, kind, path, units, faults) if len(faults) == before else None
-    if quantity == "rad" and len(faults) > before and type(raw) in (int, float):
+    is_angle = quantity == "rad" and type(raw) in (int, float) and abs(raw) < _MANY_DEGREES
+    if is_angle and len(faults) > before:
         wrong: list[Fault] = []
         read_value(math.radians(raw), kind, path, units, wrong)
         faults[-1] = (path, faults[-1][1] + ("" if wrong else f', "{raw} deg" say'))
@@ -89,6 +91,9 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
         return table and read_table(raw, table, path, units, faults)
     listed = _listed_in(kind)
     if isinstance(raw, list) and listed is not None:
+        if not _may_hold(kind, len(raw)):
+            what = "1 entry is" if len(raw) == 1 else f"{len(raw)} entries are"
+            faults.append((path, f"{what} not allowed; write {describe(kind)}"))
         return tuple(
             read_value(item, listed, f"{path}[{i}]", units, faults) for i, item in enumerate(raw)
         )
@@ -193,8 +198,16 @@ def _keyed_in(kind: Any) -> Any:
     return None if values is Any else values
 
 
+def _may_hold(kind: Any, count: int) -> bool:
+    """Whether a list of so many entries is of a type that may bound their number."""
+    metas = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
+    bounds = [meta for meta in metas if isinstance(meta, msgspec.Meta)]
+    return all((m.min_length or 0) <= count <= (m.max_length or count) for m in bounds)
+
+
 def _listed_in(kind: Any) -> Any:
     """Type of the tables in a list, None where there is no list of tables."""
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else [kind]
     for part in parts:
         if get_origin(part) is tuple and tables_in(get_args(part)[0]):
@@ -249,4 +262,6 @@ def _digits(value: Any) -> str:
 
 
 def _join(path: str, key: str) -> str:
+    """Key path, in which a key that TOML has in quotes is in quotes."""
+    key = key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _shown(key)
     return f"{path}.{key}" if path else key

@@ -19,7 +19,7 @@ from wormopt.scene.overrides import Overrides, as_toml, override
 from wormopt.scene.plausible import surprises
 from wormopt.scene.read import read_table, read_value
 from wormopt.scene.swept import Swept
-from wormopt.scene.types import SceneTable
+from wormopt.scene.types import SceneTable, extreme_numbers
 from wormopt.shown import lines
 
 TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
@@ -139,11 +139,16 @@ def scene_within(folder: Path, name: str, tables: Mapping[str, Any]) -> Scene[An
 
 def _checked(file: str, name: str, folder: Path, raw: dict[str, Any]) -> Scene[Any]:
     table, sweep = _read_kind(file, raw)
-    wrong = list(table.faults(folder))
+    wrong = _faults(table, folder)
     wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
     if wrong:
         raise SceneError(file, wrong)
     return Scene(name, folder, table, sweep)
+
+
+def _faults(table: SceneTable, folder: Path) -> list[Fault]:
+    """What no single key shows; extreme numbers are told alone, as other faults come of them."""
+    return list(extreme_numbers(table)) or list(table.faults(folder))
 
 
 def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
@@ -161,7 +166,7 @@ def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
     table, _ = _read_kind(name, raw)
     packaged = packaged_scenes().get(name)
     folder = packaged.parent if packaged else Path()
-    wrong = list(table.faults(folder))
+    wrong = _faults(table, folder)
     if wrong:
         raise SceneError(name, wrong)
     return Scene(name, folder, table)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
 
@@ -164,7 +165,13 @@ def extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
     elif isinstance(value, tuple):
         for index, item in enumerate(value):
             yield from extreme_numbers(item, f"{key}[{index}]")
-    elif isinstance(value, float) and value != 0 and not _SMALL <= abs(value) <= 1 / _SMALL:
+    elif isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from extreme_numbers(item, f"{key}.{name}")
+    elif isinstance(value, float) and not (value == 0 or _SMALL <= abs(value) <= 1 / _SMALL):
+        if not isfinite(value):
+            yield key, f"{value} is not allowed; write a finite number"
+            return
         size = "small" if abs(value) < 1 else "large"
         yield (
             key,

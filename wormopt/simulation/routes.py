@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from wormopt.progress import Report
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Route
+
+# Implicit steps in Python cost some hundred compiled ones each: who needs more of them than this is
+# not stiff but full of events, or asks for what nobody waits for.
+_STEPS_IN_PYTHON = 20_000
 
 
 def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcome:
@@ -24,12 +30,14 @@ def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcom
     if outcome.status != "stiff" or route != "auto":
         return outcome
     if _needs_own_steps(task):
-        implicit = _in_python(task, report, stiff=True)
+        few = min(task.tolerance.max_steps, _STEPS_IN_PYTHON)
+        patient = replace(task, tolerance=replace(task.tolerance, max_steps=few))
+        implicit = _in_python(patient, report, stiff=True)
     else:
         implicit = _implicitly(task, report)
     if implicit.status in ("done", "interrupted"):
         return implicit
-    # neither can: let explicit steps find out why
+    # neither can, or not soon: let explicit steps find out why
     return _native(task, report, required=False, stiff_steps=2**62) or outcome
 
 

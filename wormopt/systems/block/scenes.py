@@ -10,7 +10,7 @@ from msgspec import field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Contacts, ExactContact, MeshTable
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, extreme_numbers, says
+from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
 from wormopt.systems.chain import Friction, faults_of_law
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
@@ -75,7 +75,6 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from faults_of_law("block.friction", self.block.friction, 1)
         if self.start == self.end:
             yield "end", "is the start; write another position or velocity"

@@ -18,7 +18,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     per,
     says,
     wrong_count,
@@ -259,7 +258,6 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from wrong_count("worm.mass", self.worm.mass, self.worm.links + 1, "masses")
         yield from wrong_order("limits.length", self.limits.length, may_be_equal=False)
         yield from self.ground.faults()

@@ -18,7 +18,7 @@ from typing import Any
 import highspy
 import numpy as np
 
-from wormopt.numerics.linear_program import simplex
+from wormopt.numerics.linear_program import simplex, solve
 
 # Of the speed: by so much a pattern must beat the mix to be worth adding, and so far from the
 # best may a mix be that counts as best. The solver's tolerance must be below the first.
@@ -231,16 +231,16 @@ class _Mixer:
 
 def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
     """Solve; give values of the columns and multipliers of the rows."""
-    solver.run()
+    status, _ = solve(solver)
     for tolerance in (_TOLERANCE, 1e-7):  # bounds are true for any multipliers
-        if solver.getModelStatus() == highspy.HighsModelStatus.kOptimal:
+        if status == highspy.HighsModelStatus.kOptimal:
             break
         solver.clearSolver()  # the basis of the last program may be a poor start
         solver.setOptionValue("primal_feasibility_tolerance", tolerance)
         solver.setOptionValue("dual_feasibility_tolerance", tolerance)
-        solver.run()
-    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
-        raise ArithmeticError(f"the mode linear program failed: {solver.getModelStatus()}")
+        status, _ = solve(solver)
+    if status != highspy.HighsModelStatus.kOptimal:
+        raise ArithmeticError(f"the mode linear program failed: {status}")
     solution = solver.getSolution()
     return np.array(solution.col_value), np.array(solution.row_dual)
 

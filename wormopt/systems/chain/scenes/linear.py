@@ -22,7 +22,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_count,
 )
@@ -185,7 +184,6 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         links = self.worm.links
         yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)

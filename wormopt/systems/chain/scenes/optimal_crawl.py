@@ -18,7 +18,6 @@ from wormopt.scene.types import (
     SceneTable,
     Seed,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -237,7 +236,6 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults()
         yield from self.aim.faults(self.robust is not None)

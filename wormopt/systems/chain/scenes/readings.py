@@ -21,7 +21,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_count,
 )
@@ -237,7 +236,6 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         links = self.worm.links
         yield from self.worm.faults()
         yield from self.reference.gait.faults(links, folder, "reference.gait")

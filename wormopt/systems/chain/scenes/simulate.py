@@ -26,7 +26,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_count,
 )
@@ -170,7 +169,6 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         if self.worm is not None and self.model is not None:
             yield "model", "a scene has [worm] or a model, not both; leave one out"
         elif self.worm is not None:

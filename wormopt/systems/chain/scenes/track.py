@@ -25,7 +25,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_count,
 )
@@ -371,7 +370,6 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         links = self.worm.links
         yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)

@@ -10,7 +10,7 @@ from msgspec import field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import SceneTable, extreme_numbers, says
+from wormopt.scene.types import SceneTable, says
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.predictive import (
     EstimationTable,
@@ -135,7 +135,6 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         links = self.worm.links
         yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)

@@ -15,7 +15,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -40,7 +39,6 @@ class SIScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         if self.units != "SI":
             yield "units", self.why_si
 

@@ -16,7 +16,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -186,7 +185,6 @@ class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.film.faults(self.units)
         yield from wrong_order("curves.range", self.curves.range, may_be_equal=False)
 
@@ -311,7 +309,6 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.film.faults(self.units)
         if self.film.tension:
             yield "film.tension", "does not act on what floats; leave it out"

@@ -15,7 +15,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -331,7 +330,6 @@ class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         for key, message in self.film.faults(self.units):
             # with a field of its own a scene needs no wave
             if self.field is None or not (key == "film.delta" and "missing" in message):

@@ -15,7 +15,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -211,7 +210,6 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         wrong = list(wrong_order("limits.thickness", self.limits.thickness, may_be_equal=False))
         yield from wrong
         least, most = self.limits.thickness

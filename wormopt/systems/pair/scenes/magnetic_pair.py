@@ -16,7 +16,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     per,
     says,
     wrong_order,
@@ -235,7 +234,6 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.pair.faults(self.units)
         frequency = NATURAL + self.pair.smallness * self.detuning
         if frequency <= 0.1:
@@ -333,7 +331,6 @@ class ResonanceScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.pair.faults(self.units)
         yield from wrong_order(
             "frequencies.detuning", self.frequencies.detuning, may_be_equal=False

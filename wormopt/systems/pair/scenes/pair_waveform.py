@@ -18,7 +18,6 @@ from wormopt.scene.types import (
     SceneTable,
     Seed,
     Table,
-    extreme_numbers,
     per,
     says,
     wrong_order,
@@ -247,7 +246,6 @@ class PairWaveformScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.pair.faults()
         yield from self.limits.faults()
         yield from self.aim.faults()

@@ -15,7 +15,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
 )
 
@@ -174,7 +173,6 @@ class PeristalticDesignScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         worm, room = self.worm, self.tube.radius - self.worm.radius
         if room <= 0:
             yield (

@@ -16,7 +16,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -160,7 +159,6 @@ class PeristalticDragScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from _faults_of_motion(self)
         yield from _faults_of_lengths(self)
         if (self.effort.strain_rate is None) == (self.effort.dissipation is None):

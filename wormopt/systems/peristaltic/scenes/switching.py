@@ -18,7 +18,6 @@ from wormopt.scene.types import (
     SceneTable,
     Seed,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -167,7 +166,6 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from wrong_order("limits.period", self.limits.period, may_be_equal=True)
         if self.worm.length_on == self.worm.length_off:
             yield "worm.length_on", "is length_off: coils change nothing; write another length"

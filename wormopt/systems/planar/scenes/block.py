@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, extreme_numbers, says
+from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
 from wormopt.systems.planar.scenes.ground import EllipticGround, UnitGround
 from wormopt.systems.shared.declared import TIME
 
@@ -75,7 +75,6 @@ class PlanarBlockScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         if not any(self.block.velocity):
             yield "block.velocity", "the block is at rest; write a velocity that is not 0"
         share = self.holding_share

@@ -16,7 +16,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_count,
 )
@@ -184,7 +183,6 @@ class PlanarCrawlScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.body.faults("body")
         yield from self.ground.faults("ground", self.body.links + 1)
         if self.n_s == 0:

@@ -16,7 +16,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_count,
     wrong_order,
@@ -214,7 +213,6 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.body.faults("body")
         yield from self._faults()
 

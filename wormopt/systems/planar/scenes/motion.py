@@ -26,7 +26,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_count,
 )
@@ -317,7 +316,6 @@ class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         links = self.worm.links
         yield from self.worm.faults(self.units)
         yield from self.start.faults(links)

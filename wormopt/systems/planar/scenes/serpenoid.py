@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, SceneTable, extreme_numbers, says
+from wormopt.scene.types import Positive, SceneTable, says
 
 Amplitude = Annotated[
     float, Meta(gt=0, le=2.4, description="a number above 0, at most 2.4: J0 is 0 at 2.4048")
@@ -65,7 +65,6 @@ class PlanarSerpenoidScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         if self.waves and self.ground != "viscous":
             yield (
                 "waves",

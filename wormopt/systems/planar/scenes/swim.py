@@ -16,7 +16,6 @@ from wormopt.scene.types import (
     NonNegative,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
 )
 from wormopt.systems.planar.scenes.tables import BodyTable, StrokeTable
@@ -169,7 +168,6 @@ class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.body.faults("body")
         sizes = self.body.sizes or (1.0,)
         if max(sizes) > _UNEVEN * min(sizes):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, extreme_numbers, says
+from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
 from wormopt.systems.planar.scenes.crawl import CRAWL_SCALARS, CRAWL_VARIABLES
 
 if TYPE_CHECKING:  # checking a scene loads no numerics
@@ -124,7 +124,6 @@ class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         worm = self.worm
         if not worm.short < worm.long:
             yield (

@@ -10,9 +10,10 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault, SceneError
+from wormopt.files import is_there
 from wormopt.scene.numerics import Contacts, ExactContact
 from wormopt.scene.scene import packaged_folder
-from wormopt.scene.types import Positive, SceneTable, Table, Title, extreme_numbers, says
+from wormopt.scene.types import Positive, SceneTable, Table, Title, says
 from wormopt.scene.units import scale
 from wormopt.systems.recorded.columns import Columns, read_csv
 from wormopt.systems.recorded.scenes.tables import (
@@ -97,7 +98,7 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     def path(self, folder: Path) -> Path:
         """Where the file is: beside the scene, or among the packaged ones."""
         beside, packaged = folder / self.file, packaged_folder() / self.file
-        return packaged if packaged.is_file() and not beside.is_file() else beside
+        return packaged if is_there(packaged) and not is_there(beside) else beside
 
     def faults(self, folder: Path, units: str, key: str) -> Iterator[Fault]:
         """Yield what is wrong with this table, at `key`, or with its file."""
@@ -117,7 +118,7 @@ class RecordingTable(Table, frozen=True, kw_only=True):
     def read(self, folder: Path, faults: list[Fault], key: str) -> Columns | None:
         """Read the file if it is CSV; adds what is wrong to `faults`, and gives None then."""
         path = self.path(folder)
-        if not path.is_file():
+        if not is_there(path):
             beside = sorted(p.name for p in path.parent.glob(f"*{path.suffix}"))
             hint = near(path.name, beside) if beside else "write where it lies"
             faults.append((f"{key}.file", f'there is no file "{self.file}" in {folder}; {hint}'))
@@ -285,7 +286,6 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows, and the files; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         for key in ("recording", "unknown"):
             if not getattr(self, key):
                 yield key, f"there is none; write a table [[{key}]]"

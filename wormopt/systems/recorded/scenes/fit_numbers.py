@@ -11,7 +11,7 @@ from msgspec import Meta, field
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS
 from wormopt.scene.scene import Scene, load_scene
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, extreme_numbers, says
+from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, says
 from wormopt.systems.recorded.scenes.tables import (
     FOUND,
     Level,
@@ -145,7 +145,6 @@ class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         for key in ("measured", "unknown"):
             if not getattr(self, key):
                 yield key, f"there is none; write a table [[{key}]]"

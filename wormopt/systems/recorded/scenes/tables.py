@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from wormopt.errors import Fault, SceneError
+from wormopt.files import is_there
 from wormopt.scene.scene import Scene, load_scene, scene_within
 from wormopt.scene.types import Finite, Seed, Table, Title, says, wrong_order
 
@@ -122,7 +123,7 @@ def scene_of(tables: dict[str, Any], folder: Path, units: str, key: str = "model
                 raw.setdefault("time", {"end": 1.0})
             return scene_within(folder, key, raw)
         beside = folder / str(source)
-        found = load_scene(str(beside) if beside.is_file() else str(source), raw)
+        found = load_scene(str(beside) if is_there(beside) else str(source), raw)
     except SceneError as error:
         faults = [(f"{key}.{where}" if where else key, what) for where, what in error.faults]
         raise SceneError(key, faults) from None

@@ -130,11 +130,22 @@ def designed(
     return replace(found, timings_s=timings)
 
 
+def _nothing_slows(task: GaitProblem) -> SolveError:
+    """Tell of a sole moving mass: spikes push forward alone, so m a >= -k v, and it never rests."""
+    return SolveError(
+        "no gait advances: all masses but one rest at any time, and without worm.load nothing "
+        "brings that one to rest, as spikes only push forwards and drag fades with the velocity",
+        f"give worm.load above 0, or gait.resting below {task.limits.resting}",
+    )
+
+
 def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report) -> BaseException:
     if survey.ended == "interrupted":
         return KeyboardInterrupt()
     if survey.ended == "time limit":
         return SolveError("no gait was found before search.time_limit", "give it more seconds")
+    if task.limits.resting == task.worm.links and task.worm.load_range[0] <= 0.0:
+        return _nothing_slows(task)
     orders = [ascending(settings.sequence)] if settings.sequence else first_orders(task)
     seconds = (settings.time_limit or np.inf) - sum(survey.seconds.values())
     return conflict(task, orders, report, seconds)

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, extreme_numbers, says
+from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, says
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.scenes.gait import GivenGait, WormTable
 
@@ -166,7 +166,6 @@ class StepperScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         if self.units != "SI":
             yield "units", 'motors are commanded in s and m: write units = "SI"'
         yield from self.worm.faults(self.units)

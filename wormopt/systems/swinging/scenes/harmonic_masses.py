@@ -19,7 +19,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
     Table,
-    extreme_numbers,
     per,
     says,
     wrong_count,
@@ -285,5 +284,4 @@ class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from self.worm.faults()

@@ -14,7 +14,6 @@ from wormopt.scene.types import (
     PositiveOrPair,
     SceneTable,
     Table,
-    extreme_numbers,
     says,
     wrong_order,
 )
@@ -72,7 +71,6 @@ class TwoMassScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)
         yield from wrong_order("pair.ratio", self.pair.ratios, may_be_equal=True)
         if self.pair.ratios[1] >= 1:
             yield (
@@ -128,4 +126,3 @@ class CapsuleScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
-        yield from extreme_numbers(self)

@@ -1,0 +1,181 @@
+"""Hostile use: spoiled scenes end with an answer or a refusal, and so do runs in bad places."""
+
+import dataclasses
+import gc
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import fuzz
+import pytest
+from effort import examples
+
+import wormopt as wo
+from wormopt.errors import SceneError
+from wormopt.numerics.workers import Engine, using
+from wormopt.scene import load_scene, packaged_scenes
+from wormopt.scene.scene import packaged_folder
+
+unix = pytest.mark.skipif(sys.platform == "win32", reason="has no such limits and signals")
+
+
+def refusal(name: str, *changes: str | dict) -> str:
+    """What is told of a packaged scene with changes."""
+    with pytest.raises(SceneError) as caught:
+        load_scene(name, changes)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_spoiled_scenes_are_read_or_refused(part: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(packaged_folder())
+    names, verdicts = sorted(packaged_scenes()), {"accepted": 0, "refused": 0}
+    count = examples(450)
+    for number in range(part * count, (part + 1) * count):
+        scene = fuzz.spoiled(names, 3, number)
+        verdict, wrong = fuzz.checked(scene)
+        assert not wrong, (number, scene.name, scene.told)
+        verdicts[verdict] += 1
+    assert min(verdicts.values()) > count / 20
+
+
+def test_the_same_number_gives_the_same_scene():
+    names = sorted(packaged_scenes())
+    scene = fuzz.spoiled(names, 5, 17)
+    fuzz.spoiled(names, 5, 18)
+    assert fuzz.spoiled(names, 5, 17) == scene != fuzz.spoiled(names, 6, 17)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "told"),
+    [
+        # what the fuzzer found: tables in lists of bounded length, numbers that overflow,
+        # names that no file can have, letters that terminals obey
+        ("gait_shift", "gears.2.length=[0.8, nan]", "gears[2].length[1]: nan is not allowed"),
+        ("planar_path", "gaits.2.amplitudes=[0.5, 'x']", 'gaits[2].amplitudes[1]: "x"'),
+        ("gait_shift", "gears=[]", "gears: 0 entries are not allowed; write a list of 2 to 8"),
+        ("planar_block", f"block.heading=1{'0' * 400}", "block.heading: 1000"),
+        ("planar_path", "obstacles.0.corners.0=[1e300, 0]", "too large to compute with"),
+        ("fig21_rod_motion", "coils.pitch=5e-324", "coils.pitch: 4.94066e-324 is too small"),
+        ("fig21_rod_motion", {"coils": {"\x1b[2J": 1}}, 'coils."?[2J": unknown key'),
+        ("fit_pair", f"recording.0.file={'x' * 5000}", "there is no file"),
+        ("fit_pair", {"recording": [{"file": "pair\x1b.csv"}]}, "pair?.csv"),
+        ("gait_region", "loads.0=5e-324", "loads"),
+        ("fast_gait", "gait.period=1e-31", "gait.period: 1e-31 is too small to compute with"),
+        ("design_fast_gait", "gait.period=1e31", "gait.period: 1e+31 is too large"),
+    ],
+)
+def test_what_once_ended_in_a_traceback_is_refused(name: str, change: str | dict, told: str):
+    assert told in refusal(name, change)
+
+
+def test_an_angle_in_degrees_is_still_guessed():
+    assert '"45 deg" say' in refusal("fast_gait", "worm.slope=45")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drag", [0.0, 0.1])
+def test_a_worm_of_which_nothing_slows_the_moving_mass_is_told_so(drag: float):
+    """All but one rest, so m v' >= -k v, which reaches 0 at no time; a load of 1e-3 is enough."""
+    worm = wo.Worm(links=2, drag=drag)
+    limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=2)
+    with pytest.raises(wo.SolveError, match=r"no gait advances.*give worm.load above 0"):
+        wo.design(worm, limits)
+    assert wo.design(dataclasses.replace(worm, load=1e-3), limits).speed > 0
+
+
+@pytest.mark.slow
+def test_spoiled_scenes_that_are_accepted_run_to_an_end(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(packaged_folder())
+    for number, scene in fuzz.accepted(40, seed=4, first=0):
+        end, wrong = fuzz.ran(scene)
+        assert not wrong, (number, scene.name, scene.told, end)
+
+
+def command(folder: Path, name: str = "slide", *more: str) -> list[str]:
+    """A run on the command line."""
+    run = [sys.executable, "-m", "wormopt", "run", name, "--quiet", "--engine", "serial"]
+    return [*run, "-o", str(folder), *more]
+
+
+def full_disk() -> None:
+    """Let no file grow beyond a kilobyte; who writes on gets an error, as on a full disk."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+
+
+@unix
+@pytest.mark.slow
+@pytest.mark.parametrize("there", [False, True])
+def test_a_full_disk_is_told_and_leaves_what_was_there(tmp_path: Path, there: bool):
+    folder = tmp_path / "out"
+    if there:
+        subprocess.run(command(folder), check=True, capture_output=True)
+    before = {path.name: path.read_bytes() for path in folder.glob("*")}
+    told = subprocess.run(command(folder), capture_output=True, text=True, preexec_fn=full_disk)
+    assert told.returncode == 2
+    assert "Traceback" not in told.stderr
+    assert "File too large" in told.stderr
+    assert {path.name: path.read_bytes() for path in folder.glob("*")} == before
+    assert {path.name for path in tmp_path.iterdir()} == ({"out"} if there else set())
+
+
+@unix
+@pytest.mark.slow
+def test_output_to_a_full_device_is_told(tmp_path: Path):
+    with Path("/dev/full").open("w") as full:
+        told = subprocess.run(
+            command(tmp_path / "out", "slide", "--json"), stdout=full, stderr=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
+    assert told.returncode == 2
+    assert "Traceback" not in told.stderr
+    assert "No space left" in told.stderr
+    assert wo.Result.load(tmp_path / "out").status == "ok"  # saved before it was told
+
+
+@unix
+@pytest.mark.slow
+def test_a_killed_run_leaves_the_earlier_result_and_no_process(tmp_path: Path):
+    folder = tmp_path / "out"
+    earlier = subprocess.run(command(folder, "design_five_links", "--no-plots", "--set",
+                                     "search.time_limit=1"), capture_output=True)  # fmt: skip
+    assert earlier.returncode in (0, 3)
+    before = {path.name: path.read_bytes() for path in folder.glob("*")}
+    again = [c for c in command(folder, "design_five_links", "--no-plots") if c != "serial"]
+    again = [c if c != "--engine" else "--engine=processes" for c in again]
+    with subprocess.Popen([*again, "--workers", "2"], start_new_session=True) as run:
+        time.sleep(6)
+        assert run.poll() is None
+        run.kill()
+    begin = time.monotonic()
+    while subprocess.run(["pgrep", "-s", str(run.pid)], capture_output=True).returncode == 0:
+        assert time.monotonic() - begin < 10
+        time.sleep(0.1)
+    assert {path.name: path.read_bytes() for path in folder.glob("*")} == before
+
+
+def resident() -> float:
+    """Megabytes that this process has."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux tells of memory so")
+def test_a_thousand_runs_in_one_process_keep_their_memory():
+    """The first 200 fill caches; the other 800 leave nothing behind."""
+    names = ["slide", "fast_gait", "uphill_gait", "own_model", "capsule"]
+    held = []
+    with using(Engine("serial")):
+        for number in range(1000):
+            result = wo.run(names[number % len(names)])
+            assert json.dumps(result.summary(), allow_nan=False)
+            if number % 200 == 199:
+                gc.collect()
+                held.append(resident())
+    assert held[-1] - held[0] < 5, held
