@@ -79,6 +79,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "channel_velocity": ("fig19_channel_worm",),
     "segment_shapes": ("segment_shapes",),
     "coil_film": ("coil_film",),
+    "cargo": ("coil_cargo",),
     "travelling_field": ("fig24_travelling_wave",),
     "row_currents": ("coil_row_inverse",),
     "reversals": ("three_masses_harmonic",),

@@ -38,6 +38,7 @@ SCENES = {
     "film_wave_design": ["sweep={tension=[0.1,0.02], field=[2.0]}"],
     "fig13_magnetic_pair": ["course.samples=201"],
     "coil_film": ["course.switches=20", "course.samples=2"],
+    "coil_cargo": ["course.switches=8", "coils.count=12"],
     "coil_row_inverse": [],
     "fig25_coil_pressure": [],
     "pair_waveform_design": [],

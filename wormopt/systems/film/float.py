@@ -91,7 +91,7 @@ def capture_delta(length: float = 0.0) -> float:
 
     On a crest it is fastest, and held at C mean(1/h) = -1/3; if small: delta² + 6 delta = 4.
     """
-    length = _lengths(length).item()
+    length = checked_lengths(length).item()
     if not length:
         return CAPTURE_DELTA
     return root(lambda delta: 1 - body_velocity(CosineWave(delta), 0.0, length), 0.5, 0.9)
@@ -126,7 +126,7 @@ def float_drift(wave: Wave, length: float = 0.0) -> Drift:
     >>> held.velocity, [round(phase, 6) for phase in held.rests]
     (1.0, [5.04554])
     """
-    length = _lengths(length).item()
+    length = checked_lengths(length).item()
     rests = _rests(wave, length)
     if rests:
         return Drift(1.0, math.inf, rests)
@@ -170,7 +170,7 @@ def corrected_drift(wave: Wave, eps: float, length: float = 0.0) -> Corrected:
     >>> corrected_drift(CosineWave(0.6), 0.5).value  # held, which lubrication has from 0.6056 on
     1.0
     """
-    square, length = check_eps(eps) ** 2, _lengths(length).item()
+    square, length = check_eps(eps) ** 2, checked_lengths(length).item()
     without, value, twice = (_drift_with(wave, k * square, length) for k in (0, 1, 2))
     bar = max(abs(without - value), abs(twice - value))
     return Corrected(value, bar if within_reach(wave, eps) else None)
@@ -300,8 +300,8 @@ def floating(wave: Wave, *, length: ArrayLike = 0.0, position: ArrayLike = 0.0) 
     >>> model.n_x, [switch.name for switch in model.switches]
     (2, ['float 0 overtaken', 'float 1 overtaken'])
     """
-    lengths, places = _alike(_lengths(length), _finite("position", position))
-    symbolic, parameters = _lifted(wave)
+    lengths, places = _alike(checked_lengths(length), finite("position", position))
+    symbolic, parameters = lifted(wave)
     t, x = ca.SX.sym("t"), ca.SX.sym("x", len(places))
     xi = t - x
     velocity = ca.vertcat(
@@ -314,7 +314,7 @@ def floating(wave: Wave, *, length: ArrayLike = 0.0, position: ArrayLike = 0.0) 
         p=parameters,
         t=t,
         outputs=[Output("phase", xi, "angle"), Output("velocity", velocity, "speed")],
-        switches=_overtaken("float", xi, x),
+        switches=overtaken("float", xi, x),
     )
 
 
@@ -348,9 +348,9 @@ def tracers(wave: Wave, *, height: ArrayLike, position: ArrayLike = 0.0) -> Mode
     >>> [signal.name for signal in model.x]
     ['position', 'height']
     """
-    heights, places = _alike(_finite("height", height), _finite("position", position))
+    heights, places = _alike(finite("height", height), finite("position", position))
     heights = _heights(wave, places, heights)
-    symbolic, parameters = _lifted(wave)
+    symbolic, parameters = lifted(wave)
     count = len(places)
     t, x, z = ca.SX.sym("t"), ca.SX.sym("x", count), ca.SX.sym("z", count)
     xi, C = t - x, symbolic.constant
@@ -371,15 +371,16 @@ def tracers(wave: Wave, *, height: ArrayLike, position: ArrayLike = 0.0) -> Mode
             Output("depth", h - z, "length"),
             Output("stream", stream_function(z, h, C), "length"),
         ],
-        switches=_overtaken("tracer", xi, states),
+        switches=overtaken("tracer", xi, states),
     )
 
 
-def _overtaken(what: str, xi: ca.SX, states: ca.SX) -> list[Switch]:
+def overtaken(what: str, xi: ca.SX, states: ca.SX) -> list[Switch]:
+    """Switches without effect for when a trough of the cosine wave passes."""
     return [Switch(f"{what} {i} overtaken", -ca.sin(xi[i]), states) for i in range(xi.numel())]
 
 
-def _lifted(wave: Wave) -> tuple[Any, Sequence[Signal]]:
+def lifted(wave: Wave) -> tuple[Any, Sequence[Signal]]:
     """The wave with its amplitude as a symbol, where it has one."""
     if not isinstance(wave, CosineWave):
         return wave, ()
@@ -397,7 +398,7 @@ def _alike(*given: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.broadcast_to(each, count) for each in given)
 
 
-def _finite(name: str, given: ArrayLike) -> np.ndarray:
+def finite(name: str, given: ArrayLike) -> np.ndarray:
     """Array (n,) of `given`; raises ArgumentError unless it is a list of finite numbers."""
     found = numbers(name, given).ravel()
     if not found.size or not np.all(np.isfinite(found)):
@@ -405,9 +406,9 @@ def _finite(name: str, given: ArrayLike) -> np.ndarray:
     return found
 
 
-def _lengths(given: ArrayLike) -> np.ndarray:
+def checked_lengths(given: ArrayLike) -> np.ndarray:
     """Float lengths (n,); raises ArgumentError if one is negative or not below a wavelength."""
-    found = _finite("length", given)
+    found = finite("length", given)
     if not np.all((found >= 0) & (found < 2 * np.pi)):
         raise ArgumentError(
             f"a float is shorter than the wave, its length from 0 to below 2 pi, not {given!r}"
