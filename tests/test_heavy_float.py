@@ -13,7 +13,7 @@ from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import float_drift
-from wormopt.systems.film.heavy_float import heavy_float
+from wormopt.systems.film.heavy import heavy_float
 
 TIGHT = Tolerance(1e-12, 1e-13)
 

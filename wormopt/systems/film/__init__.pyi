@@ -9,7 +9,7 @@ from wormopt.systems.film.float import float_drift as float_drift
 from wormopt.systems.film.float import floating as floating
 from wormopt.systems.film.float import tracers as tracers
 from wormopt.systems.film.given_field import thin_film as thin_film
-from wormopt.systems.film.heavy_float import heavy_float as heavy_float
+from wormopt.systems.film.heavy import heavy_float as heavy_float
 from wormopt.systems.film.lubrication import field_slope as field_slope
 from wormopt.systems.film.next_order import corrected_flow as corrected_flow
 from wormopt.systems.film.shapes import FourierWave as FourierWave

@@ -85,14 +85,13 @@ def cargo(result: Result) -> Figure:
         low, high = X[k] - _AROUND * length, X[k] + _AROUND * length
         seen = places[on[k] & (low < places) & (places < high)]
         axes.plot(seen, 0 * seen, "|", color="black", markersize=12, clip_on=False)
-        axes.set(xlim=(low, high), ylim=(0, top))
+        axes.set(xlim=(low, high), ylim=(0, top), ylabel="$z$ (mm)")
         axes.set_aspect("equal")
         axes.grid(visible=False)
         axes.set_title(f"{t[k]:.3g} s", loc="left", fontsize="small")
     frames[0].set_title(
         "height to scale; strokes: coils that are on", loc="right", fontsize="small"
     )
-    frames[_FRAMES // 2].set_ylabel("height $z$ (mm)")
     frames[-1].set_xlabel("place $x$ (mm)")
     _path(path, result, t, X, places, on)
     tell(

@@ -46,7 +46,8 @@ def heavy_float(
 
     Examples
     --------
-    >>> heavy_float(CosineWave(0.5), mass=0.1, weight=0.2).n_x
+    >>> import wormopt as wo
+    >>> wo.film.heavy_float(wo.film.CosineWave(0.5), mass=0.1, weight=0.2).n_x
     4
     """
     span, place = checked_lengths(length).item(), finite("position", position).item()
