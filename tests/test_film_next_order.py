@@ -270,7 +270,9 @@ def test_scenes_tell_the_bar():
     thick = wo.run(load_scene("fig15_film_flow", ["film.eps=4.0"]))
     assert thick.scalars["mean_flow_bar"].value is None
     assert any("eps = 4 times" in text for text in thick.trust["warnings"])
-    ride = wo.run(load_scene("fig27_float", ["film.eps=0.4", "floats.length=[0.0, 0.5]"]))
+    ride = wo.run(
+        load_scene("fig27_float", ["film.delta=0.5", "film.eps=0.4", "floats.length=[0.0, 0.5]"])
+    )
     values = ride.scalars["float_drift_corrected"].value
     assert values[0] == pytest.approx(0.64726, abs=1e-5)
     assert values[1] == pytest.approx(corrected_drift(CosineWave(0.5), 0.4, math.pi).value)

@@ -368,7 +368,8 @@ def value(result: wo.Result, name: str) -> Any:
 
 
 def test_packaged_floats():
-    result = wo.run("fig27_float")
+    changes = ["film.delta=0.5", "tracers.height=[0.25, 0.5, 0.75, 1.0]"]
+    result = wo.run(load_scene("fig27_float", changes))
     assert result.status == "ok"
     closed = [float_drift(CosineWave(0.5), TWO_PI * s).velocity for s in (0, 0.25, 0.5, 0.75)]
     assert value(result, "float_drift_closed") == pytest.approx(closed, abs=1e-13)

@@ -80,6 +80,16 @@ SCENES: dict[str, tuple[str, ...]] = {
     "segment_shapes": ("segment_shapes",),
     "coil_film": ("coil_film",),
     "cargo": ("coil_cargo",),
+    "carried": (
+        "body_in_film",
+        'units="SI"',
+        "course.periods=3.0",
+        "course.samples=301",
+        "film.fluid={mu_r=1.05, viscosity=0.02, density=1200.0, surface_tension=0.03, depth=1e-4, "
+        "wavelength=0.02, frequency=5.0}",
+        'body={on="ground", height=0.3, density=2700.0, friction_coefficient=0.4}',
+    ),
+    "floats": ("fig27_float", "course.periods=3.0"),
     "travelling_field": ("fig24_travelling_wave",),
     "row_currents": ("coil_row_inverse",),
     "reversals": ("three_masses_harmonic",),

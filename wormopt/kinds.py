@@ -175,7 +175,13 @@ KINDS: dict[str, Kind] = {
         summary="what the wave on a film carries: floats on the surface, points of the fluid",
         table="wormopt.systems.film.scenes.film:FloatScene",
         study="wormopt.systems.film.runs.float",
-        pictures=_drawn("film.plots.film", "ride"),
+        pictures=_drawn("film.plots.film", "ride") | _drawn("film.plots.body", "floats"),
+    ),
+    "film-body": Kind(
+        summary="a body with a mass that a given wave carries: on the surface, or on the ground",
+        table="wormopt.systems.film.scenes.film_body:FilmBodyScene",
+        study="wormopt.systems.film.runs.film_body",
+        pictures=_drawn("film.plots.body", "carried"),
     ),
     "film-wave": Kind(
         summary="the wave of a film of magnetic fluid that carries most, or needs the least field",

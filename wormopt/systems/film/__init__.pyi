@@ -1,3 +1,6 @@
+from wormopt.systems.film.body import HeavyFloat as HeavyFloat
+from wormopt.systems.film.body import LyingBody as LyingBody
+from wormopt.systems.film.body import carried_body as carried_body
 from wormopt.systems.film.cosine import CosineWave as CosineWave
 from wormopt.systems.film.courses import CarriedFilm as CarriedFilm
 from wormopt.systems.film.courses import carried_film as carried_film
@@ -9,7 +12,6 @@ from wormopt.systems.film.float import float_drift as float_drift
 from wormopt.systems.film.float import floating as floating
 from wormopt.systems.film.float import tracers as tracers
 from wormopt.systems.film.given_field import thin_film as thin_film
-from wormopt.systems.film.heavy import heavy_float as heavy_float
 from wormopt.systems.film.lubrication import field_slope as field_slope
 from wormopt.systems.film.next_order import corrected_flow as corrected_flow
 from wormopt.systems.film.shapes import FourierWave as FourierWave

@@ -301,7 +301,7 @@ def floating(wave: Wave, *, length: ArrayLike = 0.0, position: ArrayLike = 0.0) 
     (2, ['float 0 overtaken', 'float 1 overtaken'])
     """
     lengths, places = _alike(checked_lengths(length), finite("position", position))
-    symbolic, parameters = lifted(wave)
+    symbolic, parameters = _lifted(wave)
     t, x = ca.SX.sym("t"), ca.SX.sym("x", len(places))
     xi = t - x
     velocity = ca.vertcat(
@@ -350,7 +350,7 @@ def tracers(wave: Wave, *, height: ArrayLike, position: ArrayLike = 0.0) -> Mode
     """
     heights, places = _alike(finite("height", height), finite("position", position))
     heights = _heights(wave, places, heights)
-    symbolic, parameters = lifted(wave)
+    symbolic, parameters = _lifted(wave)
     count = len(places)
     t, x, z = ca.SX.sym("t"), ca.SX.sym("x", count), ca.SX.sym("z", count)
     xi, C = t - x, symbolic.constant
@@ -380,7 +380,7 @@ def overtaken(what: str, xi: ca.SX, states: ca.SX) -> list[Switch]:
     return [Switch(f"{what} {i} overtaken", -ca.sin(xi[i]), states) for i in range(xi.numel())]
 
 
-def lifted(wave: Wave) -> tuple[Any, Sequence[Signal]]:
+def _lifted(wave: Wave) -> tuple[Any, Sequence[Signal]]:
     """The wave with its amplitude as a symbol, where it has one."""
     if not isinstance(wave, CosineWave):
         return wave, ()

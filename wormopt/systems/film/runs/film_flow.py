@@ -74,6 +74,11 @@ def eps_of(table: FilmTable) -> float | None:
     return fluid.eps if fluid else table.eps
 
 
+def least_field(wave: Wave, xi: np.ndarray, tension: float) -> np.ndarray:
+    """Least (mu - 1) H² / (8 pi) over P that makes the wave, at phases (n,)."""
+    return np.maximum(wave.peak(tension).value - wave.field_function(xi, tension), 0.0)
+
+
 def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
     """Say where the next order in eps is no error bar."""
     if eps is not None and not within_reach(wave, eps):
@@ -168,7 +173,7 @@ def _signals(
 ) -> dict[str, np.ndarray]:
     xi = np.linspace(0.0, 2 * np.pi, table.samples)
     h = wave.height(xi)
-    squared = np.maximum(wave.peak(tension).value - wave.field_function(xi, tension), 0.0)
+    squared = least_field(wave, xi, tension)
     found = {
         "xi": xi,
         "height": h,

@@ -28,7 +28,13 @@ from wormopt.systems.film.float import (
     tracer_drift,
     tracers,
 )
-from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
+from wormopt.systems.film.runs.film_flow import (
+    eps_of,
+    fluid_of,
+    least_field,
+    reach_warnings,
+    wave_of,
+)
 from wormopt.systems.film.scenes.film import FloatScene
 from wormopt.systems.film.shapes import Wave
 from wormopt.systems.film.units import Fluid
@@ -269,6 +275,7 @@ def _variables(
         "float_position": floats["position"] * along,
         "xi": xi,
         "height": wave.height(xi) * across,
+        "field_squared": least_field(wave, xi, fluid.tension if fluid else 0.0),
         "body_velocity": speeds * speed,
     }
     if len(rides) > 1:

@@ -291,11 +291,19 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
         "tracer_height": ("length", ("tracer", "time"), "height of the tracers"),
         "xi": ("rad", ("xi",), "phase t - x of the wave"),
         "height": ("length", ("xi",), "thickness of the film"),
+        "field_squared": ("1", ("xi",), "(mu - 1) H^2 / (8 pi) over P, least field"),
         "body_velocity": ("speed", ("body", "xi"), "velocity of the floats by phase"),
     }
 
     kind: Literal["float"]
-    want: Annotated[tuple[Literal["ride"], ...], says("", "`ride`: paths over the wave")] = ()
+    want: Annotated[
+        tuple[Literal["floats", "ride"], ...],
+        says(
+            "",
+            "`floats`: the floats on the wave, and the field (figure 27); `ride`: paths over the "
+            "wave",
+        ),
+    ] = ()
     film: Annotated[FilmTable, says("", "film and wave, without `tension`")]
     floats: Annotated[FloatsTable, says("", "bodies on the surface")] = field(
         default_factory=FloatsTable

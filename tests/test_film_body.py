@@ -1,0 +1,277 @@
+"""Bodies with a mass on a given wave: limits without mass, capture, friction, balances."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.model.model import Model
+from wormopt.scene import load_scene
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
+from wormopt.systems.film.cosine import CosineWave
+from wormopt.systems.film.float import float_drift
+
+TIGHT = Tolerance(1e-12, 1e-13)
+
+
+def floating(delta: float, mass: float, weight: float = 0.0, length: float = 0.0) -> Model:
+    return carried_body(HeavyFloat(CosineWave(delta), length, weight), mass=mass)
+
+
+def turn_of(delta: float, mass: float, end: float) -> float:
+    """Time from trough to trough once the start is forgotten."""
+    motion = simulate(floating(delta, mass), end, tolerance=TIGHT)
+    return float(np.diff([event.time for event in motion.events])[-1])
+
+
+@pytest.mark.parametrize("delta", [0.3, 0.5])
+def test_without_mass_it_is_the_drift_of_a_light_float(delta: float) -> None:
+    known = float_drift(CosineWave(delta)).turn
+    turns = np.array([turn_of(delta, 0.016 / 2**k, 3.2 * known) for k in range(5)])
+    orders = np.log2((turns[:-1] - known) / (turns[1:] - known))
+    assert orders[-1] == pytest.approx(round(orders[-1]), abs=0.05)
+    table = turns
+    for k in range(1, 5):  # a power series in the mass
+        table = (2**k * table[1:] - table[:-1]) / (2**k - 1)
+    assert 2 * math.pi / table[0] == pytest.approx(2 * math.pi / known, abs=1e-9)
+
+
+def test_waves_hold_it_from_the_root_of_13_less_3_on() -> None:
+    """Far above it any mass; without weight the phase at which it rests does not know the mass."""
+    threshold = math.sqrt(13) - 3
+    below = simulate(floating(threshold - 1e-4, 0.01), 2500.0)
+    above = simulate(floating(threshold + 1e-4, 0.01), 2500.0)
+    assert below.events[-1].time > 1000
+    assert below["velocity"][0, -1] < 1 - 1e-6
+    assert all(event.time < 1000 for event in above.events)
+    assert above["velocity"][0, -1] == pytest.approx(1.0, abs=1e-6)
+    C = -2 * (1 - (threshold + 1e-4) ** 2) / (2 + (threshold + 1e-4) ** 2)
+    h = 1 + (threshold + 1e-4) * math.cos(above["phase"][0, -1])
+    assert h == pytest.approx(-3 * C, abs=1e-5)
+
+
+def test_weight_helps_the_front_face_to_hold_it() -> None:
+    free = simulate(floating(0.55, 0.01), 300.0)
+    held = simulate(floating(0.55, 0.01, 0.3), 300.0)
+    assert free.events[-1].time > 200
+    assert held["velocity"][0, -1] == pytest.approx(1.0, abs=1e-9)
+    assert math.sin(held["phase"][0, -1]) < 0  # where the surface at a fixed place rises
+
+
+@settings(deadline=None)
+@given(
+    delta=st.floats(0.05, 0.9),
+    mass=st.floats(0.05, 5.0),
+    weight=st.floats(0.0, 1.0),
+    length=st.sampled_from([0.0, 1.3]),
+)
+def test_balances_close_and_another_integrator_agrees(
+    delta: float, mass: float, weight: float, length: float
+) -> None:
+    body = HeavyFloat(CosineWave(delta), length, weight)
+    motion = simulate(carried_body(body, mass=mass, position=0.4), 6.0, tolerance=TIGHT)
+    x, v = motion["position"][0, -1], motion["velocity"][0, -1]
+    assert mass * v == pytest.approx(motion["impulse"][0, -1], abs=1e-9 * (1 + mass))
+    assert mass * v * v / 2 == pytest.approx(motion["work"][0, -1], abs=1e-9 * (1 + mass))
+    C = -2 * (1 - delta**2) / (2 + delta**2)
+
+    def mean_inverse(xi: float) -> float:
+        if not length:
+            return 1 / (1 + delta * math.cos(xi))
+        ends = xi - length / 2, xi + length / 2
+        return quad(lambda s: 1 / (1 + delta * math.cos(s)), *ends)[0] / length
+
+    def rise(xi: float) -> float:
+        if not length:
+            return -delta * math.sin(xi)
+        return delta * (math.cos(xi + length / 2) - math.cos(xi - length / 2)) / length
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        inverse = mean_inverse(t - y[0])
+        drag = (1.5 * (1 + C * inverse) - y[1]) * inverse
+        return [y[1], (drag + weight * rise(t - y[0])) / mass]
+
+    known = solve_ivp(rates, (0, 6.0), [0.4, 0.0], rtol=1e-9, atol=1e-10).y[:, -1]
+    assert [x, v] == pytest.approx(known, abs=1e-6)
+
+
+# -- on the ground ---------------------------------------------------------------------------------
+
+
+@given(st.floats(0.02, 0.95))
+def test_a_thin_plate_without_friction_goes_with_the_mean_flow(delta: float) -> None:
+    """x' = Q / h = 1 + C / h, so that the wave overtakes it in int -h / C = 2 pi / -C."""
+    body = LyingBody(CosineWave(delta))
+    xi = np.linspace(0, 2 * math.pi, 4097)[:-1]
+    drift = 1 - 1 / np.mean(1 / (1 - body.velocity(xi)))
+    assert drift == pytest.approx(3 * delta**2 / (2 + delta**2), abs=1e-12)
+
+
+@pytest.mark.parametrize("delta", [0.2, 0.5, 0.8])
+def test_the_least_friction_that_holds_it(delta: float) -> None:
+    """The push 3 (h + C) / h² is largest at h = -2 C, or on the crest, and least in the trough."""
+    C = -2 * (1 - delta**2) / (2 + delta**2)
+    crest, trough = (3 * (h + C) / h**2 for h in (1 + delta, 1 - delta))
+    forward = 3 / (4 * -C) if 1 + delta > -2 * C else crest
+    for law, limit in (("forward", forward), ("backward", -trough)):
+        other = {"forward": 1e3, "backward": 1e3}
+        for share, moves in ((0.99, True), (1.01, False)):
+            friction = other | {law: share * limit}
+            model = carried_body(LyingBody(CosineWave(delta)), mass=0.05, **friction)
+            motion = simulate(model, 7.0, times=np.linspace(0.0, 7.0, 400))
+            assert bool(np.any(motion["velocity"][0] != 0)) == moves
+
+
+def test_between_the_two_it_creeps_against_the_wave() -> None:
+    ahead = simulate(
+        carried_body(LyingBody(CosineWave(0.5)), mass=0.2, forward=0.5, backward=0.5), 50
+    )
+    back = simulate(
+        carried_body(LyingBody(CosineWave(0.5)), mass=0.2, forward=1.2, backward=1.2), 50
+    )
+    assert ahead["position"][0, -1] > 1
+    assert back["position"][0, -1] < -0.1
+    assert back["velocity"].max() == 0
+
+
+@settings(deadline=None)
+@given(
+    delta=st.floats(0.05, 0.7),
+    height=st.floats(0.0, 0.25),
+    tension=st.floats(0.0, 1.0),
+    length=st.sampled_from([0.0, 0.7, 2.0]),
+    friction=st.floats(0.0, 2.0),
+)
+def test_another_integrator_agrees_on_a_body_in_the_film(
+    delta: float, height: float, tension: float, length: float, friction: float
+) -> None:
+    """A steep tanh in place of friction; forces by quadrature from the text's formulas."""
+    mass = 1.0
+    body = LyingBody(CosineWave(delta), height, length, tension)
+    model = carried_body(body, mass=mass, forward=friction, backward=friction)
+    motion = simulate(model, 8.0, tolerance=TIGHT)
+    C = -2 * (1 - delta**2) / (2 + delta**2)
+    if length:
+        nodes, weights = np.polynomial.legendre.leggauss(40)
+        places, shares = nodes * length / 2, weights / 2
+    else:
+        places, shares = np.zeros(1), np.ones(1)
+
+    def curvature(x: float) -> float:
+        return -delta * math.cos(x)
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        xi = t - y[0]
+        h = 1 + delta * np.cos(xi - places)  # a place ahead of the middle has a smaller phase
+        force = shares @ (3 * (h + C - y[1] * h) / (h - height) ** 2)
+        if length:
+            ahead, behind = curvature(xi - length / 2), curvature(xi + length / 2)
+            force += tension * height * (ahead - behind) / length
+        else:
+            force -= tension * height * delta * math.sin(xi)
+        return [y[1], (force - friction * math.tanh(y[1] / 1e-5)) / mass]
+
+    known = solve_ivp(rates, (0, 8.0), [0, 0], "Radau", rtol=1e-7, atol=1e-9).y[:, -1]
+    assert motion["position"][0, -1] == pytest.approx(known[0], abs=3e-4)
+    v = motion["velocity"][0, -1]
+    assert motion["impulse"][0, -1] == pytest.approx(mass * v, abs=1e-9)
+    assert motion["work"][0, -1] == pytest.approx(mass * v * v / 2, abs=1e-9)
+
+
+def test_little_mass_leaves_the_drift_by_quadrature() -> None:
+    body = LyingBody(CosineWave(0.5), 0.2, 0.6, 0.1)
+    xi = 2 * math.pi * np.arange(1 << 16) / (1 << 16)
+    known = 1 - 1 / np.mean(1 / (1 - body.velocity(xi, 0.6, 0.6)))
+    errors = []
+    for mass in (0.4, 0.2, 0.0125):
+        motion = simulate(carried_body(body, mass=mass, forward=0.6, backward=0.6), 60.0)
+        times = [event.time for event in motion.events if event.name == "body 0 overtaken"]
+        errors.append(abs(1 - 2 * math.pi / (times[-1] - times[-2]) - known))
+    assert errors[0] > 4 * errors[1] > 8 * errors[2]
+    assert errors[2] < 2e-6
+
+
+# -- scenes ----------------------------------------------------------------------------------------
+
+FLUID = """
+[film.fluid]
+mu_r = 1.05
+viscosity = 0.02
+density = 1200.0
+surface_tension = 0.03
+depth = 1e-4
+wavelength = 0.02
+frequency = 5.0
+"""
+SI = 'schema = 1\nkind = "film-body"\nunits = "SI"\n[film]\ndelta = 0.5\n' + FLUID
+
+
+def test_the_packaged_body_creeps_backward() -> None:
+    result = wo.run(load_scene("body_in_film", ["course.periods=6"]))
+    assert result.status == "ok"
+    assert result.scalars["drift"].value < 0
+    assert result.scalars["speed_max"].value == 0
+    assert 1.1 < result.scalars["friction_forward"].value < 1.125
+
+
+def test_si_bodies_have_the_numbers_of_their_scales(tmp_path: Path) -> None:
+    path = tmp_path / "sinker.toml"
+    path.write_text(
+        SI + '[body]\non = "ground"\nheight = 0.3\ndensity = 2700.0\nfriction_coefficient = 0.4\n'
+        "[course]\nperiods = 3.0\n"
+    )
+    result = wo.run(path)
+    assert result.status == "ok"
+    assert result.scalars["mass"].value == pytest.approx(2700 * 3e-5 * 5 * 1e-4 / 0.02)
+    assert result.scalars["friction"].value == pytest.approx(0.4 * 1500 * 3e-5 * 9.80665)
+    assert result.scalars["friction"].unit == "Pa"
+
+
+@pytest.mark.parametrize(
+    ("body", "key", "says"),
+    [
+        ('on = "ground"\nmass = 1.0', "body.friction_forward", "missing"),
+        ('on = "surface"', "body.mass", "missing"),
+        ('on = "surface"\nmass = 1.0\nfriction_forward = 1.0', "body.friction_forward", "leave it"),
+        ('on = "surface"\nmass = 1.0\ndensity = 900.0', "body.density", 'units = "SI"'),
+        ('on = "ground"\nmass = 1.0\nfriction_forward = 1.0\nheight = 0.6', "body.height", "0.5"),
+        ('on = "ground"\nmass = 1.0\nfriction_forward = 1.0\nweight = 0.6', "body.weight", "leave"),
+    ],
+)
+def test_bad_bodies_are_refused(tmp_path: Path, body: str, key: str, says: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_text(f'schema = 1\nkind = "film-body"\n[film]\ndelta = 0.5\n[body]\n{body}\n')
+    with pytest.raises(SceneError) as caught:
+        wo.run(path)
+    assert key in str(caught.value)
+    assert says in str(caught.value)
+
+
+def test_a_body_that_would_rise_does_not_lie_on_the_ground(tmp_path: Path) -> None:
+    path = tmp_path / "cork.toml"
+    path.write_text(
+        SI + '[body]\non = "ground"\nheight = 0.3\ndensity = 200.0\nfriction_coefficient = 0.4\n'
+    )
+    with pytest.raises(SceneError, match="it rises; write on"):
+        wo.run(path)
+
+
+def test_hostile_numbers_are_refused() -> None:
+    wave = CosineWave(0.5)
+    for mass in (0.0, math.nan, math.inf):
+        with pytest.raises(ArgumentError, match="mass must be above 0"):
+            carried_body(HeavyFloat(wave), mass=mass)
+    with pytest.raises(ArgumentError, match="weight must be 0 or above"):
+        HeavyFloat(wave, weight=-1.0)
+    with pytest.raises(ArgumentError, match="no friction"):
+        carried_body(HeavyFloat(wave), mass=1.0, forward=1.0)
+    with pytest.raises(ArgumentError, match="places along it"):
+        LyingBody(CosineWave(0.9), 0.0999999, 3.0)

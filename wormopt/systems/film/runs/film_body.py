@@ -1,0 +1,275 @@
+"""Scenes of kind ``film-body``: what a given wave does to a body with a mass."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.progress import Report
+from wormopt.quantities import GRAVITY
+from wormopt.result import Check, Result
+from wormopt.scene.conclude import conclude
+from wormopt.scene.scene import Scene
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
+from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
+from wormopt.systems.film.scenes.film_body import FilmBodyScene
+from wormopt.systems.film.shapes import grid
+from wormopt.systems.film.units import Fluid
+from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check, warnings_of_motion
+from wormopt.systems.shared.settings import tolerance_of
+
+_TURN = 2 * math.pi
+# Periods that are simulated if the scene does not say; sums over phases; samples of the last turn.
+_PERIODS, _PHASES, _SAMPLES = 40.0, 1 << 16, 2001
+# Velocities this near to the wave's are held by it; two turns this near to each other settled.
+_HELD, _SETTLED = 1e-6, 1e-5
+_DRAUGHT = 0.1  # above this share of the thickness a float is not told to leave the film alone
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """A body's numbers in the scales of (25)."""
+
+    mass: float
+    weight: float = 0.0
+    forward: float = 0.0
+    backward: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """How a body went, and its last turn under the wave."""
+
+    motion: Trajectory
+
+    @cached_property
+    def held(self) -> bool:
+        """Whether the wave carries it along in the end."""
+        end = self.motion.end_time
+        late = self.motion.at(np.linspace(end - min(_TURN, end / 2), end, 101))["velocity"][0]
+        return bool(np.all(np.abs(late - 1) < _HELD))
+
+    @cached_property
+    def turns(self) -> np.ndarray:
+        """Times from trough to trough."""
+        return np.diff([e.time for e in self.motion.events if e.name == "body 0 overtaken"])
+
+    @property
+    def drift(self) -> float | None:
+        """Mean velocity over the last turn; 1 of what is held."""
+        if self.held:
+            return 1.0
+        return 1 - _TURN / self.turns[-1] if len(self.turns) else None
+
+    @property
+    def settled(self) -> float | None:
+        """Last turn less the one before, over it."""
+        if self.held or len(self.turns) < 2:
+            return None
+        return float(abs(self.turns[-1] / self.turns[-2] - 1))
+
+    @cached_property
+    def late(self) -> np.ndarray:
+        """Velocities in the last turn, or period."""
+        end = self.motion.end_time
+        turn = self.turns[-1] if len(self.turns) and not self.held else min(_TURN, end)
+        return self.motion.at(np.linspace(end - turn, end, _SAMPLES))["velocity"][0]
+
+
+@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+def run(scene: Scene[FilmBodyScene], report: Report) -> Result:
+    """Simulate a body with a mass; "failed" where balances or the second route do not agree."""
+    table, begin = scene.table, time.perf_counter()
+    fluid, numbers = fluid_of(table.film), _numbers(table)
+    body = _body(scene, numbers, fluid)
+    end = _TURN * (table.course.periods or _PERIODS)
+    tolerance = tolerance_of(table.tolerance)
+    model = carried_body(
+        body, mass=numbers.mass, forward=numbers.forward, backward=numbers.backward,
+        position=_TURN * table.body.position,
+    )  # fmt: skip
+    times = np.linspace(0.0, end, table.course.samples)
+    motion = simulate(model, end, times=times, dense=True, tolerance=tolerance, report=report)
+    second = (
+        cross_check(model, motion, tolerance, report=report) if table.tolerance.recheck else None
+    )
+    course = _Course(motion)
+    return conclude(
+        scene,
+        _scalars(table, body, numbers, course, fluid),
+        _variables(body, numbers, motion, fluid),
+        checks=_checks(motion, second, numbers, accepted_error(tolerance)),
+        facts={
+            "tolerance": {"relative": tolerance.relative, "absolute": tolerance.absolute},
+            "route": motion.route,
+            "recheck": second and second.facts,
+        },
+        warnings=[
+            *_warnings(table, course, fluid),
+            *warnings_of_motion(motion, second),
+            *(fluid.warnings() if fluid else ()),
+            *reach_warnings(body.wave, eps_of(table.film)),
+        ],
+        timings={"carry": time.perf_counter() - begin},
+        attributes={"on": table.body.on, "length": table.body.length, "height": table.body.height},
+    )
+
+
+def _numbers(table: FilmBodyScene) -> _Numbers:
+    body, fluid = table.body, fluid_of(table.film)
+    if fluid is None:
+        forward = body.friction_forward or 0.0
+        backward = forward if body.friction_backward is None else body.friction_backward
+        return _Numbers(body.mass or 0.0, body.weight or 0.0, forward, backward)
+    density, depth = body.density or 0.0, body.height * fluid.depth
+    shear = _shear(fluid)
+    mass = density * depth * fluid.frequency * fluid.depth / fluid.viscosity
+    if body.on == "surface":
+        return _Numbers(mass, density * depth * GRAVITY * fluid.eps / shear)
+    heavy = (density - fluid.density) * depth * GRAVITY
+    friction = (body.friction_coefficient or 0.0) * heavy / shear
+    return _Numbers(mass, 0.0, friction, friction)
+
+
+def _shear(fluid: Fluid | None) -> float:
+    """Unit of forces per area, eta omega / (k d), in Pa."""
+    return fluid.viscosity * fluid.frequency / fluid.eps if fluid else 1.0
+
+
+def _body(
+    scene: Scene[FilmBodyScene], numbers: _Numbers, fluid: Fluid | None
+) -> HeavyFloat | LyingBody:
+    table = scene.table
+    wave, length = wave_of(scene, table.film), _TURN * table.body.length
+    if table.body.on == "surface":
+        return HeavyFloat(wave, length, numbers.weight)
+    tension = fluid.tension if fluid else table.film.tension or 0.0
+    try:
+        return LyingBody(wave, table.body.height, length, tension)
+    except ArgumentError as error:
+        raise SceneError(scene.name, [("body.height", str(error))]) from None
+
+
+# -- what is told ----------------------------------------------------------------------------------
+
+
+def _checks(
+    motion: Trajectory, second: CrossCheck | None, numbers: _Numbers, accepted: float
+) -> Iterator[Check]:
+    if second:
+        yield second.check
+    speed, mass = motion["velocity"][0, -1], numbers.mass
+    size = mass * max(1.0, float(np.abs(motion["velocity"]).max()))
+    for name, gained in (("momentum", mass * speed), ("energy", mass * speed**2 / 2)):
+        given = motion["impulse" if name == "momentum" else "work"][0, -1]
+        error = float((gained - given) / size)
+        advice = f"{name} of the body is {error:.2g} off what forces gave it; lower the tolerance"
+        yield Check(name, error, accepted, advice)
+
+
+def _scalars(
+    table: FilmBodyScene,
+    body: HeavyFloat | LyingBody,
+    numbers: _Numbers,
+    course: _Course,
+    fluid: Fluid | None,
+) -> dict[str, Any]:
+    speed, rate = (fluid.speed, fluid.frequency) if fluid else (1.0, 1.0)
+    found: dict[str, Any] = {
+        "drift": course.drift and course.drift * speed,
+        "drift_massless": _massless(body, numbers) * speed,
+        "held": course.held,
+        "settled": course.settled,
+        "speed_max": float(course.late.max()) * speed,
+        "speed_min": float(course.late.min()) * speed,
+        "mass": numbers.mass,
+        "turn": None if course.held or not len(course.turns) else course.turns[-1] / rate,
+    }
+    if isinstance(body, LyingBody):
+        forward, backward = (_largest(body, sign) for sign in (1, -1))
+        found |= {
+            "at_rest": float(np.mean(course.late == 0)),
+            "friction": numbers.forward * _shear(fluid),
+            "friction_forward": forward * _shear(fluid),
+            "friction_backward": backward * _shear(fluid),
+        }
+    else:
+        found["weight"] = numbers.weight
+    if fluid:
+        found |= {"wave_speed": fluid.speed, "wavelength": fluid.wavelength}
+        if table.body.on == "surface":
+            found["draught"] = _draught(table, fluid)
+    return found
+
+
+def _massless(body: HeavyFloat | LyingBody, numbers: _Numbers) -> float:
+    """Drift of the body without mass."""
+    velocity = _light(body, numbers, grid(_PHASES))
+    if np.max(velocity) >= 1:
+        return 1.0
+    return 1 - 1 / float(np.mean(1 / (1 - velocity)))
+
+
+def _light(body: HeavyFloat | LyingBody, numbers: _Numbers, xi: np.ndarray) -> np.ndarray:
+    if isinstance(body, LyingBody):
+        return body.velocity(xi, numbers.forward, numbers.backward)
+    return body.velocity(xi)
+
+
+def _largest(body: LyingBody, sign: int) -> float:
+    """Largest push on the body at rest, one way."""
+    xi = grid(4096)
+    first = xi[np.argmax(sign * body.push(xi))]
+    found = minimize_scalar(
+        lambda at: -sign * float(body.push(np.array([at]))[0]),
+        bounds=(first - xi[1], first + xi[1]),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    return max(0.0, -float(found.fun))
+
+
+def _draught(table: FilmBodyScene, fluid: Fluid) -> float:
+    return table.body.height * (table.body.density or 0.0) / fluid.density
+
+
+def _variables(
+    body: HeavyFloat | LyingBody, numbers: _Numbers, motion: Trajectory, fluid: Fluid | None
+) -> dict[str, np.ndarray]:
+    along, across = (1 / fluid.wave_number, fluid.depth) if fluid else (1.0, 1.0)
+    speed, duration = (fluid.speed, 1 / fluid.frequency) if fluid else (1.0, 1.0)
+    xi = np.linspace(0.0, _TURN, 401)
+    return {
+        "time": motion.time * duration,
+        "position": motion["position"][0] * along,
+        "velocity": motion["velocity"][0] * speed,
+        "xi": xi,
+        "height": body.wave.height(xi) * across,
+        "velocity_massless": _light(body, numbers, xi) * speed,
+    }
+
+
+def _warnings(table: FilmBodyScene, course: _Course, fluid: Fluid | None) -> Iterator[str]:
+    yield "that the body does not change the wave is an assumption"
+    if course.drift is None:
+        yield "fewer than two troughs passed: write more course.periods to learn the drift"
+    elif course.settled is not None and course.settled > _SETTLED:
+        yield (
+            f"the last two turns differ by {course.settled:.2g}: the start is not forgotten; write "
+            "more course.periods"
+        )
+    if fluid and table.body.on == "surface" and _draught(table, fluid) > _DRAUGHT:
+        yield (
+            f"its draught is {_draught(table, fluid):.3g} of the thickness of the film, not small "
+            "against 1: a heavy float makes a hollow"
+        )
