@@ -186,7 +186,7 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
-    others = {"averaging", "chain_length", "smoothing", "ocp", "design"}
+    others = {"averaging", "chain_length", "film", "smoothing", "ocp", "design"}
     planar = {f"planar_{task}" for task in (*TASKS, "crawl")}
     assert set(CASES) == {*WORK_PRECISION, *others, *planar}
     for case in WORK_PRECISION.values():
@@ -260,6 +260,19 @@ def test_averages_split_at_reversals_are_exact_and_sampled_ones_are_not(
     assert found["curve"]["error"] < 1e-12
     assert "a curve of 400 points" in run.table(found)
     assert (tmp_path / "averaging.png").is_file()
+
+
+@pytest.mark.slow
+def test_films_by_both_integrators_come_to_the_same_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert cli.main(["bench", "film", "--quick", "--json", "-o", str(tmp_path)]) == 0
+    found = json.loads(capsys.readouterr().out)["cases"]["film"]
+    errors = {(row["method"], row["tolerance"]): row["error"] for row in found["runs"]}
+    assert errors["wormopt", 1e-5] < errors["wormopt", 1e-4] < 1e-2
+    assert errors["scipy Radau", 1e-4] < 1e-5
+    assert "276 cells" in run.table(found)
+    assert (tmp_path / "film.png").is_file()
 
 
 def test_the_slide_is_the_same_program_for_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -220,4 +220,4 @@ def test_what_cannot_be_is_refused(changes: list[str], told: str) -> None:
 
 def test_the_picture_of_a_float_needs_one() -> None:
     with pytest.raises(SceneError, match=r"write a table \[cargo\]"):
-        load_scene("coil_film", ['want=["cargo"]'])
+        load_scene("fig24_travelling_wave", ['want=["cargo"]'])

@@ -180,7 +180,7 @@ def test_without_weight_and_ripple_it_is_the_film_of_the_given_field() -> None:
 
 
 def switched(tolerance: float, cells: int = 8) -> np.ndarray:
-    setup = study.setup_of(load_scene("coil_film", [*SHORT, f"grid.cells={cells}"]))
+    setup = study.setup_of(load_scene("fig24_travelling_wave", [*SHORT, f"grid.cells={cells}"]))
     return setup.follow(tolerance, silent)["thickness"][:, -1] / setup.layer.depth
 
 
@@ -228,7 +228,7 @@ def test_a_thousand_random_fields_leave_the_film_positive_and_whole() -> None:
 
 @pytest.mark.slow
 def test_the_scene_is_trusted_and_agrees_with_scipys_radau() -> None:
-    scene = load_scene("coil_film", [*SHORT, "grid.tolerance=1e-7"])
+    scene = load_scene("fig24_travelling_wave", [*SHORT, "grid.tolerance=1e-7"])
     result = wo.run(scene)
     assert result.status == "ok"
     h = result["thickness"].values
@@ -248,14 +248,16 @@ def test_the_scene_is_trusted_and_agrees_with_scipys_radau() -> None:
 
 @pytest.mark.slow
 def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
-    result = wo.run(load_scene("coil_film", [*SHORT, "film.top=1.2"]))
+    result = wo.run(load_scene("fig24_travelling_wave", [*SHORT, "film.top=1.2"]))
     assert result.status == "failed"
     assert "raise film.top" in result.reason
     upright = ['coils.axis="vertical"', "coils.gap=20e-3", "switching.ampere_turns=3000.0"]
-    many = wo.run(load_scene("coil_film", [*SHORT, *upright, "film.top=8", "fluid.chi=2.5"]))
+    many = wo.run(
+        load_scene("fig24_travelling_wave", [*SHORT, *upright, "film.top=8", "fluid.chi=2.5"])
+    )
     assert "breaks up into peaks" in many.reason
     with pytest.raises(SolveError, match=r"cannot be followed to the end.*lower switching"):
-        wo.run(load_scene("coil_film", [*SHORT, "fluid.chi=1e6"]))
+        wo.run(load_scene("fig24_travelling_wave", [*SHORT, "fluid.chi=1e6"]))
 
 
 @pytest.mark.parametrize(
@@ -269,4 +271,4 @@ def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
 )
 def test_what_cannot_be_is_refused(changes: list[str], told: str) -> None:
     with pytest.raises(SceneError, match=told):
-        load_scene("coil_film", changes)
+        load_scene("fig24_travelling_wave", changes)

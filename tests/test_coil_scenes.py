@@ -24,7 +24,7 @@ from wormopt.systems.coils.runs import coil_inverse, coil_row
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.courses import carried_film
 
-ROW, INVERSE = "fig24_travelling_wave", "coil_row_inverse"
+ROW, INVERSE = "travelling_field", "coil_row_inverse"
 SMALL = ("coils.count=12", "line.margin=2", "search.nodes=16", "search.places=2")
 QUICK = (*SMALL, "coils.count=8", "line.margin=1", "search.starts=1")
 EVEN = "coils.gap=15e-3"

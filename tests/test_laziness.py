@@ -132,7 +132,7 @@ def test_a_material_and_a_film_load_no_solver(name: str):
 
 def test_a_switched_row_loads_no_casadi():
     few = ["--set", "coils.count=8", "--set", "line.margin=1"]
-    loaded = loaded_by_a_run("fig24_travelling_wave", "--json", "--no-plots", *few)
+    loaded = loaded_by_a_run("travelling_field", "--json", "--no-plots", *few)
     assert not among({"casadi", "matplotlib"}, loaded)
     assert not within("wormopt.ocp", loaded)
 

@@ -78,7 +78,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "steps": ("prototype_steps",),
     "channel_velocity": ("fig19_channel_worm",),
     "segment_shapes": ("segment_shapes",),
-    "coil_film": ("coil_film",),
+    "coil_film": ("fig24_travelling_wave",),
     "cargo": ("coil_cargo",),
     "carried": (
         "body_in_film",
@@ -90,7 +90,7 @@ SCENES: dict[str, tuple[str, ...]] = {
         'body={on="ground", height=0.3, density=2700.0, friction_coefficient=0.4}',
     ),
     "floats": ("fig27_float", "course.periods=3.0"),
-    "travelling_field": ("fig24_travelling_wave",),
+    "travelling_field": ("travelling_field",),
     "row_currents": ("coil_row_inverse",),
     "reversals": ("three_masses_harmonic",),
     "film": ("fig15_film_flow",),

@@ -28,7 +28,7 @@ SCENES = {
         "course.velocity=0.1", "course.periods=2",
     ],
     "random_links": ['units="SI"', "ensemble.members=5", "time.samples=41", "time.end=3.0"],
-    "fig24_travelling_wave": [],
+    "travelling_field": [],
     "segment_shapes": [],
     "film_forward": ["course.samples=41", "course.periods=20"],
     "film_basins": [
@@ -37,7 +37,7 @@ SCENES = {
     ],
     "film_wave_design": ["sweep={tension=[0.1,0.02], field=[2.0]}"],
     "fig13_magnetic_pair": ["course.samples=201"],
-    "coil_film": ["course.switches=20", "course.samples=2"],
+    "fig24_travelling_wave": ["course.switches=20", "course.samples=2"],
     "coil_cargo": ["course.switches=8", "coils.count=12"],
     "coil_row_inverse": [],
     "fig25_coil_pressure": [],

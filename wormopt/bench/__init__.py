@@ -9,6 +9,7 @@ CASES = {
     "smoothing": "how the smooth law tends to the exact one as v_reg tends to 0",
     "chain_length": "time of a step for 2 to 1000 links",
     "averaging": "averages of the magneto-elastic pair, and its resonance curve",
+    "film": "a film over switched coils, beside SciPy on the same equations",
     "planar_block": "a block in the plane that stops under a load, beside SciPy and MuJoCo",
     "planar_elliptic": "the same on ground that resists more sideways",
     "planar_tripod": "a rigid tripod that pivots on a foot before it rests",

@@ -21,7 +21,7 @@ import numpy as np
 from wormopt.progress import Report
 
 _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
-    name: name for name in ("averaging", "ocp", "design")
+    name: name for name in ("averaging", "film", "ocp", "design")
 }
 _MODULES |= {
     f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle", "crawl")
