@@ -1,5 +1,6 @@
 """A magnetisable rod moved by blocks of coils: its field, its load, its scenes."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -539,6 +540,29 @@ def test_a_sensitivity_to_nothing_is_refused(key: str):
 def test_rates_that_do_not_ascend_are_refused():
     with pytest.raises(SceneError, match="rates"):
         wo.load_scene("fig22_frequency_response", ["rates=[10,5]"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("body", "scene"),
+    [
+        ("sample 1", "fig21_rod_motion"),
+        ("sample 2", "sample_2_motion"),
+        ("capsule", "fig18_capsule_motion"),
+    ],
+)
+def test_the_rods_of_the_table_of_bodies(body: str, scene: str):
+    """The rods' column in docs/theory-channel.md, within the errors that it tells."""
+    page = (Path(__file__).parents[1] / "docs/theory-channel.md").read_text(encoding="utf-8")
+    section = page.partition("### 4.3 All bodies")[2]
+    (row,) = [line for line in section.splitlines() if line.startswith(f"| {body} |")]
+    printed, error, rate = (float(text) for text in re.findall(r"[\d.]+", row.split("|")[3])[:3])
+    result = wo.run(scene)
+    assert result.status == "ok"
+    assert result.scalars["rate"].value == rate
+    assert -1e3 * result.scalars["velocity_per_frequency"].value == pytest.approx(printed, abs=0.05)
+    found = 1e3 * result.scalars["velocity_error"].value / rate
+    assert found == pytest.approx(error, abs=0.02)
 
 
 # --- slow switching ----------------------------------------------------------------------

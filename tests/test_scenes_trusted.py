@@ -319,6 +319,7 @@ def test_units_of_si_scenes(tmp_path: Path):
             "coil-inverse",
             "film-flow",
             "film-wave",
+            "film-body",
             "float",
             "stepper",
             "channel-worm",
