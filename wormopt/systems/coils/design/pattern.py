@@ -76,8 +76,12 @@ class Pattern:
         other = np.roll(one, -1)
         return float(np.mean(one**2 + one * other + other**2) / 3)
 
+    def later(self, share: float) -> Pattern:
+        """Give the pattern by a share of its period later, to the nearest value."""
+        return replace(self, values=np.roll(self.values, round(share * len(self.values))))
+
     def kept(self, limit: float, slew: float | None = None) -> Pattern:
-        """Give the pattern within limits: each value drawn to 0, the slowest wave to the slew."""
+        """Give the pattern within limits: too large values cut, too steep ones all drawn to 0."""
         kept = replace(self, values=np.clip(self.values, -limit, limit))
         if slew is None or kept.slew <= slew:
             return kept

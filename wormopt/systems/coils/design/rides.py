@@ -1,4 +1,4 @@
-"""How fast patterns of currents carry a float: many of them, side by side, on a coarse film.
+"""How fast patterns of currents carry a float: the full film and float, made for many patterns.
 
 The Model of `film.py` in steps of the pattern instead of seconds, with the rate as a number and the
 currents of each piece as inputs: one integrator serves all patterns, CVODES beginning anew at each
@@ -7,7 +7,6 @@ corner.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -16,13 +15,12 @@ import numpy as np
 
 from wormopt.errors import interruptible
 from wormopt.magnetics.coils import CoilRow
-from wormopt.numerics.workers import Workers
 from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.film import coil_film
 from wormopt.systems.coils.layer import Layer
-from wormopt.systems.coils.pattern import Pattern
+from wormopt.systems.coils.design.pattern import Pattern
 
-_TOLERANCE, _STEPS = 1e-3, 4000
+_STEPS = 4000
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,7 @@ class Rides:
     start: float  # of the float, m
     steps: int
     per_step: int
+    tolerance: float = 1e-3
 
     def speed(self, pattern: Pattern) -> float:
         """Mean speed in m/s; minus infinity where the film cannot be followed, or goes too high."""
@@ -56,10 +55,6 @@ class Rides:
             return -np.inf
         travel = states[-2, -1] * self.cargo.length - self.start
         return float(travel * pattern.rate / self.steps)
-
-    def speeds(self, patterns: Sequence[Pattern], workers: Workers) -> np.ndarray:
-        """The same of many patterns."""
-        return np.array(list(workers.map(self.speed, patterns)))
 
     @property
     def _scaled_start(self) -> np.ndarray:
@@ -88,7 +83,7 @@ def _solver(rides: Rides) -> ca.Function:
     )[0]
     system = {"t": t, "x": x, "p": rate, "u": u, "ode": ode / (scale * rate * rides.per_step)}
     options = {
-        "reltol": _TOLERANCE, "abstol": _TOLERANCE, "max_num_steps": _STEPS,
+        "reltol": rides.tolerance, "abstol": rides.tolerance, "max_num_steps": _STEPS,
         "disable_internal_warnings": True, "show_eval_warnings": False,
         "min_step_size": 1e-12,
     }  # fmt: skip
