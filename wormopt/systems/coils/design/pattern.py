@@ -8,6 +8,7 @@ at the corners are limits at all times.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -33,26 +34,29 @@ class Pattern:
         """Coils after which the pattern repeats."""
         return len(self.values) // self.per_step
 
-    def at(self, k: np.ndarray | int, count: int) -> np.ndarray:
-        """Ampere-turns (count, ...) of the coils from value k on; those just after it."""
-        own = np.asarray(k)[None, ...] - self.per_step * np.arange(count).reshape(
-            -1, *[1] * np.ndim(k)
-        )
+    def at(self, k: np.ndarray, count: int) -> np.ndarray:
+        """Ampere-turns (count, len(k)) of the coils, values k."""
+        own = k - self.per_step * np.arange(count)[:, None]
         return self.values[own % len(self.values)]
 
-    def pieces(self, count: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """Ampere-turns (count, pieces) at the begin of each piece, and their growth over it."""
-        k = np.arange(steps * self.per_step)
+    def pieces(self, count: int, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Ampere-turns (count, pieces) at the begin of each piece of a time, slopes, and lengths.
+
+        Slopes in ampere-turns a second, lengths in s; the last piece ends with the time.
+        """
+        whole = 1 / (self.rate * self.per_step)
+        k = np.arange(max(1, math.ceil(time / whole - 1e-9)))
         begin = self.at(k, count)
         growth = self.at(k + 1, count) - begin if self.form == "ramps" else np.zeros_like(begin)
-        return begin, growth
+        lengths = np.full(len(k), whole)
+        lengths[-1] = time - whole * k[-1]
+        return begin, growth / whole, lengths
 
     def course(self, count: int) -> Gait:
         """Ampere-turns of all coils over a period."""
-        begin, growth = self.pieces(count, self.repeat)
-        length = 1 / (self.rate * self.per_step)
-        breaks = length * np.arange(len(self.values) + 1)
-        return Gait(breaks, np.stack([begin.T, growth.T / length], axis=2))
+        begin, slopes, lengths = self.pieces(count, self.repeat / self.rate)
+        breaks = lengths[0] * np.arange(len(self.values) + 1)
+        return Gait(breaks, np.stack([begin.T, slopes.T], axis=2))
 
     @property
     def largest(self) -> float:

@@ -26,19 +26,18 @@ def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
     given = [x, film.u[0].symbol]
     ode = film.ode[: len(scale)]
     rate, slopes = (ca.Function("f", given, [part]) for part in (ode, ca.jacobian(ode, x)))
-    begin, growth = pattern.pieces(rides.row.count, rides.steps)
-    length = 1 / (pattern.rate * pattern.per_step)
     state = np.zeros(len(scale))
     state[-2] = rides.start
-    for first, more in zip(begin.T, growth.T, strict=True):
+    pieces = (part.T for part in pattern.pieces(rides.row.count, rides.time))
+    for begin, slope, length in zip(*pieces, strict=True):
 
-        def current(t: float, first: np.ndarray = first, more: np.ndarray = more) -> np.ndarray:
-            return first + more * (t / length)
+        def current(t: float, begin: np.ndarray = begin, slope: np.ndarray = slope) -> np.ndarray:
+            return begin + slope * t
 
         found = solve_ivp(
-            lambda t, x: np.array(rate(x, current(t))).ravel(), (0.0, length), state,  # noqa: B023
+            lambda t, x, now=current: np.array(rate(x, now(t))).ravel(), (0.0, length), state,
             method="Radau", rtol=_TOLERANCE, atol=_TOLERANCE * scale,
-            jac=lambda t, x: csc_array(slopes(x, current(t)).sparse()),  # noqa: B023
+            jac=lambda t, x, now=current: csc_array(slopes(x, now(t)).sparse()),
         )  # fmt: skip
         if not found.success:
             return float("nan")

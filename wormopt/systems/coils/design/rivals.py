@@ -21,11 +21,11 @@ from wormopt.systems.coils.design.pattern import block
 from wormopt.systems.coils.design.task import Judged, Task
 
 Sort = Literal["block", "wave"]
-_RATES = 7
+_RATES = 6
 _AMPLITUDES = (0.4, 0.5, 0.6, 0.7)
 _ON = (2, 3, 4)
 _AMOUNTS = (1.0, 0.7, 0.5)  # shares of the limit, where power counts
-_ROUNDS = 5
+_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Rival:
         if self.sort == "block":
             found = block(
                 round(self.size), self.amount * task.limit, self.rate, self.repeat,
-                rides.per_step, task.form,
+                task.per_step, task.form,
             )  # fmt: skip
         else:
             found = wave_pattern(
                 rides.layer, rides.row, rides.ground, self.size, self.rate, self.repeat,
-                rides.per_step, form=task.form, slew=task.slew,
+                task.per_step, form=task.form, slew=task.slew,
             )  # fmt: skip
         return None if found is None else task.judge((self.sort, found.later(self.later)))
 

@@ -20,7 +20,7 @@ from wormopt.systems.coils.design.task import Judged, Task
 
 # Values are counted in the limit; a unit of the rate's number is two of its logarithm.
 _RATE_UNIT, _FIRST_STEP = 2.0, 0.2
-_COMPASS_STEP, _ROUNDS = 0.05, 4
+_COMPASS_STEP, _ROUNDS = 0.05, 2
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ class Task:
     copper: Copper
     seek: Seek
     form: Form
+    per_step: int  # values a step
     rates: tuple[float, float]  # steps a second
     speed: float | None = None  # m/s, wanted; for seek = "power"
     slew: float | None = None  # ampere-turns a second

@@ -109,11 +109,11 @@ def task_of(scene: Scene[CoilDesignScene]) -> Task:
     rides = Rides(
         layer_of(table, row, table.search.cells), row, table.film.ground,
         table.film.top * table.film.depth, table.film.own_field, body, table.cargo.start,
-        table.course.steps, table.pattern.per_step,
+        table.course.time,
     )  # fmt: skip
     return Task(
         rides, Copper(table.copper.resistivity, table.copper.fill), table.aim.seek,
-        table.pattern.form, table.pattern.rate, table.aim.speed, table.pattern.slew,
+        table.pattern.form, table.pattern.per_step, table.pattern.rate, table.aim.speed, table.pattern.slew,
     )  # fmt: skip
 
 
@@ -161,11 +161,10 @@ def _follow(
     """Follow film and float by the verb `simulate`."""
     rides, table = task.rides, scene.table
     layer = replace(rides.layer, cells=_cells(scene, per_pitch))
-    end = rides.steps / pattern.rate
-    count = rides.steps * pattern.per_step * table.course.samples
     setup = Setup(
         layer, rides.row, pattern.course(rides.row.count), rides.ground, rides.top,
-        rides.own_field, rides.cargo, rides.start, end, np.linspace(0.0, end, count + 1),
+        rides.own_field, rides.cargo, rides.start, rides.time,
+        np.linspace(0.0, rides.time, table.course.samples),
     )  # fmt: skip
     try:
         return setup.follow(tolerance or table.grid.tolerance, report)
@@ -173,14 +172,14 @@ def _follow(
         raise SolveError(error.reason, _ADVICE, code=error.code) from None
 
 
-def _speed(motion: Trajectory) -> float:
-    X = motion["position"][0]
-    return float((X[-1] - X[0]) / motion.time[-1])
+def _speed(motion: Trajectory, begin: int = 0) -> float:
+    X, t = motion["position"][0], motion.time
+    return float((X[-1] - X[begin]) / (t[-1] - t[begin]))
 
 
 def _gain(task: Task, here: Judged, other: Judged) -> float:
     """Share by which another is better, of the speed, or of all power."""
-    gain = other.value - here.value
+    gain = max(other.value - here.value, 0.0)
     return float(gain / here.speed if task.seek == "speed" else gain)
 
 
@@ -204,6 +203,7 @@ def _scalars(
     power = {sort: getattr(contest, sort).power for sort in motions}
     pattern, h = contest.design.pattern, motions["design"]["thickness"]
     return {
+        "late_speed": _speed(motions["design"], len(motions["design"].time) // 2),
         "mean_field_speed": speed["wave"],
         "block_speed": speed["block"],
         "over_mean_field": _over(task, speed, power, "wave"),
@@ -270,7 +270,7 @@ def _checks(
         value = float(off[name])
         yield Check(name, value, accepted, advice[name].format(value))
     overs = [over for sort in ("mean_field", "block") if (over := scalars[f"over_{sort}"]) is not None]
-    behind = -min(overs, default=0.0)
+    behind = max(-min(overs, default=0.0), 0.0)
     yield Check(
         "not beaten", behind, 0.0,
         f"a block or a wave of the mean field is better by {behind:.2g}; raise search.starts or "
@@ -315,6 +315,9 @@ def _warnings(
     )
     yield from warnings_of_coils(table.coils, scalars["currents_max"])
     yield from cargo.warnings_of(table.film, scalars)
+    wall = (table.coils.count - 1) * table.coils.pitch + table.film.overhang
+    if table.cargo.start + scalars["float_travel"] > wall - table.cargo.length:
+        yield "the float comes near to the wall, which stops it: write more coils, or a shorter time"
     ends = [one.end.value for one in contest.searches]
     if len(ends) > 1 and abs(ends[0] - ends[-1]) > 0.01 * abs(ends[0]):
         yield "searches from different starts ended in different optima"
