@@ -14,8 +14,8 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.magnetics.coils import CoilRow
 from wormopt.ocp.nlp import Ipopt
-from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.design.pattern import Form, Pattern
+from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.row_currents import TravellingTarget, fit_currents
 from wormopt.systems.film import CosineWave, Fluid
 

@@ -15,9 +15,9 @@ import numpy as np
 from wormopt.errors import interruptible
 from wormopt.magnetics.coils import CoilRow
 from wormopt.systems.coils.cargo import Float
+from wormopt.systems.coils.design.pattern import Pattern
 from wormopt.systems.coils.film import coil_film
 from wormopt.systems.coils.layer import Layer
-from wormopt.systems.coils.design.pattern import Pattern
 
 _STEPS = 1000
 

@@ -60,11 +60,17 @@ def rivals(task: Task, repeats: Sequence[int], workers: Workers) -> list[Judged]
     rates = np.geomspace(*task.rates, _RATES).tolist()
     amounts = _AMOUNTS if task.seek == "power" else (1.0,)
     tried = [
-        Rival("block", n, on, rate, amount)
-        for n, on, rate, amount in product(repeats, _ON, rates, amounts)
-        if on < n
+        Rival("block", repeat, on, rate, amount)
+        for repeat in repeats
+        for on in _ON
+        if on < repeat
+        for rate, amount in product(rates, amounts)
     ]
-    tried += [Rival("wave", n, d, rate) for n, d, rate in product(repeats, _AMPLITUDES, rates)]
+    tried += [
+        Rival("wave", repeat, delta, rate)
+        for repeat in repeats
+        for delta, rate in product(_AMPLITUDES, rates)
+    ]
     judged = list(workers.map(partial(_judge, task), tried))
     found = []
     for sort, repeat in product(("block", "wave"), repeats):

@@ -70,9 +70,7 @@ def _from(task: Task, start: Judged, budget: Budget, workers: Workers) -> Found:
         return found
 
     free = len(start.pattern.values)
-    first = np.append(
-        start.pattern.values / task.limit, np.log(start.pattern.rate) / _RATE_UNIT
-    )
+    first = np.append(start.pattern.values / task.limit, np.log(start.pattern.rate) / _RATE_UNIT)
     low, high = np.full(free + 1, -1.0), np.full(free + 1, 1.0)
     low[-1], high[-1] = np.log(task.rates) / _RATE_UNIT
     evolved = evolve(

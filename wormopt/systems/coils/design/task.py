@@ -1,8 +1,8 @@
-"""What currents are wanted for: a float that goes fastest, or as fast as wanted with least power."""
+"""What currents are wanted for: the fastest float, or a speed of it with least power."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -68,5 +68,4 @@ class Task:
 
 def best(found: Iterable[Judged]) -> Judged:
     """The one of the largest value."""
-    value: Callable[[Judged], float] = lambda one: one.value  # noqa: E731
-    return max(found, key=value)
+    return max(found, key=lambda one: one.value)

@@ -6,8 +6,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wormopt.plotting.parts import DASHES, GREY, LINKS, MASSES, fact, label, legend_below, line
-from wormopt.plotting.parts import sheet, tell
+from wormopt.plotting.parts import (
+    DASHES,
+    GREY,
+    LINKS,
+    MASSES,
+    fact,
+    label,
+    legend_below,
+    line,
+    sheet,
+    tell,
+)
 from wormopt.result import Result
 
 _SORTS = ("", "mean_field_", "block_")
@@ -18,12 +28,11 @@ _AROUND = 2.0  # what is shown on each side of the float, in its lengths
 def coil_design(result: Result) -> Figure:
     """Courses of a coil, ways of the float, currents over coil and time, the film at one time."""
     drawn = sheet(7.1, 7.4, 8.6)
-    top, middle, film = drawn.subfigures(3, height_ratios=(3, 3.4, 1.3))
-    courses, ways = top.subplots(1, 2)
-    _courses(courses, result)
-    _ways(ways, result)
-    _currents(drawn, middle.subplots(), result)
-    _film(film.subplots(), result)
+    shape = drawn.add_gridspec(3, 2, height_ratios=(3, 3.4, 1.3))
+    _courses(drawn.add_subplot(shape[0, 0]), result)
+    _ways(drawn.add_subplot(shape[0, 1]), result)
+    _currents(drawn, drawn.add_subplot(shape[1, :]), result)
+    _film(drawn.add_subplot(shape[2, :]), result)
     entries = [
         line(name, colour, dashes)
         for name, colour, dashes in zip(_NAMES, LINKS, DASHES, strict=False)
@@ -42,9 +51,7 @@ def coil_design(result: Result) -> Figure:
 
 def _courses(axes: Axes, result: Result) -> None:
     """Course of a coil over its steps; each has as many values a step."""
-    ramps = result["time"].values is not None and np.isfinite(
-        result.scalars["slew_max"].value or np.nan
-    )
+    ramps = result.scalars["slew_max"].value is not None
     per_step = len(result["pattern"].values) / result.scalars["repeat"].value
     for sort, colour, dashes in zip(_SORTS, LINKS, DASHES, strict=False):
         values = result[f"{sort}pattern"].values
@@ -79,8 +86,11 @@ def _currents(drawn: Figure, axes: Axes, result: Result) -> None:
         shading="flat", rasterized=True,
     )  # fmt: skip
     axes.plot(t, 1e3 * result["float_position"].values, color="black", linewidth=2)
-    axes.text(
-        t[-1], 1e3 * result["float_position"].values[-1], "float ", ha="right", va="bottom",
+    half_way = len(t) // 2
+    axes.annotate(
+        "float", (t[half_way], 1e3 * result["float_position"].values[half_way]), (-8, 6),
+        textcoords="offset points", ha="right", va="bottom",
+        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1},
     )  # fmt: skip
     axes.grid(visible=False)
     axes.set_xlabel(label("time $t$", result["time"].unit))

@@ -32,9 +32,7 @@ def float_of(table: CargoTable | None) -> Float | None:
     )
 
 
-def scalars_of(
-    layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory
-) -> dict[str, Any]:
+def scalars_of(layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory) -> dict[str, Any]:
     """Numbers of a float's motion; `rough` is that on half the cells."""
     X, h = motion["position"][0], motion["thickness"]
     work, lost, energy = (motion[name][0] for name in ("field_work", "dissipated", "energy"))

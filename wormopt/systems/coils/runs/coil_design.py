@@ -91,7 +91,7 @@ def run(scene: Scene[CoilDesignScene], report: Report) -> Result:
         scalars,
         _variables(task, contest, motions),
         checks=[
-            *_checks(scene, task, scalars, off),
+            *_checks(task, scalars, off),
             *cargo.checks_of(scalars, body, rides.layer),
         ],
         facts=_facts(contest, task),
@@ -113,13 +113,12 @@ def task_of(scene: Scene[CoilDesignScene]) -> Task:
     )  # fmt: skip
     return Task(
         rides, Copper(table.copper.resistivity, table.copper.fill), table.aim.seek,
-        table.pattern.form, table.pattern.per_step, table.pattern.rate, table.aim.speed, table.pattern.slew,
+        table.pattern.form, table.pattern.per_step, table.pattern.rate, table.aim.speed,
+        table.pattern.slew,
     )  # fmt: skip
 
 
-def design(
-    scene: Scene[CoilDesignScene], task: Task, workers: Workers, report: Report
-) -> Contest:
+def design(scene: Scene[CoilDesignScene], task: Task, workers: Workers, report: Report) -> Contest:
     """Tune the rivals, search from the best, and choose each sort's best on the fine grid."""
     table, wanted = scene.table, task.speed
     sought = task if wanted is None else replace(task, speed=_MARGIN * wanted)
@@ -222,9 +221,7 @@ def _scalars(
     }
 
 
-def _over(
-    task: Task, speed: dict[str, float], power: dict[str, float], sort: str
-) -> float | None:
+def _over(task: Task, speed: dict[str, float], power: dict[str, float], sort: str) -> float | None:
     """Share by which the design is better; unknown over one that is too slow."""
     if task.seek == "speed":
         return speed["design"] / speed[sort] - 1
@@ -232,9 +229,7 @@ def _over(
     return None if speed[sort] < 0.99 * task.speed else 1 - power["design"] / power[sort]
 
 
-def _variables(
-    task: Task, contest: Contest, motions: dict[str, Trajectory]
-) -> dict[str, Any]:
+def _variables(task: Task, contest: Contest, motions: dict[str, Trajectory]) -> dict[str, Any]:
     motion, course = motions["design"], contest.design.pattern.course(task.rides.row.count)
     cells = motion["thickness"].shape[0]
     found = {
@@ -253,9 +248,7 @@ def _variables(
     return found
 
 
-def _checks(
-    scene: Scene[CoilDesignScene], task: Task, scalars: dict[str, Any], off: dict[str, float]
-) -> Iterator[Check]:
+def _checks(task: Task, scalars: dict[str, Any], off: dict[str, float]) -> Iterator[Check]:
     advice = {
         "smaller steps": "smaller steps change where the float ends by {:.2g} of its length; lower "
         "grid.tolerance",
@@ -269,7 +262,9 @@ def _checks(
     for name, accepted in ACCEPTED.items():
         value = float(off[name])
         yield Check(name, value, accepted, advice[name].format(value))
-    overs = [over for sort in ("mean_field", "block") if (over := scalars[f"over_{sort}"]) is not None]
+    overs = [
+        over for sort in ("mean_field", "block") if (over := scalars[f"over_{sort}"]) is not None
+    ]
     behind = max(-min(overs, default=0.0), 0.0)
     yield Check(
         "not beaten", behind, 0.0,
@@ -305,9 +300,7 @@ def _facts(contest: Contest, task: Task) -> dict[str, Any]:
     }
 
 
-def _warnings(
-    table: CoilDesignScene, scalars: dict[str, Any], contest: Contest
-) -> Iterator[str]:
+def _warnings(table: CoilDesignScene, scalars: dict[str, Any], contest: Contest) -> Iterator[str]:
     yield "the optimum is local: better currents may exist"
     yield (
         f"power is that of the wire alone, with assumed resistivity {table.copper.resistivity:g} "
@@ -317,7 +310,7 @@ def _warnings(
     yield from cargo.warnings_of(table.film, scalars)
     wall = (table.coils.count - 1) * table.coils.pitch + table.film.overhang
     if table.cargo.start + scalars["float_travel"] > wall - table.cargo.length:
-        yield "the float comes near to the wall, which stops it: write more coils, or a shorter time"
+        yield "the float comes near to the wall, which stops it: write more coils, or less time"
     ends = [one.end.value for one in contest.searches]
     if len(ends) > 1 and abs(ends[0] - ends[-1]) > 0.01 * abs(ends[0]):
         yield "searches from different starts ended in different optima"

@@ -35,9 +35,7 @@ class CopperTable(Table, frozen=True, kw_only=True):
     resistivity: Annotated[
         Positive, says("resistivity", "of the wire; assumed: copper at 20 °C")
     ] = 1.72e-8
-    fill: Annotated[
-        Fill, says("share", "of the winding's section that is wire; assumed")
-    ] = 0.6
+    fill: Annotated[Fill, says("share", "of the winding's section that is wire; assumed")] = 0.6
 
 
 class CarryAimTable(Table, frozen=True, kw_only=True):
@@ -77,9 +75,7 @@ class PatternTable(Table, frozen=True, kw_only=True):
         tuple[Repeat, ...],
         says("count", "after how many coils a pattern may repeat; each is tried"),
     ] = (5, 6, 8)
-    rate: Annotated[
-        tuple[Positive, Positive], says("rate", "least and most steps a second")
-    ]
+    rate: Annotated[tuple[Positive, Positive], says("rate", "least and most steps a second")]
     slew: Annotated[
         Positive | None,
         says("ampere_turn_rate", "largest change of a coil's ampere-turns; any if left out"),
@@ -142,7 +138,7 @@ class CoilDesignScene(SIScene, frozen=True, kw_only=True):
         "late_speed": ("speed", "the same over the second half of the time"),
         "mean_field_speed": ("speed", "with the best currents by the mean field"),
         "block_speed": ("speed", "with the best plain block"),
-        "over_mean_field": ("share", "by which the design is better; of the power, if that is sought"),
+        "over_mean_field": ("share", "by which the design is better; of power, if that is sought"),
         "over_block": ("share", "the same over the best block"),
         "power": ("power", "mean, of all coils"),
         "mean_field_power": ("power", "mean, with the best currents by the mean field"),
