@@ -106,6 +106,7 @@ def task_of(scene: Scene[CoilDesignScene]) -> Task:
     table = scene.table
     row, body = row_of(table.coils), cargo.float_of(table.cargo)
     assert body is not None
+    low, high = table.pattern.rate
     rides = Rides(
         layer_of(table, row, table.search.cells), row, table.film.ground,
         table.film.top * table.film.depth, table.film.own_field, body, table.cargo.start,
@@ -113,7 +114,7 @@ def task_of(scene: Scene[CoilDesignScene]) -> Task:
     )  # fmt: skip
     return Task(
         rides, Copper(table.copper.resistivity, table.copper.fill), table.aim.seek,
-        table.pattern.form, table.pattern.per_step, table.pattern.rate, table.aim.speed,
+        table.pattern.form, table.pattern.per_step, (low, high), table.aim.speed,
         table.pattern.slew,
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, Seed, Table, says
+from wormopt.scene.types import Pair, Positive, Seed, Table, says, wrong_order
 from wormopt.systems.coils.scenes.coil_film import (
     CargoTable,
     CellsTable,
@@ -75,7 +75,7 @@ class PatternTable(Table, frozen=True, kw_only=True):
         tuple[Repeat, ...],
         says("count", "after how many coils a pattern may repeat; each is tried"),
     ] = (5, 6, 8)
-    rate: Annotated[tuple[Positive, Positive], says("rate", "least and most steps a second")]
+    rate: Annotated[Pair, says("rate", "least and most steps a second")]
     slew: Annotated[
         Positive | None,
         says("ampere_turn_rate", "largest change of a coil's ampere-turns; any if left out"),
@@ -83,11 +83,7 @@ class PatternTable(Table, frozen=True, kw_only=True):
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
         """Yield what cannot be."""
-        if self.rate[0] >= self.rate[1]:
-            yield (
-                "pattern.rate",
-                f"{self.rate[0]:g} is not below {self.rate[1]:g}; write least, then most",
-            )
+        yield from wrong_order("pattern.rate", self.rate, may_be_equal=False)
         if not self.repeats or max(self.repeats) > coils.count:
             yield (
                 "pattern.repeats",
