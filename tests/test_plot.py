@@ -80,6 +80,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "segment_shapes": ("segment_shapes",),
     "coil_film": ("coil_film",),
     "cargo": ("coil_cargo",),
+    "coil_design": ("coil_cargo_design",),
     "travelling_field": ("fig24_travelling_wave",),
     "row_currents": ("coil_row_inverse",),
     "reversals": ("three_masses_harmonic",),

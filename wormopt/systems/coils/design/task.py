@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -59,11 +59,6 @@ class Task:
         assert self.speed is not None
         most = self.copper.resistance(self.rides.row) * self.rides.row.count * self.limit**2
         return -power / most - _PENALTY * max(0.0, 1 - speed / self.speed)
-
-    def finer(self, cells: int, tolerance: float) -> Task:
-        """Give the same task on another grid."""
-        layer = replace(self.rides.layer, cells=cells)
-        return replace(self, rides=replace(self.rides, layer=layer, tolerance=tolerance))
 
 
 def best(found: Iterable[Judged]) -> Judged:

@@ -26,6 +26,7 @@ from wormopt.systems.coils.runs import cargo
 from wormopt.systems.coils.runs.coil_film import Setup, layer_of
 from wormopt.systems.coils.runs.coil_row import row_of, warnings_of_coils
 from wormopt.systems.coils.scenes.coil_design import CoilDesignScene
+from wormopt.systems.shared.optimum import refused
 
 ACCEPTED = {
     "smaller steps": 1e-2,
@@ -35,6 +36,8 @@ ACCEPTED = {
     "neighbours": 0.05,
 }
 """Places over the float's length, volume over itself, currents over limits, share of the aim."""
+SORTS = ("design", "block", "wave")
+"""Whose best are held against each other."""
 _FINE = 1e-4  # tolerance by which candidates are told apart on the fine grid
 _RATES = (1.0, 0.97, 1.03)  # by which those from the coarse grid are tried on the fine one
 _MARGIN = 1.02  # over the speed wanted, while searching
@@ -61,44 +64,74 @@ def run(scene: Scene[CoilDesignScene], report: Report) -> Result:
     """
     table, begin = scene.table, time.perf_counter()
     task, workers = task_of(scene), Workers()
-    contest = design(scene, task, workers, report)
-    searched = time.perf_counter()
-    report("full simulation", 0.9)
-    motions = {
-        sort: _follow(scene, task, getattr(contest, sort).pattern, table.grid.cells, report)
-        for sort in ("design", "block", "wave")
-    }
-    pattern = contest.design.pattern
-    half = table.grid.cells // 2
-    rough = _follow(scene, task, pattern, half, report)
-    close = _follow(scene, task, pattern, half, report, table.grid.tolerance / 10)
-    motion, rides = motions["design"], task.finer(_cells(scene, table.grid.cells), _FINE).rides
-    around = neighbours(task, pattern, _NEIGHBOUR, workers)
-    here = task.judge(("design", pattern))
-    X, body = motion["position"][0], rides.cargo
-    off = {
-        "smaller steps": abs(close["position"][0, -1] - rough["position"][0, -1]) / body.length,
-        "second integrator": abs(travel_by_radau(rides, pattern) - (X[-1] - X[0])) / body.length,
-        "volume": np.abs(motion["thickness"].mean(axis=0) / rides.layer.depth - 1).max(),
-        "limits": _limits(scene, pattern),
-        "neighbours": _gain(task, here, best(around)),
-    }
+    try:
+        contest = design(scene, task, workers, report)
+        searched = time.perf_counter()
+        report("full simulation", 0.9)
+        found = _followed(scene, task, contest, report)
+    except SolveError as error:
+        raise refused(scene, error) from None
+    layer, body = _finer(scene, task).layer, task.rides.cargo
+    off = _off(scene, task, contest, found, workers)
     done = time.perf_counter()
-    scalars = _scalars(scene, task, contest, motions) | {"neighbour_gain": off["neighbours"]}
-    scalars |= cargo.scalars_of(rides.layer, body, motion, rough)
+    scalars = _scalars(scene, task, contest, found.motions)
+    scalars |= {"neighbour_gain": off["neighbours"]}
+    scalars |= cargo.scalars_of(layer, body, found.motions["design"], found.rough)
     return conclude(
         scene,
         scalars,
-        _variables(task, contest, motions),
-        checks=[
-            *_checks(task, scalars, off),
-            *cargo.checks_of(scalars, body, rides.layer),
-        ],
+        _variables(task, contest, found.motions),
+        checks=[*_checks(task, scalars, off), *cargo.checks_of(scalars, body, layer)],
         facts=_facts(contest, task),
         warnings=_warnings(table, scalars, contest),
         timings={"search": searched - begin, "recheck": done - searched},
         attributes={"float": {"length": table.cargo.length, "thickness": table.cargo.thickness}},
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Motions by the verb `simulate`."""
+
+    motions: dict[str, Trajectory]  # of each sort's best
+    rough: Trajectory  # the design on half the cells
+    close: Trajectory  # there, with smaller steps
+
+
+def _followed(
+    scene: Scene[CoilDesignScene], task: Task, contest: Contest, report: Report
+) -> Followed:
+    cells, tolerance = scene.table.grid.cells, scene.table.grid.tolerance
+    motions = {
+        sort: _follow(scene, task, getattr(contest, sort).pattern, cells, tolerance, report)
+        for sort in SORTS
+    }
+    pattern, half = contest.design.pattern, cells // 2
+    rough = _follow(scene, task, pattern, half, tolerance, report)
+    close = _follow(scene, task, pattern, half, tolerance / 10, report)
+    return Followed(motions, rough, close)
+
+
+def _off(
+    scene: Scene[CoilDesignScene], task: Task, contest: Contest, found: Followed, workers: Workers
+) -> dict[str, float]:
+    """How far the design is off by other routes, over its limits, and behind its neighbours."""
+    pattern, motion, length = (
+        contest.design.pattern,
+        found.motions["design"],
+        task.rides.cargo.length,
+    )
+    travel = motion["position"][0, -1] - task.rides.start
+    change = found.close["position"][0, -1] - found.rough["position"][0, -1]
+    second = travel_by_radau(_finer(scene, task), pattern)
+    here = task.judge(("design", pattern))
+    return {
+        "smaller steps": abs(change) / length,
+        "second integrator": abs(second - travel) / length,
+        "volume": np.abs(motion["thickness"].mean(axis=0) / task.rides.layer.depth - 1).max(),
+        "limits": _limits(scene, pattern),
+        "neighbours": _gain(task, here, best(neighbours(task, pattern, _NEIGHBOUR, workers))),
+    }
 
 
 def task_of(scene: Scene[CoilDesignScene]) -> Task:
@@ -141,33 +174,36 @@ def design(scene: Scene[CoilDesignScene], task: Task, workers: Workers, report: 
         for r in _RATES
     ]
     report("the best on the fine grid", 0.8)
-    fine = task.finer(_cells(scene, table.grid.cells), _FINE)
+    fine = replace(task, rides=_finer(scene, task))
     judged = list(workers.map(fine.judge, jobs))
-    chosen = {
-        sort: best(each for each in judged if each.name == sort)
-        for sort in ("design", "block", "wave")
-    }
+    chosen = {sort: best(each for each in judged if each.name == sort) for sort in SORTS}
     return Contest(**chosen, tuned=tuned, searches=searches)
 
 
-def _cells(scene: Scene[CoilDesignScene], per_pitch: int) -> int:
-    return layer_of(scene.table, row_of(scene.table.coils), per_pitch).cells
+def _finer(scene: Scene[CoilDesignScene], task: Task) -> Rides:
+    """Rides on the fine grid."""
+    layer = layer_of(scene.table, task.rides.row, scene.table.grid.cells)
+    return replace(task.rides, layer=layer, tolerance=_FINE)
 
 
 def _follow(
-    scene: Scene[CoilDesignScene], task: Task, pattern: Pattern, per_pitch: int, report: Report,
-    tolerance: float | None = None,
-) -> Trajectory:  # fmt: skip
+    scene: Scene[CoilDesignScene],
+    task: Task,
+    pattern: Pattern,
+    per_pitch: int,
+    tolerance: float,
+    report: Report,
+) -> Trajectory:
     """Follow film and float by the verb `simulate`."""
     rides, table = task.rides, scene.table
-    layer = replace(rides.layer, cells=_cells(scene, per_pitch))
+    layer = layer_of(table, rides.row, per_pitch)
     setup = Setup(
         layer, rides.row, pattern.course(rides.row.count), rides.ground, rides.top,
         rides.own_field, rides.cargo, rides.start, rides.time,
         np.linspace(0.0, rides.time, table.course.samples),
     )  # fmt: skip
     try:
-        return setup.follow(tolerance or table.grid.tolerance, report)
+        return setup.follow(tolerance, report)
     except SolveError as error:
         raise SolveError(error.reason, _ADVICE, code=error.code) from None
 
