@@ -91,6 +91,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     ),
     "floats": ("fig27_float", "course.periods=3.0"),
     "travelling_field": ("travelling_field",),
+    "coil_design": ("coil_cargo_design",),
     "row_currents": ("coil_row_inverse",),
     "reversals": ("three_masses_harmonic",),
     "film": ("fig15_film_flow",),

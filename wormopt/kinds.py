@@ -273,6 +273,12 @@ KINDS: dict[str, Kind] = {
         study="wormopt.systems.coils.runs.coil_film",
         pictures=_drawn("coils.plots.film", "coil_film", "cargo"),
     ),
+    "coil-design": Kind(
+        summary="currents of a row of coils that carry a float fastest, or with least power",
+        table="wormopt.systems.coils.scenes.coil_design:CoilDesignScene",
+        study="wormopt.systems.coils.runs.coil_design",
+        pictures=_drawn("coils.plots.design", "coil_design"),
+    ),
     "coil-inverse": Kind(
         summary="currents of a row of coils whose field comes nearest to what a film's wave needs",
         table="wormopt.systems.coils.scenes.coil_rows:CoilInverseScene",

@@ -59,6 +59,8 @@ UNITS = {
     "ampere_turns": "A",
     "ampere_turn_rate": "A s-1",
     "current_density": "A m-2",
+    "resistance": "ohm",
+    "resistivity": "ohm m",
     "length_squared_time": "m2 s",
     "flow_per_width": "m2 s-1",
     "force_per_width": "N m-1",

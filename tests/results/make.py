@@ -39,6 +39,7 @@ SCENES = {
     "fig13_magnetic_pair": ["course.samples=201"],
     "fig24_travelling_wave": ["course.switches=20", "course.samples=2"],
     "coil_cargo": ["course.switches=8", "coils.count=12"],
+    "coil_cargo_design": [],
     "coil_row_inverse": [],
     "fig25_coil_pressure": [],
     "pair_waveform_design": [],

@@ -11,7 +11,7 @@ from wormopt.result import Check
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.layer import Layer
-from wormopt.systems.coils.scenes.coil_film import CargoTable, CoilFilmScene
+from wormopt.systems.coils.scenes.coil_film import CargoTable, CoilFilmScene, CoilFilmTable
 
 ACCEPTED = {"float on half the cells": 0.1, "energy": 0.01, "momentum": 0.1}
 """Largest values, over the float's length, what is dissipated, and the largest force on it."""
@@ -32,9 +32,7 @@ def float_of(table: CargoTable | None) -> Float | None:
     )
 
 
-def scalars_of(
-    table: CoilFilmScene, layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory
-) -> dict[str, Any]:
+def scalars_of(layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory) -> dict[str, Any]:
     """Numbers of a float's motion; `rough` is that on half the cells."""
     X, h = motion["position"][0], motion["thickness"]
     work, lost, energy = (motion[name][0] for name in ("field_work", "dissipated", "energy"))
@@ -47,7 +45,6 @@ def scalars_of(
         "draught": cargo.mass / layer.fluid.density / cargo.length,
         "float_travel": float(X[-1] - X[0]),
         "float_speed": float((X[-1] - X[0]) / (motion.time[-1] - motion.time[0])),
-        "float_captured": _captured(table, X),
         "float_bend": max(
             _bend(layer.places[on], z[on]) for z, on in zip(h.T, below.T, strict=True)
         ),
@@ -58,7 +55,7 @@ def scalars_of(
     }
 
 
-def _captured(table: CoilFilmScene, X: np.ndarray) -> float:
+def captured(table: CoilFilmScene, X: np.ndarray) -> float:
     """Share of the switches, after the first pattern, over which the float keeps up."""
     ways = np.diff(X[:: table.course.samples])[table.switching.on :]
     return float(np.mean(ways >= _KEEPS_UP * table.coils.pitch)) if ways.size else 0.0
@@ -95,12 +92,12 @@ def checks_of(scalars: dict[str, Any], cargo: Float, layer: Layer) -> Iterator[C
     )  # fmt: skip
 
 
-def warnings_of(table: CoilFilmScene, scalars: dict[str, Any]) -> Iterator[str]:
+def warnings_of(film: CoilFilmTable, scalars: dict[str, Any]) -> Iterator[str]:
     """What is assumed of a float, and near its limits."""
     yield (
         "the float spans the trough from side to side, lies on the film with all of its underside, "
         "and its vertical inertia is left out"
     )
-    share = scalars["draught"] / table.film.depth
+    share = scalars["draught"] / film.depth
     if share > _HEAVY:
         yield f"the float presses the film down by {share:.2g} of its depth"

@@ -29,6 +29,7 @@ from wormopt.systems.coils.film import RowField, coil_film, inside_field, row_fi
 from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.runs import cargo
 from wormopt.systems.coils.runs.coil_row import row_of, warnings_of_coils
+from wormopt.systems.coils.scenes.coil_design import CoilDesignScene
 from wormopt.systems.coils.scenes.coil_film import CoilFilmScene
 
 ACCEPTED = {"half the cells": 0.1, "smaller steps": 1e-3, "volume": 1e-10, "field": 1e-6}
@@ -125,9 +126,10 @@ def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
     }
     checks, warnings = list(_checks(found, scalars, setup)), list(_warnings(table, scalars))
     if setup.cargo:
-        scalars |= cargo.scalars_of(table, setup.layer, setup.cargo, motion, rough)
+        scalars |= cargo.scalars_of(setup.layer, setup.cargo, motion, rough)
+        scalars["float_captured"] = cargo.captured(table, motion["position"][0])
         checks += cargo.checks_of(scalars, setup.cargo, setup.layer)
-        warnings += cargo.warnings_of(table, scalars)
+        warnings += cargo.warnings_of(table.film, scalars)
     return conclude(
         scene,
         scalars,
@@ -181,19 +183,23 @@ def _variables(setup: Setup, motion: Trajectory) -> dict[str, Any]:
     return found
 
 
-def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
-    """Make film, row and course of a scene."""
-    table = scene.table
-    magnet, film, switching = table.fluid, table.film, table.switching
+def layer_of(table: CoilFilmScene | CoilDesignScene, row: CoilRow, per_pitch: int) -> Layer:
+    """Make the film of a scene, its cells even so that half as many fit."""
+    magnet, film = table.fluid, table.film
     law: Linear | Langevin = Linear(magnet.chi)
     if magnet.saturation is not None:
         law = Langevin(magnet.chi, magnet.saturation)
     fluid = Fluid(magnet.density, magnet.surface_tension, law, table.gravity)
-    row = row_of(table.coils)
     length = row.places[-1] + 2 * film.overhang
-    # even, so that half as many fit
-    cells = 2 * max(math.ceil(length / row.pitch * table.grid.cells / 2 - 1e-9), 5)
-    layer = Layer(fluid, magnet.viscosity, film.depth, length, cells, start=-film.overhang)
+    cells = 2 * max(math.ceil(length / row.pitch * per_pitch / 2 - 1e-9), 5)
+    return Layer(fluid, magnet.viscosity, film.depth, length, cells, start=-film.overhang)
+
+
+def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
+    """Make film, row and course of a scene."""
+    table = scene.table
+    film, switching, row = table.film, table.switching, row_of(table.coils)
+    layer = layer_of(table, row, table.grid.cells)
     amount = table.coils.ampere_turns if switching.ampere_turns is None else switching.ampere_turns
     course = switched_course(
         row.count, amount, switching.rate, on=switching.on, every=switching.every

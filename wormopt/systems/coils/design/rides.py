@@ -1,0 +1,79 @@
+"""How fast patterns of currents carry a float: the full film and float, made for many patterns.
+
+The Model of `film.py` over one piece of a pattern, its length and currents as parameters: one
+integrator serves all pieces of all patterns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import interruptible
+from wormopt.magnetics.coils import CoilRow
+from wormopt.systems.coils.cargo import Float
+from wormopt.systems.coils.design.pattern import Pattern
+from wormopt.systems.coils.film import coil_film
+from wormopt.systems.coils.layer import Layer
+
+_STEPS = 1000
+
+
+@dataclass(frozen=True)
+class Rides:
+    """A float on a film over a row, along which patterns go for some time, from a flat film on."""
+
+    layer: Layer
+    row: CoilRow
+    ground: float  # m
+    top: float  # m
+    own_field: bool
+    cargo: Float
+    start: float  # of the float, m
+    time: float  # s
+    tolerance: float = 1e-3
+
+    def speed(self, pattern: Pattern) -> float:
+        """Mean speed in m/s; minus infinity where the film cannot be followed, or goes too high."""
+        state, solver = np.zeros(self.layer.cells + 1), _solver(self)
+        state[-2] = self.start / self.cargo.length
+        for begin, slope, length in zip(
+            *(part.T for part in pattern.pieces(self.row.count, self.time)), strict=True
+        ):
+            inputs = np.concatenate([[length], begin, slope * length])
+            try:
+                with interruptible():
+                    state = np.array(solver(x0=state, p=inputs)["xf"]).ravel()
+            except RuntimeError:
+                return -np.inf
+            # volumes are in units of that of a flat cell
+            high = self.layer.depth * (1 + np.diff(state[:-2], prepend=0.0, append=0.0).max())
+            if not np.all(np.isfinite(state)) or high > self.top:
+                return -np.inf
+        return float(state[-2] * self.cargo.length - self.start) / self.time
+
+
+@lru_cache(maxsize=2)
+def _solver(rides: Rides) -> ca.Function:
+    """Integrator over a piece, from 0 to 1; states of nominal size 1."""
+    film = coil_film(
+        rides.layer, rides.row, ground=rides.ground, top=rides.top, own_field=rides.own_field,
+        cargo=rides.cargo,
+    )  # fmt: skip
+    moved = film.x[:3]  # volume, position, velocity; what is counted besides is not needed
+    states = ca.vertcat(*(one.symbol for one in moved))
+    scale = np.concatenate([np.full(one.size, one.nominal) for one in moved])
+    x, t, p = ca.SX.sym("x", len(scale)), ca.SX.sym("t"), ca.SX.sym("p", 2 * rides.row.count + 1)
+    length, begin, growth = ca.vertsplit(p, [0, 1, rides.row.count + 1, p.numel()])
+    (ode,) = ca.substitute(
+        [film.ode[: len(scale)]], [states, film.u[0].symbol], [x * scale, begin + growth * t]
+    )
+    system = {"t": t, "x": x, "p": p, "ode": ca.cse(ode / scale * length)}
+    options = {
+        "reltol": rides.tolerance, "abstol": rides.tolerance, "max_num_steps": _STEPS,
+        "min_step_size": 1e-12, "disable_internal_warnings": True, "show_eval_warnings": False,
+    }  # fmt: skip
+    return ca.integrator("ride", "cvodes", system, 0.0, 1.0, options)

@@ -1,0 +1,109 @@
+"""Search for the best pattern: every value of one coil's course, and the rate, are free.
+
+Evolution strategy from the best blocks and the best waves of the mean field, then a compass search.
+What is found is local: nothing says that no other pattern is better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wormopt.numerics.compass import Look, Point, compass
+from wormopt.numerics.evolution import evolve
+from wormopt.numerics.workers import Workers
+from wormopt.progress import Report
+from wormopt.systems.coils.design.pattern import Pattern
+from wormopt.systems.coils.design.task import Judged, Task
+
+# Values are counted in the limit; a unit of the rate's number is two of its logarithm.
+_RATE_UNIT, _FIRST_STEP = 2.0, 0.2
+_COMPASS_STEP, _ROUNDS = 0.05, 2
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How long is sought."""
+
+    starts: int = 2
+    generations: int = 25
+    size: int = 12  # of a generation
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What one start led to."""
+
+    start: Judged
+    end: Judged
+    course: np.ndarray  # best value after each generation
+
+
+def starts_of(rivals: Sequence[Judged], count: int) -> list[Judged]:
+    """Best of each sort, then the next best, `count` in all, or one of each sort."""
+    first = {one.name: one for one in reversed(rivals)}
+    others = [one for one in rivals if one not in first.values()]
+    return [*first.values(), *others[: max(0, count - len(first))]]
+
+
+def search(
+    task: Task, starts: Sequence[Judged], budget: Budget, workers: Workers, report: Report
+) -> list[Found]:
+    """Search from every start, best first."""
+    found = []
+    for k, start in enumerate(starts):
+        report(f"search {k + 1} of {len(starts)}, from the best {start.name}", k / len(starts))
+        found.append(_from(task, start, replace(budget, seed=budget.seed + k), workers))
+    return sorted(found, key=lambda one: -one.end.value)
+
+
+def _from(task: Task, start: Judged, budget: Budget, workers: Workers) -> Found:
+    seen: dict[bytes, Judged] = {}
+
+    def judge(points: np.ndarray) -> list[Judged]:
+        jobs = [(start.name, _pattern(task, start, point)) for point in points]
+        found = list(workers.map(task.judge, jobs))
+        seen.update(zip((point.tobytes() for point in points), found, strict=True))
+        return found
+
+    free = len(start.pattern.values)
+    first = np.append(start.pattern.values / task.limit, np.log(start.pattern.rate) / _RATE_UNIT)
+    low, high = np.full(free + 1, -1.0), np.full(free + 1, 1.0)
+    low[-1], high[-1] = np.log(task.rates) / _RATE_UNIT
+    evolved = evolve(
+        lambda points: np.array([one.value for one in judge(points)]), first, _FIRST_STEP,
+        (low, high), budget.generations, size=budget.size, seed=budget.seed,
+    )  # fmt: skip
+    names = [str(k) for k in range(free + 1)]
+
+    def look(points: Sequence[Point]) -> list[Look]:
+        found = judge(np.array([[point[name] for name in names] for point in points]))
+        return [Look(p, one.value, 0.0) for p, one in zip(points, found, strict=True)]
+
+    bounds = {name: (float(low[k]), float(high[k])) for k, name in enumerate(names)}
+    last = compass(
+        look, dict(zip(names, evolved.point.tolist(), strict=True)),
+        dict.fromkeys(names, _COMPASS_STEP), bounds, _ROUNDS,
+    )[-1]  # fmt: skip
+    point = np.array([last.point[name] for name in names])
+    return Found(start, seen[point.tobytes()], evolved.course)
+
+
+def _pattern(task: Task, start: Judged, point: np.ndarray) -> Pattern:
+    rate = float(np.exp(_RATE_UNIT * point[-1]))
+    return replace(start.pattern, values=task.limit * point[:-1], rate=rate)
+
+
+def neighbours(task: Task, pattern: Pattern, share: float, workers: Workers) -> list[Judged]:
+    """What patterns do of which one value is changed by a share of the limit, or the rate by it."""
+    jobs = []
+    for sign in (share, -share):
+        jobs += [
+            replace(pattern, values=pattern.values + sign * task.limit * one)
+            for one in np.eye(len(pattern.values))
+        ]
+        jobs.append(replace(pattern, rate=pattern.rate * (1 + sign)))
+    return list(workers.map(task.judge, [("neighbour", job) for job in jobs]))
