@@ -129,6 +129,13 @@ def test_lengths_that_jump_do_not_close(piece: int, gap: float):
     assert found["closed"] == pytest.approx(gap / 4.5, abs=1e-12)
 
 
+def test_jumps_are_measured_against_the_largest_of_all_links():
+    course = np.stack([COURSE, [4.0, 0.0, 0.0] - COURSE / 2], axis=1)
+    course[1, :, 0] += 0.09
+    motion = crawl(Gait(BREAKS, course), [1.0, 2.0, 3.0], 0.1, 20.0)
+    assert violations(motion, LIMITS)["closed"] == pytest.approx(0.09 / 4.5, abs=1e-12)
+
+
 SAWTOOTH = Gait([0.0, 1.0, 3.0], [[[1.0, 0.5]], [[1.5, -0.25]]])
 
 
