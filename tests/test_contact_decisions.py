@@ -33,7 +33,7 @@ def rigid(n: int) -> Model:
         p=[
             Signal("b", b, value=0.0),
             Signal("r", r, value=0.0),
-            Signal("G", ca.vec(G), value=np.eye(n).ravel()),
+            Signal("G", ca.vec(G), value=np.eye(n).ravel().tolist()),
         ],
         contacts=[Contact(f"foot {i}", v[i], f[i], law) for i, law in enumerate(laws)],
     )
@@ -65,7 +65,7 @@ def matrices(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 @given(st.integers(2, 3), st.integers(0, 2**32 - 1))
 def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed: int):
     G, load = matrices(n, seed)
-    ((modes, a, clearly),) = consistent(load, G)  # one and no more, as G is positive definite
+    ((_, a, clearly),) = consistent(load, G)  # one and no more, as G is positive definite
     assume(clearly > 1e-3)
     for route in ROUTES:
         motion = simulate(rigid(n), 1e-3, p={"b": load, "G": G.ravel(order="F")}, route=route)
@@ -80,10 +80,9 @@ def test_a_growing_load_sets_a_body_free_when_a_contact_can_bear_no_more(n: int,
     rates = -np.linalg.solve(G, growth)  # of the forces that hold
     times = np.where(rates > 0, BACKWARD[:n], FORWARD[:n]) / np.abs(rates)
     first, (release, following) = int(np.argmin(times)), np.sort(times)[:2]
-    (modes, a, clearly), *others = consistent((1 + 1e-9) * release * growth, G)
-    assume(not others and following > 1.01 * release)
-    # the slips begin with no acceleration but that of the first, if it takes others along
-    assume(np.flatnonzero(modes).tolist() == [first])
+    assume(following > 1.01 * release)
+    ((modes, *_),) = consistent((1 + 1e-9) * release * growth, G)
+    assume(np.flatnonzero(modes).tolist() == [first])  # the others stay
     late = 1e-3 * release
     for route in ROUTES:
         motion = simulate(

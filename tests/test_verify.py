@@ -136,7 +136,7 @@ def test_jumps_are_measured_against_the_largest_of_all_links():
     assert violations(motion, LIMITS)["closed"] == pytest.approx(0.09 / 4.5, abs=1e-12)
 
 
-SAWTOOTH = Gait([0.0, 1.0, 3.0], [[[1.0, 0.5]], [[1.5, -0.25]]])
+SAWTOOTH = Gait(np.array([0.0, 1.0, 3.0]), np.array([[[1.0, 0.5]], [[1.5, -0.25]]]))
 
 
 def test_rates_that_jump_do_not_close_unless_impulses_are_allowed():
@@ -160,7 +160,7 @@ def test_no_spike_bears_an_impulse():
 
 
 def test_a_worm_that_stands_still_keeps_to_everything():
-    motion = crawl(Gait([0.0, 1.0], [[[1.0]]]), [1.0, 1.0], 0.0, 1.0)
+    motion = crawl(Gait(np.array([0.0, 1.0]), np.array([[[1.0]]])), [1.0, 1.0], 0.0, 1.0)
     found = violations(motion, Limits(period=1.0, length=(0.5, 2.0), rate=1.0, resting=2))
     assert found == pytest.approx(
         {"limits.length": -0.25, "limits.rate": -1.0, "sigma": -1.0 / 2.0}
@@ -176,7 +176,7 @@ def test_a_limit_drawn_around_samples_holds_and_one_drawn_within_does_not(
 ):
     """Of every mass and actuator by itself, as dense sampling sees its load or force."""
     random = np.random.default_rng(seed)
-    mass = random.uniform(0.5, 2.0, gait.links + 1)
+    mass = random.uniform(0.5, 2.0, gait.links + 1).tolist()
     motion = crawl(gait, mass, drag, 1.2 * safe_load(gait, mass))
     sample = motion.sample(4000)
     wide = Limits(period=gait.period, length=(0.01, 1e3), rate=1e6)
