@@ -74,6 +74,23 @@ def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed:
 
 
 @settings(max_examples=examples(30), deadline=None)
+@given(st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_not(
+    n: int, seed: int
+):
+    G, way = matrices(n, seed)
+    held = -np.linalg.solve(G, way)
+    most = (np.where(held > 0, BACKWARD[:n], FORWARD[:n]) / np.abs(held)).min()
+    for share in (1 - 1e-6, 1 + 1e-6):
+        ((modes, a, _),) = consistent(share * most * way, G)
+        assert modes.any() == (share > 1)
+        p = {"b": share * most * way, "G": G.ravel(order="F")}
+        for route in ROUTES:
+            motion = simulate(rigid(n), 1.0, p=p, route=route)
+            assert motion.end == pytest.approx(a, rel=1e-6, abs=1e-14)
+
+
+@settings(max_examples=examples(30), deadline=None)
 @given(st.integers(2, 3), st.integers(0, 2**32 - 1))
 def test_a_growing_load_sets_a_body_free_when_a_contact_can_bear_no_more(n: int, seed: int):
     G, growth = matrices(n, seed)
