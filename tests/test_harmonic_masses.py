@@ -75,6 +75,23 @@ def test_the_law_of_motion_is_that_of_the_whole_mass():
     assert float(rate(values, [0.5, -2.0])) == pytest.approx(-1.5 / 3, abs=1e-16)
 
 
+def test_actuators_feed_what_the_ground_takes_and_the_centre_gains():
+    """Power is losses by the law of friction and the change of M V^2 / 2, instant by instant."""
+    cosines, sines, mass = [1.0, -0.4, -0.3], [0.0, 0.5, -0.25], [1.0, 1.0, 2.0]
+    laws = [Coulomb(0.3, 1.0), Coulomb(0.5, 0.2), Coulomb(0.1, 0.4)]
+    model = harmonic_masses(cosines, sines, law=laws, mass=mass, frequency=1.3, velocity=0.2)
+    motion = simulate(model, 12.0, times=np.linspace(0.0, 12.0, 1201))
+    v, V = motion["velocity"], motion["center_velocity"][0]
+    slides = np.all(np.abs(v) > 1e-9, axis=0)
+    ahead, behind = ([getattr(law, way) for law in laws] for way in ("forward", "backward"))
+    force = np.where(v > 0, -np.array(ahead)[:, None], np.array(behind)[:, None])
+    losses, gain = -(force * v).sum(axis=0), V * force.sum(axis=0)
+    assert np.count_nonzero(slides) > 1000
+    assert losses[slides].min() > 0
+    assert motion["power"][0][slides] == pytest.approx((losses + gain)[slides], abs=1e-13)
+    assert motion["total_force"][0][slides] == pytest.approx(force.sum(axis=0)[slides], abs=1e-13)
+
+
 def test_steady_motions_scale_with_the_common_factor_and_not_with_frequency_and_mass():
     model = harmonic_masses(np.cos(THIRDS), np.sin(THIRDS), law=COULOMB)
     averaged = slow_of(model).averaged

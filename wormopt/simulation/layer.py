@@ -49,9 +49,25 @@ class Layer:
         times, inner = step.t + _SAMPLES * step.h, step.states(_SAMPLES)
         pairs = zip(times, inner, strict=True)
         v = np.array([self._velocities(t, x[: self._n_x])[0].copy() for t, x in pairs])
+        cubics = self._least_of_cubics(step, v[0])
         v *= np.where(v[0] > 0, 1.0, -1.0)
-        passes = (v[0] > self._layers) & (v[-1] > self._layers) & (v.min(axis=0) < self._layers)
+        least = np.minimum(_least_between(v), cubics)
+        passes = (v[0] > self._layers) & (v[-1] > self._layers) & (least < self._layers)
         return bool(np.any(passes & suspects))
+
+    def _least_of_cubics(self, step: Step, start: np.ndarray) -> np.ndarray:
+        """Least velocities by the cubics that know a step's ends only; infinite of no states.
+
+        Stages of the step's own polynomial may lie within a dip and bend it.
+        """
+        states = np.array(self._states)
+        a, da, b, db = (
+            value[states] * np.where(start > 0, 1.0, -1.0)
+            for value in (step.x, step.h * step.dx, step.x_new, step.h * step.dx_new)
+        )
+        s, rise = _SAMPLES[:, None], b - a
+        cubic = a + s * (da + s * (3 * rise - 2 * da - db + s * (da + db - 2 * rise)))
+        return np.where(states < 0, np.inf, _least_between(cubic))
 
     def _goes_over_bend(self, step: Step) -> bool:
         assert self._bends is not None
@@ -72,3 +88,14 @@ class Layer:
             low = min(first, second) <= max(layer, 0.3 * min(a, b))
             found.append(i < 0 or (a > layer and b > layer and low))
         return found
+
+
+def _least_between(v: np.ndarray) -> np.ndarray:
+    """Least velocities (n,) within a step, by parabolas through neighbouring samples (m, n).
+
+    A dip may be far shorter than the time between two of them.
+    """
+    slope, bend = (v[2:] - v[:-2]) / 2, v[:-2] + v[2:] - 2 * v[1:-1]
+    turns = np.abs(slope) < bend
+    dip = np.where(turns, slope**2 / (2 * np.where(turns, bend, 1.0)), 0.0)
+    return (v[1:-1] - dip).min(axis=0)

@@ -3,6 +3,29 @@
 
 #include "run.h"
 
+enum { N_LOOKS = 17 };
+
+/* Least of sign v within a step, by parabolas through neighbouring samples: a dip may be far shorter
+   than the time between two of them. */
+static double least_between(const double *v, double sign) {
+    double least = INFINITY;
+    for (int k = 1; k < N_LOOKS - 1; k++) {
+        const double slope = sign * (v[k + 1] - v[k - 1]) / 2;
+        const double bend = sign * (v[k - 1] + v[k + 1] - 2 * v[k]);
+        const double dip = fabs(slope) < bend ? slope * slope / (2 * bend) : 0.0;
+        least = fmin(least, sign * v[k] - dip);
+    }
+    return least;
+}
+
+/* Value at theta of the cubic that has a state's values and derivatives at both ends of a step. */
+static double cubic(const Run *run, long long m, double h, double theta) {
+    const double a = run->out.x[m], rise = run->x_new[m] - a;
+    const double first = h * run->k[0][m], last = h * run->k[12][m];
+    const double square = 3 * rise - 2 * first - last, cube = first + last - 2 * rise;
+    return a + theta * (first + theta * (square + theta * cube));
+}
+
 /* Whether a velocity enters the steep layer of the smooth law and leaves it again within the step:
    the steep part would act between the stages and no error estimate would know. */
 int dips_into_layer(Run *run, double h) {
@@ -18,22 +41,23 @@ int dips_into_layer(Run *run, double h) {
         }
         if (!run->has_dense) fit_dense(run, h);
         run->has_dense = 1;
-        double first = 0.0, last = 0.0, least = INFINITY;
-        for (int k = 0; k <= 16; k++) {
-            double v;
+        double v[N_LOOKS], plain[N_LOOKS];
+        for (int k = 0; k < N_LOOKS; k++) {
+            const double theta = k / (N_LOOKS - 1.0);
             if (m >= 0) {
-                v = dense_component(run, m, k / 16.0);
+                v[k] = dense_component(run, m, theta);
+                plain[k] = cubic(run, m, h, theta);
             } else {
-                dense_state(run, k / 16.0, run->column, run->in.n_x);
-                evaluate(run, run->in.velocities, run->out.t + h * k / 16.0, run->column, run->probe);
-                v = run->probe[i];
+                dense_state(run, theta, run->column, run->in.n_x);
+                evaluate(run, run->in.velocities, run->out.t + h * theta, run->column, run->probe);
+                v[k] = plain[k] = run->probe[i];
             }
-            if (k == 0) first = v;
-            if (k == 16) last = v;
-            least = fmin(least, first > 0.0 ? v : -v);
         }
-        double sign = first > 0.0 ? 1.0 : -1.0;
-        if (fabs(first) > layer && sign * last > layer && least < layer) return 1;
+        const double sign = v[0] > 0.0 ? 1.0 : -1.0;
+        const double first = sign * v[0], last = sign * v[N_LOOKS - 1];
+        /* stages of the polynomial may lie within the dip and bend it: the cubic knows the ends only */
+        const double least = fmin(least_between(v, sign), least_between(plain, sign));
+        if (first > layer && last > layer && least < layer) return 1;
     }
     return 0;
 }

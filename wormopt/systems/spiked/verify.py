@@ -54,7 +54,7 @@ def violations(motion: Crawl, limits: Limits) -> dict[str, float]:
             found[f"limits.{key}"] = _excess(motion, signal, -most, most)
     if limits.spike_load is not None and motion.impulses:
         found["limits.spike_load"] = np.inf
-    low = float(motion.extremes("sigma")[0][0])
+    low = motion.extremes("sigma")[0].item()
     if limits.sigma_margin > 0:
         size = max(limits.sigma_margin, motion.force_scale)
         found["limits.sigma_margin"] = (limits.sigma_margin - low) / size
@@ -75,10 +75,10 @@ def _excess(motion: Crawl, signal: str, low: np.ndarray, high: np.ndarray) -> fl
 
 def _gap(motion: Crawl, limits: Limits) -> float:
     """Largest jump of lengths, and of rates unless impulses are allowed, between pieces."""
-    gap = 0.0
+    gaps = []
     for derivative in (0,) if limits.impulses else (0, 1):
         after, before = at_breaks(motion.gait, derivative)
         # rates may vanish at every break, so their size is that of the whole period
-        size = max(float(np.abs(v).max()) for v in motion.extremes(("length", "rate")[derivative]))
-        gap = max(gap, float(np.abs(after - before).max()) / (size or 1.0))
-    return gap
+        size = np.abs(motion.extremes(("length", "rate")[derivative])).max()
+        gaps.append(np.abs(after - before).max() / (size or 1.0))
+    return float(max(gaps))

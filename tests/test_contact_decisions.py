@@ -1,0 +1,156 @@
+"""Which contacts rest: the only choice that the laws allow, found by trying them all."""
+
+from functools import cache
+from itertools import product
+
+import casadi as ca
+import numpy as np
+import pytest
+from effort import examples
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Contact, Model, Signal
+from wormopt.simulation.options import Route, Smooth, Tolerance
+from wormopt.simulation.simulate import simulate
+
+ROUTES: tuple[Route, ...] = ("native", "python")
+FORWARD, BACKWARD = np.array([0.5, 1.0, 0.8]), np.array([1.0, 0.4, 0.8])
+
+
+@cache
+def rigid(n: int) -> Model:
+    """Contacts on one rigid body: v' = b + r t + G f, so that to hold one changes the others."""
+    t, v, f = ca.SX.sym("t"), ca.SX.sym("v", n), ca.SX.sym("f", n)
+    b, r, G = ca.SX.sym("b", n), ca.SX.sym("r", n), ca.SX.sym("G", n, n)
+    laws = (Coulomb(*each) for each in zip(FORWARD[:n], BACKWARD[:n], strict=True))
+    return Model(
+        f"rigid {n}",
+        x=[Signal("v", v, value=0.0)],
+        ode=b + r * t + G @ f,
+        t=t,
+        p=[
+            Signal("b", b, value=0.0),
+            Signal("r", r, value=0.0),
+            Signal("G", ca.vec(G), value=np.eye(n).ravel().tolist()),
+        ],
+        contacts=[Contact(f"foot {i}", v[i], f[i], law) for i, law in enumerate(laws)],
+    )
+
+
+def consistent(load: np.ndarray, G: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """All modes at velocity 0 that the laws allow, with accelerations and how clearly."""
+    n, found = len(load), []
+    for modes in map(np.array, product((-1, 0, 1), repeat=len(load))):
+        force = np.where(modes > 0, -FORWARD[:n], BACKWARD[:n]) * (modes != 0)
+        rest = modes == 0
+        if rest.any():
+            known = load + G @ force
+            force[rest] = np.linalg.solve(G[np.ix_(rest, rest)], -known[rest])
+        a = load + G @ force
+        room = np.where(rest, np.minimum(BACKWARD[:n] - force, force + FORWARD[:n]), modes * a)
+        if room.min() > 0:
+            found.append((modes, np.where(rest, 0.0, a), float(room.min())))
+    return found
+
+
+def matrices(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(seed)
+    A = random.normal(size=(n, n))
+    return A @ A.T + 0.3 * np.eye(n), random.normal(size=n) * 3
+
+
+@settings(max_examples=examples(30), deadline=None)
+@given(st.integers(2, 3), st.integers(0, 2**32 - 1))
+def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed: int):
+    G, load = matrices(n, seed)
+    ((_, a, clearly),) = consistent(load, G)  # one and no more, as G is positive definite
+    assume(clearly > 1e-3)
+    for route in ROUTES:
+        motion = simulate(rigid(n), 1e-3, p={"b": load, "G": G.ravel(order="F")}, route=route)
+        assert motion.end == pytest.approx(1e-3 * a, abs=1e-14)
+        assert not motion.events  # it began so
+
+
+@settings(max_examples=examples(30), deadline=None)
+@given(st.integers(1, 3), st.integers(0, 2**32 - 1))
+def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_not(
+    n: int, seed: int
+):
+    G, way = matrices(n, seed)
+    held = -np.linalg.solve(G, way)
+    most = (np.where(held > 0, BACKWARD[:n], FORWARD[:n]) / np.abs(held)).min()
+    for share in (1 - 1e-6, 1 + 1e-6):
+        ((modes, a, _),) = consistent(share * most * way, G)
+        assert modes.any() == (share > 1)
+        p = {"b": share * most * way, "G": G.ravel(order="F")}
+        for route in ROUTES:
+            motion = simulate(rigid(n), 1.0, p=p, route=route)
+            assert motion.end == pytest.approx(a, rel=1e-6, abs=1e-14)
+
+
+@settings(max_examples=examples(30), deadline=None)
+@given(st.integers(2, 3), st.integers(0, 2**32 - 1))
+def test_a_growing_load_sets_a_body_free_when_a_contact_can_bear_no_more(n: int, seed: int):
+    G, growth = matrices(n, seed)
+    rates = -np.linalg.solve(G, growth)  # of the forces that hold
+    times = np.where(rates > 0, BACKWARD[:n], FORWARD[:n]) / np.abs(rates)
+    first, (release, following) = int(np.argmin(times)), np.sort(times)[:2]
+    assume(following > 1.01 * release)
+    ((modes, *_),) = consistent((1 + 1e-9) * release * growth, G)
+    assume(np.flatnonzero(modes).tolist() == [first])  # the others stay
+    late = 1e-3 * release
+    for route in ROUTES:
+        motion = simulate(
+            rigid(n), release + late, p={"r": growth, "G": G.ravel(order="F")}, route=route
+        )
+        (event,) = motion.events
+        assert (event.kind, event.name) == ("release", f"foot {first}")
+        assert event.time == pytest.approx(release, rel=1e-12)
+        assert event.mode == -np.sign(rates[first])
+        # the force of the one that slides stays, those of the others follow the load
+        rest = np.delete(np.arange(n), first)
+        pull = growth[first] - G[first, rest] @ np.linalg.solve(G[np.ix_(rest, rest)], growth[rest])
+        expected = np.zeros(n)
+        expected[first] = pull * late**2 / 2
+        assert motion.end == pytest.approx(expected, abs=1e-9 * late)
+
+
+# -- the layer round velocity 0 ----------------------------------------------------------------
+
+V_REG = 1e-6
+
+
+@cache
+def braked(sign: float) -> Model:
+    """A block pushed by 1 + 2 (t - still) over ground that resists with 1."""
+    t, v, f, still = (ca.SX.sym(name) for name in ("t", "v", "f", "still"))
+    return Model(
+        "braked",
+        x=[Signal("v", v, value=0.0)],
+        ode=sign * (1 + 2 * (t - still)) + f,
+        t=t,
+        p=[Signal("still", still, value=1.0)],
+        contacts=[Contact("block", v, f, Coulomb(1.0, 1.0), nominal_speed=1.0)],
+    )
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@settings(max_examples=examples(15), deadline=None)
+@given(st.floats(1.0, 9.0), st.floats(2e-5, 1e-3))
+def test_a_stop_within_one_long_step_is_not_passed_over(
+    route: Route, sign: float, still: float, depth: float
+):
+    """Without the ground's turn about, the velocity would fall to -depth at `still` and rise.
+
+    Friction holds the block from where it stops until then, so that v = (t - still)^2 after it.
+    Steps are exact on either side and know no reason to be short.
+    """
+    motion = simulate(
+        braked(sign), 10.0, contact=Smooth(V_REG), route=route,
+        x0={"v": sign * (still**2 - depth)}, p={"still": still},
+        tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+    )  # fmt: skip
+    assert sign * motion.end[0] == pytest.approx((10.0 - still) ** 2, abs=5 * V_REG)
