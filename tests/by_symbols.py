@@ -256,6 +256,9 @@ class _Lifted:
 
     def _turn(self, e: Expression) -> Expression:
         angle = sp.expand(e.args[0])
+        plain = e.func(angle)  # half turns and signs of angles are taken out
+        if not isinstance(plain, sp.sin | sp.cos) or plain.args[0] != angle:
+            return self._lift(plain)
         known = ("cos", angle) in self._unknowns
         s, c = self._unknown(("sin", angle)), self._unknown(("cos", angle))
         if not known:
