@@ -2,8 +2,8 @@
 
 Nothing is evaluated at points. What a Model says is read from its own instructions; where it has
 branches, a proof tells the signs of what they hang on, and is done case by case. A double in an
-expression is read as the one number it stands for: a fraction of small integers, that times pi, or
-its root. Others must be named, else nothing is read.
+expression is read as the one number it stands for: a fraction of small integers, that times a
+power of pi, or its root. Others must be named, else nothing is read.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import casadi as ca
 import sympy as sp
+from sympy.polys.fields import field
 
 from wormopt.model.model import Model
 
@@ -42,9 +43,11 @@ def number(value: float, named: Mapping[float, Expression] | None = None) -> Exp
     plain = _fraction(value)
     if plain is not None:
         return plain
-    turned, square = _fraction(value / float(sp.pi)), _fraction(value * value)
-    if turned is not None:
-        return turned * sp.pi
+    for power in (1, -1, 2, 3, 4):
+        share = _fraction(value / float(sp.pi) ** power)
+        if share is not None:
+            return share * sp.pi**power
+    square = _fraction(value * value)
     if square is not None:
         return sp.sign(value) * sp.sqrt(square)
     raise ValueError(f"{value!r} stands for no plain number; name it")
@@ -270,7 +273,8 @@ class _Lifted:
 
 
 def _numerator(e: Expression) -> Expression:
-    return sp.expand(sp.fraction(sp.together(e))[0])
+    symbols = sorted(e.free_symbols, key=str)
+    return field(symbols, sp.QQ)[0].from_expr(e).numer.as_expr() if symbols else e
 
 
 def _reduced(top: Expression, root: Expression, power: int, value: Expression) -> Expression:
