@@ -34,10 +34,6 @@ class Undecided(Exception):
 
 def number(value: float, named: Mapping[float, Expression] | None = None) -> Expression:
     """What a double stands for; ValueError where that is not plain."""
-    for known, symbol in (named or {}).items():
-        share = _fraction(value / known)
-        if share is not None:
-            return share * symbol
     if value in (float("inf"), float("-inf")):
         return sp.oo if value > 0 else -sp.oo
     plain = _fraction(value)
@@ -50,6 +46,10 @@ def number(value: float, named: Mapping[float, Expression] | None = None) -> Exp
     square = _fraction(value * value)
     if square is not None:
         return sp.sign(value) * sp.sqrt(square)
+    for known, symbol in (named or {}).items():
+        share = _fraction(value / known)
+        if share is not None:
+            return share * symbol
     raise ValueError(f"{value!r} stands for no plain number; name it")
 
 

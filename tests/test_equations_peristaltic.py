@@ -73,10 +73,15 @@ def test_pulls_of_a_segment_are_derivatives_of_its_energies():
     assert zero(elastic - sp.diff(energy, lam) / L)
     assert zero(elastic.subs(a, 1) - STIFF * (lam - lam**-2))
     field = S.one(one.magnetic_energy(CA["lam"], CA["p"]), OUT)
-    assert zero(field + p * sp.pi * R**2 / lam * c)  # mean of p over the volume, V / l is the area
+    area = sp.pi * R**2 / lam  # V / l
+    assert zero(field + p * area * c * L)
     coil = S.one(one.coil_pull(CA["lam"], CA["p"]), OUT)
-    assert zero(coil - sp.diff(field, lam) / L - p * sp.pi * R**2 * c / lam**2 * (1 - 1 / L) * 0
-                - (p * sp.pi * R**2 * c / lam**2 - sp.diff(field, lam) / L))  # fmt: skip
+    assert zero(coil - sp.diff(field, lam) / L)
+    assert zero(coil - p * sp.pi * R**2 * c / lam**2)
+    # within the even field its energy does not know the length, and nothing pulls
+    inside = {lam - c: -1}
+    assert S.one(one.coil_pull(CA["lam"], CA["p"]), inside) == 0
+    assert not S.one(one.magnetic_energy(CA["lam"], CA["p"]), inside).has(lam)
 
 
 def test_unloaded_segment_in_closed_form():
@@ -134,13 +139,11 @@ def test_inflated_tubes_are_at_rest_and_their_limit_is_that_of_the_hessian():
     kappa = sp.Symbol("kappa")
     total = w - kappa * th**2 * lam / 2
     free, loading = S.one(free_stretch(th_)), S.one(loading_at(th_))
-    at = sp.Symbol("q", positive=True)  # lam² of the closed form, neo-Hookean
+    square = sp.Symbol("q", positive=True)  # lam², neo-Hookean
     energy = total.subs(a, 1)
     from_wall = sp.solve(sp.diff(energy, th), kappa)[0]
     ends = sp.numer(sp.together(sp.diff(energy, lam).subs(kappa, from_wall)))
-    quadratic = sp.cancel(ends.subs(lam, sp.sqrt(at)))
-    for factor, root in ((quadratic, free**2),):
-        assert zero(factor.subs(at, root))
+    assert zero(sp.cancel(ends.subs(lam, sp.sqrt(square))).subs(square, free**2))
     assert zero(loading - from_wall.subs(lam, free))
     hessian = sp.hessian(energy, (lam, th)).subs(kappa, from_wall).det()
     assert zero(S.one(determinant(th_)) - hessian.subs(lam, free))
@@ -151,8 +154,8 @@ def test_inflated_tubes_of_mooneys_rubber_too():
     w = S.one(density(CA["lam"], CA["th"], CA["a"]))
     x = S.one(free_stretch(CA["th"], CA["a"])) ** 2
     ends = sp.diff(w, lam) * 2 * lam - th * sp.diff(w, th)  # kappa th² / 2 = w_lam, kappa th lam = w_th
-    polynomial = sp.cancel(sp.expand(ends * lam**2).subs(lam, sp.sqrt(sp.Symbol("q", positive=True))))
-    assert zero(polynomial.subs(sp.Symbol("q", positive=True), x))
+    square = sp.Symbol("q", positive=True)
+    assert zero(sp.cancel(sp.expand(ends * lam**2).subs(lam, sp.sqrt(square))).subs(square, x))
 
 
 def test_barrel_holds_the_volume_of_its_cylinder():
@@ -168,8 +171,8 @@ def test_barrel_holds_the_volume_of_its_cylinder():
 def test_membrane_of_the_true_shape_balances_forces_along_and_across():
     """d/ds of the tension's two components: pressure on a cut acts along the axis and across it.
 
-    Along: w_1 cos phi - kappa rho² / 2 does not change. Across: (w_1 rho sin phi)... by the wall's
-    own equations; W - lam_1 W_1 is kept too, as the wall is alike along itself.
+    Along, w_1 cos phi - kappa rho² / 2 does not change; across, w_1 sin phi changes by the hoop's
+    tension less the pressure. w - lam_1 w_1 is kept too, as the wall is alike along itself.
     """
     problem = balloon_problem("pressure", 1.0)
     s = Symbols({"y": problem.y, "kappa": problem.p, "given": problem.given})
@@ -207,17 +210,15 @@ def test_fibres_pull_by_their_volume_and_lock_where_it_is_largest(monkeypatch: p
     assert zero((stretch * sp.cos(al0)) ** 2 + (hoop * sp.sin(al0)) ** 2 - 1)
     volume = s.one(wound.volume(angle))
     length = L * stretch
-    assert zero(s.one(wound.pull(angle, CA["p"])) + p * sp.diff(volume, al) / sp.diff(length, al)) or zero(
-        s.one(wound.pull(angle, CA["p"])) - p * sp.diff(volume, al) / sp.diff(length, al)
-    )
+    by_length = sp.diff(volume, al) / sp.diff(length, al)
+    assert zero(s.one(wound.pull(angle, CA["p"])) + p * by_length)
     energy = s.one(wound.energy(angle))
     assert zero(s.one(wound.elastic_pull(angle)) - sp.diff(energy, al) / sp.diff(length, al))
     monkeypatch.undo()
-    fill = Symbols({"al": angle}).one(fill_at(angle))
-    slope = sp.diff(fill, sp.Symbol("al", real=True))
-    at = {sp.cos(sp.Symbol("al", real=True)): 1 / sp.sqrt(3), sp.sin(sp.Symbol("al", real=True)): sp.sqrt(Q(2, 3))}
-    assert zero(slope.subs(at))  # tan² = 2
-    assert zero(fill.subs(at) - 1)
+    fill = s.one(fill_at(angle))
+    neutral = {sp.cos(al): 1 / sp.sqrt(3), sp.sin(al): sp.sqrt(Q(2, 3))}  # tan² = 2
+    assert zero(sp.diff(fill, al).subs(neutral))
+    assert zero(fill.subs(neutral) - 1)
 
 
 # -- chain ----------------------------------------------------------------------------------------
@@ -265,31 +266,28 @@ def test_chain_follows_from_lagrange(segments: int, clamped: bool):
 # -- drag -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("segments", [2, 3, 5])
+@pytest.mark.parametrize("segments", [2, 3])
 def test_drags_of_all_segments_sum_to_zero(segments: int):
-    """sum c(l_j) u_j' = 0, u_j middles of the segments, whose distances are those of lengths."""
-    model = drag_worm(segments, 1.0, length=2.0, drag=3.0)
+    """In units of L and c0: sum c(l_j) u_j' = 0, u_j middles of the segments, whose distances are those of lengths."""
+    model = drag_worm(segments, 1.0)
     s = Symbols.of(model, positive=("length",))
-    size, rate = s["length"], s["rate"]
-    coefficients = [3 * (one / 2) ** s["exponent"] for one in size]
+    rate = s["rate"]
+    powers = {one ** s["exponent"]: sp.Symbol(f"c{j}", positive=True)
+              for j, one in enumerate(s["length"])}  # fmt: skip
     behind = [sum(rate[:j]) + rate[j] / 2 for j in range(segments)]  # of the head's own rate
-    mean = s.one(model["speed"])
+    mean = s.one(model["speed"]).subs(powers)
     velocities = [mean + sum(behind) / segments - one for one in behind]
-    total = sum(k * v for k, v in zip(coefficients, velocities, strict=True))
-    powers = {one ** s["exponent"]: sp.Symbol(f"c{j}", positive=True) for j, one in enumerate(size)}
-    plain = sp.expand_power_base(total, force=True).subs(powers)
-    assert zero(plain)
+    assert zero(sum(k * v for k, v in zip(powers.values(), velocities, strict=True)))
     # dissipation along every segment, of which the ends move by half of its rate
-    at = sp.Symbol("at")
+    at, speed = sp.Symbol("at"), sp.Symbol("speed")
     lost = sum(
-        k * sp.integrate((v + r * at) ** 2, (at, -Q(1, 2), Q(1, 2)))
-        for k, v, r in zip(coefficients, velocities, rate, strict=True)
+        k * sp.integrate(sp.expand((v - mean + speed + r * at) ** 2), (at, -Q(1, 2), Q(1, 2)))
+        for k, v, r in zip(powers.values(), velocities, rate, strict=True)
     )
-    gap = sp.expand_power_base(lost - s.one(model["dissipation"]), force=True).subs(powers)
-    assert zero(gap)
+    assert zero(lost.subs(speed, mean) - s.one(model["dissipation"]).subs(powers))
 
 
-@pytest.mark.parametrize("segments", [2, 3, 4])
+@pytest.mark.parametrize("segments", [2, 3])
 def test_way_of_small_gaits_is_that_of_the_area_matrix(segments: int):
     """To second order dX = (a L / N) int e^T K e': the speed's first variation, but for what repeats.
 
