@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
@@ -131,8 +132,7 @@ def steady_pair(forward: float, backward: float, detuning: float) -> SteadyPair:
         raise ArgumentError("friction must be finite and not negative, one of both above 0")
     if not math.isfinite(detuning):
         raise ArgumentError(f"detuning must be a finite number, not {detuning!r}")
-    phi = math.pi / 2 * (backward - forward) / (backward + forward)
-    taken = (backward + forward) / math.pi * math.cos(phi)
+    taken = _taken(forward, backward)
     if taken >= 0.5:
         raise ArgumentError(
             f"no steady motion: friction takes E cos(Phi) = {taken:.6g} of the swing and the field "
@@ -142,7 +142,23 @@ def steady_pair(forward: float, backward: float, detuning: float) -> SteadyPair:
         raise ArgumentError(
             "no steady motion at detuning 0: the swing grows without bound; write another detuning"
         )
-    rest = math.sqrt((0.5 - taken) * (0.5 + taken))
-    size = rest / abs(detuning)
-    lag = math.acos(-2 * math.copysign(rest, detuning))
-    return SteadyPair(math.sin(phi) * size, size / math.sqrt(2), lag)
+    return SteadyPair(*(float(part) for part in steady_form(forward, backward, detuning)))
+
+
+def steady_form(forward: Any, backward: Any, detuning: Any) -> tuple[Any, Any, Any]:
+    """V, a and xi of (19), for numbers or CasADi expressions, unchecked."""
+    taken = _taken(forward, backward)
+    rest = ca.sqrt((0.5 - taken) * (0.5 + taken))
+    size = rest / ca.fabs(detuning)
+    lag = ca.acos(-2 * ca.sign(detuning) * rest)
+    return ca.sin(_phi(forward, backward)) * size, size / math.sqrt(2), lag
+
+
+def _phi(forward: Any, backward: Any) -> Any:
+    """Phi of (19)."""
+    return ca.pi / 2 * (backward - forward) / (backward + forward)
+
+
+def _taken(forward: Any, backward: Any) -> Any:
+    """E cos(Phi) of (19): what friction takes of the swing."""
+    return (backward + forward) / ca.pi * ca.cos(_phi(forward, backward))
