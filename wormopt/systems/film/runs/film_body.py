@@ -230,7 +230,7 @@ def _largest(body: LyingBody, sign: int) -> float:
     """Largest push on the body at rest, one way."""
     xi = grid(4096)
     first = xi[np.argmax(sign * body.push(xi))]
-    found = minimize_scalar(
+    found: Any = minimize_scalar(
         lambda at: -sign * float(body.push(np.array([at]))[0]),
         bounds=(first - xi[1], first + xi[1]),
         method="bounded",
