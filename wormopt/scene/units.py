@@ -29,6 +29,9 @@ _PREFIXED: dict[str, tuple[Fraction, str]] = {
     "J": (Fraction(1), "m2 kg s-2"),
     "W": (Fraction(1), "m2 kg s-3"),
     "T": (Fraction(1), "kg s-2 A-1"),
+    "V": (Fraction(1), "m2 kg s-3 A-1"),
+    "ohm": (Fraction(1), "m2 kg s-3 A-2"),
+    "Ω": (Fraction(1), "m2 kg s-3 A-2"),
     "Oe": (Fraction(250) / Fraction(math.pi), "A m-1"),
 }
 _PLAIN: dict[str, tuple[Fraction, str]] = {
@@ -41,8 +44,8 @@ _PLAIN: dict[str, tuple[Fraction, str]] = {
 }
 _NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _TEXT = re.compile(rf"\s*((?>{_NUMBER}))\s*(\S.*?)\s*", re.ASCII)
-_FACTOR = re.compile(r"([A-Za-zµμ°%]+|1)(?:\^?([+-]?\d))?")
-WITH_UNIT = r"^\s*[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?\s*[A-Za-zµμ°%1/]"
+_FACTOR = re.compile(r"([A-Za-zµμ°%Ω]+|1)(?:\^?([+-]?\d))?")
+WITH_UNIT = r"^\s*[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?\s*[A-Za-zµμ°%Ω1/]"
 """How such a text begins, as a pattern for JSON Schema."""
 
 _POWERS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")

@@ -51,8 +51,8 @@ class HeavyFloat:
     --------
     >>> import wormopt as wo
     >>> body = wo.film.HeavyFloat(wo.film.CosineWave(0.5))
-    >>> float(body.velocity(0.0).round(6)) == round(1.5 * (1 - 2 / 3 / 1.5), 6)  # the surface's
-    True
+    >>> round(float(body.velocity(0.0)), 6)  # of the surface there
+    0.833333
     """
 
     wave: Wave
@@ -65,17 +65,50 @@ class HeavyFloat:
             raise ArgumentError(f"weight must be 0 or above, not {self.weight:g}")
 
     def push(self, xi: Any) -> Any:
-        """Force over the length on the body at rest with its middle at the phase xi."""
+        """Force over the length on the body at rest with its middle at the phase xi.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase of its middle.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            Per area, in units of eta omega / (k d).
+        """
         h, half = self.wave.height, self.length / 2
         rise = (h(xi + half) - h(xi - half)) / self.length if half else h(xi, 1)
         return body_velocity(self.wave, xi, self.length) * self.drag(xi) + self.weight * rise
 
     def drag(self, xi: Any) -> Any:
-        """What its own motion takes off, over its velocity."""
+        """What its own motion takes off, over its velocity.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase of its middle.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            Above 0.
+        """
         return self.wave.inverse(xi, self.length) if self.length else 1 / self.wave.height(xi)
 
     def velocity(self, xi: Any) -> Any:
-        """Velocity without mass."""
+        """Velocity without mass.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase of its middle.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            Over the speed of the wave.
+        """
         return self.push(xi) / self.drag(xi)
 
 
@@ -108,7 +141,7 @@ class LyingBody:
     --------
     >>> import wormopt as wo
     >>> body = wo.film.LyingBody(wo.film.CosineWave(0.5))
-    >>> round(max(body.push(wo.film.grid(4096))), 4)  # 3 / (4 |C|)
+    >>> round(float(max(body.push(wo.film.grid(4096)))), 4)  # 3 / (4 |C|)
     1.125
     """
 
@@ -130,7 +163,18 @@ class LyingBody:
         _ = self._rule  # refuses what no rule tells
 
     def push(self, xi: Any) -> Any:
-        """Force over the length on the body at rest with its middle at the phase xi."""
+        """Force over the length on the body at rest with its middle at the phase xi.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase of its middle.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            Per area, in units of eta omega / (k d).
+        """
         h, C, b = self.wave.height, self.wave.constant, self.height
         shear = self._mean(xi, lambda at: 3 * (h(at) + C) / (h(at) - b) ** 2)
         half = self.length / 2
@@ -138,12 +182,36 @@ class LyingBody:
         return shear + self.tension * b * ends
 
     def drag(self, xi: Any) -> Any:
-        """What its own motion takes off, over its velocity."""
+        """What its own motion takes off, over its velocity.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase of its middle.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            Above 0.
+        """
         h, b = self.wave.height, self.height
         return self._mean(xi, lambda at: 3 * h(at) / (h(at) - b) ** 2)
 
     def velocity(self, xi: np.ndarray, forward: float = 0.0, backward: float = 0.0) -> np.ndarray:
-        """Velocity without mass against a friction either way: 0 where the ground holds it."""
+        """Velocity without mass against a friction either way: 0 where the ground holds it.
+
+        Parameters
+        ----------
+        xi : float, ndarray or casadi.SX
+            Phase of its middle.
+        forward, backward : float, optional
+            Friction of the ground, 0 or above.
+
+        Returns
+        -------
+        float, ndarray or casadi.SX
+            Over the speed of the wave.
+        """
         push = self.push(xi)
         return (np.maximum(push - forward, 0.0) + np.minimum(push + backward, 0.0)) / self.drag(xi)
 
