@@ -15,9 +15,9 @@ from sympy import Rational as Q
 
 from wormopt.magnetics.pressure import field_of, gaussian_pressure
 from wormopt.systems.film import given_field
+from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.float import body_velocity, cosine_drift, floating, tracers
-from wormopt.systems.film.heavy_float import heavy_float
 from wormopt.systems.film.lubrication import (
     field_slope,
     flow,
@@ -190,7 +190,9 @@ def test_30_the_field_of_any_wave_is_the_integral_of_29():
     assert zero(sp.diff(ours, COS["xi"]) + COS.one(field_slope(*args)))
     assert zero(ours.subs(COS["xi"], COS["xi"] + 2 * sp.pi) - ours)
     # printed integrands 1 / h and 1 / h differ from those of (29)
-    assert zero((-3 / h - 3 * C / h) - (-3 / h**2 - 3 * C / h**3) - 3 * (h - 1) * (-h - C * (h + 1)) / h**3)
+    assert zero(
+        (-3 / h - 3 * C / h) - (-3 / h**2 - 3 * C / h**3) - 3 * (h - 1) * (-h - C * (h + 1)) / h**3
+    )
 
 
 def test_30_only_our_c_makes_the_field_repeat():
@@ -281,22 +283,40 @@ def test_drift_of_small_floats_in_closed_form():
     assert zero((1 - 1 / turn).subs(known) - COS.one(cosine_drift(DELTA)))
 
 
+def pulled(body: HeavyFloat | LyingBody) -> tuple[Symbols, Any, Any, Any]:
+    """Symbols of the body's Model, thickness over it, C, and the force on it."""
+    model = carried_body(body, mass=0.25)
+    s = Symbols.of(model, positive=("mass",))
+    height = 1 + sp.cos(s["t"] - s["position"]) / 2
+    rates = s(model.ode)
+    rates = rates.subs({each: 0 for each in rates.free_symbols if each.name == "contact"})
+    force, v = sp.cancel(rates[1] * s["mass"]), s["velocity"]
+    assert zero(rates - sp.Matrix([v, force / s["mass"], force * v, force]))
+    return s, height, Q(-2, 3), force
+
+
 def test_a_heavy_float_is_dragged_by_the_shear_below_it():
     """Couette on top of (27): u = F (z²/2 - h z) + tau z takes the float's v on z = h.
 
     So tau = (v - u_s) / h, and m v' = -tau - w h_x with the weight w down the slope.
     """
-    model = heavy_float(CosineWave(0.5), mass=0.25, weight=0.5)
-    s = Symbols.of(model, positive=("amplitude",))
-    phase, d = s["t"] - s["position"], s["amplitude"]
-    H, c = 1 + d * sp.cos(phase), -2 * (1 - d**2) / (2 + d**2)
+    s, H, c, force = pulled(HeavyFloat(CosineWave(0.5), weight=0.5))
     tau = sp.Symbol("tau")
     profile = U.subs(z, h).doit().subs(C, c).subs(h, H) + tau * H
     (shear,) = sp.solve(profile - s["velocity"], tau)
-    h_x = sp.diff(H, s["position"])
-    force = -shear - Q(1, 2) * h_x
-    rates = s(model.ode)
-    assert zero(rates - sp.Matrix([s["velocity"], 4 * force, force * s["velocity"], force]))
+    assert zero(force - (-shear - Q(1, 2) * sp.diff(H, s["position"])))
+
+
+def test_a_lying_body_is_pulled_by_the_flow_over_it():
+    """Over a floor at z = b that moves at v goes Q - b v: shear on it, and capillary -b p_x."""
+    s, H, c, force = pulled(LyingBody(CosineWave(0.5), height=0.25, tension=0.125))
+    up, F, gap = sp.symbols("up F gap", positive=True)  # up: above the floor
+    over = s["velocity"] + F * (up**2 / 2 - gap * up)  # no shear at the surface
+    total = sp.integrate(over, (up, 0, gap)) + Q(1, 4) * s["velocity"]
+    (found,) = sp.solve(total - (H + c), F)
+    shear = sp.diff(over, up).subs(up, 0).subs(F, found).subs(gap, H - Q(1, 4))
+    pressure = -Q(1, 8) * sp.diff(H, s["position"], 2)
+    assert zero(force - (shear - Q(1, 4) * sp.diff(pressure, s["position"])))
 
 
 CENTRAL = ([1 / 12, -2 / 3, 0, 2 / 3, -1 / 12], [-1 / 6, 4 / 3, -1 / 6])
