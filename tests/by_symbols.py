@@ -151,8 +151,9 @@ class Symbols:
         """The expression as a matrix of SymPy; `signs`: of what its branches hang on."""
         dense = ca.densify(ca.SX(expression))
         function = ca.Function("f", list(self._columns.values()), [dense])
-        names, work = list(self._columns), [sp.Integer(0)] * function.sz_w()
-        found = [sp.Integer(0)] * dense.numel()
+        names = list(self._columns)
+        work: list[Any] = [sp.Integer(0)] * function.sz_w()
+        found: list[Any] = [sp.Integer(0)] * dense.numel()
         steps: Any = function
         for k in range(function.n_instructions()):
             op, i, o = (f(k) for f in (steps.instruction_id, steps.instruction_input,

@@ -137,7 +137,9 @@ def test_3_and_10_of_a_chain_follow_from_lagrange(links: int):
     """T, V of the springs about l0 and Rayleigh's function of the dashpots, for all numbers."""
     model, s = chain_of(links)
     x, velocity = list(s["position"]), list(s["velocity"])
-    m, c, d, rest, k = (s.column(n) for n in ("mass", "stiffness", "damping", "rest_length", "drag"))
+    m, c, d, rest, k = (
+        s.column(n) for n in ("mass", "stiffness", "damping", "rest_length", "drag")
+    )
     T = sum(m[i] * velocity[i] ** 2 for i in range(links + 1)) / 2
     length = [x[j] - x[j + 1] for j in range(links)]
     rate = [velocity[j] - velocity[j + 1] for j in range(links)]
@@ -370,7 +372,7 @@ def test_11_trackers_move_rest_lengths_by_their_stiffness():
     signs_of_force: dict[Any, int] = {}
     forces = []
     for actuator in ("force", "rest_length"):
-        loop, s, e, u = tracked("derivative", actuator=actuator)
+        _, s, e, u = tracked("derivative", actuator=actuator)
         forces.append(s(u, outside(s, e, signs_of_force)))
     c = s["stiffness"]
     for j in (0, 1):
@@ -442,19 +444,21 @@ def test_15_is_our_fast_gait(rest: float, elongation: float):
     schedule = reference.schedule
     assert schedule is not None
     t, e = sp.Symbol("t", real=True), sp.Symbol("e")
+    read: Any = sp.sympify
+    slope: Any = sp.diff
     ends = []
     for piece, printed in PRINTED_15.items():
         numbers = [*schedule.values[piece], schedule.breaks[piece]]
         symbols = ca.vertcat(schedule.symbol, schedule.begin)
         ours = Symbols({"t": time})(ca.substitute(reference.value, symbols, ca.DM(numbers)))
-        known = [sp.sympify(one, {"t": t, "e": e}).subs(e, Q(str(elongation))) for one in printed]
+        known = [read(one, {"t": t, "e": e}).subs(e, Q(str(elongation))) for one in printed]
         for one, other in zip(ours, known, strict=True):
             assert zero(one - Q(str(rest)) * other)
         ends.append((known, Q(piece, 3), Q(piece + 1, 3)))
     for (a, _, end), (b, start, _) in zip(ends, [*ends[1:], ends[0]], strict=True):
         for one, other in zip(a, b, strict=True):  # of one piece into the next, with its slope
             for order in (0, 1):
-                gap = sp.diff(one, t, order).subs(t, end) - sp.diff(other, t, order).subs(t, start)
+                gap = slope(one, t, order).subs(t, end) - slope(other, t, order).subs(t, start)
                 assert sp.simplify(gap) == 0
 
 

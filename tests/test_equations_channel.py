@@ -106,14 +106,16 @@ def test_32_counts_by_the_nearest_integer_where_the_floor_as_printed_does_not_fi
 def test_33_is_our_sine_with_its_shift():
     ours = line_of("sine")
     assert zero(ours - (d / 2 + H / 2 * sp.sin(sp.pi * (x - L / 2) / L)))
-    assert [zero(ours.subs(x, at) - known) for at, known in ((0, w / 2), (L, d - w / 2))] == [True] * 2
+    assert [zero(ours.subs(x, at) - known) for at, known in ((0, w / 2), (L, d - w / 2))] == [
+        True
+    ] * 2
     printed = H / 2 * sp.sin(sp.pi * x / L)
     assert printed.subs(x, 0) == printed.subs(x, L) == 0  # from a wall to itself
     assert zero(sp.diff(printed, x).subs(x, x - L / 2) - sp.diff(ours, x))  # its length is the same
 
 
 def test_33_length_is_a_quarter_of_an_ellipse(monkeypatch: pytest.MonkeyPatch):
-    """1 + y'² = 1 + s sin²(pi x / L): L times a mean over a quarter turn, of half axes 1, sqrt(1 + s)."""
+    """1 + y'² = 1 + s sin²(pi x / L): L times a mean over a quarter turn; axes 1, sqrt(1 + s)."""
     monkeypatch.setattr(closed_forms, "_ellipse", lambda longest: longest)
     longest = length_of("sine") / L
     slope = sp.diff(line_of("sine"), x)
@@ -299,7 +301,9 @@ def test_rod_follows_from_lagrange(degree: int):
     strains = [stretch, shear, list(B * angle)]
     area, moment, E = sp.pi, sp.pi / 4, s["youngs_modulus"]
     resist = [E * area, E * area * Q(3, 10), E * moment]
-    V = sum(k * g[i] * e[i] ** 2 for k, e in zip(resist, strains, strict=True) for i in range(degree))
+    V = sum(
+        k * g[i] * e[i] ** 2 for k, e in zip(resist, strains, strict=True) for i in range(degree)
+    )
     R = s["damping_time"] * sum(
         k * g[i] * ((sp.Matrix([e[i]]).jacobian(q) * rates)[0]) ** 2
         for k, e in zip(resist, strains, strict=True)

@@ -122,7 +122,7 @@ def test_24_and_25_our_cosine_is_the_given_wave_in_units_of_the_depth():
 
 
 def test_25_scales_of_our_fluid():
-    """eps = d k, U_c = omega / k, P = eta omega / eps², Re = rho U_c d / eta, W = gamma d k² / P."""
+    """eps = d k, U_c = omega / k, P = eta omega / eps², Re = rho U_c d / eta, W = gamma d k²/P."""
     k = 2 * sp.pi / si["wavelength"]
     eta, rho, gamma, d, omega = (
         si[name] for name in ("viscosity", "density", "surface_tension", "depth", "frequency")
@@ -245,7 +245,8 @@ def test_floats_move_with_the_surface():
     c = -2 * (1 - s["amplitude"] ** 2) / (2 + s["amplitude"] ** 2)
     top = U.subs(z, h).doit().subs(C, c)
     assert zero(s.one(model.ode) - top.subs(h, H))
-    assert zero(S.one(body_velocity(_Any(), CA["z"])) - S.one(surface_velocity(CA["h"], CA["C"])))
+    any_wave: Any = _Any()
+    assert zero(S.one(body_velocity(any_wave, CA["z"])) - S.one(surface_velocity(CA["h"], CA["C"])))
 
 
 class _Any:

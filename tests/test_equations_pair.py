@@ -281,8 +281,10 @@ def test_19_makes_our_18_zero(way: int):
     # in (18), proven ours above: s = V / (a Omega) = sin Phi, sin xi >= 0 as xi is in [0, pi]
     assert zero(V / (A * sp.sqrt(2)) - sp.sin(Phi))
     assert zero(E * Phi - (F_high - F_low) / 2)  # V': asin(sin Phi) = Phi
-    square = 1 - lag.args[0] ** 2  # sin² xi
-    assert zero((square - (2 * E * sp.cos(Phi)) ** 2).subs(R, sp.sqrt(Q(1, 4) - E**2 * sp.cos(Phi) ** 2)))
+    square = 1 - sp.cos(lag) ** 2  # sin² xi
+    assert zero(
+        (square - (2 * E * sp.cos(Phi)) ** 2).subs(R, sp.sqrt(Q(1, 4) - E**2 * sp.cos(Phi) ** 2))
+    )
     assert zero(way * gap + lag.args[0] / (2 * A * sp.sqrt(2)))  # xi'
 
 

@@ -89,7 +89,9 @@ def test_unloaded_segment_in_closed_form():
     one = segment()
     kappa = S.one(one.loading(CA["p"]))
     assert zero(kappa - p * R / (G * h))
-    surplus = (S.one(one.elastic_pull(CA["lam"])) + S.one(one.coil_pull(CA["lam"], CA["p"]), OUT)).subs(a, 1)
+    surplus = (
+        S.one(one.elastic_pull(CA["lam"])) + S.one(one.coil_pull(CA["lam"], CA["p"]), OUT)
+    ).subs(a, 1)
     assert zero(surplus * lam**2 / STIFF - (lam**3 - 1 + kappa * c / 2))
     assert zero((surplus * lam**2 / STIFF).subs(c, lam) - (lam**3 - 1 + kappa * lam / 2))
 
@@ -102,7 +104,7 @@ def test_a_rigid_tube_is_pressed_by_minus_the_derivative_of_the_energy():
     U = (U - pull * L * lam).subs(lam, contact)
     # stretch_at_contact compares numbers; its formula is lam^(-1/2) R = R_t
     assert zero(S.one(one.radius_at(CA["lam"])).subs(lam, contact) - R_t)
-    surplus = (S.one(one.coil_pull(CA["lam"], CA["p"]), OUT) + S.one(one.elastic_pull(CA["lam"])))
+    surplus = S.one(one.coil_pull(CA["lam"], CA["p"]), OUT) + S.one(one.elastic_pull(CA["lam"]))
     F = surplus.subs(lam, contact) - pull
     assert zero(2 * L * contact / R_t * F + sp.diff(U, R_t))
     numbers = Segment(1.0, 1.0, 1.0, 1.0, coil_share=0.125)
@@ -133,7 +135,7 @@ def test_a_bed_pushes_by_its_energy():
 
 
 def test_inflated_tubes_are_at_rest_and_their_limit_is_that_of_the_hessian():
-    """Stationary: w - kappa th² lam / 2; free ends in closed form, the wall's loading, stability."""
+    """Stationary: w - kappa th² lam / 2; free ends in closed form, load of the wall, stability."""
     th_ = CA["th"]
     w = S.one(density(CA["lam"], th_, CA["a"]))
     kappa = sp.Symbol("kappa")
@@ -153,7 +155,9 @@ def test_inflated_tubes_of_mooneys_rubber_too():
     """Any share a: the quadratic of lam² is that of both balances."""
     w = S.one(density(CA["lam"], CA["th"], CA["a"]))
     x = S.one(free_stretch(CA["th"], CA["a"])) ** 2
-    ends = sp.diff(w, lam) * 2 * lam - th * sp.diff(w, th)  # kappa th² / 2 = w_lam, kappa th lam = w_th
+    ends = sp.diff(w, lam) * 2 * lam - th * sp.diff(
+        w, th
+    )  # kappa th² / 2 = w_lam, kappa th lam = w_th
     square = sp.Symbol("q", positive=True)
     assert zero(sp.cancel(sp.expand(ends * lam**2).subs(lam, sp.sqrt(square))).subs(square, x))
 
@@ -216,7 +220,7 @@ def test_fibres_pull_by_their_volume_and_lock_where_it_is_largest(monkeypatch: p
     assert zero(s.one(wound.elastic_pull(angle)) - sp.diff(energy, al) / sp.diff(length, al))
     monkeypatch.undo()
     fill = s.one(fill_at(angle))
-    neutral = {sp.cos(al): 1 / sp.sqrt(3), sp.sin(al): sp.sqrt(Q(2, 3))}  # tan² = 2
+    neutral: Any = {sp.cos(al): 1 / sp.sqrt(3), sp.sin(al): sp.sqrt(Q(2, 3))}  # tan² = 2
     assert zero(sp.diff(fill, al).subs(neutral))
     assert zero(fill.subs(neutral) - 1)
 
@@ -255,8 +259,8 @@ def test_chain_follows_from_lagrange(segments: int, clamped: bool):
     for contact, force, speed in zip(model.contacts, s.column("contact"), seen, strict=True):
         assert zero(s.one(contact.velocity) - speed)
         power += force * speed
-    longer = {x[j] - x[j + 1] - sp.nsimplify(body.segments[j].length * body.segments[j].coil_share): 1
-              for j in range(n)}  # fmt: skip
+    coils = [sp.nsimplify(one.length * one.coil_share) for one in body.segments]
+    longer = {x[j] - x[j + 1] - coils[j]: 1 for j in range(n)}
     ode = s(model.ode, longer)
     for i in range(n + 1):
         law = masses[i] * ode[n + 1 + i] + sp.diff(V, x[i]) + sp.diff(R_, v[i])
@@ -268,7 +272,7 @@ def test_chain_follows_from_lagrange(segments: int, clamped: bool):
 
 @pytest.mark.parametrize("segments", [2, 3])
 def test_drags_of_all_segments_sum_to_zero(segments: int):
-    """In units of L and c0: sum c(l_j) u_j' = 0, u_j middles of the segments, whose distances are those of lengths."""
+    """In units of L and c0: sum c(l_j) u_j' = 0, u_j the middles of segments."""
     model = drag_worm(segments, 1.0)
     s = Symbols.of(model, positive=("length",))
     rate = s["rate"]
@@ -280,7 +284,7 @@ def test_drags_of_all_segments_sum_to_zero(segments: int):
     assert zero(sum(k * v for k, v in zip(powers.values(), velocities, strict=True)))
     # dissipation along every segment, of which the ends move by half of its rate
     at, speed = sp.Symbol("at"), sp.Symbol("speed")
-    lost = sum(
+    lost: Any = sum(
         k * sp.integrate(sp.expand((v - mean + speed + r * at) ** 2), (at, -Q(1, 2), Q(1, 2)))
         for k, v, r in zip(powers.values(), velocities, rate, strict=True)
     )
@@ -289,7 +293,7 @@ def test_drags_of_all_segments_sum_to_zero(segments: int):
 
 @pytest.mark.parametrize("segments", [2, 3])
 def test_way_of_small_gaits_is_that_of_the_area_matrix(segments: int):
-    """To second order dX = (a L / N) int e^T K e': the speed's first variation, but for what repeats.
+    """To second order dX = (a L / N) int e^T K e': the speed's first variation, less what repeats.
 
     Its matrix A (speed = e^T A e') and (a L / N) K differ by a symmetric one, whose form is the
     derivative of e^T (A - A') e / 2. Without exponent the speed is 0: no gait moves at all.
@@ -302,7 +306,9 @@ def test_way_of_small_gaits_is_that_of_the_area_matrix(segments: int):
     assert zero(speed.subs(s["exponent"], 0))
     A = sp.Matrix(segments, segments, lambda j, k: sp.diff(speed, size[j], rate[k]).subs(still))
     K = sp.Matrix(segments, segments, lambda j, k: (sp.sign(j - k) - Q(j - k, segments)) / 2)
-    ours = sp.Matrix(area_matrix(segments).tolist()).applyfunc(lambda e: sp.nsimplify(e, rational=True))
+    ours = sp.Matrix(area_matrix(segments).tolist()).applyfunc(
+        lambda e: sp.nsimplify(e, rational=True)
+    )
     assert zero((ours - K).applyfunc(lambda e: 0 if abs(e) < Q(1, 10**15) else e))
     gap = A - s["exponent"] / segments * K
     assert zero(gap - gap.T)
@@ -323,4 +329,7 @@ def test_ground_of_a_segment():
     s = Symbols({"lam": CA["lam"], "G": CA["G"]}, positive=("lam", "G"))
     assert zero(s.one(DragGround(2.0, -1.0).law(CA["lam"]).drag) - 2 / s["lam"])
     law = DryGround(0.25, 0.5).law(0, CA["G"])
-    assert zero(sp.Matrix([s.one(law.forward), s.one(law.backward)]) - s["G"] * sp.Matrix([Q(1, 4), Q(1, 2)]))
+    assert zero(
+        sp.Matrix([s.one(law.forward), s.one(law.backward)])
+        - s["G"] * sp.Matrix([Q(1, 4), Q(1, 2)])
+    )

@@ -1,4 +1,4 @@
-"""docs/equations.md, worms in the plane: what our Models of chains, driven bodies and ground say."""
+"""docs/equations.md, worms in the plane: our Models of chains, driven bodies and ground."""
 
 from functools import cache
 from typing import Any
@@ -88,7 +88,7 @@ def test_ground_acts_along_headings_and_takes_the_power_of_its_contacts(links: i
 
 
 def test_heading_of_a_bisector_is_half_way():
-    """psi_2 + phi / 2: the sum of both unit vectors; shown by the frame of the shape, for all phi."""
+    """psi_2 + phi / 2: the sum of both unit vectors, by the frame of the shape, for all phi."""
     phi = sp.Symbol("phi", real=True)
     shape = chain_shape(2)
     s = Symbols({"s": shape.s})
@@ -165,7 +165,7 @@ def test_driven_bodies_obey_newton_and_euler(body: str):
 LAW = {name: ca.SX.sym(name) for name in ("F", "B", "N", "ahead", "aside", "width")}
 G = Symbols(LAW, positive=("F", "B", "N", "width"))
 VELOCITY = ca.vertcat(LAW["ahead"], LAW["aside"])
-V = sp.Matrix([G["ahead"], G["aside"]])
+V: Any = sp.Matrix([G["ahead"], G["aside"]])
 SIDES = [1, -1]
 
 
@@ -176,7 +176,7 @@ def test_elliptic_ground_is_minus_the_gradient_of_its_power(way: int):
     along = G["F"] if way > 0 else G["B"]
     psi = G.one(law.power(VELOCITY), signs)
     assert zero(psi**2 - (along * V[0]) ** 2 - (G["N"] * V[1]) ** 2)
-    force = G(law.slip_force(VELOCITY), signs)
+    force: Any = G(law.slip_force(VELOCITY), signs)
     assert zero(force + sp.Matrix([psi]).jacobian(V).T)
     assert zero(force.dot(V) + psi)
     held = sp.Matrix([force[0] / along, force[1] / G["N"]])
@@ -201,7 +201,7 @@ def test_unit_ground_has_the_same_ellipse(way: int):
     law, signs = Unit(LAW["F"], LAW["B"], LAW["N"]), {G["ahead"]: way}
     along = G["F"] if way > 0 else G["B"]
     size = sp.sqrt(V.dot(V))
-    force = G(law.slip_force(VELOCITY), signs)
+    force: Any = G(law.slip_force(VELOCITY), signs)
     assert zero(force + sp.Matrix([along * V[0], G["N"] * V[1]]) / size)
     assert zero((force[0] / along) ** 2 + (force[1] / G["N"]) ** 2 - 1)
     normal = G(law.slip_direction(VELOCITY), {G["ahead"]: -way})
@@ -241,9 +241,9 @@ def test_power_of_a_rod_is_the_integral_along_it():
     X, Y, turn = s["twist"]
     # the rod lies from its head at 0 back to -length along x
     at = sp.Symbol("at")
-    v = sp.Matrix([X - rate * at / length, Y - turn * at])
+    v: Any = sp.Matrix([X - rate * at / length, Y - turn * at])
     rod = sp.integrate(sp.expand(2 * v[0] ** 2 + 3 * v[1] ** 2), (at, 0, length))
-    ends = [v.subs(at, 0), v.subs(at, length)]
+    ends: list[Any] = [v.subs(at, 0), v.subs(at, length)]
     points = sum(5 * e[0] ** 2 + 7 * e[1] ** 2 for e in ends)
     assert zero(s.one(swimmer.power) - rod - points)
 
