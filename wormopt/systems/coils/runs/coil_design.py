@@ -39,7 +39,9 @@ ACCEPTED = {
 SORTS = ("design", "block", "wave")
 """Whose best are held against each other."""
 _FINE = 1e-4  # tolerance by which candidates are told apart on the fine grid
-_RATES = (1.0, 0.97, 1.03)  # by which those from the coarse grid are tried on the fine one
+# Shares of their rates at which those from the coarse grid are tried on the fine one, where floats
+# are lost at other rates.
+_RATES = (1.03, 1.0, 0.97, 0.93, 0.88, 0.82)
 _MARGIN = 1.02  # over the speed wanted, while searching
 _NEIGHBOUR = 0.05
 _ADVICE = "raise film.top, grid.cells or fluid.viscosity, or lower coils.ampere_turns"
