@@ -3,6 +3,7 @@
 The site has all pages; the gallery has all scenes.
 """
 
+import ast
 import json
 import re
 import tomllib
@@ -79,6 +80,38 @@ def test_modules_that_pages_name_exist(page: Path):
     for name in re.findall(r"`((?:\w+/)+\w+\.py)`", text):
         there = [ROOT / name, ROOT / "wormopt" / name, ROOT / "wormopt" / "systems" / name]
         assert any(path.exists() for path in there), name
+
+
+def proofs() -> set[tuple[str, str]]:
+    """Files and names of the tests that prove equations of our own expressions."""
+    files = [*(ROOT / "tests").glob("test_equations_*.py"), ROOT / "tests/test_film_next_order.py"]
+    return {
+        (file.name, node.name)
+        for file in files
+        for node in ast.parse(file.read_text("utf-8")).body
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+    }
+
+
+def test_every_equation_has_a_row_and_a_proof():
+    text = (DOCS / "equations.md").read_text("utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("| ") and "`" in line]
+    known, named = proofs(), set[tuple[str, str]]()
+    for row in rows:
+        found = re.findall(r"`(?:(test_\w+\.py)::)?(test_\w+)`", row)
+        modules = re.findall(r"`((?:\w+/)*\w+\.py)`", row)
+        assert found, row
+        assert modules, row
+        assert all((ROOT / "wormopt" / module).exists() for module in modules), row
+        for file, name in found:
+            here = {pair for pair in known if pair[1] == name and file in ("", pair[0])}
+            assert len(here) == 1, name
+            named |= here
+    numbers = [int(n) for row in rows for n in re.findall(r"\((\d+)\)", row.split("|")[1])]
+    assert sorted(numbers) == list(range(1, 37))
+    about_ourselves = {"test_pack_is_the_order_of_symbols"}
+    left_out = {pair for pair in known - named if pair[0] != "test_film_next_order.py"}
+    assert {name for _, name in left_out} == about_ourselves
 
 
 def test_the_problem_of_the_readme_is_solved(capsys: pytest.CaptureFixture[str]):
