@@ -247,6 +247,19 @@ def test_fibres_under_pressure():
     assert angle == pytest.approx(least, abs=1e-12)
 
 
+@pytest.mark.parametrize("degrees", [1e-12, 1e-8, 1e-4])
+def test_fibres_along_the_axis_hold_the_length(degrees: float):
+    """Energy and p V at stretch 1 are stationary at th - th^-3 = kappa th: th^-4 = 1 - kappa."""
+    known = (1 - PRESSURE * SOFT.radius / (SOFT.shear_modulus * SOFT.wall)) ** -0.25
+    angle = Fibres(SOFT, math.radians(degrees)).angle_at(PRESSURE)
+    assert angle / math.radians(degrees) == pytest.approx(known, rel=1e-9)
+
+
+def test_a_pressure_that_turns_fibres_all_round_is_refused():
+    with pytest.raises(ArgumentError, match="write a lower pressure, or an angle nearer to 45"):
+        Fibres(SOFT, 0.5).angle_at(-1e30)
+
+
 def test_small_strokes_of_fibres():
     fibres = Fibres(SOFT, math.radians(35))
     b = 1 / math.tan(fibres.angle) ** 2

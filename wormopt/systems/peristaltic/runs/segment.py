@@ -185,7 +185,10 @@ def _inflation(scene: Scene[SegmentScene], segment: Segment) -> dict[str, Any]:
     found |= {"inflated_hoop": hoop, "inflated_stretch": stretch}
     if given.fibre_angle is not None:
         fibres = Fibres(segment, given.fibre_angle)
-        angle = fibres.angle_at(given.pressure)
+        try:
+            angle = fibres.angle_at(given.pressure)
+        except ArgumentError as error:
+            raise SceneError(scene.name, [("inflation.fibre_angle", str(error))]) from None
         found |= {"fibre_angle": angle, "fibre_stretch": float(fibres.stretches(angle)[0])}
     if given.fill is not None:
         low, high = range_of_fill(given.fill)

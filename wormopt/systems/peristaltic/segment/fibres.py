@@ -73,13 +73,20 @@ class Fibres:
     def angle_at(self, pressure: float, load: float = 0.0) -> float:
         """Angle at rest, in rad, under a pressure (Pa) and a load (N) that pulls the ends apart.
 
-        The segment shares its fluid; the membrane is bonded to the fibres.
+        The segment shares its fluid; the membrane is bonded to the fibres. Raises ArgumentError if
+        it ends as near to an axis as numbers do not tell from it.
         """
 
         def surplus(angle: float) -> float:
             return float(self.elastic_pull(angle) + self.pull(angle, pressure) - load)
 
-        return root(surplus, 1e-6, math.pi / 2 - 1e-6)
+        low, high = 1e-6 * self.angle, math.pi / 2 - 1e-6 * (math.pi / 2 - self.angle)
+        if not surplus(high) <= 0 <= surplus(low):
+            raise ArgumentError(
+                f"{pressure:g} Pa turn fibres of {math.degrees(self.angle):g} degrees all along the "
+                "segment or all round it; write a lower pressure, or an angle nearer to 45 degrees"
+            )
+        return root(surplus, low, high, xtol=1e-15 * self.angle)
 
 
 def fill_at(angle: Any) -> Any:
