@@ -24,6 +24,14 @@ Crests = Annotated[int, Meta(ge=1, le=12, description="a whole number from 1 to 
 Values = Annotated[
     tuple[Positive, ...], Meta(min_length=1, max_length=32, description="1 to 32 numbers above 0")
 ]
+# Each decade below takes four times as long, for a wave that carries the same to a share of 1e-3.
+Tension = Annotated[
+    float, Meta(ge=1e-6, le=1e300, description="1e-6 or more: below, fronts are all but corners")
+]
+Tensions = Annotated[
+    tuple[Tension, ...],
+    Meta(min_length=1, max_length=32, description="1 to 32 numbers from 1e-6"),
+]
 Flow = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below 1")]
 
 
@@ -31,7 +39,7 @@ class WavyFilmTable(Table, frozen=True, kw_only=True):
     """The film."""
 
     tension: Annotated[
-        Positive,
+        Tension,
         says("1", "number *W* of surface tension; without any the field could make corners"),
     ]
 
@@ -102,7 +110,9 @@ class WaveSearchTable(Table, frozen=True, kw_only=True):
 class WaveMapTable(Table, frozen=True, kw_only=True):
     """Other films and fields, with `maximise = "mean_flow"`: every tension with every field."""
 
-    tension: Annotated[Values | None, says("1", "numbers *W*; that of the film if left out")] = None
+    tension: Annotated[Tensions | None, says("1", "numbers *W*; that of the film if left out")] = (
+        None
+    )
     field: Annotated[
         Values | None, says("1", "ranges of the field; that of the limits if left out")
     ] = None
