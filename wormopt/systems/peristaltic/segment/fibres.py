@@ -83,8 +83,8 @@ class Fibres:
         low, high = 1e-6 * self.angle, math.pi / 2 - 1e-6 * (math.pi / 2 - self.angle)
         if not surplus(high) <= 0 <= surplus(low):
             raise ArgumentError(
-                f"{pressure:g} Pa turn fibres of {math.degrees(self.angle):g} degrees all along the "
-                "segment or all round it; write a lower pressure, or an angle nearer to 45 degrees"
+                f"{pressure:g} Pa turn fibres of {math.degrees(self.angle):g} degrees all along or "
+                "round the segment; write a lower pressure, or an angle nearer to 45 degrees"
             )
         return root(surplus, low, high, xtol=1e-15 * self.angle)
 
