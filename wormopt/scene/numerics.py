@@ -9,6 +9,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import FinitePerMass, Positive, Table, says, wrong_count
+from wormopt.simulation.options import Recheck
 
 
 class Start(Table, frozen=True, kw_only=True):
@@ -64,7 +65,14 @@ class ToleranceTable(Table, frozen=True, kw_only=True):
             usual=(1e-9, 1e6),
         ),
     ] = None
-    recheck: Annotated[bool, says("", "whether a second route finds the end again")] = True
+    recheck: Annotated[
+        Recheck,
+        says(
+            "",
+            "whether a second route finds the end again; "
+            '`"independent"`: one that locates no events',
+        ),
+    ] = True
 
 
 class SmoothContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag="smooth"):

@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.model.friction import Law
 from wormopt.model.model import Contact, Model, pack
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.numerics.identically import identically_zero
@@ -138,7 +139,7 @@ class Impulses:
         factor = 2 / (1 + math.sin(math.pi / (len(self._swept) + 1)))  # the best one of a chain
         for i in sorted({self._row_contact[row - n_c] for row in self._swept}):
             rows = self._rows(i)
-            own = _largest(response[rows, rows])
+            own = largest(response[rows, rows])
             hold = swept[rows] - factor * (free[rows] + response[rows, :] @ swept) / own
             swept[rows] = _rub(contacts[i], ca.SX(0), hold, free[rows], h)
         return ca.Function("sweep", [impulses, free, *self.symbols], [swept])
@@ -246,7 +247,7 @@ def _off_diagonal(matrix: ca.SX) -> list[ca.SX]:
     return [matrix[i, j] for i, j in zip(rows, columns, strict=True) if i != j]
 
 
-def _largest(matrix: ca.SX) -> ca.SX:
+def largest(matrix: ca.SX) -> ca.SX:
     """Largest eigenvalue of a symmetric matrix of at most two rows."""
     if matrix.numel() == 1:
         return matrix
@@ -254,16 +255,20 @@ def _largest(matrix: ca.SX) -> ca.SX:
     return ca.trace(matrix) / 2 + ca.sqrt(half**2 + matrix[0, 1] ** 2)
 
 
-def _rub(contact: Contact, normal: ca.SX, hold: ca.SX, velocity: ca.SX, h: ca.SX) -> ca.SX:
-    """Impulse of friction: what holds the contact if the law can, else what it slides with."""
-    pressed, law = contact.normal_force, contact.law
+def friction(law: Law | PlanarLaw, hold: ca.SX, velocity: ca.SX) -> ca.SX:
+    """Force of a law: what holds the contact if it can, else what it slides with."""
     if isinstance(law, PlanarLaw):
         assert isinstance(law, Elliptic)
-        return h * law.nearest(hold / h)
-    least, most = law.stick_interval
-    ahead, behind = law.slip_force(velocity, 1), law.slip_force(velocity, -1)
-    slides = ca.vertcat(*(h * ca.SX(part) for part in (least, most, ahead, behind)))
-    if pressed is not None:
-        slides = ca.substitute(slides, pressed, normal / h)
-    low, high, ahead, behind = ca.vertsplit(slides)
-    return ca.if_else(hold < low, ahead, ca.if_else(hold > high, behind, hold))
+        return law.nearest(hold)
+    low, high = law.stick_interval
+    found = hold
+    for way, beyond in ((-1, hold > high), (1, hold < low)):
+        if way in law.directions:
+            found = ca.if_else(beyond, law.slip_force(velocity, way), found)
+    return found
+
+
+def _rub(contact: Contact, normal: ca.SX, hold: ca.SX, velocity: ca.SX, h: ca.SX) -> ca.SX:
+    """Impulse of friction, of the one that holds."""
+    found, pressed = h * friction(contact.law, hold / h, velocity), contact.normal_force
+    return found if pressed is None else ca.substitute(found, pressed, normal / h)

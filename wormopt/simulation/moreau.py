@@ -31,8 +31,7 @@ from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report, silent
 from wormopt.simulation.impulses import Impulses
-from wormopt.simulation.native.build import CompilerError
-from wormopt.simulation.native.function import compiled
+from wormopt.simulation.native.function import repeated
 
 # Steps that are taken between two looks at the state, and looks between two reports.
 _STRIDE, _SPAN = 10, 500
@@ -228,14 +227,7 @@ class MoreauJean:
     @cached_property
     def _stride(self) -> ca.Function:
         """A few steps: state with what is gathered, scheduled values, parameters, step size."""
-        step = self._step
-        given = [ca.MX.sym(step.name_in(i), step.size1_in(i)) for i in range(step.n_in())]
-        rest = [ca.repmat(part, 1, _STRIDE) for part in given[1:]]
-        function = ca.Function("stride", given, [step.fold(_STRIDE)(given[0], *rest)])
-        try:
-            return compiled(function)
-        except CompilerError:
-            return function
+        return repeated(self._step, _STRIDE)
 
     @property
     def _step(self) -> ca.Function:

@@ -107,6 +107,9 @@ class Tolerance:
             raise ArgumentError("stop must be positive, and 1e-3 at most")
 
 
+Recheck = bool | Literal["independent"]
+"""Whether another route finds a motion again; "independent": one with no rules of contact."""
+
 Route = Literal["auto", "native", "python", "radau", "cvodes"]
 """How to integrate: compiled, the same steps in Python, implicit steps in Python, CasADi's implicit
 integrators; "auto" picks the first that can."""

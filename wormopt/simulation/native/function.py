@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from wormopt.simulation.native.build import library
+from wormopt.simulation.native.build import CompilerError, library
 
 # Measured on the steps of a rod: -O2 compiles for longer and is no faster.
 _LEVEL = "-O1"
@@ -19,3 +19,14 @@ def compiled(function: ca.Function) -> ca.Function:
     generator.add(function)
     found = library("function", [("function.c", generator.dump())], _LEVEL)
     return ca.external(function.name(), found._name)  # noqa: SLF001  where ctypes keeps the path
+
+
+def repeated(step: ca.Function, count: int) -> ca.Function:
+    """So many calls of a function of a state and what stays; compiled where there is a compiler."""
+    given = [ca.MX.sym(step.name_in(i), step.size1_in(i)) for i in range(step.n_in())]
+    held = [ca.repmat(part, 1, count) for part in given[1:]]
+    function = ca.Function("stride", given, [step.fold(count)(given[0], *held)])
+    try:
+        return compiled(function)
+    except CompilerError:
+        return function

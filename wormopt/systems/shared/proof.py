@@ -11,13 +11,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb, Law
 from wormopt.model.model import Model
-from wormopt.model.values import nominal_of
+from wormopt.model.values import nominal_of, signal_values
 from wormopt.progress import Report
 from wormopt.result import Check
-from wormopt.simulation.options import Route, Smooth, Tolerance, Treatment
+from wormopt.simulation.event_free import ending
+from wormopt.simulation.options import Recheck, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 
@@ -29,6 +30,7 @@ _SHARED = {
     "cvodes": "the model",
     "python": "the model; the rules for steps, events and contact modes, though not their code",
     "radau": "the model; the rules for events and contact modes, though not their code",
+    "steps without events": "the model",
 }
 # Implicit integrators take more steps than explicit ones of order 8.
 _MORE_STEPS = 100
@@ -83,17 +85,23 @@ def cross_check(
     *,
     p: Values | None = None,
     schedules: Mapping[str, np.ndarray] | None = None,
+    recheck: Recheck = True,
     report: Report,
-) -> CrossCheck:
+) -> CrossCheck | None:
     """Simulate again by another route and compare the ends; the model's states come first.
 
-    Smooth systems go to CasADi's implicit integrators, exact contact and switches to the
+    None if `recheck` is False. "independent": exact contact by steps without events. Else smooth
+    systems go to CasADi's implicit integrators, exact contact and switches to the
     Python event loop; if that was the first route, again with a tenth of `tolerance`. What would
     take Python for ever is compared as far as it came, which is told.
     """
+    if not recheck:
+        return None
     start, treatment = float(motion.time[0]), motion.system.treatment
     route = _second_route(model, motion)
     accepted = accepted_error(tolerance)
+    if recheck == "independent" and route != "cvodes":
+        return _without_events(model, motion, accepted, report)
     label, shared = str(route), _SHARED[route]
     if route == motion.route or model.alg.numel():
         label = motion.route
@@ -127,6 +135,26 @@ def cross_check(
     size = np.maximum(sizes, np.abs(second.end))
     error = np.max(np.abs(first[: model.n_x] - second.end) / size)
     return CrossCheck(label, float(error), accepted, shared, until=until)
+
+
+def _without_events(
+    model: Model, motion: Trajectory, accepted: float, report: Report
+) -> CrossCheck:
+    """Compare with steps that know no events, as well as these are known themselves."""
+    label = "steps without events"
+    x0 = signal_values(motion.system.model.x, None, "state", fill=0.0)
+    x0[: model.n_x] = signal_values(model.x, None, "state", fill=0.0)
+    try:
+        found = ending(motion, x0, accepted, report=report)
+    except ArgumentError as error:
+        return CrossCheck(label, None, accepted, _SHARED[label], str(error))
+    if not found.doubt <= _LARGEST:
+        reason = f"after {found.n_steps} steps their end is known to {found.doubt:.2g} only"
+        return CrossCheck(label, None, accepted, _SHARED[label], reason)
+    end = found.end[: model.n_x]
+    size = np.maximum(nominal_of(model.x), np.abs(end))
+    error = np.max(np.abs(motion.end[: model.n_x] - end) / size)
+    return CrossCheck(label, float(error), max(accepted, found.doubt), _SHARED[label])
 
 
 def _as_far_as_it_goes(

@@ -21,7 +21,7 @@ from wormopt.model.model import Model, Signal, pack
 from wormopt.model.values import signal_values
 from wormopt.numerics.roots import root
 from wormopt.progress import Report
-from wormopt.simulation.options import Exact, Tolerance
+from wormopt.simulation.options import Exact, Recheck, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.proof import CrossCheck, cross_check
@@ -205,10 +205,10 @@ class Runner:
             report=self.report,
         )
 
-    def orbit(self, guess: float, *, check: bool = True) -> Orbit:
+    def orbit(self, guess: float, *, recheck: Recheck = True) -> Orbit:
         """Find the periodic motion near a velocity of the centre.
 
-        `check` simulates it by a second route too. Raises SolveError if a simulation gives
+        `recheck`: as of `cross_check`. Raises SolveError if a simulation gives
         up, or the velocity does not come again.
         """
         start, trials = self._start(guess)
@@ -217,11 +217,10 @@ class Runner:
         x0 = tuple(
             replace(s, value=start) if s.name == "center_velocity" else s for s in self.model.x
         )
-        second = None
-        if check:
-            second = cross_check(
-                replace(self.model, x=x0), motion, self.tolerance, p=self.p, report=self.report
-            )
+        second = cross_check(
+            replace(self.model, x=x0), motion, self.tolerance,
+            p=self.p, recheck=recheck, report=self.report,
+        )  # fmt: skip
         time, V = _PERIODS * self.period, motion["center_velocity"][0]
         rested: dict[int, float] = {}
         for contact, begin, end in rests(motion):

@@ -64,9 +64,9 @@ def judge(
         model = _given_up(model, table)
     motion = _believed(model, table, tolerance, may_fail=looks)
     # Trackers are rechecked in scenes of their own kind: their many steps take long in Python.
-    check &= table.tolerance.recheck and not any(s.name == "gain" for s in rival.model.x)
-    check &= not rival.model.delays
-    second = motion and cross_check(model, motion, tolerance, report=silent) if check else None
+    check &= not rival.model.delays and not any(s.name == "gain" for s in rival.model.x)
+    recheck = check and table.tolerance.recheck
+    second = motion and cross_check(model, motion, tolerance, recheck=recheck, report=silent)
     members = dict(scenarios(rival, draws, table))
     ensemble = simulate_ensemble(
         model,

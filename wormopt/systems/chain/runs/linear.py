@@ -161,9 +161,8 @@ def _learn(
     motion = simulate_whole(
         watched(loop, table.tracker), table.time.end, table.time.samples, contact, tolerance, report
     )
-    second = (
-        cross_check(loop, motion, tolerance, report=report) if table.tolerance.recheck else None
-    )
+    recheck = table.tolerance.recheck
+    second = cross_check(loop, motion, tolerance, recheck=recheck, report=report)
     return loop_numbers(Tracked("tracker", table.tracker, loop, motion)), second
 
 

@@ -90,10 +90,9 @@ def run(scene: Scene[ReadingsScene], report: Report) -> Result:
     shown = [_show(table, example, listed[chosen], name, report) for name in TRACKERS]
     simulated = time.perf_counter()
     tolerance = tolerance_of(table.tolerance)
+    recheck = table.tolerance.recheck
     seconds = [
-        cross_check(each.loop, each.motion, tolerance, report=report)
-        if table.tolerance.recheck
-        else None
+        cross_check(each.loop, each.motion, tolerance, recheck=recheck, report=report)
         for each in shown
     ]
     timings = {"simulate": simulated - clock, "recheck": time.perf_counter() - simulated}

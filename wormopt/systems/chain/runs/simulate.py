@@ -91,8 +91,8 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
         raise SceneError(scene.name, [("model", f"cannot be simulated: {error}")]) from error
     simulated = time.perf_counter()
     try:
-        wanted = table.tolerance.recheck
-        second = cross_check(plain, motion, tolerance, report=report) if wanted else None
+        recheck = table.tolerance.recheck
+        second = cross_check(plain, motion, tolerance, recheck=recheck, report=report)
     except KeyboardInterrupt:
         why = "interrupted before the second route was done"
         raise Interrupted(_unfinished(scene, motion, why)) from None

@@ -72,10 +72,9 @@ def run(scene: Scene[TrackScene], report: Report) -> Result:
             found.append(_follow(scene, index, gait, found, report))
         simulated = time.perf_counter()
         tolerance = tolerance_of(table.tolerance)
+        recheck = table.tolerance.recheck
         seconds = [
-            cross_check(each.loop, each.motion, tolerance, report=report)
-            if table.tolerance.recheck
-            else None
+            cross_check(each.loop, each.motion, tolerance, recheck=recheck, report=report)
             for each in found
         ]
     except KeyboardInterrupt as stop:

@@ -155,21 +155,21 @@ def _seconds(
 ) -> list[CrossCheck]:
     """Recheck the first, the slowest and the fastest member."""
     table = scene.table
-    if not table.tolerance.recheck:
-        return []
     order = np.argsort(herd.values("distance"))
     chosen = {herd.whole[k] for k in (0, int(order[0]), int(order[-1]))}
-    return [
+    found = [
         cross_check(
             herd.first.loop,
             herd.ensemble.motions[k],
             tolerance_of(table.tolerance),
             p=members[k].p,
             schedules=members[k].schedules,
+            recheck=table.tolerance.recheck,
             report=report,
         )
         for k in sorted(chosen)
     ]
+    return [second for second in found if second]
 
 
 # -- what is said of the members -----------------------------------------------------------------

@@ -84,9 +84,8 @@ def run(scene: Scene[TrackOptimalScene], report: Report) -> Result:
         raise refused(scene, error) from None
     replayed = _replayed(optimum, driven, motion)
     checked = time.perf_counter()
-    second = (
-        cross_check(driven, motion, tolerance, report=report) if table.tolerance.recheck else None
-    )
+    recheck = table.tolerance.recheck
+    second = cross_check(driven, motion, tolerance, recheck=recheck, report=report)
     energy, numbers = balance(motion), judged_numbers(motion, table.tube)
     return conclude(
         scene,

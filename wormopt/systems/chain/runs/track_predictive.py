@@ -149,9 +149,11 @@ def _row(task: Task, name: str, decisions: Decisions | None, report: Report) -> 
     course = receded.inputs if receded else course_of(task.plan) if name == OPEN else None
     motion = _replay(task, course, tolerance_of(table.tolerance), Exact())
     second = None
-    if table.tolerance.recheck and course is not None:
-        driven = drive(with_reference(task.plant, task.reference), course)
-        second = cross_check(driven, motion, tolerance_of(table.tolerance), report=silent)
+    if course is not None:
+        driven, asked = drive(with_reference(task.plant, task.reference), course), table.tolerance
+        second = cross_check(
+            driven, motion, tolerance_of(asked), recheck=asked.recheck, report=silent
+        )
     return Row(name, motion, second, task.told(motion), receded)
 
 

@@ -100,9 +100,8 @@ def run(scene: Scene[FilmBodyScene], report: Report) -> Result:
     )  # fmt: skip
     times = np.linspace(0.0, end, table.course.samples)
     motion = simulate(model, end, times=times, dense=True, tolerance=tolerance, report=report)
-    second = (
-        cross_check(model, motion, tolerance, report=report) if table.tolerance.recheck else None
-    )
+    recheck = table.tolerance.recheck
+    second = cross_check(model, motion, tolerance, recheck=recheck, report=report)
     course = _Course(motion)
     return conclude(
         scene,

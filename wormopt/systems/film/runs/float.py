@@ -186,9 +186,8 @@ def _ridden(
     report(f"{what}s", 0.0)
     times = np.linspace(0.0, end, table.course.samples)
     motion = simulate(model, end, times=times, dense=True, tolerance=tolerance, report=report)
-    second = (
-        cross_check(model, motion, tolerance, report=report) if table.tolerance.recheck else None
-    )
+    recheck = table.tolerance.recheck
+    second = cross_check(model, motion, tolerance, recheck=recheck, report=report)
     return _Ride(what, drifts, motion, second)
 
 

@@ -154,9 +154,10 @@ def _simulated(
     first = _first(pair, end, times, given)
     report("exact motion", 0.4)
     exact = simulate(pair.exact, end, times=times, dense=True, report=report, **given)
-    second_route = None
-    if table.tolerance.recheck:
-        second_route = cross_check(pair.exact, exact, tolerance, p={"frequency": nu}, report=report)
+    second_route = cross_check(
+        pair.exact, exact, tolerance,
+        p={"frequency": nu}, recheck=table.tolerance.recheck, report=report,
+    )  # fmt: skip
     return _Found(
         pair,
         table.detuning,

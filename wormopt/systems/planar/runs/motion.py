@@ -68,7 +68,7 @@ def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
     motion = _follow(scene, plain, tolerance, report)
     simulated = time.perf_counter()
     try:
-        second = _recheck(scene, plain, motion, report) if table.tolerance.recheck else None
+        second = _recheck(scene, plain, motion, report)
     except KeyboardInterrupt:
         why = "interrupted before the second route was done"
         raise Interrupted(_unfinished(scene, motion, why)) from None
@@ -160,16 +160,18 @@ class Recheck:
 
 def _recheck(
     scene: Scene[PlanarMotionScene], model: Model, motion: Trajectory, report: Report
-) -> Recheck:
+) -> Recheck | None:
     """By steps of Moreau and Jean, which know no events; where they do not fit, by tolerance."""
+    recheck, obstacles = scene.table.tolerance.recheck, scene.table.obstacles
+    if not recheck:
+        return None
     tolerance = _tolerance_of(scene.table)
-    if scene.table.obstacles:
-        check = cross_check(model, motion, tolerance, report=report)
-        return Recheck(check, wall_error=_softness(scene, motion, tolerance, report))
-    exact = isinstance(motion.system.treatment, Exact)
+    exact = isinstance(motion.system.treatment, Exact) and not obstacles
     stepper = stepper_of(model) if exact else None
     if stepper is None:
-        return Recheck(cross_check(model, motion, tolerance, report=report))
+        check = cross_check(model, motion, tolerance, recheck=recheck, report=report)
+        softness = _softness(scene, motion, tolerance, report) if check and obstacles else None
+        return check and Recheck(check, wall_error=softness)
     name, shared = "steps of Moreau and Jean", "the model"
     try:
         found = step_again(stepper, motion, report=report)

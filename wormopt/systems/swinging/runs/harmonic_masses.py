@@ -220,13 +220,13 @@ def _exact(
 ) -> tuple[list[Orbit | None], Trajectory | None, bool, str]:
     """Simulate; where masses reverse at once, with friction a little different."""
     model = measured(model_of(table.worm, place=True))
-    check, asked = table.tolerance.recheck, table.course
+    recheck, asked = table.tolerance.recheck, table.course
     orbits: list[Orbit | None] = []
     course: Trajectory | None = None
     lost: list[SolveError | None] = []
     for p in ({}, nudged(model)):
         runner = Runner(model, _period(table.worm), tolerance_of(table.tolerance), p, report)
-        tried = [_tried(partial(runner.orbit, V, check=check)) for V in guesses]
+        tried = [_tried(partial(runner.orbit, V, recheck=recheck)) for V in guesses]
         course, course_lost = _tried(
             partial(runner.run, asked.velocity, asked.periods, asked.samples)
         )

@@ -1,0 +1,246 @@
+"""Where a motion ends, without looking for a single event: a judge of those who do.
+
+Steps of fixed length hold the laws of contact as sets, over each step as a whole (Moreau and
+Jean): the force of a contact is what brings it to rest if its law can, else what it slides with.
+Where that changes within a step, the mean force is that of a velocity, or of what holds it, along a
+straight line. So events leave the order of the midpoint rule, two; only contacts that act on one
+another are of the first order there. The number of steps is doubled and ends are extrapolated;
+their changes say how far they are to be trusted.
+
+It shares the Model with the routes of `simulate`, and nothing else: no modes, no guards, no rules
+of what sticks, slips or lets go, no control of steps.
+
+Sources: those of `wormopt.simulation.moreau`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import ArgumentError, interruptible
+from wormopt.model.model import Contact, Model, pack
+from wormopt.model.planar_friction import Elliptic, PlanarLaw
+from wormopt.model.values import nominal_of
+from wormopt.progress import Report, silent
+from wormopt.simulation.impulses import friction, largest
+from wormopt.simulation.native.function import repeated
+from wormopt.simulation.trajectory import Trajectory
+
+# Steps taken at once; the first number of steps is of so many strides or more.
+_STRIDE, _FIRST = 64, 32
+# Speeds below this share of what a step could change are rest, but for rounding.
+_AT_REST = 1e-10
+# Sweeps over contacts that act on one another.
+_SWEEPS = 60
+# Ends are extrapolated where their changes fall with the power two, to so much; then such a share
+# of the last change counts as unknown, as extrapolations may agree by chance.
+_LIKE_TWO, _CHANCE = 0.3, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Ending:
+    """Where a motion ends, and how well that is known."""
+
+    end: np.ndarray  # (n_x,) extrapolated
+    doubt: float  # about the largest error, over the states' size
+    n_steps: int  # of the last, finest run
+
+
+def ending(
+    motion: Trajectory,
+    x0: np.ndarray,
+    accepted: float,
+    most_steps: int = 4_000_000,
+    report: Report = silent,
+) -> Ending:
+    """Follow a motion again from its start to its end.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        Its model, parameters, schedules and first and last time are taken.
+    x0 : ndarray, shape (n_x,)
+        Where it starts.
+    accepted : float
+        Doubt, as a share of the size of each state, below which steps are not halved again.
+    most_steps : int, optional
+        Of the finest run.
+    report : callable, optional
+        Told how far it is.
+
+    Returns
+    -------
+    Ending
+
+    Raises
+    ------
+    ArgumentError
+        If the model has walls, delays, algebraic variables, laws that this does not know, or
+        switches that end the motion.
+    """
+    model, march = motion.system.model, _march(motion)
+    sizes = nominal_of(model.x)
+    count = _STRIDE * _FIRST
+    last, change, before = march(x0, count // 2), math.inf, None
+    while True:
+        report("rechecking", None)
+        found = march(x0, count)
+        scale = np.maximum(sizes, np.abs(found))
+        change, earlier = float(np.max(np.abs(found - last) / scale)), change
+        best, doubt = found, 2 * change
+        if change and abs(math.log2(earlier / change) - 2) < _LIKE_TWO:
+            best = found + (found - last) / 3
+            if before is not None:
+                doubt = max(float(np.max(np.abs(best - before) / scale)), _CHANCE * change)
+            before = best
+        if not doubt > accepted or 2 * count > most_steps:
+            return Ending(best, doubt, count)
+        last, count = found, 2 * count
+
+
+def _march(motion: Trajectory) -> Callable[[np.ndarray, int], np.ndarray]:
+    """Function of the start and a number of steps: the end."""
+    model, (start, end) = motion.system.model, (float(motion.time[0]), motion.end_time)
+    stride = _stride(model)
+    fixed = motion.p[: sum(s.size for s in (*model.p, *model.u))]
+    breaks = [start]
+    for schedule in motion.schedules:
+        t = schedule.next_break(start)
+        while t < end:
+            breaks.append(t)
+            t = schedule.next_break(t)
+    ends = np.unique([*breaks, end])
+    ends = ends[np.diff(ends, prepend=-np.inf) > 1e-13 * max(abs(end), end - start)]
+
+    def march(x0: np.ndarray, count: int) -> np.ndarray:
+        state = np.concatenate([x0, np.zeros(model.forces.numel()), [start]])
+        for a, b in pairwise(ends.tolist()):
+            strides = int(np.ceil(count / _STRIDE * (b - a) / (end - start)))
+            begun = [schedule.locate(np.array([(a + b) / 2])) for schedule in motion.schedules]
+            scheduled = [
+                np.append(begin[0], schedule.values[piece[0]])
+                for schedule, (begin, piece) in zip(motion.schedules, begun, strict=True)
+            ]
+            given = np.concatenate([fixed, *scheduled, [(b - a) / (strides * _STRIDE)]])
+            for _ in range(strides):
+                with interruptible():
+                    state = np.array(stride(state, given)).ravel()
+            state[-1] = b
+        return state[: len(x0)]
+
+    return march
+
+
+@lru_cache(maxsize=16)
+def _stride(model: Model) -> ca.Function:
+    """Many steps of one size: state, contact forces and time; then all that is given, and h."""
+    _refuse(model)
+    x, n_x, forces = pack(model.x), model.n_x, model.forces
+    given = [pack(model.p), pack(model.u)]
+    given += [ca.vertcat(s.begin, s.symbol) for s in model.schedules]
+    h: ca.SX = ca.SX.sym("h")
+
+    def at(expression: ca.SX, t: ca.SX, state: ca.SX, force: ca.SX) -> ca.SX:
+        return ca.substitute([expression], [model.t, x, forces], [t, state, force])[0]
+
+    none, t = ca.SX.zeros(forces.numel()), model.t
+    velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in model.contacts))
+    middle, half = x + h / 2 * model.ode, t + h / 2
+    loose = x + h * at(model.ode, half, middle, none)
+    pushes = at(ca.jacobian(model.ode, forces), half, middle, none)
+    response = at(ca.jacobian(velocity, x), half, middle, none) @ pushes
+    free = at(velocity, t + h, loose, none)
+    speeds = velocity, at(velocity, half, middle, none), free
+    force = _forces(model.contacts, response, speeds, forces, h)
+    after = loose + h * pushes @ force
+    for switch in model.switches:
+        rises = ca.logic_and(switch.guard < 0, at(switch.guard, t + h, after, none) >= 0)
+        after = ca.if_else(rises, at(switch.reset, t + h, after, none), after)
+    state = ca.vertcat(x, forces, t)
+    step = ca.Function(
+        "step", [state, ca.vertcat(*given, h)], [ca.vertcat(after, force, t + h)], {"cse": True}
+    )
+    assert step.size1_out(0) == n_x + forces.numel() + 1
+    return repeated(step, _STRIDE)
+
+
+def _forces(
+    contacts: Sequence[Contact],
+    response: ca.SX,
+    speeds: tuple[ca.SX, ca.SX, ca.SX],
+    last: ca.SX,
+    h: ca.SX,
+) -> ca.SX:
+    """Mean forces over a step.
+
+    `response` of velocities to impulses; `speeds` before it, about its middle, and after it if
+    there were no forces; `last`: mean forces over the step before.
+    """
+    before, middle, free = speeds
+    size, force = free.numel(), ca.SX.zeros(free.numel())
+    coupled = response.sparsity().nnz() > size
+    for _ in range(_SWEEPS if coupled else 1):
+        first = 0
+        for contact in contacts:
+            rows = slice(first, first + contact.force.numel())
+            own = largest(response[rows, rows])
+            left = free[rows] + h * (response[rows, :] @ force - own * force[rows])
+            hold = -left / (h * own)
+            rest = (left - before[rows]) / (h * own)  # what would be left to hold at rest
+            force[rows] = _mean(contact.law, hold, -rest, last[rows], middle[rows])
+            first = rows.stop
+    return force
+
+
+def _mean(law: Any, hold: ca.SX, still: ca.SX, last: ca.SX, middle: ca.SX) -> ca.SX:
+    """Mean force of a law over a step that `hold` would end, and `still` would spend, at rest.
+
+    A contact that slides does so for the share of the step in which it comes to rest, or for all
+    of it; then it rests or slides as one at rest does. One at rest is held until what holds it,
+    which was `last` half a step ago, is at its limit.
+    """
+    found = friction(law, hold, middle)
+    if isinstance(law, PlanarLaw):
+        return found
+    moves = ca.fabs(hold - still) > _AT_REST * ca.fabs(still)
+    for way, limit in zip((1, -1), law.stick_interval, strict=True):
+        if way not in law.directions:
+            continue
+        slides = law.slip_force(middle, way)
+        share = _ratio(hold - still, slides - still)
+        after = friction(law, still, ca.SX(0))
+        stops = ca.if_else(way * (hold - slides) > 0, share * slides + (1 - share) * after, slides)
+        held = ca.fmax(-0.5, ca.fmin(0.5, _ratio(limit - last, still - last) - 0.5))
+        found = ca.if_else(ca.logic_and(moves, way * (still - hold) > 0), stops, found)
+        goes = ca.logic_and(ca.logic_not(moves), way * (still - limit) < 0)
+        found = ca.if_else(goes, slides + held * (limit - slides), found)
+    return found
+
+
+def _ratio(part: ca.SX, whole: ca.SX) -> ca.SX:
+    """Part over whole, a number in branches that are not taken too."""
+    return part / (whole + (whole == 0))
+
+
+def _refuse(model: Model) -> None:
+    """Refuse what steps without events do not know."""
+    laws = [contact.law for contact in model.contacts]
+    why = (
+        "walls" if any(c.gap is not None for c in model.contacts)
+        else "delays" if model.delays
+        else "algebraic variables" if model.z
+        else "switches that end the motion" if any(s.terminal for s in model.switches)
+        else "the law Unit"
+        if any(isinstance(law, PlanarLaw) and not isinstance(law, Elliptic) for law in laws)
+        else ""
+    )  # fmt: skip
+    if why:
+        raise ArgumentError(f"{model.name}: steps without events know no {why}")
