@@ -470,7 +470,7 @@ def test_without_recheck_there_is_none_and_a_warning(monkeypatch: pytest.MonkeyP
     def never(*given: Any, **options: Any):
         raise AssertionError
 
-    monkeypatch.setattr(steadies, "cross_check", never)
+    monkeypatch.setattr("wormopt.systems.shared.proof.simulate", never)
     result = solved("tolerance.recheck=false", "course.periods=80")
     assert result.status == "ok"
     assert value(result, "recheck_error") is None

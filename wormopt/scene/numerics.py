@@ -9,7 +9,6 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import FinitePerMass, Positive, Table, says, wrong_count
-from wormopt.simulation.options import Recheck
 
 
 class Start(Table, frozen=True, kw_only=True):
@@ -66,7 +65,7 @@ class ToleranceTable(Table, frozen=True, kw_only=True):
         ),
     ] = None
     recheck: Annotated[
-        Recheck,
+        bool | Literal["independent"],
         says(
             "",
             "whether a second route finds the end again; "

@@ -93,17 +93,23 @@ def ending(
     while True:
         report("rechecking", None)
         found = march(x0, count)
-        scale = np.maximum(sizes, np.abs(found))
-        change, earlier = float(np.max(np.abs(found - last) / scale)), change
-        best, doubt = found, 2 * change
-        if change and abs(math.log2(earlier / change) - 2) < _LIKE_TWO:
+        change, earlier = _distance(found, last, sizes), change
+        best, doubt = found, 2 * max(change, _CHANCE * earlier)
+        if 0 < change < math.inf and abs(math.log2(earlier / change) - 2) < _LIKE_TWO:
             best = found + (found - last) / 3
             if before is not None:
-                doubt = max(float(np.max(np.abs(best - before) / scale)), _CHANCE * change)
+                doubt = max(_distance(best, before, sizes), _CHANCE * change)
             before = best
-        if not doubt > accepted or 2 * count > most_steps:
+        if doubt <= accepted or 2 * count > most_steps:
             return Ending(best, doubt, count)
         last, count = found, 2 * count
+
+
+def _distance(a: np.ndarray, b: np.ndarray, sizes: np.ndarray) -> float:
+    """Largest difference over the states' size; infinite where steps were too long to be stable."""
+    if not np.all(np.isfinite([a, b])):
+        return math.inf
+    return float(np.max(np.abs(a - b) / np.maximum(sizes, np.abs(a))))
 
 
 def _march(motion: Trajectory) -> Callable[[np.ndarray, int], np.ndarray]:
@@ -159,11 +165,15 @@ def _stride(model: Model) -> ca.Function:
     response = at(ca.jacobian(velocity, x), half, middle, none) @ pushes
     free = at(velocity, t + h, loose, none)
     speeds = velocity, at(velocity, half, middle, none), free
-    force = _forces(model.contacts, response, speeds, forces, h)
+    rates = ca.jacobian(velocity, x) @ model.ode + ca.jacobian(velocity, t)
+    force = _forces(model.contacts, response, speeds, (forces, rates), h)
     after = loose + h * pushes @ force
     for switch in model.switches:
-        rises = ca.logic_and(switch.guard < 0, at(switch.guard, t + h, after, none) >= 0)
-        after = ca.if_else(rises, at(switch.reset, t + h, after, none), after)
+        later = at(switch.guard, t + h, after, none)
+        share = _ratio(switch.guard, switch.guard - later)  # of the step, to where it switches
+        reset = at(switch.reset, t + share * h, x + share * (after - x), none)
+        rest = (1 - share) * h * at(model.ode, t + share * h, reset, force)
+        after = ca.if_else(ca.logic_and(switch.guard < 0, later >= 0), reset + rest, after)
     state = ca.vertcat(x, forces, t)
     step = ca.Function(
         "step", [state, ca.vertcat(*given, h)], [ca.vertcat(after, force, t + h)], {"cse": True}
@@ -176,15 +186,15 @@ def _forces(
     contacts: Sequence[Contact],
     response: ca.SX,
     speeds: tuple[ca.SX, ca.SX, ca.SX],
-    last: ca.SX,
+    last: tuple[ca.SX, ca.SX],
     h: ca.SX,
 ) -> ca.SX:
     """Mean forces over a step.
 
     `response` of velocities to impulses; `speeds` before it, about its middle, and after it if
-    there were no forces; `last`: mean forces over the step before.
+    there were no forces; `last`: mean forces over the step before, and rates of speeds by them.
     """
-    before, middle, free = speeds
+    (before, middle, free), (forces, rates) = speeds, last
     size, force = free.numel(), ca.SX.zeros(free.numel())
     coupled = response.sparsity().nnz() > size
     for _ in range(_SWEEPS if coupled else 1):
@@ -195,17 +205,18 @@ def _forces(
             left = free[rows] + h * (response[rows, :] @ force - own * force[rows])
             hold = -left / (h * own)
             rest = (left - before[rows]) / (h * own)  # what would be left to hold at rest
-            force[rows] = _mean(contact.law, hold, -rest, last[rows], middle[rows])
+            begin = forces[rows] - rates[rows] / own
+            force[rows] = _mean(contact.law, hold, -rest, begin, middle[rows])
             first = rows.stop
     return force
 
 
-def _mean(law: Any, hold: ca.SX, still: ca.SX, last: ca.SX, middle: ca.SX) -> ca.SX:
+def _mean(law: Any, hold: ca.SX, still: ca.SX, begin: ca.SX, middle: ca.SX) -> ca.SX:
     """Mean force of a law over a step that `hold` would end, and `still` would spend, at rest.
 
     A contact that slides does so for the share of the step in which it comes to rest, or for all
     of it; then it rests or slides as one at rest does. One at rest is held until what holds it,
-    which was `last` half a step ago, is at its limit.
+    which is `begin` as the step begins, is at its limit.
     """
     found = friction(law, hold, middle)
     if isinstance(law, PlanarLaw):
@@ -218,10 +229,11 @@ def _mean(law: Any, hold: ca.SX, still: ca.SX, last: ca.SX, middle: ca.SX) -> ca
         share = _ratio(hold - still, slides - still)
         after = friction(law, still, ca.SX(0))
         stops = ca.if_else(way * (hold - slides) > 0, share * slides + (1 - share) * after, slides)
-        held = ca.fmax(-0.5, ca.fmin(0.5, _ratio(limit - last, still - last) - 0.5))
         found = ca.if_else(ca.logic_and(moves, way * (still - hold) > 0), stops, found)
-        goes = ca.logic_and(ca.logic_not(moves), way * (still - limit) < 0)
-        found = ca.if_else(goes, slides + held * (limit - slides), found)
+        held = ca.if_else(way * (begin - limit) > 0, _ratio(limit - begin, 2 * (still - begin)), 0)
+        lets = held * (begin + limit) / 2 + (1 - held) * slides
+        goes = ca.logic_and(ca.logic_not(moves), way * (2 * still - begin - limit) < 0)
+        found = ca.if_else(goes, lets, found)
     return found
 
 
