@@ -162,7 +162,9 @@ def test_elements_converge():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "wave", [CosineWave(0.3), CosineWave(0.5), FourierWave([0.3, 0.1], [0.0, 0.1])], ids=str
+    "wave",
+    [CosineWave(0.3), CosineWave(0.5), FourierWave([0.3, 0.1], [0.0, 0.1])],
+    ids=["0.3", "0.5", "two harmonics"],
 )
 def test_what_is_left_falls_with_the_fourth_power(wave: Any):
     """Without the next order it falls with the second."""

@@ -525,7 +525,9 @@ def failed_checks(result: Result) -> list[str]:
 
 def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatch):
     def elsewhere(*given: Any, **options: Any) -> CrossCheck:
-        return dataclasses.replace(honest(*given, **options), error=1e-3)
+        found = honest(*given, **options)
+        assert found
+        return dataclasses.replace(found, error=1e-3)
 
     honest = steadies.cross_check
     monkeypatch.setattr(steadies, "cross_check", elsewhere)
