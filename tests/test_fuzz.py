@@ -179,3 +179,18 @@ def test_a_thousand_runs_in_one_process_keep_their_memory():
                 gc.collect()
                 held.append(resident())
     assert held[-1] - held[0] < 5, held
+
+
+@unix
+@pytest.mark.slow
+def test_what_needs_more_memory_than_there_is_is_told(tmp_path: Path):
+    """Steps over two million periods are kept until they fill a gigabyte and a half."""
+
+    def little() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (3 * 2**29, 3 * 2**29))
+
+    run = command(tmp_path / "out", "body_in_film", "--json", "--set", "course.periods=2e6")
+    told = subprocess.run(run, capture_output=True, text=True, preexec_fn=little)
+    assert "Traceback" not in told.stderr
+    assert told.returncode == 3
+    assert "more memory than there is" in json.loads(told.stdout)["reason"]

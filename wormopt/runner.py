@@ -66,6 +66,9 @@ def run(
     return dataclasses.replace(result, timings_s=timings)
 
 
+_NO_MEMORY = "it needs more memory than there is; shorter times, or fewer samples or points, need less"
+
+
 def attempt(scene: Scene[Any], report: Report = silent) -> Result:
     """Run a scene; what it found before it failed is a Result too, with the reason.
 
@@ -75,6 +78,8 @@ def attempt(scene: Scene[Any], report: Report = silent) -> Result:
         return run(scene, report=report)
     except SolveError as error:
         return _failed(scene, error.partial, str(error))
+    except MemoryError:
+        return _failed(scene, None, _NO_MEMORY)
     except Interrupted as stop:
         reason = stop.partial.reason if stop.partial else ""
         raise Interrupted(_failed(scene, stop.partial, reason or "interrupted")) from None
