@@ -193,4 +193,4 @@ def test_what_needs_more_memory_than_there_is_is_told(tmp_path: Path):
     told = subprocess.run(run, capture_output=True, text=True, preexec_fn=little)
     assert "Traceback" not in told.stderr
     assert told.returncode == 3
-    assert "more memory than there is" in json.loads(told.stdout)["reason"]
+    assert "more memory is needed than there is" in json.loads(told.stdout)["reason"]

@@ -66,7 +66,7 @@ def run(
     return dataclasses.replace(result, timings_s=timings)
 
 
-_NO_MEMORY = "it needs more memory than there is; shorter times, or fewer samples or points, need less"
+_NO_MEMORY = "more memory is needed than there is; shorter times, or fewer samples, need less"
 
 
 def attempt(scene: Scene[Any], report: Report = silent) -> Result:
