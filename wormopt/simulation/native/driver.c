@@ -64,6 +64,12 @@ static void start_schedules(Run *run) {
 
 /* -- samples --------------------------------------------------------------------------------- */
 
+/* Whether the polynomial of a step that ends then is asked for. */
+static int wants_dense(const Run *run, double end) {
+    const long long next = run->out.n_sampled;
+    return run->in.keep_dense || (next < run->in.n_times && run->in.times[next] < end);
+}
+
 static void fit(Run *run, double h) {
     if (!run->has_dense) fit_dense(run, h);
     run->has_dense = 1;
@@ -133,8 +139,8 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
     run->grazing = run->in.k && grazes(run, h, theta, which);
     if (length > floor_of_step(run)) {
         length = polish_event(run, h, theta, which);
-        close_step(run, length);
         run->has_dense = 0;
+        if (wants_dense(run, run->out.t + length)) close_step(run, length);
         emit(run, length, run->out.t + length);
         take_over(run, run->out.t + length);
     } else if (which >= n_functions(run) - run->in.n_switches && run->level[which] != 0.0) {
@@ -188,7 +194,7 @@ static void step(Run *run) {
         reject(run, h, 0.5);
         return;
     }
-    if (n_functions(run)) {
+    if (n_functions(run) && !keep_sliding(run, h)) {
         long long which = -1;
         fit(run, h);
         double theta = find_event(run, h, &which);

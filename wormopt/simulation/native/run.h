@@ -2,6 +2,10 @@
 #ifndef WORMOPT_RUN_H
 #define WORMOPT_RUN_H
 
+#ifndef _WIN32
+#pragma GCC visibility push(hidden) /* nobody else's: calls within the driver need no look-up */
+#endif
+
 #include "driver.h"
 #include "tableau.h"
 
@@ -69,6 +73,7 @@ long long n_functions(const Run *run);
 double small(const Run *run, long long j);
 double margin(const double *probe, long long n, long long i);
 void event_values(Run *run, double t, const double *x, double *value);
+int keep_sliding(Run *run, double h);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
 int grazes(Run *run, double h, double theta, long long j);
