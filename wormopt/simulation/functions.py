@@ -115,6 +115,11 @@ class System:
         """Modes s of a motion of which nothing has been decided."""
         return np.repeat([1.0, 0.0], [len(self.contacts), ENTRIES * len(self.planar)])[: self.n_s]
 
+    @cached_property
+    def happening(self) -> list[str]:
+        """Names of what events happen to: contacts, then switches."""
+        return [c.name for c in self.contacts] + [s.name for s in self.model.switches]
+
     @property
     def n_s(self) -> int:
         """Entries of s."""
