@@ -83,7 +83,7 @@ int keep_sliding(Run *run, double h) {
         double falls = 0.0, rises = 0.0;
         for (int j = 0; j < N_STAGES + 1; j++) {
             const double slope = run->modes[i] * run->k[j][m];
-            falls = fmin(falls, slope), rises = fmax(rises, slope);
+            falls = smaller(falls, slope), rises = larger(rises, slope);
         }
         const double width = rises - falls;
         if (!(near > small(run, i) && a * rises - b * falls + h * falls * rises > 0.3 * near * width))

@@ -157,7 +157,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
 
 static void accept(Run *run, double h, double end, double error) {
     emit(run, h, end);
-    double factor = error > 0.0 ? 0.9 * pow(error, -1.0 / 8.0) : 6.0;
+    double factor = error > 0.0 ? 0.9 * lengthening(error) : 6.0;
     run->h_next = fmax(h * fmin(fmax(factor, 1.0 / 3.0), 6.0), run->h_whole);
     int stiff = looks_stiff(run, h) && (run->in.t_end - end) / h > run->in.stiff_steps;
     take_over(run, end);
@@ -185,7 +185,7 @@ static void step(Run *run) {
     double error = step_error(run, h);
     run->bad_number = error != error;
     if (!(error <= 1.0)) {
-        reject(run, h, run->bad_number ? 0.1 : fmax(0.9 * pow(error, -1.0 / 8.0), 0.1));
+        reject(run, h, run->bad_number ? 0.1 : fmax(0.9 * lengthening(error), 0.1));
         return;
     }
     close_step(run, h);
@@ -249,7 +249,7 @@ static int allocate(Run *run) {
     const Problem *in = &run->in;
     const long long n = in->n_all, c = in->n_contacts, f = n_functions(run);
     int good = 1;
-#define ROOM(pointer, count) good &= (pointer = calloc((size_t)(count) + 1, sizeof *(pointer))) != NULL
+#define ROOM(pointer, count) good &= (pointer = calloc((size_t)(count) + 3, sizeof *(pointer))) != NULL
     ROOM(run->out.x, n);
     ROOM(run->out.p, in->n_p * (1 + in->k));
     ROOM(run->out.samples, in->n_times * n);

@@ -55,11 +55,16 @@ typedef struct {
     double *w;
 } Run;
 
+/* Those of math.h are calls, for they heed what is no number. */
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
 /* stepper.c */
 void evaluate(Run *run, Function f, double t, const double *x, double *result);
 void derivative(Run *run, double t, const double *x, double *dx);
 void stages(Run *run, double h);
 double step_error(Run *run, double h);
+double lengthening(double error);
 void close_step(Run *run, double h);
 void fit_dense(Run *run, double h);
 double dense_component(const Run *run, long long i, double theta);
