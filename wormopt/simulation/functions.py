@@ -110,7 +110,7 @@ class System:
             for name in names
         )
 
-    @property
+    @cached_property
     def sliding(self) -> np.ndarray:
         """Modes s of a motion of which nothing has been decided."""
         return np.repeat([1.0, 0.0], [len(self.contacts), ENTRIES * len(self.planar)])[: self.n_s]
