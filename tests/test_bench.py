@@ -88,9 +88,15 @@ def test_the_event_loop_finds_the_events_of_two_masses():
 
 
 @compiled
-def test_hand_written_c_reproduces_track14():
-    state, steps, evaluations = hand_written(10.0, 1e-12)
-    assert state == pytest.approx(TRACK14_END, abs=1e-11)
+@pytest.mark.parametrize(
+    ("name", "span", "end", "error"),
+    [("track14", 10.0, TRACK14_END, 1e-11), ("mag2", 400.0, MAG2_END, 2e-9)],
+)
+def test_hand_written_c_reproduces_references(
+    name: str, span: float, end: np.ndarray, error: float
+):
+    state, steps, evaluations = hand_written(name, span, 1e-12)
+    assert state == pytest.approx(end, abs=error)
     assert 11 * steps < evaluations < 20 * steps
 
 

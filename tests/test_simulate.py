@@ -239,6 +239,29 @@ def test_a_velocity_that_only_touches_zero_makes_no_event_and_one_that_dips_make
             )
 
 
+@pytest.mark.parametrize("relative", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_no_short_dip_is_passed_where_velocities_are_mostly_clear_of_zero(relative: float):
+    # frictionless in effect: v = 0.99 + cos 3 t is below 0 for a twentieth of each of 20 periods
+    t = ca.SX.sym("t")
+    model = block(Coulomb(1e-15, 1e-15), -3 * ca.sin(3 * t), t, v=1.99)
+    motion = simulate(model, 40 * np.pi / 3, tolerance=Tolerance(relative, 0.1 * relative))
+    half = np.arccos(0.99) * np.tile([-1, 1], 20)
+    found = [e.time for e in motion.events]
+    assert len(found) == 40
+    middles = np.repeat((2 * np.arange(20) + 1) * np.pi, 2)
+    assert found == pytest.approx((middles + half) / 3, abs=30 * relative + 1e-12)
+
+
+def test_a_step_that_stays_clear_of_events_costs_no_more_than_its_stages():
+    t = ca.SX.sym("t")
+    model = block(Coulomb(0.1, 0.1), 0.2 + ca.cos(3 * t), t, v=1.0)
+    motion = simulate(model, 50.0, tolerance=SHARP, route="native")
+    assert motion.events == ()
+    tried = motion.n_steps + motion.n_rejected
+    assert motion.n_steps > 100
+    assert motion.n_evaluations <= 12 * tried + 2  # 15 a step with the polynomial
+
+
 def test_a_worm_at_rest_notices_that_forces_change():
     # the force 0.02 t sin(t) exceeds 1 first near t = 51.6; only steps that see it find that
     t = ca.SX.sym("t")

@@ -21,9 +21,11 @@ from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 GOAL = 1e-9
 """Error in (x, v) at which times are compared."""
 
-# Of MAG2: strength of the drive, and its frequency.
-_EPS = 0.036
-_NU = math.sqrt(2.0) + 0.5 * _EPS
+MAG2_EPS = 0.036
+"""Strength of the drive of MAG2, and of friction backward."""
+
+MAG2_NU = math.sqrt(2.0) + 0.5 * MAG2_EPS
+"""Its frequency."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ def track(feedback: Feedback) -> Model:
 def mag2() -> Model:
     """Benchmark MAG2: system (16) as a plain model of two masses."""
     t, x, v, force = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
-    pull = x[0] - x[1] + _EPS * (1 + ca.cos(_NU * t))
-    law = Coulomb(0.5 * _EPS, _EPS)
+    pull = x[0] - x[1] + MAG2_EPS * (1 + ca.cos(MAG2_NU * t))
+    law = Coulomb(0.5 * MAG2_EPS, MAG2_EPS)
     return Model(
         "MAG2",
         x=[Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
@@ -88,10 +90,10 @@ def mag2_plant() -> Plant:
     """Benchmark MAG2 in NumPy."""
 
     def rates(t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
-        pull = y[0] - y[1] + _EPS * (1.0 + math.cos(_NU * t))
+        pull = y[0] - y[1] + MAG2_EPS * (1.0 + math.cos(MAG2_NU * t))
         return np.array([y[2], y[3], force[0] - pull, force[1] + pull])
 
-    grips = [Grip(0.5 * _EPS, _EPS)] * 2
+    grips = [Grip(0.5 * MAG2_EPS, MAG2_EPS)] * 2
     return Plant(rates, np.zeros(4), np.array([2, 3]), np.ones(2), grips, lambda _: np.zeros(0))
 
 
@@ -125,6 +127,7 @@ def _track(feedback: Feedback, reference: Sequence[float]) -> Case:
             Target(("CasADi CVODES",), 1 / 20),
             Target(("scipy LSODA", "scipy Radau", "scipy DOP853"), 1 / 60),
             *(Target((name,), 1.5) for name in by_hand),
+            *(Target(("heyoka",), 1.1) for _ in by_hand),
         ),
         feedback,
     )
@@ -160,8 +163,12 @@ WORK_PRECISION = {
             400.0,
             np.array([68.6821179593, 69.1082146640, -0.1937052220, 0.7347495453]),
             f"{_DIGITS}, and {_CLOSED}",
-            _EXACT,
-            (Target(("event loop DOP853",), 1 / 50),),
+            (*_EXACT, "hand-written C", "heyoka"),
+            (
+                Target(("event loop DOP853",), 1 / 50),
+                Target(("hand-written C",), 3.0),
+                Target(("heyoka",), 1.0),
+            ),
             plant=mag2_plant,
         ),
         Case(

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from wormopt.bench.cases import Case
+from wormopt.bench.cases import MAG2_EPS, MAG2_NU, Case
 from wormopt.bench.integrators import Regularised, by_casadi, event_loop
 from wormopt.control.lambda_tracker import Feedback
 from wormopt.simulation.native.build import library
@@ -159,28 +159,34 @@ def _wormopt(case: Case) -> Run:
     return run
 
 
-def hand_written(span: float, relative: float) -> tuple[np.ndarray, int, int]:
-    """Benchmark TRACK14 by `track14.c`; returns the end state (9,), steps and evaluations.
+def hand_written(name: str, span: float, relative: float) -> tuple[np.ndarray, int, int]:
+    """Benchmark TRACK14 or MAG2 by `track14.c` or `mag2.c`.
 
-    State: positions, velocities, gain, filter. The absolute tolerance is `relative` / 10.
+    Returns the end state, (9,) positions, velocities, gain, filter or (4,) positions, velocities;
+    steps and evaluations. The absolute tolerance is `relative` / 10.
     Raises RuntimeError if its step became too small.
     """
-    state, counts = np.zeros(9), np.zeros(2, dtype=np.int64)
-    steps = _track14().track14(
-        span, relative, 0.1 * relative, state.ctypes.data, counts.ctypes.data
-    )
+    state, counts = np.zeros({"track14": 9, "mag2": 4}[name]), np.zeros(3, dtype=np.int64)
+    addresses = state.ctypes.data, counts.ctypes.data
+    steps = getattr(_by_hand(name), name)(span, relative, 0.1 * relative, *addresses)
     if steps < 0:
         raise RuntimeError("the step became too small")
     return state, int(steps), int(counts[1])
 
 
 @cache
-def _track14() -> ctypes.CDLL:
-    text = (files("wormopt.bench") / "track14.c").read_text(encoding="utf-8")
-    built = library("track14", [("track14.c", text)], "-O3")
-    built.track14.restype = ctypes.c_longlong
-    built.track14.argtypes = [*[ctypes.c_double] * 3, *[ctypes.c_void_p] * 2]
+def _by_hand(name: str) -> ctypes.CDLL:
+    text = (files("wormopt.bench") / f"{name}.c").read_text(encoding="utf-8")
+    built = library(name, [(f"{name}.c", text)], "-O3")
+    run = getattr(built, name)
+    run.restype = ctypes.c_longlong
+    run.argtypes = [*[ctypes.c_double] * 3, *[ctypes.c_void_p] * 2]
     return built
+
+
+def _hand_written(case: Case) -> Run:
+    compared = len(case.reference)
+    return lambda relative: hand_written(case.name, case.span, relative)[0][:compared]
 
 
 def _in_thirds(case: Case, advance: Callable[[float, float, np.ndarray], np.ndarray]) -> np.ndarray:
@@ -283,6 +289,10 @@ def _sundae(case: Case) -> Run:
 
 
 def _heyoka(case: Case) -> Run:
+    return _heyoka_track(case) if isinstance(case.contact, Smooth) else _heyoka_pair(case)
+
+
+def _heyoka_track(case: Case) -> Run:
     import heyoka as hy  # type: ignore[import-not-found]
 
     start, par = track_start(case.feedback), hy.par
@@ -312,12 +322,61 @@ def _heyoka(case: Case) -> Run:
     return run
 
 
+def _heyoka_pair(case: Case) -> Run:
+    """Benchmark MAG2, its contacts decided at heyoka's terminal events."""
+    import heyoka as hy  # type: ignore[import-not-found]
+
+    back, ahead = MAG2_EPS, 0.5 * MAG2_EPS
+    x0, x1, v0, v1 = y = hy.make_vars("x0", "x1", "v0", "v1")
+    pull = x0 - x1 + MAG2_EPS * (1.0 + hy.cos(MAG2_NU * hy.time))
+    slides, friction, load = [hy.par[0], hy.par[1]], [hy.par[2], hy.par[3]], [-1.0 * pull, pull]
+    rates = [v0, v1, *(s * (f + u) for s, f, u in zip(slides, friction, load, strict=True))]
+    # what is at rest is held while this is positive
+    held = [(ahead - u) * (back + u) for u in load]
+    zeros = [s * v + (1.0 - s) * h for s, v, h in zip(slides, (v0, v1), held, strict=True)]
+
+    @cache
+    def integrator(relative: float) -> Any:
+        system = list(zip(y, rates, strict=True))
+        events = [hy.t_event(zero) for zero in zeros]
+        return hy.taylor_adaptive(system, np.zeros(4), tol=relative, t_events=events)
+
+    def decide(taylor: Any, i: int, released: bool) -> None:
+        state = taylor.state
+        state[2 + i] = 0.0
+        drive = state[0] - state[1] + MAG2_EPS * (1.0 + math.cos(MAG2_NU * taylor.time))
+        push = drive if i else -drive
+        forward = push > ahead or (released and ahead - push < back + push)
+        slides = forward or push < -back or released
+        taylor.pars[i] = float(slides)
+        taylor.pars[2 + i] = -ahead if forward else back
+
+    def run(relative: float) -> np.ndarray:
+        taylor = integrator(relative)
+        taylor.reset_cooldowns()
+        taylor.time = 0.0
+        taylor.state[:] = 0.0
+        for i in range(2):
+            decide(taylor, i, released=False)
+        for _ in range(2000):
+            outcome = taylor.propagate_until(case.span)[0]
+            if outcome == hy.taylor_outcome.time_limit:
+                return taylor.state.copy()
+            which = -int(outcome) - 1
+            if which not in (0, 1):
+                raise RuntimeError(str(outcome))
+            decide(taylor, which, released=taylor.pars[which] == 0.0)
+        raise RuntimeError(f"2000 events by t = {taylor.time:.6g}")
+
+    return run
+
+
 _SCIPY = ("LSODA", "Radau", "DOP853")
 _ADAMS = {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
 
 SOLVERS: dict[str, Callable[[Case], Run]] = {
     "wormopt": _wormopt,
-    "hand-written C": lambda case: lambda relative: hand_written(case.span, relative)[0][:6],
+    "hand-written C": _hand_written,
     **{f"scipy {method}": partial(_scipy, track_rates, method) for method in _SCIPY},
     "CasADi CVODES": partial(_casadi, "cvodes"),
     "CasADi CVODES (Adams)": partial(_casadi, "cvodes", **_ADAMS),

@@ -110,10 +110,15 @@ class System:
             for name in names
         )
 
-    @property
+    @cached_property
     def sliding(self) -> np.ndarray:
         """Modes s of a motion of which nothing has been decided."""
         return np.repeat([1.0, 0.0], [len(self.contacts), ENTRIES * len(self.planar)])[: self.n_s]
+
+    @cached_property
+    def happening(self) -> list[str]:
+        """Names of what events happen to: contacts, then switches."""
+        return [c.name for c in self.contacts] + [s.name for s in self.model.switches]
 
     @property
     def n_s(self) -> int:

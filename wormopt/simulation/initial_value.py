@@ -104,7 +104,7 @@ class InitialValueProblem:
         """
         return 0.01 * self.column_sizes / self.tolerance.absolute
 
-    @property
+    @cached_property
     def _nominal_speeds(self) -> np.ndarray:
         return np.array([c.nominal_speed for c in self.system.contacts], dtype=float)
 

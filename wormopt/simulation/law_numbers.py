@@ -23,6 +23,8 @@ class LawNumbers:
 
         `fixed` are values of parameters and inputs. Raises ArgumentError if a law refuses.
         """
+        if not self._decided:
+            return
         numbers = self._values(fixed).full().ravel()
         for contact, names in self._decided:
             own, numbers = numbers[: len(names)].tolist(), numbers[len(names) :]
@@ -38,7 +40,7 @@ class LawNumbers:
 
     @cached_property
     def _decided(self) -> list[tuple[Contact, list[str]]]:
-        """Contacts, and the fields of their laws that parameters and inputs alone decide."""
+        """Contacts with fields of their laws that parameters and inputs alone decide."""
         known = {symbol.element_hash() for symbol in ca.symvar(self._symbols)}
 
         def decided(value: object) -> bool:
@@ -46,7 +48,8 @@ class LawNumbers:
             return len(symbols) > 0 and all(s.element_hash() in known for s in symbols)
 
         laws = [(c, fields(c.law)) for c in self.model.contacts if is_dataclass(c.law)]
-        return [(c, [i.name for i in own if decided(getattr(c.law, i.name))]) for c, own in laws]
+        found = [(c, [i.name for i in own if decided(getattr(c.law, i.name))]) for c, own in laws]
+        return [(c, names) for c, names in found if names]
 
     @cached_property
     def _values(self) -> ca.Function:

@@ -305,14 +305,12 @@ def _differentiated(
         )
     ends = motion.end_derivative + np.outer(rate_at_end(motion), longer)
     begins = np.linalg.solve(np.eye(len(z)) - monodromy, ends[returns.rows])
-    events = tuple(
-        replace(event, derivative=event.derivative + other.derivative @ begins)  # type: ignore[operator]
-        for event, other in zip(motion.events, by_start.events, strict=True)
-    )
+    event_rows = motion.event_rows.copy()
+    event_rows[:, 4:] += by_start.event_rows[:, 4:] @ begins
     along = np.einsum("inm,nk->ikm", by_start.state_derivatives, begins)
     motion = replace(
         motion,
-        events=events,
+        event_rows=event_rows,
         state_derivatives=motion.state_derivatives + along,
         end_derivative=motion.end_derivative + by_start.end_derivative @ begins,
     )

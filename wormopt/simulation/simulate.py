@@ -17,7 +17,7 @@ from wormopt.model.values import check_names, numbers, signal_values
 from wormopt.progress import Report, silent
 from wormopt.simulation.delays import integrate_delayed
 from wormopt.simulation.functions import System
-from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
+from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.sensitivity.directions import Sensitivities, directions
@@ -244,7 +244,6 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         task.system.model.n_x,
         len(task.x0),
     )
-    events = _events(task.system, outcome.events)
     dense = outcome.dense
     if first > n_x and len(dense):
         dense = np.delete(dense, slice(n_x, first), axis=2)
@@ -257,17 +256,18 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         states=outcome.samples[:, :n_x].T,
         end_time=outcome.t,
         end=outcome.x[:n_x],
-        events=events,
+        event_rows=outcome.events,
         modes=outcome.modes,
         n_steps=outcome.n_steps,
         n_rejected=outcome.n_rejected,
         n_evaluations=outcome.n_evaluations,
         dense=Dense(outcome.dense_time, dense) if len(dense) else None,
         along=task.directions,
-        doubts=_doubts(task.system, outcome.doubts, events),
         state_derivatives=outcome.samples[:, first:].T.reshape(n_x, task.k, len(reached)),
         end_derivative=outcome.x[first:].reshape(n_x, task.k),
     )
+    if len(outcome.doubts):
+        motion = replace(motion, doubts=_doubts(motion, outcome.doubts))
     if outcome.status == "done":
         return motion
     if outcome.status == "interrupted":
@@ -277,27 +277,14 @@ def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
     raise SolveError(reason, suggestion, motion, outcome.status)
 
 
-def _doubts(system: System, rows: np.ndarray, events: tuple[Event, ...]) -> tuple[Doubt, ...]:
+def _doubts(motion: Trajectory, rows: np.ndarray) -> tuple[Doubt, ...]:
     """What casts doubt, by its event; one that all but happened is made up."""
-    names, happened = _names(system), {(e.time, e.name): e for e in events}
+    system, happened = motion.system, {(e.time, e.name): e for e in motion.events}
     found = {}
     for t, which, mode, reason in rows.tolist():
-        name, why = names[int(which)], REASONS[int(reason)]
+        name, why = system.happening[int(which)], REASONS[int(reason)]
         kind = "reversal" if mode else "stick" if why == "edge" else "release"
         kind = "switch" if which >= len(system.contacts) else kind
         made_up = Event(t, name, kind, int(mode))
         found[t, name, why] = Doubt(happened.get((t, name), made_up), why)
     return tuple(found.values())
-
-
-def _names(system: System) -> list[str]:
-    """Of what events happen to."""
-    return [c.name for c in system.contacts] + [s.name for s in system.model.switches]
-
-
-def _events(system: System, rows: np.ndarray) -> tuple[Event, ...]:
-    names, changes = _names(system), rows[:, 4:] if rows.shape[1] > 4 else [None] * len(rows)
-    return tuple(
-        Event(t, names[int(which)], KINDS[int(kind)], int(mode), along)
-        for (t, which, kind, mode), along in zip(rows[:, :4].tolist(), changes, strict=True)
-    )

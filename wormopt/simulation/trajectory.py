@@ -12,6 +12,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.motion import SampledMotion
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.functions import System
+from wormopt.simulation.initial_value import KINDS
 from wormopt.simulation.sensitivity.directions import Directions
 from wormopt.simulation.sensitivity.variation import variation
 
@@ -122,8 +123,9 @@ class Trajectory(SampledMotion):
         How far the motion goes.
     end : ndarray, shape (n_x,)
         State there.
-    events : tuple of Event
-        In order of time.
+    event_rows : ndarray, shape (events, 4 + k)
+        Time, index of contact or switch, kind, mode and derivatives of the time of each event in
+        order of time, by numbers; see `events`.
     modes : ndarray, shape (1 + changes, 1 + contacts)
         Each row a time and the modes (+1, -1, 0) of ``system.contacts`` from then on; four more
         columns for each contact in the plane, how it begins to slip. Empty where
@@ -150,7 +152,7 @@ class Trajectory(SampledMotion):
     states: np.ndarray
     end_time: float
     end: np.ndarray
-    events: tuple[Event, ...] = ()
+    event_rows: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
     n_steps: int = 0
     n_rejected: int = 0
@@ -163,10 +165,20 @@ class Trajectory(SampledMotion):
 
     __repr__ = SampledMotion.__repr__
 
+    @cached_property
+    def events(self) -> tuple[Event, ...]:
+        """What happened, in order of time."""
+        rows, names = self.event_rows, self.system.happening
+        changes = rows[:, 4:] if rows.shape[1] > 4 else [None] * len(rows)
+        return tuple(
+            Event(t, names[int(which)], KINDS[int(kind)], int(mode), along)
+            for (t, which, kind, mode), along in zip(rows[:, :4].tolist(), changes, strict=True)
+        )
+
     @property
     def _title(self) -> str:
         how = "exact" if self.system.exact else "smooth"
-        counts = f"{len(self.events)} events, {self.n_steps} steps"
+        counts = f"{len(self.event_rows)} events, {self.n_steps} steps"
         return f"Trajectory of {self.system.model.name} ({how}, {self.route}; {counts})"
 
     @cached_property

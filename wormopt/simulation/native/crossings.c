@@ -8,6 +8,7 @@
    a little lower, so that a contact that has just been let go, with no velocity and perhaps no
    acceleration, is not caught again by a rounding error. A switch that has just fired and whose
    guard goes on rising has no level at all. */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -63,7 +64,41 @@ void event_values(Run *run, double t, const double *x, double *value) {
     }
 }
 
+/* Whether all event functions are velocities that are states. */
+static int only_velocities(const Run *run) {
+    int only = run->in.n_switches == 0;
+    for (long long i = 0; i < n_exact(run); i++)
+        only &= run->modes[i] != 0.0 && run->in.velocity_state[i] >= 0;
+    return only;
+}
+
+/* Whether the closed step has no event because every velocity stays away from 0: its values at both
+   ends and the least and largest slope of all stages leave no room for it. Saves the polynomial. */
+int keep_sliding(Run *run, double h) {
+    if (run->in.k || !only_velocities(run)) return 0;
+    for (long long i = 0; i < n_exact(run); i++) {
+        const long long m = run->in.velocity_state[i];
+        const double a = run->modes[i] * run->out.x[m], b = run->modes[i] * run->x_new[m];
+        const double near = fmin(a, b);
+        double falls = 0.0, rises = 0.0;
+        for (int j = 0; j < N_STAGES + 1; j++) {
+            const double slope = run->modes[i] * run->k[j][m];
+            falls = smaller(falls, slope), rises = larger(rises, slope);
+        }
+        const double width = rises - falls;
+        if (!(near > small(run, i) && a * rises - b * falls + h * falls * rises > 0.3 * near * width))
+            return 0;
+    }
+    for (long long i = 0; i < n_exact(run); i++) run->level[i] = 0.0;
+    return 1;
+}
+
 static void values_within(Run *run, double theta, double h, double *value) {
+    if (only_velocities(run)) {
+        for (long long i = 0; i < n_exact(run); i++)
+            value[i] = run->modes[i] * dense_component(run, run->in.velocity_state[i], theta);
+        return;
+    }
     dense_state(run, theta, run->column, run->in.n_x);
     event_values(run, run->out.t + theta * h, run->column, value);
 }
@@ -186,6 +221,23 @@ int grazes(Run *run, double h, double theta, long long j) {
            && lowest(run, j, h, theta, 1.0, &at) >= -run->in.small_value * function_size(run, j, largest);
 }
 
+/* Move the end of a step of length h by a time so short that its slope there tells where to, to the
+   last bit. Tells whether it was so short. */
+static int shift_end(Run *run, double h, double shift) {
+    const long long n = run->in.n_x;
+    if (run->in.k) return 0;
+    close_step(run, h);
+    const double *start = run->k[0], *slope = run->k[12];
+    double *x = run->x_new;
+    int fine = 1;
+    for (long long m = 0; m < n; m++) {
+        const double off = shift * shift * fabs(slope[m] - start[m]), unit = run->in.absolute[m] / run->in.unit;
+        fine &= off <= 0.01 * DBL_EPSILON * unit * h;
+    }
+    for (long long m = 0; m < n && fine; m++) x[m] += shift * slope[m];
+    return fine;
+}
+
 /* Length of the step that ends at the event. The polynomial is of a lower order than the steps, so
    the step itself is taken and corrected by Newton's method; x_new holds its end. */
 double polish_event(Run *run, double h, double theta, long long which) {
@@ -204,6 +256,7 @@ double polish_event(Run *run, double h, double theta, long long which) {
             break;
         double corrected = next - value / slope;
         if (!(corrected > 0.0 && corrected <= h) || corrected == next) break;
+        if (shift_end(run, next, corrected - next)) return corrected;
         next = corrected;
     }
     if (next != best) stages(run, best);

@@ -64,6 +64,12 @@ static void start_schedules(Run *run) {
 
 /* -- samples --------------------------------------------------------------------------------- */
 
+/* Whether the polynomial of a step that ends then is asked for. */
+static int wants_dense(const Run *run, double end) {
+    const long long next = run->out.n_sampled;
+    return run->in.keep_dense || (next < run->in.n_times && run->in.times[next] < end);
+}
+
 static void fit(Run *run, double h) {
     if (!run->has_dense) fit_dense(run, h);
     run->has_dense = 1;
@@ -133,8 +139,8 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
     run->grazing = run->in.k && grazes(run, h, theta, which);
     if (length > floor_of_step(run)) {
         length = polish_event(run, h, theta, which);
-        close_step(run, length);
         run->has_dense = 0;
+        if (wants_dense(run, run->out.t + length)) close_step(run, length);
         emit(run, length, run->out.t + length);
         take_over(run, run->out.t + length);
     } else if (which >= n_functions(run) - run->in.n_switches && run->level[which] != 0.0) {
@@ -151,7 +157,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
 
 static void accept(Run *run, double h, double end, double error) {
     emit(run, h, end);
-    double factor = error > 0.0 ? 0.9 * pow(error, -1.0 / 8.0) : 6.0;
+    double factor = error > 0.0 ? 0.9 * lengthening(error) : 6.0;
     run->h_next = fmax(h * fmin(fmax(factor, 1.0 / 3.0), 6.0), run->h_whole);
     int stiff = looks_stiff(run, h) && (run->in.t_end - end) / h > run->in.stiff_steps;
     take_over(run, end);
@@ -179,7 +185,7 @@ static void step(Run *run) {
     double error = step_error(run, h);
     run->bad_number = error != error;
     if (!(error <= 1.0)) {
-        reject(run, h, run->bad_number ? 0.1 : fmax(0.9 * pow(error, -1.0 / 8.0), 0.1));
+        reject(run, h, run->bad_number ? 0.1 : fmax(0.9 * lengthening(error), 0.1));
         return;
     }
     close_step(run, h);
@@ -188,7 +194,7 @@ static void step(Run *run) {
         reject(run, h, 0.5);
         return;
     }
-    if (n_functions(run)) {
+    if (n_functions(run) && !keep_sliding(run, h)) {
         long long which = -1;
         fit(run, h);
         double theta = find_event(run, h, &which);
@@ -243,7 +249,7 @@ static int allocate(Run *run) {
     const Problem *in = &run->in;
     const long long n = in->n_all, c = in->n_contacts, f = n_functions(run);
     int good = 1;
-#define ROOM(pointer, count) good &= (pointer = calloc((size_t)(count) + 1, sizeof *(pointer))) != NULL
+#define ROOM(pointer, count) good &= (pointer = calloc((size_t)(count) + 3, sizeof *(pointer))) != NULL
     ROOM(run->out.x, n);
     ROOM(run->out.p, in->n_p * (1 + in->k));
     ROOM(run->out.samples, in->n_times * n);

@@ -2,6 +2,10 @@
 #ifndef WORMOPT_RUN_H
 #define WORMOPT_RUN_H
 
+#ifndef _WIN32
+#pragma GCC visibility push(hidden) /* nobody else's: calls within the driver need no look-up */
+#endif
+
 #include "driver.h"
 #include "tableau.h"
 
@@ -51,11 +55,16 @@ typedef struct {
     double *w;
 } Run;
 
+/* Those of math.h are calls, for they heed what is no number. */
+static inline double smaller(double a, double b) { return a < b ? a : b; }
+static inline double larger(double a, double b) { return a > b ? a : b; }
+
 /* stepper.c */
 void evaluate(Run *run, Function f, double t, const double *x, double *result);
 void derivative(Run *run, double t, const double *x, double *dx);
 void stages(Run *run, double h);
 double step_error(Run *run, double h);
+double lengthening(double error);
 void close_step(Run *run, double h);
 void fit_dense(Run *run, double h);
 double dense_component(const Run *run, long long i, double theta);
@@ -69,6 +78,7 @@ long long n_functions(const Run *run);
 double small(const Run *run, long long j);
 double margin(const double *probe, long long n, long long i);
 void event_values(Run *run, double t, const double *x, double *value);
+int keep_sliding(Run *run, double h);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
 int grazes(Run *run, double h, double theta, long long j);

@@ -27,9 +27,8 @@ void derivative(Run *run, double t, const double *x, double *dx) {
     for (long long m = 0; m < n; m++) y[m] = x[m] + h * (sum);          \
     derivative(run, t + C[i] * h, y, k[i])
 
-/* Take the stages of a step of length h from (t, x) with derivative k[0]; x_new is its end. */
-void stages(Run *run, double h) {
-    const long long n = run->in.n_all;
+/* The stages of a step whose vectors have n entries, known where this is put in place. */
+static inline __attribute__((always_inline)) void take_stages(Run *run, double h, long long n) {
     const double t = run->out.t, *restrict x = run->out.x;
     double **k = run->k, *restrict y = run->stage, *restrict end = run->x_new;
     STAGE(1, T(1, 0));
@@ -51,6 +50,17 @@ void stages(Run *run, double h) {
 #undef J
 }
 
+/* Take the stages of a step of length h from (t, x) with derivative k[0]; x_new is its end. Short
+   vectors go in whole registers, beyond their last entries are zeros. */
+void stages(Run *run, double h) {
+    switch ((run->in.n_all + 3) / 4) {
+    case 1: take_stages(run, h, 4); break;
+    case 2: take_stages(run, h, 8); break;
+    case 3: take_stages(run, h, 12); break;
+    default: take_stages(run, h, run->in.n_all);
+    }
+}
+
 /* Error of the step against the tolerances; at most 1 is good, NaN where numbers are bad. */
 double step_error(Run *run, double h) {
     const long long n = run->in.n_x;
@@ -59,7 +69,7 @@ double step_error(Run *run, double h) {
     for (long long m = 0; m < n; m++) {
 #define J(E, j) E[j] * k[j][m]
 #define SUM(E) J(E, 0) + J(E, 5) + J(E, 6) + J(E, 7) + J(E, 8) + J(E, 9) + J(E, 10) + J(E, 11)
-        double scale = 1.0 / (absolute[m] + run->in.relative * fmax(fabs(x[m]), fabs(end[m])));
+        double scale = 1.0 / (absolute[m] + run->in.relative * larger(fabs(x[m]), fabs(end[m])));
         double e5 = (SUM(E5)) * scale, e3 = (SUM(E3)) * scale;
 #undef SUM
 #undef J
@@ -73,6 +83,9 @@ double step_error(Run *run, double h) {
     run->by_columns = !(other <= error); /* NaN counts */
     return run->by_columns ? other : error;
 }
+
+/* error^(-1/8): a step of order 8 so much longer has an error of 1. */
+double lengthening(double error) { return 1.0 / sqrt(sqrt(sqrt(error))); }
 
 /* Derivative at the end of the step. */
 void close_step(Run *run, double h) { derivative(run, run->out.t + h, run->x_new, run->k[12]); }
