@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from wormopt.bench import LADDERS
 from wormopt.progress import Report
 
 _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
@@ -26,9 +27,10 @@ _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
 _MODULES |= {
     f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle", "crawl")
 }
+_MODULES |= dict.fromkeys(LADDERS, "ladder")
 _PACKAGES = (
     *("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka"),
-    *("rockit-meco", "yapss", "mujoco"),
+    *("rockit-meco", "yapss", "mujoco", "magpylib", "scikit-fem", "pyelastica"),
 )
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"
