@@ -8,12 +8,15 @@ stiffness against bending, are 1.
 from __future__ import annotations
 
 import math
+from contextlib import redirect_stdout
 from functools import partial
+from io import StringIO
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.integrate import solve_bvp
+from scipy.sparse.linalg import spsolve
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from wormopt.bench.ladder import Run, Task, Way
@@ -21,6 +24,8 @@ from wormopt.bench.run import OWN
 from wormopt.systems.channel.rod import Rod, Stiffness
 
 _ANGLE, _HARD = 1.1, 50.0  # of the tip; resistance to stretching and shearing
+# PyElastica's sections shrink as they are stretched: there its rod is to stretch little
+_HARDER = 1e4
 _INCREMENTS, _STEPS = 4, 40
 _RADIUS, _DAMPING, _SPAN = 0.2, 6.0, 8.0  # of PyElastica's rod, which comes to rest
 
@@ -70,7 +75,7 @@ def _own(degree: int, force: float) -> Run:
         for share in np.arange(1, _INCREMENTS + 1) / _INCREMENTS:
             for _ in range(_STEPS):
                 left, matrix = both(found, share * force)
-                step = -np.array(ca.solve(matrix, left)).ravel()
+                step = -spsolve(matrix.sparse(), np.array(left).ravel())
                 found[free] += step
                 if np.abs(step).max() < (1e-9 if share == 1 else 1e-2):
                     break
@@ -85,10 +90,11 @@ def _own(degree: int, force: float) -> Run:
 def _skfem(force: float) -> Run:
     """The angle alone: theta'' + F cos theta = 0 in its weak form; the tip is an integral."""
     import skfem
-    from scipy.sparse.linalg import spsolve
 
     def run(elements: float) -> np.ndarray:
-        mesh = skfem.MeshLine(np.linspace(0, 1, int(elements) + 1))
+        mesh = skfem.MeshLine(np.linspace(0, 1, int(elements) + 1)).with_boundaries(
+            {"left": lambda x: x[0] == 0, "right": lambda x: x[0] == 1}
+        )
         basis = skfem.Basis(mesh, skfem.ElementLineP2(), intorder=6)
 
         @skfem.BilinearForm
@@ -144,12 +150,14 @@ def _pyelastica(force: float) -> Run:
     def run(elements: float) -> np.ndarray:
         count, system, axis = int(elements), System(), np.eye(3)
         density = 1 / (math.pi * _RADIUS**2)
+        # to hold the first director is to clamp the rod in the middle of its first element
+        size = 1 / (count - 0.5)
         rod = ea.CosseratRod.straight_rod(
-            count, np.zeros(3), axis[0], axis[1], 1.0, _RADIUS, density, youngs_modulus=1.0
+            count, -size / 2 * axis[0], *axis[:2], count * size, _RADIUS, density, youngs_modulus=1.0
         )
-        rod.shear_matrix[...] = _HARD * np.eye(3)[..., None]
+        rod.shear_matrix[...] = _HARDER * np.eye(3)[..., None]
         rod.bend_matrix[...] = np.eye(3)[..., None]
-        dt = 0.2 / (count * math.sqrt(_HARD))
+        dt = 0.2 / (count * math.sqrt(_HARDER))
         system.append(rod)
         system.constrain(rod).using(
             ea.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,)
@@ -162,10 +170,11 @@ def _pyelastica(force: float) -> Run:
         )
         system.finalize()
         steps = math.ceil(_SPAN / dt)
-        ea.integrate(ea.PositionVerlet(), system, steps * dt, steps, progress_bar=False)
+        with redirect_stdout(StringIO()):
+            ea.integrate(ea.PositionVerlet(), system, steps * dt, steps, progress_bar=False)
         x, y = rod.position_collection[:2, -1]
         angles = [math.atan2(d[1], d[0]) for d in rod.director_collection[2].T[-2:]]
         # directors belong to the middles of elements: the moment is 0 at the tip
-        return np.array([x, y - force / _HARD, angles[1] + (angles[1] - angles[0]) / 8])
+        return np.array([x, y - force / _HARDER, angles[1] + (angles[1] - angles[0]) / 8])
 
     return run
