@@ -19,7 +19,19 @@ import numpy as np
 
 from wormopt.bench import LADDERS
 from wormopt.bench.memory import growth, megabytes
-from wormopt.bench.run import OWN, Found, aligned, axes, curve, finite, save, seconds, timed, why
+from wormopt.bench.run import (
+    OWN,
+    Found,
+    aligned,
+    axes,
+    compared,
+    curve,
+    finite,
+    save,
+    seconds,
+    timed,
+    why,
+)
 from wormopt.progress import Report
 
 _ROUNDS, _QUICK_ROUNDS = 5, 2
@@ -169,9 +181,7 @@ def fastest(points: Sequence[Mapping[str, Any]], goal: float) -> float | None:
 
 def ratios(found: Mapping[str, Any]) -> dict[str, float]:
     """Our time over that of each other solver, at the goal."""
-    times = {s["solver"]: fastest(s["points"], found["goal"]) for s in found["solvers"]}
-    own = times.pop(OWN, None)
-    return {name: own / time for name, time in times.items() if own and time}
+    return compared({s["solver"]: fastest(s["points"], found["goal"]) for s in found["solvers"]})
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:

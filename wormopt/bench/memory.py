@@ -5,44 +5,36 @@ from __future__ import annotations
 import resource
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
 Answer = TypeVar("Answer")
 
 
-def growth(work: Callable[[], Answer]) -> tuple[Answer, float | None]:
+def growth(work: Callable[[], Answer]) -> tuple[Answer, float]:
     """Do some work; its answer, and the bytes by which the process grew at most meanwhile.
 
-    Memory that was free before counts for nothing, so that first runs tell most. None where
-    the system does not tell. On Linux the mark of the most is set back first.
+    Memory that was free before counts for nothing, so that first runs tell most. Only on Linux
+    can the mark of the most be set back; elsewhere what is below an earlier mark is 0.
     """
-    before = _reset()
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    before = _most()
     answer = work()
-    after = _most()
-    return answer, None if before is None or after is None else max(after - before, 0.0)
+    return answer, _most() - before
 
 
 def megabytes(size: float | None) -> str:
     """Lay a size out for a table."""
-    return "" if size is None else f"{size / 1e6:.3g} MB"
+    return "" if size is None else f"{size / 1e6:.1f} MB"
 
 
-def _reset() -> float | None:
-    """Forget the most so far, where that can be done; bytes now."""
-    try:
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except OSError:
-        pass
-    return _most()
-
-
-def _most() -> float | None:
-    """Most bytes so far."""
-    try:
+def _most() -> float:
+    """Most bytes since the mark was set back."""
+    with suppress(OSError, StopIteration):
         status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
-        return 1024 * float(next(k for k in status.splitlines() if k.startswith("VmHWM")).split()[1])
-    except (OSError, StopIteration):
-        pass
+        most = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+        return 1024 * float(most.split()[1])
     unit = 1 if sys.platform == "darwin" else 1024
     return float(unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
