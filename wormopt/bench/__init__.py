@@ -31,7 +31,7 @@ LADDERS = {
     "certificate": "certificate",
     "rod_statics": "rod_statics",
     "rod_dynamics": "rod_dynamics",
-    "elastica": "elastica",
+    "elastica": "segment",
     "coils": "coils",
     "steady": "steady",
     "sensitivities": "sensitivities",

@@ -63,7 +63,7 @@ def installed(older: str, folder: Path) -> Path:
     wanted = str(path.resolve()) if path.is_file() else f"wormopt=={older}"
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-input",
            "--disable-pip-version-check", "--target", str(folder), wanted]  # fmt: skip
-    done = subprocess.run(pip, capture_output=True, text=True, check=False)
+    done = subprocess.run(pip, capture_output=True, text=True, check=False)  # noqa: S603
     if done.returncode or not (folder / "wormopt").is_dir():
         said = done.stderr.strip().splitlines() or ["it holds no wormopt"]
         raise ArgumentError(
@@ -79,7 +79,7 @@ def _archived(commit: str) -> bytes | None:
         return None
     asked = ["git", "-C", str(_HERE), "archive", "--format=tar", commit, "wormopt"]
     try:
-        done = subprocess.run(asked, capture_output=True, check=False)
+        done = subprocess.run(asked, capture_output=True, check=False)  # noqa: S603
     except OSError:
         return None
     return done.stdout if done.returncode == 0 else None
@@ -92,7 +92,7 @@ class _Worker:
         # -P and another folder: nothing of where the user is comes before the version
         command = [sys.executable, "-P", str(Path(__file__).with_name("own_runs.py"))]
         environment = os.environ | {"PYTHONPATH": str(root)}
-        self._process = subprocess.Popen(
+        self._process = subprocess.Popen(  # noqa: S603
             command, cwd=folder, env=environment, text=True, stdin=subprocess.PIPE,
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
         )  # fmt: skip

@@ -12,13 +12,14 @@ import math
 import sys
 from importlib import import_module
 from time import process_time
+from typing import Any
 
 import numpy as np
 
 _TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
 
 
-def ready(name, quick):
+def ready(name: str, quick: bool) -> tuple[Any, Any, Any, float]:
     """Make a case ready: what runs it, what tells the error, the settings and the goal."""
     try:
         cases = import_module("wormopt.bench.cases")
@@ -33,10 +34,12 @@ def ready(name, quick):
     return way.make(), task.error, way.settings, task.goal
 
 
-def main():
+def main() -> None:
     """Serve until the input ends."""
     answers, sys.stdout = sys.stdout, sys.stderr  # what others print is no answer
-    run = error = None
+    run: Any = None
+    error: Any = None
+    told: dict[str, Any]
     for line in sys.stdin:
         asked = json.loads(line)
         try:
@@ -50,7 +53,7 @@ def main():
                 if not math.isfinite(told["error"]):
                     told["error"] = None
         except Exception as failure:
-            told = {"missing": f"{type(failure).__name__}: {str(failure).splitlines()[:1]}"}
+            told = {"missing": f"{type(failure).__name__}: {str(failure).partition(chr(10))[0]}"}
         print(json.dumps(told), file=answers, flush=True)
 
 

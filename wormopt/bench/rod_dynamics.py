@@ -112,8 +112,9 @@ def _differences(exact: np.ndarray) -> Run:
 
     def run(cells: float) -> np.ndarray:
         n, h = int(cells), rod.length / int(cells)
-        slope = sparse.diags([1.0, -1.0], [0, -1], (n, n - 1)) / h  # of w, which is 0 at both ends
-        bent = sparse.diags([-1.0, 1.0], [0, 1], (n - 1, n)) / h  # no moment at the pins
+        # slopes of w, which is 0 at both ends; curvatures between cells, none at the pins
+        slope = sparse.eye(n, n - 1) / h - sparse.eye(n, n - 1, -1) / h
+        bent = sparse.eye(n - 1, n, 1) / h - sparse.eye(n - 1, n) / h
         sheared = sparse.hstack([slope, -sparse.eye(n)])
         curved = sparse.hstack([sparse.csr_matrix((n - 1, n - 1)), bent])
         K = resist.shearing * sheared.T @ sheared + resist.bending * curved.T @ curved

@@ -142,7 +142,7 @@ def _scipy(force: float) -> Run:
 
 def _pyelastica(force: float) -> Run:
     """A rod in motion that damping brings to rest; it knows no statics."""
-    import elastica as ea
+    import elastica as ea  # type: ignore[import-not-found]
 
     class System(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):  # pyright: ignore
         pass
@@ -153,7 +153,13 @@ def _pyelastica(force: float) -> Run:
         # to hold the first director is to clamp the rod in the middle of its first element
         size = 1 / (count - 0.5)
         rod = ea.CosseratRod.straight_rod(
-            count, -size / 2 * axis[0], *axis[:2], count * size, _RADIUS, density, youngs_modulus=1.0
+            count,
+            -size / 2 * axis[0],
+            *axis[:2],
+            count * size,
+            _RADIUS,
+            density,
+            youngs_modulus=1.0,
         )
         rod.shear_matrix[...] = _HARDER * np.eye(3)[..., None]
         rod.bend_matrix[...] = np.eye(3)[..., None]

@@ -245,7 +245,17 @@ def lines(found: Mapping[str, Any]) -> list[str]:
     """The solvers in a table, their failures, and the targets."""
     known = [s for s in found["solvers"] if not s["missing"]]
     own = next((s["time_s"] for s in known if s["solver"] == OWN), None)
-    rows = [("solver", "first run", "memory", f"time at {GOAL:.0e}", "ours/theirs", "best error", "failed")]
+    rows = [
+        (
+            "solver",
+            "first run",
+            "memory",
+            f"time at {GOAL:.0e}",
+            "ours/theirs",
+            "best error",
+            "failed",
+        )
+    ]
     for s in known:
         best = min((p["error"] for p in s["points"]), default=None)
         rows.append(

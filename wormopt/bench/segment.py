@@ -51,9 +51,7 @@ def _scipy(exact: bool) -> Run:
         cos, sin = np.cos(theta), np.sin(theta)
         return p[0] * np.vstack([curvature, -p[1] * cos + p[2] * sin, cos, sin])
 
-    def slopes(
-        _: np.ndarray, y: np.ndarray, p: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(_: np.ndarray, y: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         theta, curvature = y[:2]
         cos, sin, by_state = np.cos(theta), np.sin(theta), np.zeros((4, 4, len(theta)))
         by_state[0, 1] = 1.0
@@ -70,15 +68,15 @@ def _scipy(exact: bool) -> Run:
         y = y[:4]
         for rise in (_FIRST, _RISE):
 
-            def ends(
-                a: np.ndarray, b: np.ndarray, p: np.ndarray, rise: float = rise
-            ) -> np.ndarray:
+            def ends(a: np.ndarray, b: np.ndarray, p: np.ndarray, rise: float = rise) -> np.ndarray:
                 return np.array(
                     [a[0], a[2], a[3], b[0], b[2] - 1, b[3] - rise, p[2] + a[1] ** 2 / 2]
                 )
 
-            more = {"fun_jac": slopes} if exact else {}
-            found = solve_bvp(ode, ends, s, y, p, tol=tolerance, max_nodes=100_000, **more)
+            jacobian = slopes if exact else None
+            found = solve_bvp(
+                ode, ends, s, y, p, fun_jac=jacobian, tol=tolerance, max_nodes=100_000
+            )
             if not found.success:
                 raise RuntimeError(found.message)
             s, y, p = found.x, found.y, found.p
