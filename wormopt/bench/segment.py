@@ -26,7 +26,7 @@ def task(_name: str, _quick: bool) -> Task:
         1e-9,
         np.array([exact.length, exact.reaction, exact.tension]),
         [
-            Way(OWN, _own, (6, 8, 12, 16, 24, 32)),
+            Way(OWN, _own, (6, 8, 12, 16, 24)),
             Way("SciPy solve_bvp", partial(_scipy, exact=False), (1e-3, 1e-5, 1e-7, 1e-9)),
             Way("SciPy, Jacobian by hand", partial(_scipy, exact=True), (1e-3, 1e-5, 1e-7, 1e-9)),
         ],

@@ -74,7 +74,8 @@ def _compiled(model: Model) -> tuple[Any, Any, np.ndarray, int]:
 
 
 def _fsolve(rates: Any, _slopes: Any, x: np.ndarray, tolerance: float) -> np.ndarray:
-    return np.asarray(fsolve(rates, x, xtol=tolerance))
+    # what it says of its progress is measured here
+    return np.asarray(fsolve(rates, x, xtol=tolerance, full_output=True)[0])
 
 
 def _hybr(rates: Any, slopes: Any, x: np.ndarray, tolerance: float) -> np.ndarray:
