@@ -74,11 +74,11 @@ class Record:
 
     solver: str
     first: float = math.nan  # s of its first run with compilation and the like; NaN: none
-    memory: float = math.nan  # bytes by which that made the process grow
     points: list[Point] = field(default_factory=list)  # by falling tolerance
     # runs that ended in an error or a wrong answer
     failures: list[str] = field(default_factory=list)
     missing: str = ""  # why it could not be used at all
+    memory: float = math.nan  # bytes by which the first run made the process grow
 
     @property
     def time(self) -> float:
