@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from wormopt import cli
-from wormopt.bench import CASES, run, sweeps, work_precision
+from wormopt.bench import CASES, LADDERS, run, sweeps, work_precision
 from wormopt.bench.cases import GOAL, WORK_PRECISION, mag2_plant, track
 from wormopt.bench.driven_chain import DrivenChain, Grip, linear_flow
 from wormopt.bench.integrators import Regularised, event_loop
@@ -194,7 +194,7 @@ def test_what_a_solver_does_wrong_is_counted(monkeypatch: pytest.MonkeyPatch):
 def test_every_case_has_solvers_and_a_name_on_the_command_line():
     others = {"averaging", "chain_length", "film", "smoothing", "ocp", "design"}
     planar = {f"planar_{task}" for task in (*TASKS, "crawl")}
-    assert set(CASES) == {*WORK_PRECISION, *others, *planar}
+    assert set(CASES) == {*WORK_PRECISION, *others, *planar, *LADDERS}
     for case in WORK_PRECISION.values():
         assert set(case.solvers) <= set(SOLVERS)
         assert {name for target in case.targets for name in target.than} <= set(case.solvers)

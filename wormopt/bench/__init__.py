@@ -16,6 +16,24 @@ CASES = {
     "planar_triangle": "three driven masses that stick and slip in the plane",
     "planar_crawl": "three links that crawl slowly, beside SciPy at even instants",
     "ocp": "the fastest smooth slide by optimal control, time to build and to solve",
+    "certificate": "bounds on the speed of G1 against its exact optimum",
+    "rod_statics": "a rod that a force bends far, beside scikit-fem, PyElastica and SciPy",
+    "rod_dynamics": "natural frequencies of a thick rod, beside scikit-fem and SciPy",
+    "elastica": "a segment from wall to wall, beside SciPy",
+    "coils": "the field of a thick coil, beside magpylib",
+    "steady": "a resonance curve through steady states, beside SciPy's root finders",
+    "sensitivities": "derivatives of a motion, beside differences and diffrax",
     "design": "random gait-design problems, seconds to come near the bound on the speed",
 }
 """Benchmarks and what they are, here so that the command line can tell without loading any."""
+
+LADDERS = {
+    "certificate": "certificate",
+    "rod_statics": "rod_statics",
+    "rod_dynamics": "rod_dynamics",
+    "elastica": "segment",
+    "coils": "coils",
+    "steady": "steady",
+    "sensitivities": "sensitivities",
+}
+"""Which of them are a `wormopt.bench.ladder`, and the modules that say what is asked."""

@@ -184,6 +184,15 @@ def described(known: Sequence[Attempt]) -> Found:
 # -- telling -------------------------------------------------------------------------------------
 
 
+def ratios(found: Mapping[str, Any]) -> dict[str, float]:
+    """Our time over that of the fastest other solver, by accuracies."""
+    return {
+        f"fastest other, within {entry['accuracy']:.1%}": entry["ratio"]
+        for entry in found["ratios"]
+        if entry["ratio"]
+    }
+
+
 def lines(found: Mapping[str, Any]) -> list[str]:
     """Times to come near the bound in a table, failures and wrong speeds."""
     solvers = list(dict.fromkeys(r["solver"] for r in found["reached"]))

@@ -94,6 +94,16 @@ def _periods(limits: Arrays) -> list[float]:
     return [p / cycles for cycles in (1, 2) for p in np.geomspace(longest, shortest, 3).tolist()]
 
 
+def milp_bound(limits: Arrays, grid: Grid, seconds: float) -> float:
+    """Upper bound on the speed of gaits on one grid."""
+    solver = silent_highs()
+    for option, value in {**_HIGHS, "time_limit": seconds}.items():
+        solver.setOptionValue(option, value)
+    solver.passModel(_program(limits, grid))
+    solver.run()
+    return float(solver.getInfo().mip_dual_bound)
+
+
 def solve_grid(
     limits: Arrays, grid: Grid, seconds: float, known: Tell, start: Motion | None = None
 ) -> Motion | None:

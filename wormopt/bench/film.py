@@ -13,7 +13,18 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.sparse import csc_matrix
 
-from wormopt.bench.run import OWN, Found, aligned, axes, curve, save, seconds, timed
+from wormopt.bench.run import (
+    OWN,
+    Found,
+    aligned,
+    axes,
+    compared,
+    curve,
+    least,
+    save,
+    seconds,
+    timed,
+)
 from wormopt.errors import SolveError
 from wormopt.model.model import pack
 from wormopt.progress import Report, silent
@@ -28,6 +39,8 @@ _TOLERANCES: dict[str, tuple[float, ...]] = {
     "scipy Radau": (1e-3, 1e-4, 1e-5, 1e-6),
     "scipy BDF": (1e-3, 1e-4, 1e-5, 1e-6),
 }
+
+_GOAL = 1e-4  # error at which times are compared
 
 End = Callable[[float], np.ndarray]
 
@@ -104,6 +117,12 @@ def _scipy(
 
 
 # -- telling ---------------------------------------------------------------------------------------
+
+
+def ratios(found: Mapping[str, Any]) -> dict[str, float]:
+    """Our fastest run over that of every other way, of those that are good enough."""
+    good = (r for r in found["runs"] if r["error"] <= _GOAL)
+    return compared(least((r["method"], r["seconds"]) for r in good))
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:

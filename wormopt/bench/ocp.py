@@ -17,7 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.bench.run import OWN, Found, aligned, colour, seconds, timed, why
+from wormopt.bench.run import OWN, Found, aligned, colour, compared, seconds, timed, why
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Regularised
@@ -346,6 +346,15 @@ def solve_ratio(rows: Sequence[Mapping[str, Any]], grid: str) -> float | None:
 
 
 # -- telling -------------------------------------------------------------------------------------
+
+
+def ratios(found: Mapping[str, Any]) -> dict[str, float]:
+    """Our time to solve over that of every other toolkit, by grids."""
+    known: dict[str, float] = {}
+    for grid in dict.fromkeys(t["grid"] for t in found["times"]):
+        times = {t["solver"]: t["solve_s"] for t in found["times"] if t["grid"] == grid}
+        known |= {f"{name}, {grid}": ratio for name, ratio in compared(times).items()}
+    return known
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:

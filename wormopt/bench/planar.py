@@ -20,7 +20,20 @@ from wormopt.bench import planar_crawl
 from wormopt.bench.planar_mujoco import by_mujoco
 from wormopt.bench.planar_rivals import Solver, by_scipy, by_smoothing
 from wormopt.bench.planar_tasks import TASKS, Task
-from wormopt.bench.run import OWN, Found, aligned, axes, curve, finite, save, seconds, timed, why
+from wormopt.bench.run import (
+    OWN,
+    Found,
+    aligned,
+    axes,
+    compared,
+    curve,
+    finite,
+    least,
+    save,
+    seconds,
+    timed,
+    why,
+)
 from wormopt.progress import Report
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -121,6 +134,11 @@ def measured(name: str, quick: bool, report: Report) -> Iterator[Found]:
             if row.times[0] < _SLOW:
                 row.ask(task)
         yield told | {"rows": [row.told for row in rows], "missing": missing}
+
+
+def ratios(found: Mapping[str, Any]) -> dict[str, float]:
+    """Our fastest run over that of every other solver, of those that are good enough."""
+    return compared(least((r["solver"], r["seconds"]) for r in found["rows"] if _good(r)))
 
 
 def lines(found: Mapping[str, Any]) -> list[str]:

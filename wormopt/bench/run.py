@@ -1,8 +1,9 @@
 """`wormopt bench`: what all benchmarks share, how they are run, laid out and drawn.
 
-A benchmark is a module here with three functions: ``measured(name, quick, report)`` yields what is
-known so far, ready for JSON; ``lines(found)`` lays it out for readers and ``draw(found, path)``
-draws it to a PNG file.
+A benchmark is a module here with four functions: ``measured(name, quick, report)`` yields what is
+known so far, ready for JSON; ``lines(found)`` lays it out for readers, ``draw(found, path)`` draws
+it to a PNG file, and ``ratios(found)`` says by whose times ours were divided, and what came out.
+Those of one shape share `wormopt.bench.ladder`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from wormopt.bench import LADDERS
 from wormopt.progress import Report
 
 _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
@@ -26,9 +28,10 @@ _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
 _MODULES |= {
     f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle", "crawl")
 }
+_MODULES |= dict.fromkeys(LADDERS, "ladder")
 _PACKAGES = (
     *("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka"),
-    *("rockit-meco", "yapss", "mujoco"),
+    *("rockit-meco", "yapss", "mujoco", "magpylib", "scikit-fem", "pyelastica"),
 )
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#332288", "#882255")
 _MARKS = "os^Dv<>pP*Xh"
@@ -77,6 +80,12 @@ def table(found: Mapping[str, Any]) -> str:
     return "\n".join(lines if found["done"] else [*lines, "  (unfinished)"])
 
 
+def ratios(found: Mapping[str, Any]) -> dict[str, float]:
+    """Our times over those of others, by their names, of a case that is known."""
+    answer: dict[str, float] = _benchmark(found["case"]).ratios(found)
+    return answer
+
+
 def _benchmark(name: str) -> Any:
     return import_module(f"wormopt.bench.{_MODULES.get(name, 'work_precision')}")
 
@@ -94,6 +103,20 @@ def timed(work: Callable[..., Answer], *given: Any) -> tuple[float, Answer]:
 def finite(value: float) -> float | None:
     """The number for JSON, which knows neither NaN nor infinity."""
     return value if math.isfinite(value) else None
+
+
+def compared(times: Mapping[str, float | None], own: str = OWN) -> dict[str, float]:
+    """Our time over each of the others', where both are known."""
+    ours = times.get(own)
+    return {name: ours / t for name, t in times.items() if name != own and ours and t}
+
+
+def least(times: Iterable[tuple[str, float]]) -> dict[str, float]:
+    """Least time of each name."""
+    found: dict[str, float] = {}
+    for name, time in times:
+        found[name] = min(time, found.get(name, math.inf))
+    return found
 
 
 def exponent(x: Sequence[float], y: Sequence[float]) -> float | None:

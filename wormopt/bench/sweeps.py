@@ -105,6 +105,11 @@ def _widths(quick: bool, report: Report) -> Iterator[Found]:
 # -- telling -------------------------------------------------------------------------------------
 
 
+def ratios(_found: Mapping[str, Any]) -> dict[str, float]:
+    """None: there is nobody beside us."""
+    return {}
+
+
 def lines(found: Mapping[str, Any]) -> list[str]:
     """The table, and the exponent."""
     if "widths" in found:

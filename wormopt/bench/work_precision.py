@@ -22,8 +22,20 @@ import casadi as ca
 import numpy as np
 
 from wormopt.bench.cases import GOAL, WORK_PRECISION, Case, Target
+from wormopt.bench.memory import growth, megabytes
 from wormopt.bench.peers import SOLVERS, Run
-from wormopt.bench.run import OWN, Found, aligned, axes, curve, finite, save, seconds, timed
+from wormopt.bench.run import (
+    OWN,
+    Found,
+    aligned,
+    axes,
+    compared,
+    curve,
+    finite,
+    save,
+    seconds,
+    timed,
+)
 from wormopt.model.model import Model, Signal
 from wormopt.progress import Report
 from wormopt.simulation.simulate import simulate
@@ -66,6 +78,7 @@ class Record:
     # runs that ended in an error or a wrong answer
     failures: list[str] = field(default_factory=list)
     missing: str = ""  # why it could not be used at all
+    memory: float = math.nan  # bytes by which the first run made the process grow
 
     @property
     def time(self) -> float:
@@ -94,6 +107,7 @@ def _described(record: Record) -> Found:
     return {
         "solver": record.solver,
         "first_s": finite(record.first),
+        "memory": finite(record.memory),
         "time_s": finite(record.time),
         "points": [
             {"tolerance": p.tolerance, "error": p.error, "time_s": p.time, "runs": len(p.times)}
@@ -150,7 +164,9 @@ def measure(
     with TemporaryDirectory() as folder, patch.dict(os.environ, XDG_CACHE_HOME=folder):
         for k, record in enumerate(records):
             report(f"{case.name}: {record.solver}", k / len(records) / effort.rounds)
-            _descend(case, record, runs, effort)
+            _, record.memory = growth(lambda r=record: _start(case, r, runs))
+            if record.solver in runs:
+                _descend(case, record, runs[record.solver], effort)
             yield records
     for turn in range(1, effort.rounds):
         report(f"{case.name}: round {turn}", turn / effort.rounds)
@@ -163,8 +179,8 @@ def measure(
         yield records
 
 
-def _descend(case: Case, record: Record, runs: dict[str, Run], effort: Effort) -> None:
-    """Ladder of tolerances of one solver; the first run is its own, the others are warm."""
+def _start(case: Case, record: Record, runs: dict[str, Run]) -> None:
+    """Make a solver ready and run it once, which is told apart."""
     begin = perf_counter()
     try:
         run = runs[record.solver] = SOLVERS[record.solver](case)
@@ -172,13 +188,14 @@ def _descend(case: Case, record: Record, runs: dict[str, Run], effort: Effort) -
         record.first = perf_counter() - begin
     except ImportError as error:
         record.missing = f"not installed: {error.name}"
-        return
     except Exception as error:
         record.failures.append(_reason(1e-4, error))
-        if record.solver not in runs:
-            return
+
+
+def _descend(case: Case, record: Record, run: Run, effort: Effort) -> None:
+    """Ladder of tolerances of one solver that is warm."""
     for decade in range(4, 14):
-        time = _attempt(case, record, runs[record.solver], 10.0**-decade)
+        time = _attempt(case, record, run, 10.0**-decade)
         reached = min((p.error for p in record.points), default=math.inf)
         slow = time > effort.slow
         if time > effort.longest or (slow and reached < GOAL / 3) or reached < 1e-12:
@@ -189,7 +206,7 @@ def _descend(case: Case, record: Record, runs: dict[str, Run], effort: Effort) -
     share = effort.per_decade
     between = [10.0 ** -(d + k / share) for d in decades if 4 <= d < 13 for k in range(1, share)]
     for tolerance in between:
-        _attempt(case, record, runs[record.solver], tolerance)
+        _attempt(case, record, run, tolerance)
     record.points.sort(key=lambda p: -p.tolerance)
 
 
@@ -219,17 +236,33 @@ def _reason(tolerance: float, error: Exception) -> str:
 # -- telling -------------------------------------------------------------------------------------
 
 
+def ratios(found: Mapping[str, Any]) -> dict[str, float]:
+    """Our time at the goal over that of every other solver."""
+    return compared({s["solver"]: s["time_s"] for s in found["solvers"]})
+
+
 def lines(found: Mapping[str, Any]) -> list[str]:
     """The solvers in a table, their failures, and the targets."""
     known = [s for s in found["solvers"] if not s["missing"]]
     own = next((s["time_s"] for s in known if s["solver"] == OWN), None)
-    rows = [("solver", "first run", f"time at {GOAL:.0e}", "ours/theirs", "best error", "failed")]
+    rows = [
+        (
+            "solver",
+            "first run",
+            "memory",
+            f"time at {GOAL:.0e}",
+            "ours/theirs",
+            "best error",
+            "failed",
+        )
+    ]
     for s in known:
         best = min((p["error"] for p in s["points"]), default=None)
         rows.append(
             (
                 s["solver"],
                 seconds(s["first_s"]),
+                megabytes(s["memory"]),
                 seconds(s["time_s"], "not reached"),
                 f"{own / s['time_s']:.4f}" if own and s["time_s"] else "",
                 "" if best is None else f"{best:.0e}",

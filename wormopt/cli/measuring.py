@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ def add(commands: Any) -> None:
     """Add the commands to a parser's."""
     command = commands.add_parser(
         "bench",
-        help="measure the simulation against others",
+        help="measure speed and precision beside others",
         description=_BENCH + "".join(f"\n  {name:14}{what}" for name, what in CASES.items()),
         epilog=_BENCH_COLUMNS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -28,7 +29,18 @@ def add(commands: Any) -> None:
         "cases", metavar="CASE", nargs="*", help="in any letter case; all if left out"
     )
     command.add_argument(
-        "-o", "--output", metavar="DIR", default="results/bench", help="for pictures (%(default)s)"
+        "-o",
+        "--output",
+        metavar="DIR",
+        default="results/bench",
+        help="for index.html with all pictures and tables, and the history (%(default)s)",
+    )
+    command.add_argument(
+        "--against",
+        metavar="VERSION",
+        default="",
+        help="run this version and another by turns instead, beside no others: a version on "
+        "PyPI, a commit of this checkout, another checkout or a wheel",
     )
     _add_measuring(command, "fewer tolerances, rounds and lengths")
 
@@ -44,9 +56,10 @@ def add(commands: Any) -> None:
 
 
 _BENCH = """\
-Run each case with several integrators at several tolerances and compare the times
-they need for the same error. A case takes minutes; with --quick, all of them take
-about one and a half.
+Run each case with several solvers at several tolerances and compare the times they
+need for the same error. A case takes minutes; with --quick, all of them take a few.
+DIR/index.html shows all cases measured so far. DIR/history.json keeps ratios of
+times by version; what has become slower beside others is told.
 
 cases:"""
 _BENCH_COLUMNS = """\
@@ -56,6 +69,7 @@ columns of the table:
                  velocities, interpolated between tolerances
   ours/theirs    wormopt's time over that of the solver: below 1 wormopt is faster
   best error     smallest error of all runs
+  memory         by how much the first run made the process grow at most
   failed         runs that failed, or ended with success on a wrong answer"""
 _STRESS = """\
 Run some 650 seeded worms, many of them extreme, and compare each motion with a
@@ -82,15 +96,22 @@ def _bench(options: argparse.Namespace) -> int:
     if unknown:
         say(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(CASES)}")
         return BAD_INPUT
-    from wormopt.bench.run import bench, machine, table
+    if options.against:
+        return _against(options, cases)
+    from wormopt.bench import history, page
+    from wormopt.bench.run import bench, machine, ratios, table
 
     folder, known, code = Path(options.output), {}, DONE
+    about, measured = machine(), {}
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        history.read(folder / page.HISTORY)  # before anything takes time
         for name in cases or CASES:
             with shown_on_stderr(options.quiet) as report:
                 for found in bench(name, quick=options.quick, folder=folder, report=report):
                     known[name] = found
+            measured[name] = ratios(known[name])
+            page.keep(folder, known[name], about)
             if not options.json:
                 print(table(known[name]), end="\n\n", flush=True)
     except OSError as error:
@@ -101,7 +122,35 @@ def _bench(options: argparse.Namespace) -> int:
         if not options.json:
             print("\n\n".join(map(table, unfinished)))
     if options.json:
-        print(json.dumps({"machine": machine(), "quick": options.quick, "cases": known}))
+        print(json.dumps({"machine": about, "quick": options.quick, "cases": known}))
+    if measured:
+        new = history.entry(about, options.quick, measured)
+        for line in history.append(folder / page.HISTORY, new):
+            (say if options.json else print)(line)
+        written = page.write(folder, history.read(folder / page.HISTORY))
+        say(f"all pictures and tables: {written}")
+    return code
+
+
+def _against(options: argparse.Namespace, cases: Sequence[str]) -> int:
+    from wormopt.bench.against import ALTERNATED, against, table
+    from wormopt.bench.run import machine
+
+    unable = [name for name in cases if name not in ALTERNATED]
+    if unable:
+        say(f"{', '.join(unable)}: not to be run by turns; there are {', '.join(ALTERNATED)}")
+        return BAD_INPUT
+    rows, code, chosen = [], DONE, cases or ALTERNATED
+    try:
+        with shown_on_stderr(options.quiet) as report:
+            for rows in against(options.against, chosen, quick=options.quick, report=report):  # noqa: B007
+                pass
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    if options.json:
+        print(json.dumps({"machine": machine(), "against": options.against, "rows": rows}))
+    else:
+        print(table(options.against, rows))
     return code
 
 
