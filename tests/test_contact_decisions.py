@@ -166,7 +166,8 @@ def test_a_dip_into_the_layer_without_a_turn_is_not_passed_over(
 ):
     """Where the velocity falls to `least` times V_REG only, the ground lets go for a moment.
 
-    It gains little, as it leaves the layer the sooner; a stiff solver starts and ends where tanh is 1 to the last digit, so that its steps are short.
+    It gains little, as it leaves the layer the sooner. The stiff solver starts and ends where tanh
+    is 1 to the last digit.
     """
     still, half = 5.0, 0.02
     start = [half**2 + least * V_REG]
