@@ -9,6 +9,7 @@ import pytest
 from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
@@ -88,6 +89,7 @@ def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_no
         for route in ROUTES:
             motion = simulate(rigid(n), 1.0, p=p, route=route)
             assert motion.end == pytest.approx(a, rel=1e-6, abs=1e-14)
+            assert not motion.events  # decided at the start, not by an event right after it
 
 
 @settings(max_examples=examples(30), deadline=None)
@@ -154,3 +156,31 @@ def test_a_stop_within_one_long_step_is_not_passed_over(
         tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
     )  # fmt: skip
     assert sign * motion.end[0] == pytest.approx((10.0 - still) ** 2, abs=5 * V_REG)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("least", [0.3, 1.0, 3.0])
+def test_a_dip_into_the_layer_without_a_turn_is_not_passed_over(
+    route: Route, sign: float, least: float
+):
+    """Where the velocity falls to `least` times V_REG only, the ground lets go for a moment.
+
+    It gains little, as it leaves the layer the sooner. The stiff solver starts and ends where tanh
+    is 1 to the last digit.
+    """
+    still, half = 5.0, 0.02
+    start = [half**2 + least * V_REG]
+    slow = solve_ivp(
+        lambda t, v: 1 + 2 * t - np.tanh(v / V_REG), (-half, half), start,
+        method="Radau", rtol=1e-10, atol=1e-14, max_step=1e-4,
+    )  # fmt: skip
+    gained = slow.y[0, -1] - start[0]
+    assert gained > V_REG
+    motion = simulate(
+        braked(sign), 10.0, contact=Smooth(V_REG), route=route,
+        x0={"v": sign * (still**2 + least * V_REG)}, p={"still": still},
+        tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+    )  # fmt: skip
+    expected = (10.0 - still) ** 2 + least * V_REG + gained
+    assert sign * motion.end[0] == pytest.approx(expected, abs=1e-9)

@@ -226,6 +226,12 @@ def test_navier_stokes_is_met_up_to_the_powers_of_eps_that_lubrication_leaves_ou
     assert max(sizes[-1]) < 2.0 if Re else max(sizes[-1]) < 0.01
 
 
+def test_without_tension_the_bend_of_a_surface_needs_no_field():
+    """(29) with W = 0: what is left is -3 (h + C) / h^3."""
+    assert field_slope(2.0, 7.0, -0.5) == -3 * 1.5 / 8
+    assert field_slope(2.0, 7.0, -0.5, tension=0.1) == pytest.approx(-3 * 1.5 / 8 - 0.7, abs=1e-15)
+
+
 def test_field_slopes_of_another_constant_have_a_mean():
     wave, xi = CosineWave(0.5), grid(256)
     h, third = wave.height(xi), wave.height(xi, 3)

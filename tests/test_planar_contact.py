@@ -171,6 +171,22 @@ def test_a_tripod_stops_on_one_foot_and_pivots(route: Route):
     )
 
 
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("nominal", [(1.0, 1e-4), (1e-4, 1.0)])
+def test_a_foot_that_another_stops_rests_with_it(route: Route, nominal: tuple[float, float]):
+    """Feet of a sled stop at once, also where one would count as stopped at a lower speed only."""
+    q, w, f = ca.SX.sym("q", 2), ca.SX.sym("w", 2), ca.SX.sym("f", 4)
+    feet = [
+        Contact(f"foot {k}", w, f[2 * k : 2 * k + 2], Elliptic(F, F, F), nominal_speed=speed)
+        for k, (F, speed) in enumerate(zip((1.0, 2.0), nominal, strict=True))
+    ]
+    states = [Signal("place", q, value=0.0), Signal("rate", w, value=[0.6, 0.8])]
+    sled = Model("sled", states, ca.vertcat(w, f[:2] + f[2:]), contacts=feet)
+    motion = simulate(sled, 1.0, route=route)
+    assert stops(motion) == pytest.approx([1 / 3] * 2, abs=5e-10)  # speed 1, slowed by 1 + 2
+    assert motion.end == pytest.approx([0.6 / 6, 0.8 / 6, 0.0, 0.0], abs=1e-10)
+
+
 def test_a_tripod_by_time_stepping():
     steps, errors = [2e-2, 1e-2, 5e-3], []
     scheme = MoreauJean(tripod((1.0, 0.0, 1.0)))

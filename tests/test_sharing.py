@@ -76,6 +76,13 @@ def test_spikes_that_cannot_carry_it_all_are_overloaded_alike():
     assert loads == pytest.approx(np.array([[4.0, 2.0], [0.0, 0.0], [5.0, 3.0]]))
 
 
+def test_where_there_is_no_load_no_spike_carries_any():
+    """Beside an instant with a load, which goes where it brings the force between down to 0."""
+    unloaded = np.array([[-1.0, -1.0], [0.0, -3.0]])
+    loads = share_load(np.array([0.0, 4.0]), unloaded, [0, 1], "least_actuation")
+    assert loads == pytest.approx(np.array([[0.0, 1.0], [0.0, 3.0]]), abs=0.0)
+
+
 def test_capped_loads_in_motion():
     """Caps are kept at all times, moves and sums stay, and more actuation is the price."""
     gait = block_wave(4, 3, 1.0, (0.9, 1.2), "quintic")
