@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from wormopt import cli
-from wormopt.bench import stress as module
-from wormopt.bench.cells import cells, jumping_gait
-from wormopt.bench.stress import Verdict, judge, stress, summary, table
-from wormopt.errors import SolveError
+from wormopt.bench.stress import GROUPS, matrix, motions
+from wormopt.bench.stress.chain_cells import cells, jumping_gait
+from wormopt.bench.stress.matrix import cases, stress, summary, table
+from wormopt.bench.stress.motions import judge
+from wormopt.bench.stress.verdict import Case, Undecided, Verdict, above, apart, many
+from wormopt.errors import ArgumentError, SolveError
 
 
 def cell_named(name: str):
@@ -65,21 +67,21 @@ def test_each_second_route_agrees(name: str):
 
 def test_a_wrong_motion_is_seen(monkeypatch: pytest.MonkeyPatch):
     cell = replace(cell_named("chain of 2, sine, exact F 1:2, c 10"), span=1.0)
-    simulate = module.simulate
+    simulate = motions.simulate
 
     def wrong(*given, **options):
         motion = simulate(*given, **options)
         return replace(motion, states=motion.states * (1 + 1e-7))
 
-    monkeypatch.setattr(module, "simulate", wrong)
+    monkeypatch.setattr(motions, "simulate", wrong)
     verdict = judge(cell)
     assert verdict.verdict == "wrong"
     assert "times what is allowed" in verdict.reason
 
 
-def refusing(code: str, partial: object):
+def refusing(code: str, partial: object, change: str = "never"):
     def refuse(*_given, **_options):
-        raise SolveError("no", "never", partial, code)
+        raise SolveError("no", change, partial, code)
 
     return refuse
 
@@ -94,20 +96,21 @@ def crashing(*_given, **_options):
         (refusing("stiff", object()), "refused", "stiff"),
         (refusing("", object()), "wrong", "refused without code"),
         (refusing("stiff", None), "wrong", "refused without code"),
+        (refusing("stiff", object(), ""), "wrong", "refused without code"),
         (crashing, "wrong", "ZeroDivisionError: oh"),
     ],
 )
 def test_refusals_need_a_reason_and_crashes_are_wrong(
     simulate, verdict: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(module, "simulate", simulate)
+    monkeypatch.setattr(motions, "simulate", simulate)
     found = judge(cell_named("chain of 1, sine, exact F 1:2, c 10"))
     assert found.verdict == verdict
     assert reason in found.reason
 
 
 def test_a_second_route_that_fails_leaves_the_cell_undecided(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "second_route", crashing)
+    monkeypatch.setattr(motions, "second_route", crashing)
     found = judge(replace(cell_named("chain of 1, sine, exact F 1:2, c 10"), span=0.5))
     assert (found.verdict, found.reason) == ("undecided", "second route: ZeroDivisionError: oh")
 
@@ -148,11 +151,11 @@ def test_it_passes_only_if_all_three_numbers_are_met(more: Verdict):
 def test_an_interrupted_run_tells_what_it_knows(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    def stopped(**_options) -> Iterator[Verdict]:
+    def stopped(_groups, **_options) -> Iterator[Verdict]:
         yield from VERDICTS[:3]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "stress", stopped)
+    monkeypatch.setattr(matrix, "stress", stopped)
     assert cli.main(["stress", "--json"]) == 130
     found = json.loads(capsys.readouterr().out)
     assert (found["cells"], found["complete"], found["passed"]) == (3, False, False)
@@ -162,7 +165,7 @@ def test_an_interrupted_run_tells_what_it_knows(
 def test_the_exit_code_tells_whether_it_passed(
     verdicts: list[Verdict], code: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(module, "stress", lambda **_: iter(verdicts))
+    monkeypatch.setattr(matrix, "stress", lambda _groups, **_: iter(verdicts))
     assert cli.main(["stress"]) == code
 
 
@@ -171,3 +174,82 @@ def test_a_quick_cut_has_nothing_wrong():
     found = summary(list(stress(quick=True, report=lambda *_: None)))
     assert found["wrong"] == 0
     assert found["passed"], found["not_right"]
+
+
+# -- questions that are no motions ---------------------------------------------------------------
+
+
+def question(*found: tuple[str, float]) -> Case:
+    return Case("a question", "questions", lambda _dice: iter(found))
+
+
+def test_a_case_is_right_if_nothing_compared_is_too_far_off():
+    verdict = question(("one", 0.3), ("other", 0.7)).judge()
+    assert (verdict.verdict, verdict.off) == ("right", 0.7)
+
+
+@pytest.mark.parametrize("found", [[("one", 0.3), ("other", 1.5)], [("one", np.nan)], []])
+def test_a_case_is_wrong_if_something_is_off_or_unknown_or_nothing_compared(found):
+    assert question(*found).judge().verdict == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("error", "verdict"),
+    [
+        (SolveError("no", "give more"), "refused"),
+        (SolveError("no"), "wrong"),
+        (ArgumentError(""), "wrong"),
+        (Undecided("it does not converge"), "undecided"),
+        (ZeroDivisionError("oh"), "wrong"),
+    ],
+)
+def test_only_errors_that_name_what_to_change_are_refusals(error: Exception, verdict: str):
+    def compare(_dice: np.random.Generator) -> Iterator[tuple[str, float]]:
+        yield "one", 0.0
+        raise error
+
+    assert Case("a", "questions", compare).judge().verdict == verdict
+
+
+def test_distances_are_shares_of_what_is_allowed():
+    assert apart([1.0, 2.1], [1.0, 2.0], 0.1) == pytest.approx(0.5)
+    assert apart(0.1, 0.0, 0.1, size=2.0) == pytest.approx(0.5)
+    assert (apart(0.0, 0.0, 0.1), apart(1e-9, 0.0, 0.1)) == (0.0, np.inf)
+    assert (above(3.0, 2.0, 0.1), above(1.0, 2.0, 0.1)) == (pytest.approx(5.0), 0.0)
+    with pytest.raises(Undecided):
+        apart([1.0], [1.0, 2.0], 0.1)
+    with pytest.raises(Undecided):
+        apart(1.0, np.nan, 0.1)
+
+
+def test_each_case_throws_its_own_dice_the_same_every_time():
+    thrown: list[float] = []
+
+    def compare(dice: np.random.Generator) -> Iterator[tuple[str, float]]:
+        thrown.append(dice.random())
+        yield "one", 0.0
+
+    for _ in range(2):
+        for case in many("questions", compare, 2, quick=False):
+            case.judge()
+    assert thrown[:2] == thrown[2:]
+    assert thrown[0] != thrown[1]
+
+
+def test_an_unknown_group_is_refused(capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["stress", "motion"]) == 2
+    said = capsys.readouterr().err
+    assert "motion;" in said
+    assert all(name in said for name in GROUPS)
+
+
+def test_groups_are_named_on_the_command_line(monkeypatch: pytest.MonkeyPatch):
+    asked = []
+
+    def none(groups, **options):
+        asked.append((groups, options["quick"]))
+        return iter(VERDICTS)
+
+    monkeypatch.setattr(matrix, "stress", none)
+    assert cli.main(["stress", "Gaits", "films", "gaits", "--quick"]) == 0
+    assert asked == [(["gaits", "films"], True)]

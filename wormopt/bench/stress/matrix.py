@@ -1,4 +1,4 @@
-"""`wormopt stress`: all groups of cases, run side by side; counts and tables of what became of them."""
+"""`wormopt stress`: groups of cases run side by side, counts and tables of what became of them."""
 
 from __future__ import annotations
 
@@ -7,23 +7,10 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any
 
+from wormopt.bench.stress import GROUPS
 from wormopt.bench.stress.verdict import Verdict
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
-
-GROUPS = {
-    "motions": "simulated chains and trackers: closed forms, event loops, CVODES, LSODA",
-    "planar": "masses on dry ground in the plane: slowed time, event loops",
-    "gaits": "crawls, designed and certified gaits: steps of Moreau, closed forms",
-    "optima": "optimal control: times and costs in closed form, steps without events",
-    "averages": "averages of first and second order: quadrature",
-    "films": "waves, floats and films in given fields: quadrature, spectra",
-    "bodies": "elastica and vibrations of rods: shooting, beams",
-    "fields": "coils and rows of coils: loops by elliptic integrals, dipoles",
-    "segments": "peristaltic worms: least power, quadrature, steps without events",
-    "swimmers": "strokes and slow crawls in the plane: resistive forces, least power",
-}
-"""What `wormopt stress` asks about, and by what it is judged."""
 
 
 def stress(groups: Sequence[str] = (), *, quick: bool, report: Report) -> Iterator[Verdict]:

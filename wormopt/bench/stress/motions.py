@@ -21,23 +21,20 @@ LSODA with an analytic Jacobian.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from wormopt.bench.driven_chain import Plant, linear_flow
 from wormopt.bench.integrators import Regularised, by_casadi, by_lsoda, called, event_loop
 from wormopt.bench.stress.chain_cells import Cell, cells
-from wormopt.bench.stress.planar_cells import PlanarCell, planar_cells
+from wormopt.bench.stress.planar_cells import PlanarCell
 from wormopt.bench.stress.verdict import Class, Verdict
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
-from wormopt.numerics.workers import Workers
-from wormopt.progress import Report
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -53,6 +50,37 @@ Follow = Callable[[np.ndarray, float], np.ndarray]
 
 class _TooLong(Exception):
     pass
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A case of the matrix: the motion of a cell."""
+
+    cell: Cell | PlanarCell
+
+    @property
+    def name(self) -> str:
+        """The cell's."""
+        return self.cell.name
+
+    @property
+    def group(self) -> str:
+        """Part of the matrix it belongs to."""
+        return self.cell.group
+
+    @property
+    def span(self) -> float:
+        """Over how long it is followed."""
+        return self.cell.span
+
+    def judge(self) -> Verdict:
+        """Run the cell by both routes and compare."""
+        return judge(self.cell)
+
+
+def cases(*, quick: bool) -> list[Motion]:
+    """Chains and trackers; `quick`: only some of each group, none that takes long."""
+    return [Motion(cell) for cell in cells(quick=quick)]
 
 
 def judge(cell: Cell | PlanarCell) -> Verdict:
@@ -74,8 +102,9 @@ def judge(cell: Cell | PlanarCell) -> Verdict:
             model, cell.span, contact=cell.contact, times=times, tolerance=_TOLERANCE, report=hurry
         )
     except SolveError as error:
-        if not error.code or error.partial is None:
-            return verdict("wrong", f"refused without code or partial motion: {error}")
+        if not error.code or not error.suggestion or error.partial is None:
+            missing = "code, suggestion or partial motion"
+            return verdict("wrong", f"refused without {missing}: {error}")
         return verdict("refused", error.code)
     except _TooLong:
         return verdict("undecided", "simulate takes too long")

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.errors import WormoptError
+from wormopt.errors import SolveError, WormoptError
 
 Class = Literal["right", "refused", "wrong", "undecided"]
 Dice = np.random.Generator
@@ -53,13 +53,16 @@ class Case:
     def judge(self) -> Verdict:
         """Ask and compare."""
         off, what = 0.0, "nothing was compared"
+        dice = np.random.default_rng(zlib.crc32(self.name.encode()))
         try:
-            for text, distance in self.compare(np.random.default_rng(zlib.crc32(self.name.encode()))):
+            for text, distance in self.compare(dice):
                 if not distance <= off or what == "nothing was compared":  # NaN included
                     off, what = distance, text
         except WormoptError as error:
             told = " ".join(str(error).split())
-            return self._verdict("refused" if told else "wrong", told or "refused without a reason")
+            if not told or (isinstance(error, SolveError) and not error.suggestion):
+                return self._verdict("wrong", f"refused without naming what to change: {told}")
+            return self._verdict("refused", told)
         except Undecided as error:
             return self._verdict("undecided", f"other route: {error}")
         except Exception as error:
@@ -72,7 +75,9 @@ class Case:
         return Verdict(self.name, self.group, self.core, kind, reason, 1.0, off)
 
 
-def many(group: str, compare: Compare, count: int, *, quick: bool, span: float = 0) -> Iterator[Case]:
+def many(
+    group: str, compare: Compare, count: int, *, quick: bool, span: float = 0
+) -> Iterator[Case]:
     """So many cases of one kind, two if `quick`."""
     for k in range(min(count, 2) if quick else count):
         yield Case(f"{group} {k}", group, compare, span=span)
