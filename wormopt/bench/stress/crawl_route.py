@@ -36,6 +36,7 @@ class Part:
     start: float  # since the piece began
     stop: float
     leader: int  # the mass that rests
+    resting: int = 1  # how many do
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +88,11 @@ class Crawling:
                 gap = rows[:, i] - rows[:, j]
                 if np.abs(gap).max() > 1e-11 * size:
                     cuts += list(_roots(gap, a, b))
-            for start, stop in pairwise(np.unique(cuts)):
-                middle = self.spans(piece, np.array([(start + stop) / 2]), 1)[:, 0]
-                yield Part(piece, float(start), float(stop), int(np.argmax(middle)))
+            for start, stop in pairwise(_apart(cuts, 1e-11 * width)):
+                spans = self.spans(piece, np.linspace(start, stop, 5)[1:-1], 1)
+                leader = int(np.argmax(spans[:, 1]))
+                level = np.abs(spans - spans[leader]).max(axis=1) < 1e-9 * self.rate_size
+                yield Part(piece, start, stop, leader, int(level.sum()))
 
     # -- while one mass rests --------------------------------------------------------------------
 
@@ -131,6 +134,16 @@ class Crawling:
         """Smallest load of all spikes that kinematics asks for."""
         return float(self.extremes(self.load_on)[0][0])
 
+    def load_of_one(self, part: Part) -> Rows:
+        """Load of each spike that carries (1, m), alike for all masses that rest."""
+        together = self.load_on(part)
+        return lambda s: together(s) / part.resting
+
+    @cached_property
+    def rate_size(self) -> float:
+        """Largest |S_i'|, about."""
+        return max(np.abs(self.spans(q, np.linspace(0, h, 9), 1)).max() for q, h in self._pieces)
+
     @cached_property
     def force_size(self) -> float:
         """Size of the forces at play."""
@@ -150,13 +163,12 @@ class Crawling:
     @property
     def thrown(self) -> bool:
         """Whether the mean velocity jumps down anywhere."""
-        size = max(np.abs(self.spans(q, np.linspace(0, h, 9), 1)).max() for q, h in self._pieces)
         for q, width in self._pieces:
             after = (q + 1) % len(self.widths)
             before = self.spans(q, np.array([width]), 1)[:, 0]
             then = self.spans(after, np.array([0.0]), 1)[:, 0]
             jump = self._common(then) - self._common(before)
-            if jump < -1e-10 * size:
+            if jump < -1e-10 * self.rate_size:
                 return True
         return False
 
@@ -194,11 +206,13 @@ class Crawling:
 
     # -- whether or not one does -----------------------------------------------------------------
 
-    def stepped(self, steps: int = 1000) -> tuple[float, float]:
-        """Mean speed by extrapolated steps of Moreau, and how far it may be off."""
-        coarse, middle, fine = (self._by_steps(k * steps) for k in (1, 2, 4))
-        first, second = 2 * middle - coarse, 2 * fine - middle
-        return second, abs(second - first)
+    @property
+    def stepped(self) -> tuple[float, float]:
+        """Mean speed by steps of Moreau, and how far that of fewer steps is off."""
+        by = {count: self._by_steps(count) for count in (1000, 2000, 8000, 16000)}
+        few, many = 2 * by[2000] - by[1000], 2 * by[16000] - by[8000]
+        # releases and stops fall somewhere within a step, so that errors do not fall evenly
+        return many, max(abs(many - few), 2 * abs(by[16000] - by[8000]))
 
     def _by_steps(self, steps: int) -> float:
         """Mean speed of the periodic motion by implicit Euler."""
@@ -257,6 +271,14 @@ def _candidates(rows: Rows, a: float, b: float) -> np.ndarray:
         if np.abs(slope).max() > 0:
             times += list(_roots(slope, a, b))
     return rows(np.array(times))
+
+
+def _apart(cuts: list[float], least: float) -> list[float]:
+    """Cuts in order, without those that are nearer than `least` to the one before or the last."""
+    first, *others, last = sorted(cuts)
+    kept = [first]
+    kept += [cut for k, cut in enumerate(others) if cut - ([first] + others)[k] > least]
+    return [*(cut for cut in kept if cut == first or last - cut > least), last]
 
 
 def _integral(rate: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from wormopt.bench.stress.crawl_route import Crawling, most_speed
-from wormopt.bench.stress.verdict import Case, Dice, Undecided, above, apart, many, spread
+from wormopt.bench.stress.verdict import Case, Dice, above, apart, many, spread
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.certify.proof import certify
@@ -98,8 +98,8 @@ def _compared(motion: Crawl, other: Crawling) -> Found:
     fastest = np.abs(other.extremes_of_links(1)).max()
     masses = len(other.mass)
     if not other.rests:
-        speed, doubt = other.stepped()
-        yield "speed by steps", abs(motion.speed - speed) / (1e-8 * fastest + 4 * doubt)
+        speed, doubt = other.stepped
+        yield "speed by steps", abs(motion.speed - speed) / (1e-9 * fastest + doubt)
         return
     speed, size = other.advance / other.gait.period, other.force_size
     yield "speed", apart(motion.speed, speed, 1e-10, fastest)
@@ -238,8 +238,8 @@ def _held(found: Design, asked: Asked) -> Found:
     yield "pulling spike", above(-other.least_load, 0.0, share, size)
     yield "speed", apart(found.speed, other.advance / gait.period, 1e-9, asked.rate)
     if most := asked.more.get("spike_load"):
-        largest = float(other.extremes(other.load_on)[1][0])
-        yield "spike load", above(largest / asked.resting, most, share)
+        largest = float(other.extremes(other.load_of_one)[1][0])
+        yield "spike load", above(largest, most, share)
     rate = np.full(asked.links, asked.rate)
     bound = most_speed(rate, rate, asked.resting)
     yield "bound of rates", above(found.speed, bound, 1e-8)
@@ -327,7 +327,7 @@ def _designs(quick: bool) -> Iterator[Case]:
 
 
 def _certified(links: int, hard: str, dice: Dice) -> Found:
-    """No motion that is known beats the bound, and the bound is not above that of rates."""
+    """No motion of two phases that is known beats the bound, which is not above that of rates."""
     asked = _asked(dice, links, hard=hard)
     proof = certify(asked.design(), phases=2, gap=0.03, time_limit=3.0, workers=1)
     yield from _held(proof.design, asked)
@@ -336,10 +336,9 @@ def _certified(links: int, hard: str, dice: Dice) -> Found:
     yield "bound of rates", above(proof.bound, most_speed(rate, rate, 1), 1e-8)
     speed = Crawling(proof.design.gait, np.array(asked.mass), 0.0, asked.load).advance
     speed /= proof.design.gait.period
-    yield "its own design", above(speed, proof.bound, 1e-9)
+    if len(proof.design.sequence) == 2:  # of more phases the bound does not speak
+        yield "its own design", above(speed, proof.bound, 1e-9)
     yield "gap", apart(proof.gap, proof.bound / speed - 1, 1e-6, 1.0)
-    if not proof.gap >= -1e-9:
-        raise Undecided(f"the gap is {proof.gap}")
 
 
 def _certificates(quick: bool) -> Iterator[Case]:
