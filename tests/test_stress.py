@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from wormopt import cli
-from wormopt.bench.stress import GROUPS, matrix, motions
+from wormopt.bench.stress import GROUPS, averages, gaits, matrix, motions, optima
 from wormopt.bench.stress.chain_cells import cells, jumping_gait
+from wormopt.bench.stress.crawl_route import Crawling, most_speed
 from wormopt.bench.stress.matrix import cases, stress, summary, table
 from wormopt.bench.stress.motions import judge
 from wormopt.bench.stress.verdict import Case, Undecided, Verdict, above, apart, many
 from wormopt.errors import ArgumentError, SolveError
+from wormopt.systems.spiked.construct import fast_gait
 
 
 def cell_named(name: str):
@@ -253,3 +255,129 @@ def test_groups_are_named_on_the_command_line(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(matrix, "stress", none)
     assert cli.main(["stress", "Gaits", "films", "gaits", "--quick"]) == 0
     assert asked == [(["gaits", "films"], True)]
+
+
+GROUPS_HERE = ("motions", "planar", "gaits", "optima", "averages")
+"""Groups of which tests here speak; films, bodies, fields, segments and swimmers have their own."""
+
+
+def test_the_groups_have_as_many_cases_as_promised():
+    asked = {group: cases(group, quick=False) for group in GROUPS_HERE}
+    assert {group: len(found) for group, found in asked.items()} == COUNTS
+    names = [case.name for found in asked.values() for case in found]
+    assert len(set(names)) == len(names)
+
+
+COUNTS = {"motions": 452, "planar": 200, "gaits": 360, "optima": 105, "averages": 105}
+
+
+def case_named(group: str, name: str) -> Case:
+    (found,) = [case for case in cases(group, quick=False) if case.name == name]
+    return found
+
+
+CHEAP = [
+    ("gaits", "crawls: smooth 0"),
+    ("gaits", "crawls: corners 5"),
+    ("gaits", "extreme crawls: waves 9"),
+    ("gaits", "one link: mass ratios 0"),
+    ("gaits", "designs: impossible 0"),
+    ("gaits", "designs: impossible 1"),
+    ("gaits", "certificates: plain, one link 0"),
+    ("optima", "optima: forward 0"),
+    ("optima", "optima: back 0"),
+    ("optima", "optima: effort 0"),
+    ("averages", "averages: smooth, order 2 0"),
+    ("averages", "averages: friction, order 1 0"),
+    ("averages", "averages: friction, order 2 0"),
+]
+
+
+@pytest.mark.parametrize(("group", "name"), CHEAP)
+def test_other_routes_agree(group: str, name: str):
+    verdict = case_named(group, name).judge()
+    assert verdict.verdict == "right", verdict.reason
+
+
+class Off:
+    """Something of which one number is told wrong."""
+
+    def __init__(self, true: object, **wrong: object) -> None:
+        self._true = true
+        self.__dict__ |= wrong
+
+    def __getattr__(self, name: str):
+        return getattr(self._true, name)
+
+
+def off(name: str, factor: float):
+    """Make a function that tells one number of its answer too large."""
+
+    def wrap(asked):
+        def wrong(*given, **options):
+            true = asked(*given, **options)
+            return Off(true, **{name: getattr(true, name) * factor})
+
+        return wrong
+
+    return wrap
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "asked", "number", "factor", "told"),
+    [
+        (gaits, "crawls: waves 0", "crawl", "speed", 1 + 1e-6, "speed"),
+        (gaits, "one link: plain 0", "design", "speed", 1 + 1e-6, "speed"),
+        (gaits, "certificates: plain, one link 0", "certify", "bound", 0.5, "known motion"),
+        (gaits, "certificates: plain, one link 0", "certify", "bound", 2.0, "bound of rates"),
+        (optima, "optima: forward 0", "optimise_switching_times", "objective", 1 + 1e-6, "time"),
+        (optima, "optima: effort 0", "optimise", "objective", 1 - 1e-2, "less"),
+        (averages, "averages: smooth, order 1 0", "average", "ode", 1 + 1e-6, "averaged"),
+        (averages, "averages: friction, order 2 0", "average", "ode", 1 + 1e-2, "second order"),
+    ],
+)
+def test_a_wrong_answer_is_seen(
+    module, name: str, asked: str, number: str, factor: float, told: str, monkeypatch
+):
+    case = case_named(module.__name__.rpartition(".")[2], name)
+    monkeypatch.setattr(module, asked, off(number, factor)(getattr(module, asked)))
+    verdict = case.judge()
+    assert verdict.verdict == "wrong"
+    assert told in verdict.reason
+
+
+def test_a_design_that_breaks_a_limit_is_seen(monkeypatch: pytest.MonkeyPatch):
+    true = gaits.design
+
+    def hasty(worm, limits, *more, **options):
+        return true(worm, replace(limits, rate=1.01 * limits.rate), *more, **options)
+
+    monkeypatch.setattr(gaits, "design", hasty)
+    verdict = case_named("gaits", "one link: plain 1").judge()
+    assert verdict.verdict == "wrong"
+
+
+def test_the_bound_of_rates_is_that_of_theory():
+    """Ceilings over the rate for a resting masses of n + 1, in fractions."""
+    for links, known in {1: [1 / 2], 2: [1, 1 / 3], 3: [3 / 2, 2 / 3, 1 / 4]}.items():
+        rate = np.full(links, 2.0)
+        found = [most_speed(rate, rate, a) / 2.0 for a in range(1, links + 1)]
+        assert found == pytest.approx(known, rel=1e-9)
+
+
+def test_the_route_of_crawls_knows_the_fast_gait():
+    """Sine pulses of three masses: speed 4 e l0 / T, loads in closed form."""
+    other = Crawling(fast_gait(1.0), np.ones(3), 1.0, 20.0)
+    assert other.rests
+    assert other.advance == pytest.approx(1.2, rel=1e-12)
+    least, most = other.extremes(other.load_on)
+    assert (least[0], most[0]) == pytest.approx((6.704136, 113.595024), abs=1e-5)
+    speed, doubt = other.stepped
+    assert abs(speed - 1.2) <= doubt < 1e-5
+
+
+def test_one_link_is_as_fast_as_theory_says():
+    """Speeds up to 1, a 20, load 5: half a period at 1 less what both ends of a stroke cost."""
+    asked = gaits.Asked(1, (1.0, 1.0), 5.0, 1.0, 0.6, 1.0, 20.0)
+    assert asked.together == pytest.approx(0.425, rel=1e-12)
+    assert asked.one_cycle
