@@ -176,6 +176,26 @@ class Crawling:
         return float(spans.max() - self.mass @ spans / self.mass.sum())
 
     @property
+    def work(self) -> float:
+        """Work that actuators do in a period, nothing recovered, while one mass rests alone."""
+        total = 0.0
+        for part in self.parts:
+            forces = self.forces(part)
+
+            def power(s: np.ndarray, p: Part = part, of: Rows = forces) -> np.ndarray:
+                return np.maximum(-of(s) * self.links(p.piece, s, 1), 0.0).sum(axis=0)
+
+            both = _interpolant(
+                lambda s, p=part, of=forces: np.vstack([of(s), self.links(p.piece, s, 1)]),
+                part.start,
+                part.stop,
+            )
+            turns = [t for row in both.T if np.any(row) for t in _roots(row, part.start, part.stop)]
+            cuts = np.unique([part.start, *turns, part.stop])
+            total += sum(_integral(power, a, b) for a, b in pairwise(cuts))
+        return total
+
+    @property
     def advance(self) -> float:
         """Distance of a period, by quadrature if a mass always rests."""
         head = [(part, lambda s, p=part: self.spans(p.piece, s, 1)[p.leader]) for part in self.parts]

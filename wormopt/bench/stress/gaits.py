@@ -26,7 +26,7 @@ from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.task import Objective, Search, Worm
+from wormopt.systems.spiked.task import Cost, Objective, Search, Worm
 
 Found = Iterator[tuple[str, float]]
 
@@ -282,6 +282,25 @@ def _draggy(dice: Dice) -> Found:
     yield "slower than all links alike", above(easy.together, found.speed, 1e-3)
 
 
+def _cheap(minimise: Cost, dice: Dice) -> Found:
+    """Least costs at a speed that the worm can well keep up."""
+    links = 1 if minimise == "energy_per_distance" else int(dice.integers(1, 3))
+    asked = _asked(dice, links)
+    speed = asked.together * dice.uniform(0.3, 0.9)
+    found = asked.design(Objective(minimise, speed))
+    yield from _held(found, asked)
+    yield "slower than required", above(speed, found.speed, 1e-7)
+    other = Crawling(found.gait, np.array(asked.mass), asked.drag, asked.load)
+    whole = len(asked.mass) * asked.load
+    if minimise == "energy_per_distance":
+        yield "energy", apart(found.value, other.work / other.advance, 1e-7)
+        yield "less than the load takes", above(whole, found.value, 1e-9)
+        return
+    largest = float(other.extremes(other.load_of_one)[1][0])
+    yield "peak", apart(found.value, largest, 1e-7)
+    yield "less than a mean", above(whole / asked.links, found.value, 1e-9)
+
+
 def _resting(dice: Dice) -> Found:
     """Several masses rest at any time."""
     easy = _asked(dice, int(dice.integers(2, 4)))
@@ -318,6 +337,8 @@ def _designs(quick: bool) -> Iterator[Case]:
         ("spike loads", _loaded, 12),
         ("drag", _draggy, 8),
         ("two rest", _resting, 8),
+        ("least peaks", partial(_cheap, "peak_spike_load"), 10),
+        ("least energy", partial(_cheap, "energy_per_distance"), 6),
         ("impossible", _impossible, 14),
     ):
         yield from many(f"designs: {name}", compare, count, quick=quick)
