@@ -109,7 +109,9 @@ class Shaken:
         self.swing = spread(dice, 1e-3, 1e3)  # of the ground's speed
         self.second = dice.choice([0.0, 0.2, 0.8]) * dice.uniform(0.5, 1.0)
         self.phase, self.beat = dice.uniform(0, 2 * np.pi, 2)
-        self.ahead, self.behind = (self.swing / self.period * spread(dice, 1e-4, 1e-1) for _ in "ab")
+        self.ahead, self.behind = (
+            self.swing / self.period * spread(dice, 1e-4, 1e-1) for _ in "ab"
+        )
         self.push = self.ahead * dice.uniform(0.1, 3.0)
         self.drag = dice.uniform(0.0, 0.1) / self.period
 

@@ -198,8 +198,14 @@ class Crawling:
     @property
     def advance(self) -> float:
         """Distance of a period, by quadrature if a mass always rests."""
-        head = [(part, lambda s, p=part: self.spans(p.piece, s, 1)[p.leader]) for part in self.parts]
-        return sum(_integral(rate, part.start, part.stop) for part, rate in head)
+        total = 0.0
+        for part in self.parts:
+
+            def rate(s: np.ndarray, p: Part = part) -> np.ndarray:
+                return self.spans(p.piece, s, 1)[p.leader]
+
+            total += _integral(rate, part.start, part.stop)
+        return total
 
     def extremes(self, of: Callable[[Part], Rows]) -> tuple[np.ndarray, np.ndarray]:
         """Smallest and largest value of rows over the period."""
@@ -294,11 +300,13 @@ def _candidates(rows: Rows, a: float, b: float) -> np.ndarray:
 
 
 def _apart(cuts: list[float], least: float) -> list[float]:
-    """Cuts in order, without those that are nearer than `least` to the one before or the last."""
+    """Cuts in order, without those nearer than `least` to the one before or to the last."""
     first, *others, last = sorted(cuts)
     kept = [first]
-    kept += [cut for k, cut in enumerate(others) if cut - ([first] + others)[k] > least]
-    return [*(cut for cut in kept if cut == first or last - cut > least), last]
+    for cut in others:
+        if min(cut - kept[-1], last - cut) > least:
+            kept.append(cut)
+    return [*kept, last]
 
 
 def _integral(rate: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> float:

@@ -72,7 +72,8 @@ def _still(dice: Dice, links: int, period: float, size: float) -> Gait:
     lengths = size * dice.uniform(1.0, 2.0, (1, links, 1))
     moves = dice.choice([0.0, 0.1 * size])
     turning = moves * np.eye(links)[:1]
-    return Gait([0.0, period], lengths, [2 * np.pi / period], turning, 0 * turning)
+    omega = np.array([2 * np.pi / period])
+    return Gait(np.array([0.0, period]), lengths, omega, turning, 0 * turning)
 
 
 _PROFILES = ("cosine", "trapezoid", "quintic")
@@ -163,9 +164,7 @@ class Asked:
     def limits(self) -> Limits:
         """Within what."""
         length = (self.span, 2 * self.span)
-        return Limits(
-            self.period, length, self.resting, self.rate, self.acceleration, **self.more
-        )
+        return Limits(self.period, length, self.resting, self.rate, self.acceleration, **self.more)
 
     def design(self, objective: Objective | None = None) -> Design:
         """Ask for the best gait."""
@@ -189,7 +188,7 @@ class Asked:
 
         if lasts(self.span) <= self.period:
             return self.links * self.span / self.period
-        way = brentq(lambda way: lasts(way) - self.period, 0.0, self.span, xtol=1e-300, rtol=1e-14)
+        way = brentq(lambda way: lasts(way) - self.period, 0.0, self.span, xtol=1e-300)
         return self.links * float(way) / self.period
 
     def _time(self, way: float, brake: float) -> float:

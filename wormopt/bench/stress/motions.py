@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,7 @@ from wormopt.simulation.simulate import simulate
 
 _BASE, _FACTOR, _UNKNOWN = 1e-8, 10.0, 1e-3
 _SAMPLES = 40
-_LONGEST = 60.0  # seconds after which simulate is stopped
+_LONGEST = 60.0  # seconds of a processor after which simulate is stopped
 _TOLERANCE = Tolerance(1e-11, 1e-12, max_steps=2_000_000)
 # Tolerances of the second route, and the size of the errors put in.
 _TIGHT, _LOOSE, _OFF = 1e-13, 1e-11, 1e-11
@@ -87,10 +87,10 @@ def judge(cell: Cell | PlanarCell) -> Verdict:
     """Run a cell by both routes and compare."""
     dice = np.random.default_rng(len(cell.name))
     times = np.append(np.sort(dice.uniform(0.02, 0.99, _SAMPLES - 1)), 1.0) * cell.span
-    begin = perf_counter()
+    begin = process_time()
 
     def hurry(_text: str, _fraction: float | None) -> None:
-        if perf_counter() - begin > _LONGEST:
+        if process_time() - begin > _LONGEST:
             raise _TooLong
 
     def verdict(kind: Class, reason: str = "", known: float = 1.0, off: float = 0.0) -> Verdict:

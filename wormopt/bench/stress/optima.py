@@ -18,10 +18,10 @@ from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
 from wormopt.model.friction import Coulomb
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementarity, FixedModes, Regularised, Treatment
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.optimise import Optimum, optimise
+from wormopt.ocp.optimise import Contacts, Optimum, optimise
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.systems.block.block import block
@@ -49,9 +49,7 @@ class Slide:
         """From 0 at a speed to rest at the end: in the shortest time, or with the least effort."""
         law, size = Coulomb(self.forward, self.backward), max(end, self.way)
         most = math.inf if effort else self.force
-        model = block(
-            law, mass=self.mass, force=most, length_nominal=size, time_nominal=time
-        )
+        model = block(law, mass=self.mass, force=most, length_nominal=size, time_nominal=time)
         ends, scale = Ends.of(model, int(effort)), np.array([size, size / time])
         start, stop = np.array([0.0, speed]) / scale, np.array([end, 0.0]) / scale
         at_ends = [
@@ -68,7 +66,7 @@ class Slide:
         )
 
 
-def _treatment(slide: Slide, time: float, dice: Dice) -> Treatment:
+def _treatment(slide: Slide, time: float, dice: Dice) -> Contacts:
     if dice.random() < 0.5:
         return Complementarity(residual=1e-3, first=1e-1)
     speed = slide.way / time
