@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from wormopt.analysis.average import average
 from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
@@ -139,7 +139,7 @@ class Shaken:
         speed = v + self.ground(times)
         turns = np.flatnonzero(np.signbit(speed[1:]) != np.signbit(speed[:-1]))
         roots = [
-            float(brentq(lambda t: v + self.ground(t), times[k], times[k + 1], xtol=1e-300))
+            root_scalar(lambda t: v + self.ground(t), bracket=times[k : k + 2], xtol=1e-300).root
             for k in turns
         ]
         total = 0.0

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from wormopt.bench.stress.crawl_route import Crawling, most_speed
 from wormopt.bench.stress.verdict import Case, Dice, above, apart, many, spread
@@ -188,7 +188,8 @@ class Asked:
 
         if lasts(self.span) <= self.period:
             return self.links * self.span / self.period
-        way = brentq(lambda way: lasts(way) - self.period, 0.0, self.span, xtol=1e-300)
+        far = (0.0, self.span)
+        way = root_scalar(lambda way: lasts(way) - self.period, bracket=far, xtol=1e-300).root
         return self.links * float(way) / self.period
 
     def _time(self, way: float, brake: float) -> float:
