@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 
 from wormopt import cli
 from wormopt.bench import planar as module
-from wormopt.bench import stress
-from wormopt.bench.planar_cells import planar_cells
 from wormopt.bench.planar_crawl import THREE_LINKS, by_minimize, by_phases
 from wormopt.bench.planar_loop import LOOSE, force_of, held, nearest, planar_flow
 from wormopt.bench.planar_mujoco import by_mujoco
 from wormopt.bench.planar_rivals import by_scipy, by_smoothing, tripod_by_events
 from wormopt.bench.planar_tasks import TASKS, stop_under_load, triangle
 from wormopt.bench.planar_worm import Drive, PlanarWorm, block, plane
-from wormopt.bench.stress import judge
+from wormopt.bench.stress import motions
+from wormopt.bench.stress.motions import judge
+from wormopt.bench.stress.planar_cells import planar_cells
 from wormopt.model.model import pack
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -154,13 +154,13 @@ def test_blocks_are_judged_right(name: str):
 
 
 def test_a_wrong_planar_motion_is_seen(monkeypatch: pytest.MonkeyPatch):
-    right = stress.simulate
+    right = motions.simulate
 
     def wrong(*given, **options):
         motion = right(*given, **options)
         return replace(motion, states=motion.states * (1 + 1e-7))
 
-    monkeypatch.setattr(stress, "simulate", wrong)
+    monkeypatch.setattr(motions, "simulate", wrong)
     assert judge(replace(cell_named("planar-block elliptic 1"), span=1.0)).verdict == "wrong"
 
 

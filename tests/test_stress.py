@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from wormopt import cli
-from wormopt.bench import stress as module
-from wormopt.bench.cells import cells, jumping_gait
-from wormopt.bench.stress import Verdict, judge, stress, summary, table
-from wormopt.errors import SolveError
+from wormopt.bench.stress import GROUPS, averages, gaits, matrix, motions, optima
+from wormopt.bench.stress.chain_cells import cells, jumping_gait
+from wormopt.bench.stress.crawl_route import Crawling, most_speed
+from wormopt.bench.stress.matrix import cases, stress, summary, table
+from wormopt.bench.stress.motions import judge
+from wormopt.bench.stress.verdict import Case, Undecided, Verdict, above, apart, many
+from wormopt.errors import ArgumentError, SolveError
+from wormopt.systems.spiked.construct import fast_gait
 
 
 def cell_named(name: str):
@@ -65,21 +69,21 @@ def test_each_second_route_agrees(name: str):
 
 def test_a_wrong_motion_is_seen(monkeypatch: pytest.MonkeyPatch):
     cell = replace(cell_named("chain of 2, sine, exact F 1:2, c 10"), span=1.0)
-    simulate = module.simulate
+    simulate = motions.simulate
 
     def wrong(*given, **options):
         motion = simulate(*given, **options)
         return replace(motion, states=motion.states * (1 + 1e-7))
 
-    monkeypatch.setattr(module, "simulate", wrong)
+    monkeypatch.setattr(motions, "simulate", wrong)
     verdict = judge(cell)
     assert verdict.verdict == "wrong"
     assert "times what is allowed" in verdict.reason
 
 
-def refusing(code: str, partial: object):
+def refusing(code: str, partial: object, change: str = "never"):
     def refuse(*_given, **_options):
-        raise SolveError("no", "never", partial, code)
+        raise SolveError("no", change, partial, code)
 
     return refuse
 
@@ -94,20 +98,21 @@ def crashing(*_given, **_options):
         (refusing("stiff", object()), "refused", "stiff"),
         (refusing("", object()), "wrong", "refused without code"),
         (refusing("stiff", None), "wrong", "refused without code"),
+        (refusing("stiff", object(), ""), "wrong", "refused without code"),
         (crashing, "wrong", "ZeroDivisionError: oh"),
     ],
 )
 def test_refusals_need_a_reason_and_crashes_are_wrong(
     simulate, verdict: str, reason: str, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(module, "simulate", simulate)
+    monkeypatch.setattr(motions, "simulate", simulate)
     found = judge(cell_named("chain of 1, sine, exact F 1:2, c 10"))
     assert found.verdict == verdict
     assert reason in found.reason
 
 
 def test_a_second_route_that_fails_leaves_the_cell_undecided(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "second_route", crashing)
+    monkeypatch.setattr(motions, "second_route", crashing)
     found = judge(replace(cell_named("chain of 1, sine, exact F 1:2, c 10"), span=0.5))
     assert (found.verdict, found.reason) == ("undecided", "second route: ZeroDivisionError: oh")
 
@@ -148,11 +153,11 @@ def test_it_passes_only_if_all_three_numbers_are_met(more: Verdict):
 def test_an_interrupted_run_tells_what_it_knows(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    def stopped(**_options) -> Iterator[Verdict]:
+    def stopped(_groups, **_options) -> Iterator[Verdict]:
         yield from VERDICTS[:3]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(module, "stress", stopped)
+    monkeypatch.setattr(matrix, "stress", stopped)
     assert cli.main(["stress", "--json"]) == 130
     found = json.loads(capsys.readouterr().out)
     assert (found["cells"], found["complete"], found["passed"]) == (3, False, False)
@@ -162,7 +167,7 @@ def test_an_interrupted_run_tells_what_it_knows(
 def test_the_exit_code_tells_whether_it_passed(
     verdicts: list[Verdict], code: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(module, "stress", lambda **_: iter(verdicts))
+    monkeypatch.setattr(matrix, "stress", lambda _groups, **_: iter(verdicts))
     assert cli.main(["stress"]) == code
 
 
@@ -171,3 +176,208 @@ def test_a_quick_cut_has_nothing_wrong():
     found = summary(list(stress(quick=True, report=lambda *_: None)))
     assert found["wrong"] == 0
     assert found["passed"], found["not_right"]
+
+
+# -- questions that are no motions ---------------------------------------------------------------
+
+
+def question(*found: tuple[str, float]) -> Case:
+    return Case("a question", "questions", lambda _dice: iter(found))
+
+
+def test_a_case_is_right_if_nothing_compared_is_too_far_off():
+    verdict = question(("one", 0.3), ("other", 0.7)).judge()
+    assert (verdict.verdict, verdict.off) == ("right", 0.7)
+
+
+@pytest.mark.parametrize("found", [[("one", 0.3), ("other", 1.5)], [("one", np.nan)], []])
+def test_a_case_is_wrong_if_something_is_off_or_unknown_or_nothing_compared(found):
+    assert question(*found).judge().verdict == "wrong"
+
+
+@pytest.mark.parametrize(
+    ("error", "verdict"),
+    [
+        (SolveError("no", "give more"), "refused"),
+        (SolveError("no"), "wrong"),
+        (ArgumentError(""), "wrong"),
+        (Undecided("it does not converge"), "undecided"),
+        (ZeroDivisionError("oh"), "wrong"),
+    ],
+)
+def test_only_errors_that_name_what_to_change_are_refusals(error: Exception, verdict: str):
+    def compare(_dice: np.random.Generator) -> Iterator[tuple[str, float]]:
+        yield "one", 0.0
+        raise error
+
+    assert Case("a", "questions", compare).judge().verdict == verdict
+
+
+def test_distances_are_shares_of_what_is_allowed():
+    assert apart([1.0, 2.1], [1.0, 2.0], 0.1) == pytest.approx(0.5)
+    assert apart(0.1, 0.0, 0.1, size=2.0) == pytest.approx(0.5)
+    assert (apart(0.0, 0.0, 0.1), apart(1e-9, 0.0, 0.1)) == (0.0, np.inf)
+    assert (above(3.0, 2.0, 0.1), above(1.0, 2.0, 0.1)) == (pytest.approx(5.0), 0.0)
+    with pytest.raises(Undecided):
+        apart([1.0], [1.0, 2.0], 0.1)
+    with pytest.raises(Undecided):
+        apart(1.0, np.nan, 0.1)
+
+
+def test_each_case_throws_its_own_dice_the_same_every_time():
+    thrown: list[float] = []
+
+    def compare(dice: np.random.Generator) -> Iterator[tuple[str, float]]:
+        thrown.append(dice.random())
+        yield "one", 0.0
+
+    for _ in range(2):
+        for case in many("questions", compare, 2, quick=False):
+            case.judge()
+    assert thrown[:2] == thrown[2:]
+    assert thrown[0] != thrown[1]
+
+
+def test_an_unknown_group_is_refused(capsys: pytest.CaptureFixture[str]):
+    assert cli.main(["stress", "motion"]) == 2
+    said = capsys.readouterr().err
+    assert "motion;" in said
+    assert all(name in said for name in GROUPS)
+
+
+def test_groups_are_named_on_the_command_line(monkeypatch: pytest.MonkeyPatch):
+    asked = []
+
+    def none(groups, **options):
+        asked.append((groups, options["quick"]))
+        return iter(VERDICTS)
+
+    monkeypatch.setattr(matrix, "stress", none)
+    assert cli.main(["stress", "Gaits", "films", "gaits", "--quick"]) == 0
+    assert asked == [(["gaits", "films"], True)]
+
+
+GROUPS_HERE = ("motions", "planar", "gaits", "optima", "averages")
+"""Groups of which tests here speak; films, bodies, fields, segments and swimmers have their own."""
+
+
+def test_the_groups_have_as_many_cases_as_promised():
+    asked = {group: cases(group, quick=False) for group in GROUPS_HERE}
+    assert {group: len(found) for group, found in asked.items()} == COUNTS
+    names = [case.name for found in asked.values() for case in found]
+    assert len(set(names)) == len(names)
+
+
+COUNTS = {"motions": 452, "planar": 200, "gaits": 376, "optima": 105, "averages": 105}
+
+
+def case_named(group: str, name: str) -> Case:
+    (found,) = [case for case in cases(group, quick=False) if case.name == name]
+    return found
+
+
+CHEAP = [
+    ("gaits", "crawls: smooth 0"),
+    ("gaits", "crawls: corners 5"),
+    ("gaits", "extreme crawls: waves 9"),
+    ("gaits", "one link: mass ratios 0"),
+    ("gaits", "designs: impossible 0"),
+    ("gaits", "designs: impossible 1"),
+    ("gaits", "certificates: plain, one link 0"),
+    ("optima", "optima: forward 0"),
+    ("optima", "optima: back 0"),
+    ("optima", "optima: effort 0"),
+    ("averages", "averages: smooth, order 2 0"),
+    ("averages", "averages: friction, order 1 0"),
+    ("averages", "averages: friction, order 2 0"),
+]
+
+
+@pytest.mark.parametrize(("group", "name"), CHEAP)
+def test_other_routes_agree(group: str, name: str):
+    verdict = case_named(group, name).judge()
+    assert verdict.verdict == "right", verdict.reason
+
+
+class Off:
+    """Something of which one number is told wrong."""
+
+    def __init__(self, true: object, **wrong: object) -> None:
+        self._true = true
+        self.__dict__ |= wrong
+
+    def __getattr__(self, name: str):
+        return getattr(self._true, name)
+
+
+def off(name: str, factor: float):
+    """Make a function that tells one number of its answer too large."""
+
+    def wrap(asked):
+        def wrong(*given, **options):
+            true = asked(*given, **options)
+            return Off(true, **{name: getattr(true, name) * factor})
+
+        return wrong
+
+    return wrap
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "asked", "number", "factor", "told"),
+    [
+        (gaits, "crawls: waves 0", "crawl", "speed", 1 + 1e-6, "speed"),
+        (gaits, "one link: plain 0", "design", "speed", 1 + 1e-6, "speed"),
+        (gaits, "certificates: plain, one link 0", "certify", "bound", 0.5, "known motion"),
+        (gaits, "certificates: plain, one link 0", "certify", "bound", 2.0, "bound of rates"),
+        (optima, "optima: forward 0", "optimise_switching_times", "objective", 1 + 1e-6, "time"),
+        (optima, "optima: effort 0", "optimise", "objective", 1 - 1e-2, "less"),
+        (averages, "averages: smooth, order 1 0", "average", "ode", 1 + 1e-6, "averaged"),
+        (averages, "averages: friction, order 2 0", "average", "ode", 1 + 1e-2, "second order"),
+    ],
+)
+def test_a_wrong_answer_is_seen(
+    module, name: str, asked: str, number: str, factor: float, told: str, monkeypatch
+):
+    case = case_named(module.__name__.rpartition(".")[2], name)
+    monkeypatch.setattr(module, asked, off(number, factor)(getattr(module, asked)))
+    verdict = case.judge()
+    assert verdict.verdict == "wrong"
+    assert told in verdict.reason
+
+
+def test_a_design_that_breaks_a_limit_is_seen(monkeypatch: pytest.MonkeyPatch):
+    true = gaits.design
+
+    def hasty(worm, limits, *more, **options):
+        return true(worm, replace(limits, rate=1.01 * limits.rate), *more, **options)
+
+    monkeypatch.setattr(gaits, "design", hasty)
+    verdict = case_named("gaits", "one link: plain 1").judge()
+    assert verdict.verdict == "wrong"
+
+
+def test_the_bound_of_rates_is_that_of_theory():
+    """Ceilings over the rate for a resting masses of n + 1, in fractions."""
+    for links, known in {1: [1 / 2], 2: [1, 1 / 3], 3: [3 / 2, 2 / 3, 1 / 4]}.items():
+        rate = np.full(links, 2.0)
+        found = [most_speed(rate, rate, a) / 2.0 for a in range(1, links + 1)]
+        assert found == pytest.approx(known, rel=1e-9)
+
+
+def test_the_route_of_crawls_knows_the_fast_gait():
+    """Sine pulses of three masses: speed 4 e l0 / T, loads in closed form."""
+    other = Crawling(fast_gait(1.0), np.ones(3), 1.0, 20.0)
+    assert other.rests
+    assert other.advance == pytest.approx(1.2, rel=1e-12)
+    least, most = other.extremes(other.load_on)
+    assert (least[0], most[0]) == pytest.approx((6.704136, 113.595024), abs=1e-5)
+    speed, doubt = other.stepped
+    assert abs(speed - 1.2) <= doubt < 1e-5
+
+
+def test_one_link_is_as_fast_as_theory_says():
+    """Speeds up to 1, a 20, load 5: half a period at 1 less what both ends of a stroke cost."""
+    asked = gaits.Asked(1, (1.0, 1.0), 5.0, 1.0, 0.6, 1.0, 20.0)
+    assert asked.together == pytest.approx(0.425, rel=1e-12)
+    assert asked.one_cycle

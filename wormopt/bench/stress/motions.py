@@ -1,4 +1,4 @@
-"""`wormopt stress`: a matrix of runs, each compared with a second route, right, refused or wrong.
+"""Motions of the stress matrix: `simulate` compared with routes of other code.
 
 When is a run right? `simulate` is asked for steps that err by 1e-11 of the state. The second route
 tells what that means for the motion: it follows it as exactly as it can, and once more from a start
@@ -21,61 +21,76 @@ LSODA with an analytic Jacobian.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
-from typing import Any, Literal
+from time import process_time
+from typing import Any
 
 import numpy as np
 
-from wormopt.bench.cells import Cell, cells
 from wormopt.bench.driven_chain import Plant, linear_flow
 from wormopt.bench.integrators import Regularised, by_casadi, by_lsoda, called, event_loop
-from wormopt.bench.planar_cells import PlanarCell, planar_cells
+from wormopt.bench.stress.chain_cells import Cell, cells
+from wormopt.bench.stress.planar_cells import PlanarCell
+from wormopt.bench.stress.verdict import Class, Verdict
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
-from wormopt.numerics.workers import Workers
-from wormopt.progress import Report
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 
 _BASE, _FACTOR, _UNKNOWN = 1e-8, 10.0, 1e-3
 _SAMPLES = 40
-_LONGEST = 60.0  # seconds after which simulate is stopped
+_LONGEST = 60.0  # seconds of a processor after which simulate is stopped
 _TOLERANCE = Tolerance(1e-11, 1e-12, max_steps=2_000_000)
 # Tolerances of the second route, and the size of the errors put in.
 _TIGHT, _LOOSE, _OFF = 1e-13, 1e-11, 1e-11
 
-Class = Literal["right", "refused", "wrong", "undecided"]
 Follow = Callable[[np.ndarray, float], np.ndarray]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What became of a cell."""
-
-    name: str
-    group: str
-    core: bool  # whether it is an ordinary cell
-    verdict: Class  # "right", "refused", "wrong" or "undecided"
-    reason: str = ""  # refusal code, what is wrong, or why undecided
-    known: float = 1.0  # share of the time in which anything can be known
-    off: float = 0.0  # largest distance of the routes over what is allowed
 
 
 class _TooLong(Exception):
     pass
 
 
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A case of the matrix: the motion of a cell."""
+
+    cell: Cell | PlanarCell
+
+    @property
+    def name(self) -> str:
+        """The cell's."""
+        return self.cell.name
+
+    @property
+    def group(self) -> str:
+        """Part of the matrix it belongs to."""
+        return self.cell.group
+
+    @property
+    def span(self) -> float:
+        """Over how long it is followed."""
+        return self.cell.span
+
+    def judge(self) -> Verdict:
+        """Run the cell by both routes and compare."""
+        return judge(self.cell)
+
+
+def cases(*, quick: bool) -> list[Motion]:
+    """Chains and trackers; `quick`: only some of each group, none that takes long."""
+    return [Motion(cell) for cell in cells(quick=quick)]
+
+
 def judge(cell: Cell | PlanarCell) -> Verdict:
     """Run a cell by both routes and compare."""
     dice = np.random.default_rng(len(cell.name))
     times = np.append(np.sort(dice.uniform(0.02, 0.99, _SAMPLES - 1)), 1.0) * cell.span
-    begin = perf_counter()
+    begin = process_time()
 
     def hurry(_text: str, _fraction: float | None) -> None:
-        if perf_counter() - begin > _LONGEST:
+        if process_time() - begin > _LONGEST:
             raise _TooLong
 
     def verdict(kind: Class, reason: str = "", known: float = 1.0, off: float = 0.0) -> Verdict:
@@ -87,8 +102,9 @@ def judge(cell: Cell | PlanarCell) -> Verdict:
             model, cell.span, contact=cell.contact, times=times, tolerance=_TOLERANCE, report=hurry
         )
     except SolveError as error:
-        if not error.code or error.partial is None:
-            return verdict("wrong", f"refused without code or partial motion: {error}")
+        if not error.code or not error.suggestion or error.partial is None:
+            missing = "code, suggestion or partial motion"
+            return verdict("wrong", f"refused without {missing}: {error}")
         return verdict("refused", error.code)
     except _TooLong:
         return verdict("undecided", "simulate takes too long")
@@ -198,76 +214,3 @@ def _plant(cell: Cell, model: Model) -> Plant:
 
     velocity = np.arange(masses, 2 * masses)
     return Plant(rates, free.start, velocity, cell.worm.mass, cell.worm.grips, lambda _: starts[1:])
-
-
-# -- the matrix ----------------------------------------------------------------------------------
-
-
-def stress(*, quick: bool, report: Report) -> Iterator[Verdict]:
-    """Run the matrix on two processors, yielding verdicts as cells are done.
-
-    `quick`: a few cells of each group only.
-    """
-    todo: list[Cell | PlanarCell] = [*cells(quick=quick), *planar_cells(quick=quick)]
-    todo.sort(key=lambda c: -c.span)  # what takes long comes first
-    wrong = 0
-    with Workers(2) as workers:
-        for k, (_, verdict) in enumerate(workers.as_completed(judge, todo), start=1):
-            wrong += verdict.verdict == "wrong"
-            report(f"{k} of {len(todo)} cells, {wrong} wrong", k / len(todo))
-            yield verdict
-
-
-def summary(verdicts: Sequence[Verdict], *, complete: bool = True) -> dict[str, Any]:
-    """Count the verdicts; a run that is not `complete` has not passed.
-
-    ``right_in_part``: right as far as can be known, not to the end; ``reasons``: refusals
-    by code; ``not_right``: every cell that is not right, and why.
-    """
-    count = Counter(v.verdict for v in verdicts)
-    core = [v for v in verdicts if v.core]
-    core_right = sum(v.verdict == "right" for v in core)
-    return {
-        "cells": len(verdicts),
-        **{kind: count[kind] for kind in ("right", "refused", "wrong", "undecided")},
-        "core": len(core),
-        "core_right": core_right,
-        "right_in_part": sum(v.verdict == "right" and v.known < 1 for v in verdicts),
-        "reasons": dict(Counter(v.reason for v in verdicts if v.verdict == "refused")),
-        "not_right": [
-            {"cell": v.name, "group": v.group, "verdict": v.verdict, "reason": v.reason}
-            for v in verdicts
-            if v.verdict != "right"
-        ],
-        "complete": complete,
-        "passed": complete
-        and bool(verdicts)
-        and count["wrong"] == 0
-        and core_right == len(core)
-        and count["right"] >= 0.9 * len(verdicts),
-    }
-
-
-def table(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
-    """Lay out verdicts for readers: counts by group, and every cell that is not right.
-
-    `complete`: whether `verdicts` are those of all cells.
-    """
-    kinds = ("right", "refused", "undecided", "wrong")
-    lines = [f"{'group':24}{'cells':>7}" + "".join(f"{kind:>11}" for kind in kinds)]
-    groups = dict.fromkeys(v.group for v in sorted(verdicts, key=lambda v: v.group))
-    for group in [*groups, "all"]:
-        count = Counter(v.verdict for v in verdicts if group in (v.group, "all"))
-        row = "".join(f"{count[kind]:11}" for kind in kinds)
-        lines.append(f"{group:24}{sum(count.values()):7}{row}")
-    others = [v for v in verdicts if v.verdict != "right"]
-    others.sort(key=lambda v: (v.verdict, v.group))
-    lines += [f"{v.verdict}: {v.name} ({v.group}): {v.reason}" for v in others]
-    found = summary(verdicts, complete=complete)
-    share = found["right"] / max(found["cells"], 1)
-    lines.append(
-        f"{found['wrong']} wrong, {share:.1%} right, "
-        f"{found['core_right']} of {found['core']} ordinary cells right: "
-        + ("passed" if found["passed"] else "NOT passed" if complete else "interrupted")
-    )
-    return "\n".join(lines)
