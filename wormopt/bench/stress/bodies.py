@@ -210,16 +210,15 @@ def _shape(dice: Dice) -> Judged:
 # -- vibrations ------------------------------------------------------------------------------------
 
 
-def _rod(dice: Dice, damping: float = 0.0) -> Rod:
+def _rod(dice: Dice, longest: float) -> Rod:
     """A rod from a stub to a thread, of jelly or of steel, solid or filled."""
     diameter = spread(dice, 1e-5, 0.1)
     skin = 0.0 if dice.random() < 0.6 else diameter * float(dice.uniform(0.02, 0.5))
     return Rod(
-        length=diameter * spread(dice, 2.0, 1e4),
+        length=diameter * spread(dice, 2.0, longest),
         diameter=diameter,
         youngs_modulus=spread(dice, 1e3, 2e11),
         density=spread(dice, 1e2, 2e4),
-        damping_time=damping,
         poisson_ratio=float(dice.uniform(0.0, 0.5)),
         elements=10,
         degree=4,
@@ -260,7 +259,7 @@ def _other(ends: tuple[str, str]) -> tuple[str, ...]:
 
 
 def _vibration(dice: Dice) -> Judged:
-    rod = _rod(dice)
+    rod = _rod(dice, 1e4)
     name = str(dice.choice(list(_HELD)))
     ends, held = _HELD[name]
     model = channel_rod(rod, 3 * rod.diameter, 0.5)
@@ -278,7 +277,7 @@ def _vibration(dice: Dice) -> Judged:
 
 def _damping(dice: Dice) -> Judged:
     """Rods that lose from next to nothing to all of a vibration within a part of its period."""
-    rod = _rod(dice)
+    rod = _rod(dice, 200.0)
     model = channel_rod(rod, 3 * rod.diameter, 0.5)
     x, half = pack(model.x), model.n_x // 2
     rates = model.ode[half:]
