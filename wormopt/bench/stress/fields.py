@@ -136,12 +136,12 @@ def _far(dice: Dice) -> Judged:
     """Far away a coil is a dipole; the quadrupole is 0 by symmetry, the next share (size/r)²."""
     coil = _winding(dice)
     size = math.hypot(coil.outer, coil.length)
-    r, angle = size * spread(dice, 1e2, 1e4), float(dice.uniform(0.1, 3.0))
+    r, angle = size * spread(dice, 1e2, 1e7), float(dice.uniform(0.1, 3.0))
     moment = math.pi * (coil.outer**2 + coil.outer * coil.inner + coil.inner**2) / 3
     c, n = math.cos(angle), math.sin(angle)
     known = moment / (4 * math.pi * r**3) * np.array([3 * c**2 - 1, 3 * c * n])
     axial, radial = coil.field((r * n) ** 2, r * c)
-    share = 10 * (size / r) ** 2 + 1e-13 * (r / coil.outer) ** 2 * (1 + coil.length / coil.outer)
+    share = 10 * (size / r) ** 2 + 1e-9
     yield "dipole", apart([float(axial), float(radial) * r * n], known, share)
 
 
@@ -319,7 +319,7 @@ def _membrane(dice: Dice) -> Judged:
         p * R / (E * limits["strain"]),
     )  # fmt: skip
     span = (math.log(least * 1e-6), math.log(least * 1e6))
-    found, excess = Choice(tube, life, limits).widest(span)
+    found, excess = Choice(tube, life, limits).widest(span, **limits)
     yield "thickness", apart(found, least, 1e-9)
     yield "excess", max(excess, 0.0) / 1e-9
     yield "strain", apart(tube.strain(found), p * R / (E * least), 1e-9)
