@@ -356,13 +356,13 @@ def _waves(dice: Dice) -> Judged:
 def _anchors(dice: Dice) -> Judged:
     n = int(dice.integers(3, 7))
     held = int(dice.integers(1, n))
-    shrink, grow = spread(dice, 1e-3, 1e3, ), spread(dice, 1e-3, 1e3)
+    shrink, grow = spread(dice, 1e-3, 1e3), spread(dice, 1e-3, 1e3)
     if dice.random() < 0.5:
         grow = shrink
     mid = bool(dice.random() < 0.4)
     bound = mode_bound(n, held, (shrink, grow), "mid" if mid else "clamp")
     known = _ceiling(n, held, shrink, grow, mid)
-    yield "ceiling", apart(bound.speed, known, 1e-7, size=1e-6 * max(shrink, grow))
+    yield "ceiling", apart(bound.speed, known, 1e-7, size=1e-2 * max(shrink, grow))
     if held > 1:
         stroke, step = spread(dice, 1e-6, 10), spread(dice, 1e-3, 1e3)
         wave = anchored_wave(n, held, stroke=stroke, step=step)
@@ -405,7 +405,10 @@ def _ceiling(n: int, held: int, shrink: float, grow: float, mid: bool) -> float:
     cost = np.zeros(size)
     cost[-1] = -1.0
     bounds = [(None, None)] * (m * rings) + [(0, None)] * m + [(None, None)]
-    found = linprog(cost, np.array(upper), np.zeros(len(upper)), np.array(equal), right, bounds)
+    exact = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+    found = linprog(
+        cost, np.array(upper), np.zeros(len(upper)), np.array(equal), right, bounds, options=exact
+    )  # fmt: skip
     if found.status:
         raise Undecided(found.message)
     return -found.fun * unit
