@@ -7,25 +7,23 @@ exponentials, by strain energies integrated anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq
 
 from wormopt.analysis.vibration import vibration_modes
-from wormopt.bench.stress.refused import refused
+from wormopt.bench.stress.means import Judged, refused, zero
 from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
 from wormopt.model.model import pack
-from wormopt.systems.channel.closed_forms import STEEPEST, ChannelWorm
+from wormopt.systems.channel.closed_forms import STEEPEST, ChannelWorm, Shape
 from wormopt.systems.channel.elastica import SLEEVE_RISE, Free, exact_elastica
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import channel_rod
 from wormopt.systems.channel.segments import assumed_shapes, elastic_shape
 
-Judged = Iterator[tuple[str, float]]
 _HELD = {
     "free": (("moment", "shear"), {}),
     "pinned": (("place", "moment"), {"across": [0, -1]}),
@@ -60,7 +58,7 @@ def _worm(dice: Dice, steep: float) -> ChannelWorm:
     return ChannelWorm(pitch, body + rise, body, pitch * spread(dice, 1.01, 100.0), 5e4)
 
 
-def _slopes(rise: float) -> dict[str, Callable[[float], float]]:
+def _slopes(rise: float) -> dict[Shape, Callable[[float], float]]:
     """Slopes of the assumed shapes over a pitch of 1, (33) to (35)."""
     return {
         "sine": lambda x: rise * math.pi / 2 * math.cos(math.pi * (x - 0.5)),
@@ -94,7 +92,7 @@ def _bending(dice: Dice) -> Judged:
         "sine": lambda x: -rise * math.pi**2 / 2 * math.sin(math.pi * (x - 0.5)),
         "beam": lambda x: 6 * rise - 12 * rise * x,
     }
-    slopes = _slopes(rise)
+    slopes: Mapping[str, Callable[[float], float]] = {**_slopes(rise)}
     for found in assumed_shapes(worm):
         if found.name == "line":
             yield "kinks", 0.0 if found.energy is None else math.inf
@@ -128,7 +126,7 @@ def _first_integral(closing: Free, steepest: float) -> dict[str, float]:
     V, N = (math.cos(top), -math.sin(top)) if sleeve else (1.0, 0.0)
 
     def speed(s: float) -> float:
-        """theta' over s, at theta = top - s²."""
+        """Rate of theta over s, at theta = top - s²."""
         half = s * s / 2
         fall = math.sin(half) / half  # of s² / 2
         if sleeve:  # sin(top - theta), as |N| = sin top, V = cos top
@@ -250,7 +248,7 @@ def _beam(rod: Rod, ends: tuple[str, str], count: int) -> np.ndarray:
     waves = np.arange(0.3, 15.0, 0.1)
     values = end(waves)
     at = np.flatnonzero(values[:-1] * values[1:] < 0)[:count]
-    roots = [brentq(lambda w: end(w)[0], waves[k], waves[k + 1], xtol=1e-13) for k in at]
+    roots = [zero(lambda w: end(w)[0], float(waves[k]), float(waves[k + 1])) for k in at]
     return np.array(roots) ** 2 * math.sqrt(stiff / (rod.density * area)) / rod.length**2
 
 
@@ -296,7 +294,7 @@ def _damping(dice: Dice) -> Judged:
     n = rod.count
     K, D = K[n:, n:], D[n:, n:]  # across and angles: these are coupled
     s = np.linalg.eigvals(D).real
-    # of one mode: s² + t w² s + w² = 0 with t w² the eigenvalue of D, as damping goes with stiffness
+    # of one mode: s² + t w² s + w² = 0 with t w² the eigenvalue of D
     wanted = share * first
     yield "damping", apart(s[np.argmin(abs(s - wanted))] / wanted, 1.0, 1e-4)
     yield "goes with stiffness", apart(D * first / share, K, 1e-9)

@@ -7,14 +7,14 @@ differences, and laws of magnetisation integrated anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import quad
-from scipy.optimize import brentq
 from scipy.special import ellipe, ellipkm1
 
-from wormopt.bench.stress.refused import refused
+from wormopt.bench.stress.means import Judged, refused, zero
 from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
 from wormopt.magnetics import hydrostatics
 from wormopt.magnetics.coils import CoilRow
@@ -25,7 +25,6 @@ from wormopt.magnetics.travelling import harmonic_shares, moving_profile, switch
 from wormopt.magnetics.winding import Coil, loop_field
 from wormopt.systems.coils.membrane import Choice, Membrane
 
-Judged = Iterator[tuple[str, float]]
 _MU0 = 4e-7 * math.pi
 _AXES = ("along", "across", "vertical")
 
@@ -157,7 +156,9 @@ def _row(dice: Dice) -> Judged:
     row = CoilRow(coil, count, pitch, axis, gap, sides)
     middles = _middles(row)
     while True:
-        place = np.array([dice.uniform(-1, count) * pitch, *(coil.outer * dice.normal(size=2) * 1.5)])
+        place = np.array(
+            [dice.uniform(-1, count) * pitch, *(coil.outer * dice.normal(size=2) * 1.5)]
+        )
         if float(row.clearance(place[0], place[2], place[1])) > 0.1 * coil.outer:
             break
     currents = dice.uniform(-1, 1, count) * spread(dice, 1e-3, 1e5)
@@ -173,10 +174,11 @@ def _row(dice: Dice) -> Judged:
     found = row.field([x], z, currents[:, None], y)[:, 0, 0]
     yield "field", apart(found, known, 1e-9, size=size)
     step = 1e-3 * coil.outer
-    by_steps = [
-        sum(c * field(place + k * step * e) @ field(place + k * step * e) for k, c in _STENCIL) / step
-        for e in np.eye(3)
-    ]
+    by_steps = np.zeros(3)
+    for e in np.eye(3):
+        for k, weight in _STENCIL:
+            beside = field(place + k * step * e)
+            by_steps += weight / step * (beside @ beside) * e
     told = row.square_gradient([x], z, currents, y)[:, 0]
     largest = float(known @ known) / coil.outer
     yield "gradient of the square", apart(told, by_steps, 1e-7, size=largest)
@@ -236,7 +238,9 @@ def _travelling(dice: Dice) -> Judged:
     yield "square", apart(profile.square, known, 1e-6)
     n = int(dice.integers(8, 40))
     values, t = dice.normal(size=n), 2 * math.pi * np.arange(n) / n
-    waves = [np.hypot(values @ np.cos(m * t), values @ np.sin(m * t)) ** 2 for m in range(1, n // 2 + 1)]
+    waves = [
+        np.hypot(values @ np.cos(m * t), values @ np.sin(m * t)) ** 2 for m in range(1, n // 2 + 1)
+    ]
     if n % 2 == 0:
         waves[-1] /= 2  # counts once in the variation, the others twice
     yield "harmonics", apart(harmonic_shares(values, 4), (np.array(waves) / sum(waves))[:4], 1e-10)
@@ -282,9 +286,7 @@ def _fluid(dice: Dice) -> Judged:
     yield "magnetisation", apart(law.ratio(H**2) * H, M(H), 1e-9)
     knee = saturation / chi
     edges = [0.0, *(e for e in knee * 10.0 ** np.arange(-2, 5) if e < H), H]
-    energy = sum(
-        quad(M, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in zip(edges, edges[1:], strict=False)
-    )
+    energy = sum(quad(M, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in pairwise(edges))
     yield "energy", apart(law.energy(H**2), energy, 1e-8)
     fluid = hydrostatics.Fluid(spread(dice, 500, 5e3), spread(dice, 1e-3, 0.1), law)
     slope, way = float(dice.normal()), float(dice.uniform(0, 2 * math.pi))
@@ -298,7 +300,7 @@ def _fluid(dice: Dice) -> Judged:
         whole = math.hypot(inside, tangent)
         return inside * (1 + M(whole) / whole) - abs(normal)
 
-    inside = float(brentq(off, 0.0, abs(normal), xtol=1e-12 * H))  # pyright: ignore
+    inside = zero(off, 0.0, abs(normal))
     whole = math.hypot(inside, tangent)
     thin = _MU0 * (float(law.energy(whole**2)) + (M(whole) / whole * inside) ** 2 / 2)
     found = hydrostatics.flat_layer_pull(fluid, (along, up), slope)

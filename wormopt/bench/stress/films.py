@@ -8,15 +8,14 @@ Fourier series.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq, minimize_scalar
 
-from wormopt.bench.stress.refused import refused
+from wormopt.bench.stress.means import Judged, least, refused, zero
 from wormopt.bench.stress.verdict import Case, Dice, Undecided, apart, many, spread
 from wormopt.model.model import pack
 from wormopt.systems.film.cosine import CosineWave
@@ -27,7 +26,6 @@ from wormopt.systems.film.next_order import corrected_flow, surface_correction
 from wormopt.systems.film.shapes import FourierWave
 from wormopt.systems.film.units import Fluid
 
-Judged = Iterator[tuple[str, float]]
 _TURN = 2 * math.pi
 _GAUSS = np.polynomial.legendre.leggauss(20)
 
@@ -122,11 +120,8 @@ def _peak(dice: Dice) -> Judged:
     values = np.array([_cosine_field(delta, tension, e) for e in E])
     k = int(np.argmax(values))
     near = float(E[max(k - 1, 0)]), float(E[min(k + 1, len(E) - 1)])
-    best = minimize_scalar(
-        lambda e: -_cosine_field(delta, tension, e), bounds=near, method="bounded",
-        options={"xatol": 1e-9},
-    )  # fmt: skip
-    known = max(-float(best.fun), float(values[k]))  # pyright: ignore
+    best = -least(lambda e: -_cosine_field(delta, tension, e), *near)[1]
+    known = max(best, float(values[k]))
     peak = CosineWave(delta).peak(tension)
     yield "peak", apart(peak.value, known, 1e-9 + _rounding(delta))
     if delta < 0.97:
@@ -244,21 +239,21 @@ def _floats(dice: Dice) -> Judged:
         return float(1 - 1.5 * (1 + C * (weights / 2) @ (1 / h)))
 
     drift = float_drift(CosineWave(delta), length)
-    least = lag(0.0)  # on the crest it is fastest
-    if abs(least) < 1e-12:
+    slack = lag(0.0)  # on the crest it is fastest
+    if abs(slack) < 1e-12:
         raise Undecided("all but held")
-    if least < 0:
+    if slack < 0:
         yield "held", 0.0 if drift.captured and drift.velocity == 1 else math.inf
-        known = _TURN - float(brentq(lag, 0.0, math.pi, xtol=1e-14))  # pyright: ignore
+        known = _TURN - zero(lag, 0.0, math.pi)
         yield "place", apart(drift.rests, [known], 1e-9)
         return
-    width = math.sqrt(least)
+    width = math.sqrt(slack)
     points = [p for p in width * np.array([0.3, 1, 3, 10, 30]) if p < math.pi]
     edges = [0.0, *points, math.pi]
     turn = 2 * sum(
         quad(lambda x: 1 / lag(x), p, q, epsabs=0, epsrel=1e-11)[0] for p, q in pairwise(edges)
     )
-    yield "turn", apart(drift.turn, turn, 1e-9 + 1e-14 / least)
+    yield "turn", apart(drift.turn, turn, 1e-9 + 1e-14 / slack)
     yield "velocity", apart(drift.velocity, 1 - _TURN / turn, 1e-8, size=1e-3)
 
 
@@ -319,7 +314,11 @@ def _some_slope(dice: Dice, xi: np.ndarray) -> np.ndarray:
 def _scales(dice: Dice) -> Judged:
     """Stresses in SI units, each told by another of the numbers."""
     mu_r, eta, rho = 1 + spread(dice, 1e-3, 10), spread(dice, 1e-4, 1.0), spread(dice, 100, 1e4)
-    gamma, depth, wavelength = spread(dice, 1e-4, 1), spread(dice, 1e-6, 1e-3), spread(dice, 0.01, 1)
+    gamma, depth, wavelength = (
+        spread(dice, 1e-4, 1),
+        spread(dice, 1e-6, 1e-3),
+        spread(dice, 0.01, 1),
+    )
     omega = spread(dice, 1e-2, 1e4)
     oil, k = Fluid(mu_r, eta, rho, gamma, depth, wavelength, omega), _TURN / wavelength
     shear = eta * (omega / k) / depth  # stress; the pressure drives it over a wavelength / 2 pi
