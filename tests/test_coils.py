@@ -130,6 +130,20 @@ def test_far_away_a_coil_is_a_dipole():
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.02)
 
 
+@pytest.mark.parametrize("length", [0.02, 1.0, 20.0])
+def test_a_dipole_keeps_its_digits_however_far_away(length: float):
+    """Both ends of a solenoid cancel: at 1e5 radii nothing was left of them."""
+    coil, angle = Coil(0.3, 1.0, length), 0.7
+    moment = math.pi * (1 + 0.3 + 0.09) / 3
+    cosine, sine = math.cos(angle), math.sin(angle)
+    for r in length * np.array([1e4, 1e6, 1e8]):
+        axial, radial = coil.field((r * sine) ** 2, r * cosine)
+        dipole = moment / (4 * math.pi * r**3) * np.array([3 * cosine**2 - 1, 3 * sine * cosine])
+        found = np.array([float(axial), float(radial) * r * sine])
+        share = 10 * (math.hypot(1.0, length) / r) ** 2 + 1e-10
+        assert np.abs(found - dipole).max() < share * np.linalg.norm(dipole)
+
+
 def test_the_field_is_the_same_level_with_an_end_and_beside():
     q, half = np.full(2, 7e-3**2), COIL.length / 2
     at, beside = COIL.field(q, np.array([half, half * (1 + 1e-13)]))[0]

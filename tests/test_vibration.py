@@ -12,7 +12,7 @@ import skfem
 from scipy.optimize import brentq
 
 from wormopt.analysis.vibration import VibrationModes, vibration_modes
-from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.errors import ArgumentError, SolveError, UnknownNameError
 from wormopt.model.model import Model, Output, Signal
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import channel_rod
@@ -256,3 +256,19 @@ def test_places_without_mass_and_no_frequencies_are_refused():
         vibration_modes(pendulum(mass=0.0))
     with pytest.raises(ArgumentError, match="count"):
         vibration_modes(pendulum(), count=0)
+
+
+def test_vibrations_that_rounding_hides_are_not_told_as_rigid():
+    """Held at both ends, a thread of 10,000 diameters has slow vibrations, no frequency of 0."""
+    thread = rubber(10, 4, diameter=48e-7)
+    model = channel_rod(thread, 11e-3, 0.5)
+    held = {"along": list(range(thread.count)), **PINNED}
+    modes = vibration_modes(model, held)
+    assert modes.frequencies[0] == 0.0
+    assert thin_beam(thread, math.pi) < modes.rounding
+    with pytest.raises(SolveError, match=r"rounding hides .* less slender"):
+        vibration_modes(model, held, rigid=0)
+    stiff = rubber(10, 4)
+    held["along"] = list(range(stiff.count))
+    modes = vibration_modes(channel_rod(stiff, 11e-3, 0.5), held, rigid=0)
+    assert 0 < modes.rounding < 1e-3 * modes.frequencies[0]

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from wormopt.errors import ArgumentError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, Signal, pack
 from wormopt.model.values import by_name, check_names, signal_values
 
@@ -32,16 +32,21 @@ class VibrationModes:
     Parameters
     ----------
     frequencies : ndarray, shape (count,)
-        In Hz if the model is in SI units; 0 of motions that nothing resists.
+        In Hz if the model is in SI units; 0 of motions that nothing resists, or so little that
+        rounding hides it.
     shapes : dict of str to ndarray, shape (size, count)
         By the names of the places; one column per frequency, of unit modal mass.
     residual : float
         Largest |K s - w² M s| over the size of K and s, of all of them.
+    rounding : float
+        Frequency below which rounding hides everything. One of f may be off by a share of
+        (rounding / f)²: slender bodies, far stiffer along than across, ask for that look.
     """
 
     frequencies: np.ndarray
     shapes: dict[str, np.ndarray]
     residual: float
+    rounding: float
 
 
 def vibration_modes(
@@ -51,6 +56,7 @@ def vibration_modes(
     x0: Mapping[str, ArrayLike] | None = None,
     p: Mapping[str, ArrayLike] | None = None,
     count: int = 8,
+    rigid: int | None = None,
 ) -> VibrationModes:
     """Find the slowest natural vibrations.
 
@@ -68,10 +74,13 @@ def vibration_modes(
         Parameters by name, where they are not the model's own.
     count : int, optional
         How many; fewer if there are fewer.
+    rigid : int, optional
+        How many motions nothing resists, where that is known: of a free rod in the plane 3. Then
+        vibrations that rounding hides among them are refused.
 
     Returns
     -------
-    Modes
+    VibrationModes
 
     Raises
     ------
@@ -80,6 +89,8 @@ def vibration_modes(
         or the state is not a stable one.
     UnknownNameError
         If the model has no such outputs.
+    SolveError
+        If more motions than `rigid` are not told from rest ("hidden").
 
     Examples
     --------
@@ -111,12 +122,21 @@ def vibration_modes(
     smallest = _ROUNDINGS * np.finfo(float).eps * np.abs(squares).max()
     if squares[0] < -smallest:
         raise ArgumentError(f"{model.name} is not stable at this state: it would buckle")
+    rounding = float(np.sqrt(smallest)) / (2 * np.pi)
+    if rigid is not None and np.sum(squares <= smallest) > rigid:
+        raise SolveError(
+            f"{model.name}: rounding hides the slowest vibrations, those below {rounding:.3g}, "
+            f"among the {rigid} motions that nothing resists",
+            "take a less slender body, or fewer elements",
+            code="hidden",
+        )
     squares, vectors = squares[:count], vectors[:, :count]
     squares = np.where(np.abs(squares) <= smallest, 0.0, squares)
     shapes = np.zeros((sum(s.size for s in places), len(squares)))
     shapes[free] = vectors
     residual = _residual(K, M, squares, vectors)
-    return VibrationModes(np.sqrt(squares) / (2 * np.pi), by_name(places, shapes), residual)
+    found = np.sqrt(squares) / (2 * np.pi)
+    return VibrationModes(found, by_name(places, shapes), residual, rounding)
 
 
 def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.ndarray:

@@ -320,9 +320,11 @@ def _eigenfrequencies(case: RodCase) -> dict[str, list[float]]:
     )
     ends = {"across": [0, rod.count - 1]}
     return {
-        "eigenfrequencies": _above_zero(vibration_modes(whole, count=_MODES + 3)),
-        "eigenfrequencies_pinned": _above_zero(vibration_modes(whole, ends, count=_MODES + 1)),
-        "eigenfrequencies_segment": _above_zero(vibration_modes(part, ends, count=2)),
+        "eigenfrequencies": _above_zero(vibration_modes(whole, count=_MODES + 3, rigid=3)),
+        "eigenfrequencies_pinned": _above_zero(
+            vibration_modes(whole, ends, count=_MODES + 1, rigid=1)
+        ),
+        "eigenfrequencies_segment": _above_zero(vibration_modes(part, ends, count=2, rigid=1)),
     }
 
 

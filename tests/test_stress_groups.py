@@ -1,0 +1,104 @@
+"""Groups of the stress matrix that ask for one answer: cases are right, spoilt answers wrong."""
+
+import pickle
+import zlib
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wormopt.bench.stress import bodies, fields, films, peristaltic_gaits, segments, swimmers
+from wormopt.bench.stress.means import refused
+from wormopt.errors import ArgumentError
+
+GROUPS = ("films", "bodies", "fields", "segments", "swimmers")
+LONG = {"vibrations of rods", "damping of rods", "membranes at rest", "strokes of crawls"}
+
+
+def listed(group: str, *, quick: bool) -> list[Any]:
+    return list(import_module(f"wormopt.bench.stress.{group}").cases(quick=quick))
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_some_cases_of_each_kind_are_right(group: str):
+    for case in listed(group, quick=True)[::2]:
+        if case.group not in LONG:
+            found = case.judge()
+            assert found.verdict == "right", found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("group", GROUPS)
+def test_no_case_is_wrong(group: str):
+    found = [case.judge() for case in listed(group, quick=False)]
+    assert not [v for v in found if v.verdict in ("wrong", "undecided")]
+    assert sum(v.verdict == "right" for v in found) >= 0.95 * len(found)
+    assert all(len(v.reason.split()) > 5 for v in found if v.verdict == "refused")
+
+
+def test_names_are_unique_and_cases_may_be_sent_to_workers():
+    cases = [case for group in GROUPS for case in listed(group, quick=False)]
+    assert len({zlib.crc32(case.name.encode()) for case in cases}) == len(cases) >= 500
+    assert pickle.loads(pickle.dumps(cases[0])).name == cases[0].name
+
+
+SPOILT: list[tuple[Any, str, str]] = [
+    (films, "waves of films", "CosineWave.constant"),
+    (films, "floats on films", "float_drift"),
+    (bodies, "segments of bodies", "ChannelWorm.arc_length"),
+    (bodies, "elastica", "exact_elastica"),
+    (fields, "loops", "loop_field"),
+    (fields, "coils", "Coil.field"),
+    (segments, "segments at rest", "Segment.stretch_at"),
+    (peristaltic_gaits, "gaits on drag", "displacement"),
+    (swimmers, "swimmers", "Swimmer.local"),
+    (swimmers, "slow crawls", "crawl_velocity"),
+]
+
+
+def spoilt(answer: Any) -> Any:
+    """An answer off by a share of 1e-5: of numbers, of what is in tuples and in fields."""
+    if isinstance(answer, tuple):
+        return tuple(spoilt(part) for part in answer)
+    if hasattr(answer, "__dataclass_fields__"):
+        for name in answer.__dataclass_fields__:
+            value = getattr(answer, name)
+            if isinstance(value, float | np.ndarray) and np.asarray(value).dtype == float:
+                object.__setattr__(answer, name, value * (1 + 1e-5))
+        return answer
+    return answer * (1 + 1e-5)
+
+
+@pytest.mark.parametrize(("module", "kind", "name"), SPOILT, ids=[k for _, k, _ in SPOILT])
+def test_a_spoilt_answer_is_told_as_wrong(
+    module: Any, kind: str, name: str, monkeypatch: pytest.MonkeyPatch
+):
+    holder, _, last = name.rpartition(".")
+    target = getattr(module, holder) if holder else module
+    own = getattr(target, last)
+
+    def wrapped(call: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *given, **named: spoilt(call(*given, **named))
+
+    found_by = getattr(own, "fget", None)  # of a property
+    changed = property(wrapped(found_by)) if found_by else wrapped(own)
+    monkeypatch.setattr(target, last, changed)
+    group = "segments" if module is peristaltic_gaits else module.__name__.rpartition(".")[2]
+    case = next(case for case in listed(group, quick=True) if case.group.startswith(kind))
+    found = case.judge()
+    assert found.verdict == "wrong", found
+    assert "times what is allowed" in found.reason
+
+
+def test_a_refusal_must_name_what_to_change():
+    def raises(text: str) -> Callable[[], None]:
+        def call() -> None:
+            raise ArgumentError(text)
+
+        return call
+
+    assert refused(raises("delta must be below 1"), "delta", "below 1") == 0
+    assert refused(raises("it does not work"), "delta") == np.inf
+    assert refused(lambda: 1.0, "delta") == np.inf
