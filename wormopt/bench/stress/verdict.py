@@ -52,11 +52,12 @@ class Case:
 
     def judge(self) -> Verdict:
         """Ask and compare."""
-        off, what = 0.0, "nothing was compared"
+        off, what = -1.0, "nothing was compared"
         dice = np.random.default_rng(zlib.crc32(self.name.encode()))
         try:
             for text, distance in self.compare(dice):
-                if not distance <= off or what == "nothing was compared":  # NaN included
+                distance = math.inf if math.isnan(distance) else distance
+                if distance > off:
                     off, what = distance, text
         except WormoptError as error:
             told = " ".join(str(error).split())
@@ -67,7 +68,7 @@ class Case:
             return self._verdict("undecided", f"other route: {error}")
         except Exception as error:
             return self._verdict("wrong", f"{type(error).__name__}: {error}")
-        if off <= 1.0 and what != "nothing was compared":
+        if 0.0 <= off <= 1.0:
             return self._verdict("right", off=off)
         return self._verdict("wrong", f"{what}: off by {off:.3g} times what is allowed", off)
 
