@@ -40,9 +40,9 @@ _ALONG = (
 )
 _CODE = (
     *("driver.c", "stepper.c", "crossings.c", "layer.c", "contact.c", "aiming.c"),
-    *("variation.c", "doubts.c"),
+    *("variation.c", "doubts.c", "lanes.c"),
 )
-_HEADERS = ("driver.h", "run.h", "tableau.h")
+_HEADERS = ("driver.h", "run.h", "tableau.h", "stages.h", "lanes.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
@@ -129,20 +129,23 @@ class _Report(Structure):
 
 
 @cache
-def _driver() -> ctypes.CDLL:
+def driver() -> ctypes.CDLL:
+    """Load the driver, compiled if it must be."""
     folder = files("wormopt.simulation.native")
     sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _HEADERS]
     # as one unit, so that what one file calls of another can stand in its place
     code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _CODE)
     sources.append(("unit.c", code))
-    driver = library("driver", sources, "-O3")
-    driver.wormopt_start.restype = POINTER(_Report)
-    driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
-    driver.wormopt_advance.restype = c_longlong
-    driver.wormopt_advance.argtypes = [POINTER(_Report), c_longlong]
-    driver.wormopt_free.restype = None
-    driver.wormopt_free.argtypes = [POINTER(_Report)]
-    return driver
+    found = library("driver", sources, "-O3")
+    found.wormopt_start.restype = POINTER(_Report)
+    found.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
+    found.wormopt_advance.restype = c_longlong
+    found.wormopt_advance.argtypes = [POINTER(_Report), c_longlong]
+    found.wormopt_advance_lanes.restype = c_longlong
+    found.wormopt_advance_lanes.argtypes = [c_void_p, c_longlong, c_void_p, c_longlong]
+    found.wormopt_free.restype = None
+    found.wormopt_free.argtypes = [POINTER(_Report)]
+    return found
 
 
 def _source(functions: Sequence[ca.Function]) -> str:
@@ -211,7 +214,7 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
 
     Raises CompilerError if there is no compiler or it fails.
     """
-    _driver()
+    driver()
     functions = system.functions | (variation.functions if variation else {})
     found = _library(_source(list(functions.values())))
     fields = {
@@ -285,7 +288,61 @@ def integrate(
 
     A smooth motion is given up where stability alone would need `stiff_steps` more steps.
     """
-    driver = _driver()
+    run = Run(task, ready, stiff_steps)
+    start, end = task.span
+    try:
+        report("simulating", 0.0)
+        while driver().wormopt_advance(run.address, work_per_call(task)) == 0:
+            report("simulating", (run.time - start) / (end - start))
+        return run.outcome()
+    except KeyboardInterrupt:
+        return run.outcome("interrupted")
+    finally:
+        run.free()
+
+
+def work_per_call(task: InitialValueProblem) -> int:
+    """Steps that a call of the driver shall take."""
+    return max(_WORK_PER_CALL // len(task.start), 20)
+
+
+class Run:
+    """One motion under way, and the arrays that it needs meanwhile; MemoryError if none is left."""
+
+    def __init__(self, task: InitialValueProblem, ready: Compiled, stiff_steps: int) -> None:
+        self.task = task
+        problem, self._kept = _problem(task, ready, stiff_steps)
+        x0, p = np.ascontiguousarray(task.start), np.ascontiguousarray(task.all_p)
+        self.address = driver().wormopt_start(
+            ctypes.byref(problem), x0.ctypes.data, p.ctypes.data
+        )
+        if not self.address:
+            raise MemoryError("no memory for the samples asked for")
+
+    @property
+    def time(self) -> float:
+        """How far it is."""
+        return float(self.address.contents.t)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has come to an end of any kind."""
+        return bool(self.address.contents.status)
+
+    def outcome(self, status: str | None = None) -> Outcome:
+        """What it has found so far, with the status that it has itself, or another."""
+        found = self.address.contents
+        return _outcome(found, status or _STATUS[found.status], self.task)
+
+    def free(self) -> None:
+        """Give its memory back."""
+        driver().wormopt_free(self.address)
+
+
+def _problem(
+    task: InitialValueProblem, ready: Compiled, stiff_steps: int
+) -> tuple[_Problem, list[Any]]:
+    """Mirror a task; what is kept must live as long as the mirror is in use."""
     schedules, kept = _schedules(task)
     arrays = ready.arrays | {
         "v_rest": task.v_rest,
@@ -322,27 +379,7 @@ def integrate(
         **dict(zip(("in_x", "in_p"), map(_mirrored, ready.entries), strict=False)),
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
-    x0, p = np.ascontiguousarray(task.start), np.ascontiguousarray(task.all_p)
-    run = driver.wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data)
-    if not run:
-        raise MemoryError("no memory for the samples asked for")
-    try:
-        _advance(driver, run, task, report)
-        return _outcome(run.contents, _STATUS[run.contents.status], task)
-    except KeyboardInterrupt:
-        return _outcome(run.contents, "interrupted", task)
-    finally:
-        driver.wormopt_free(run)
-        del kept
-
-
-def _advance(driver: ctypes.CDLL, run: Any, task: InitialValueProblem, report: Progress) -> None:
-    """Go to the end, or as far as it goes."""
-    start, end = task.span
-    chunk = max(_WORK_PER_CALL // len(task.start), 20)
-    report("simulating", 0.0)
-    while driver.wormopt_advance(run, chunk) == 0:
-        report("simulating", (run.contents.t - start) / (end - start))
+    return problem, [schedules, arrays, task, ready, *kept]
 
 
 def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:
