@@ -313,9 +313,7 @@ class Run:
         self.task = task
         problem, self._kept = _problem(task, ready, stiff_steps)
         x0, p = np.ascontiguousarray(task.start), np.ascontiguousarray(task.all_p)
-        self.address = driver().wormopt_start(
-            ctypes.byref(problem), x0.ctypes.data, p.ctypes.data
-        )
+        self.address = driver().wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data)
         if not self.address:
             raise MemoryError("no memory for the samples asked for")
 

@@ -1,3 +1,4 @@
+#pragma GCC optimize("fp-contract=fast")
 /* Vectors of one double per run, and the functions that right-hand sides need of them. */
 #ifndef WORMOPT_LANES_H
 #define WORMOPT_LANES_H
@@ -44,8 +45,8 @@ INLINE vec lane_min(vec a, vec b) { return PICK((a <= b) | (b != b), a, b); }
 INLINE vec lane_sign(vec a) { return PICK(a == a, TRUTH(a > 0.0) - TRUTH(a < 0.0), a); }
 INLINE vec lane_sqrt(vec a) { return EACH(sqrt, a); }
 
-/* exp(a) - 1 for |a| up to 600: Taylor's series about the nearest multiple of log 2 */
-INLINE vec small_expm1(vec a) {
+/* exp(a) = power (1 + sum) for |a| up to 600: Taylor's series about the nearest multiple of log 2 */
+INLINE vec grown(vec a, vec *power) {
     const vec shifted = a * 1.4426950408889634 + TO_INTEGER, n = shifted - TO_INTEGER;
     const vec r = (a - n * 0.693147180369123816490) - n * 1.90821492927058770002e-10;
     vec sum = r * (1 / 6227020800.0) + 1 / 479001600.0;
@@ -59,20 +60,21 @@ INLINE vec small_expm1(vec a) {
     sum = sum * r + 1 / 24.0;
     sum = sum * r + 1 / 6.0;
     sum = sum * r + 0.5;
-    sum = sum * (r * r) + r;
-    const vec power = (vec)(((ivec)shifted + 1023) << 52);
-    return power * sum + (power - 1.0);
+    *power = (vec)(((ivec)shifted + 1023) << 52);
+    return sum * (r * r) + r;
 }
 
 /* it is 1 to the last bit from 20 on */
 INLINE vec lane_tanh(vec a) {
     const vec size = lane_abs(a), most = PICK(size > 20.0, (vec){} + 20.0, size);
-    const vec grown = small_expm1(2.0 * most), found = grown / (grown + 2.0);
+    vec power, sum = grown(2.0 * most, &power);
+    const vec expm1 = power * sum + (power - 1.0), found = expm1 / (expm1 + 2.0);
     return (vec)((ivec)found | ((ivec)a & ~NO_SIGN));
 }
 
 INLINE vec lane_exp(vec a) {
-    return ELSE_EACH(exp, a, lane_abs(a) < 600.0, small_expm1(a) + 1.0);
+    vec power, sum = grown(a, &power);
+    return ELSE_EACH(exp, a, lane_abs(a) < 600.0, power * sum + power);
 }
 
 /* sine of a + quarters of a turn; the polynomials are those of Sun's fdlibm, on [-pi/4, pi/4] */
