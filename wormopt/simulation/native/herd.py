@@ -37,8 +37,8 @@ def integrate(
     stopped = False
     try:
         while True:
-            for task in islice(waiting, lanes.LANES - len(under_way)):
-                under_way.append(kernel.Run(task, kernel.compiled(task.system), stiff_steps))
+            free = lanes.LANES - len(under_way)
+            under_way += (_begun(task, stiff_steps) for task in islice(waiting, free))
             if not under_way:
                 return
             try:
@@ -57,8 +57,14 @@ def integrate(
             run.free()
 
 
+def _begun(task: InitialValueProblem, stiff_steps: int) -> kernel.Run:
+    return kernel.Run(task, kernel.compiled(task.system), stiff_steps)
+
+
 def _advance(runs: list[kernel.Run]) -> None:
-    rhs = ctypes.cast(lanes.compiled(runs[0].task.system).rhs, c_void_p)
+    library = lanes.compiled(runs[0].task.system)
+    assert library is not None  # see `takes`
+    rhs = ctypes.cast(library.rhs, c_void_p)
     addresses = (c_void_p * len(runs))(*(ctypes.cast(run.address, c_void_p) for run in runs))
     steps = kernel.work_per_call(runs[0].task) // len(runs)
     if kernel.driver().wormopt_advance_lanes(addresses, len(runs), rhs, steps):

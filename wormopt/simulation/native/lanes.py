@@ -59,7 +59,9 @@ _OPERATIONS = {
     ca.OP_COPYSIGN: "EACH_2(copysign, {}, {})",
 }
 
-_HEAD = '#include "lanes.h"\n\nvoid rhs(const vec *t, const vec *x, const vec *p, const vec *s, vec *dx)'
+_HEAD = """#include "lanes.h"
+
+void rhs(const vec *t, const vec *x, const vec *p, const vec *s, vec *restrict dx)"""
 
 
 @lru_cache(maxsize=64)
@@ -69,9 +71,7 @@ def compiled(system: System) -> ctypes.CDLL | None:
     Raises CompilerError if there is no compiler or it fails.
     """
     text = source(system.rhs)
-    if text is None:
-        return None
-    return _library(text)
+    return None if text is None else _library(text)
 
 
 @cache
@@ -81,7 +81,7 @@ def _library(text: str) -> ctypes.CDLL:
 
 
 def source(function: ca.Function) -> str | None:
-    """C code of a function of (t, x, p, s), instruction by instruction; None where there is none."""
+    """C code of a function of (t, x, p, s), one line an instruction; None where there is none."""
     if not function.is_a("SXFunction") or function.n_instructions() > _LONGEST:
         return None
     lines, declared = [], set[int]()
