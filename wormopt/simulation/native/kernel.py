@@ -19,6 +19,7 @@ from wormopt.model.planar_friction import PlanarLaw
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem, Outcome
+from wormopt.simulation.native import loops
 from wormopt.simulation.native.build import library
 from wormopt.simulation.sensitivity.variation import Variation
 
@@ -148,19 +149,29 @@ def driver() -> ctypes.CDLL:
     return found
 
 
-def _source(functions: Sequence[ca.Function]) -> str:
-    """C code of CasADi functions, for use in one file and without checks for absent arguments.
+def _source(functions: Sequence[ca.Function]) -> tuple[str, int]:
+    """C code of functions for use in one file, and how many numbers they work on.
 
-    The compiler's time grows with the square of the length of a function that keeps its values in
-    variables. Long ones keep them in the work array and are cut into pieces.
+    That of CasADi is without checks for absent arguments. The compiler's time grows with the square
+    of the length of a function: long ones are told in loops.
     """
-    text = _generated(functions, avoid_stack=False)
-    if max(len(body[3].splitlines()) for body in _BODY.finditer(text)) >= _LONG:
-        text = _generated(functions, avoid_stack=True)
+    short, texts, n_w = [], [], 0
+    for function in functions:
+        long = function.is_a("SXFunction") and function.n_instructions() >= _LONG
+        told = loops.source(function) if long else None
+        if told is None:
+            short.append(function)
+        else:
+            texts.append(told[0])
+            n_w = max(n_w, told[1])
+    text = _generated(short, avoid_stack=False)
+    if any(len(body[3].splitlines()) >= _TOO_LONG for body in _BODY.finditer(text)):
+        text = _generated(short, avoid_stack=True)
     text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
     text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
-    return _BODY.sub(_cut, text)
+    text = _BODY.sub(_cut, text)
+    return "\n".join([text, loops.HEAD, *texts] if texts else [text]), n_w
 
 
 def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
@@ -173,17 +184,18 @@ def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
 _BODY = re.compile(
     r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", flags=re.MULTILINE | re.DOTALL
 )
-_LONG = 2000  # lines
+_LONG = 500  # instructions
+_TOO_LONG = 2000  # lines
 
 
 def _cut(function: re.Match[str]) -> str:
     """Cut the body of a generated function into functions of so many lines."""
     name, arguments, body = function.groups()
     lines = body.splitlines()
-    if len(lines) < _LONG:
+    if len(lines) < _TOO_LONG:
         return function[0]
-    starts = range(0, len(lines) - 1, _LONG // 4)  # the last line returns
-    pieces = ["\n".join(lines[k : k + _LONG // 4]) for k in starts]
+    starts = range(0, len(lines) - 1, _TOO_LONG // 4)  # the last line returns
+    pieces = ["\n".join(lines[k : k + _TOO_LONG // 4]) for k in starts]
     pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
     cut = [
         f"__attribute__((noinline)) static void {name}_{k}{arguments} {{\n{p}\n}}\n"
@@ -216,14 +228,15 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
     """
     driver()
     functions = system.functions | (variation.functions if variation else {})
-    found = _library(_source(list(functions.values())))
+    text, n_w = _source(list(functions.values()))
+    found = _library(text)
     fields = {
         "n_contacts": len(system.contacts),
         "n_rows": len(system.row_contact),
         "n_s": system.n_s,
         "n_switches": len(system.model.switches),
         "n_iw": max(f.sz_iw() for f in functions.values()),
-        "n_w": max(f.sz_w() for f in functions.values()),
+        "n_w": max(n_w, *(f.sz_w() for f in functions.values())),
         "n_arg": max(f.sz_arg() for f in functions.values()),
         "n_res": max(f.sz_res() for f in functions.values()),
         "exact": system.exact,

@@ -43,6 +43,7 @@ INLINE vec lane_abs(vec a) { return (vec)((ivec)a & NO_SIGN); }
 INLINE vec lane_max(vec a, vec b) { return PICK((a >= b) | (b != b), a, b); }
 INLINE vec lane_min(vec a, vec b) { return PICK((a <= b) | (b != b), a, b); }
 INLINE vec lane_sign(vec a) { return PICK(a == a, TRUTH(a > 0.0) - TRUTH(a < 0.0), a); }
+INLINE vec lane_square(vec a) { return a * a; }
 INLINE vec lane_sqrt(vec a) { return EACH(sqrt, a); }
 
 /* exp(a) = power (1 + sum) for |a| up to 600: Taylor's series about the nearest multiple of log 2 */

@@ -17,7 +17,7 @@ LANES = 8
 # Instructions; beyond, compiling costs more than the vectors save.
 _LONGEST = 5_000
 
-_OPERATIONS = {
+OPERATIONS = {
     ca.OP_ASSIGN: "{}",
     ca.OP_ADD: "{} + {}",
     ca.OP_SUB: "{} - {}",
@@ -25,8 +25,8 @@ _OPERATIONS = {
     ca.OP_DIV: "{} / {}",
     ca.OP_NEG: "-{}",
     ca.OP_INV: "1.0 / {}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "{0} + {0}",
+    ca.OP_SQ: "lane_square({})",
+    ca.OP_TWICE: "2.0 * {}",
     ca.OP_SQRT: "lane_sqrt({})",
     ca.OP_FABS: "lane_abs({})",
     ca.OP_SIGN: "lane_sign({})",
@@ -94,9 +94,9 @@ def source(function: ca.Function) -> str | None:
         if operation == ca.OP_INPUT:
             value = f"{'txps'[given[0]]}[{given[1]}]"
         elif operation == ca.OP_CONST:
-            value = f"(vec){{}} + {_number(function.instruction_constant(k))}"
-        elif operation in _OPERATIONS:
-            value = _OPERATIONS[operation].format(*(f"a{i}" for i in given))
+            value = f"(vec){{}} + {number(function.instruction_constant(k))}"
+        elif operation in OPERATIONS:
+            value = OPERATIONS[operation].format(*(f"a{i}" for i in given))
         else:
             return None
         kind = "" if result[0] in declared else "vec "
@@ -105,6 +105,7 @@ def source(function: ca.Function) -> str | None:
     return "\n".join([_HEAD, "{", *lines, "}", ""])
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """Give a number as C writes it, to the last bit."""
     known = {"inf": "INFINITY", "-inf": "-INFINITY", "nan": "NAN"}
     return known.get(str(value), value.hex())
