@@ -20,6 +20,7 @@ static const ivec NO_SIGN = {
 #define INLINE static inline __attribute__((always_inline, unused))
 /* a where a mask is set, else b */
 #define PICK(mask, a, b) ((vec)(((mask) & (ivec)(a)) | (~(mask) & (ivec)(b))))
+#define WHERE(mask, a) ((vec)((mask) & (ivec)(a)))
 #define TRUTH(mask) ((vec)((mask) & (ivec)((vec){} + 1.0)))
 /* a sum with this number has the nearest integer in its last bits */
 #define TO_INTEGER 0x1.8p52

@@ -43,7 +43,7 @@ OPERATIONS = {
     ca.OP_NOT: "TRUTH({} == 0.0)",
     ca.OP_AND: "TRUTH(({} != 0.0) & ({} != 0.0))",
     ca.OP_OR: "TRUTH(({} != 0.0) | ({} != 0.0))",
-    ca.OP_IF_ELSE_ZERO: "PICK({} != 0.0, {}, (vec){{}})",
+    ca.OP_IF_ELSE_ZERO: "WHERE({} != 0.0, {})",
     **{
         getattr(ca, f"OP_{name.upper()}"): f"EACH({name}, {{}})"
         for name in (

@@ -34,7 +34,7 @@ typedef double vec;
 #define lane_square(a) square(a)
 #define lane_sign(a) sign(a)
 #define TRUTH(condition) ((double)(condition))
-#define PICK(condition, a, b) ((condition) ? (a) : (b))
+#define WHERE(condition, a) ((condition) ? (a) : 0.0)
 #define EACH(f, a) f(a)
 #define EACH_2(f, a, b) f(a, b)
 static inline double square(double a) { return a * a; }
@@ -114,9 +114,7 @@ def _applied(operation: str, terms: list[_Term]) -> _Term:
     )
 
 
-def _code(
-    function: ca.Function, groups: dict[tuple[int, str], list[tuple[Place, ...]]]
-) -> str:
+def _code(function: ca.Function, groups: dict[tuple[int, str], list[tuple[Place, ...]]]) -> str:
     """The function, level by level."""
     lines = [
         f"int {function.name()}(const double **arg, double **res, long long *iw, double *w, int mem)",
