@@ -41,6 +41,8 @@ static inline double square(double a) { return a * a; }
 static inline double sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
 """
 
+_ARGUMENTS = "const double **arg, double **res, long long *iw, double *w, int mem"
+
 Place = tuple[str, int]  # array and entry
 _PLACE = re.compile(r"\$(\w+);")
 
@@ -117,7 +119,7 @@ def _applied(operation: str, terms: list[_Term]) -> _Term:
 def _code(function: ca.Function, groups: dict[tuple[int, str], list[tuple[Place, ...]]]) -> str:
     """The function, level by level."""
     lines = [
-        f"int {function.name()}(const double **arg, double **res, long long *iw, double *w, int mem)",
+        f"int {function.name()}({_ARGUMENTS})",
         "{",
         *(f"  const double *a{k} = arg[{k}];" for k in range(function.n_in())),
         *(f"  double *r{k} = res[{k}];" for k in range(function.n_out())),
