@@ -27,7 +27,7 @@ from wormopt.model.schedule import Schedule
 from wormopt.simulation.automaton import integrate as in_python
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Smooth, Tolerance
-from wormopt.simulation.simulate import _task, _trajectory, simulate
+from wormopt.simulation.simulate import simulate, task_of, trajectory_of
 from wormopt.simulation.trajectory import Event, Trajectory
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import travelling_sine
@@ -488,8 +488,8 @@ def test_implicit_integrators_agree_with_explicit_steps():
     assert np.abs((other.state_derivatives - motion.state_derivatives) / size).max() < 1e-6
     told = {"x0": None, "p": None, "schedules": None, "dense": False, "times": t}
     less = {"tolerance": Tolerance(1e-8, 1e-9), "sensitivities": options["sensitivities"]}
-    task = _task(model, 1.5, Smooth(), **told, **less)
-    stiff = _trajectory(task, in_python(task, lambda *_: None, stiff=True))
+    task = task_of(model, 1.5, Smooth(), **told, **less)
+    stiff = trajectory_of(task, in_python(task, lambda *_: None, stiff=True))
     assert np.abs((stiff.state_derivatives - motion.state_derivatives) / size).max() < 1e-6
 
 

@@ -206,7 +206,7 @@ def model() -> Model:
 @pytest.fixture
 def forgotten() -> Iterator[None]:
     """What was compiled before in this process does not count."""
-    caches = (kernel._driver, kernel._library, kernel.compiled)
+    caches = (kernel.driver, kernel._library, kernel.compiled)
     for cache in caches:
         cache.cache_clear()
     yield

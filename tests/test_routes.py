@@ -134,7 +134,7 @@ def assert_lawful(motion: Trajectory) -> None:
 @pytest.fixture
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Hide the compiler and forget what it has made."""
-    caches = (kernel._driver, kernel._library, kernel.compiled)
+    caches = (kernel.driver, kernel._library, kernel.compiled)
     monkeypatch.setattr(build, "compiler", lambda: None)
     for cache in caches:
         cache.cache_clear()

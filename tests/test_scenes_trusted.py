@@ -234,7 +234,7 @@ def test_a_machine_without_a_compiler_says_so(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(build, "compiler", none)
     monkeypatch.setattr(kernel, "library", missing)
-    kernel._driver.cache_clear()
+    kernel.driver.cache_clear()
     try:
         for text in (TRACK, SIMULATE + '[contact]\ntreatment = "smooth"\n'):
             result = wo.run(load_scene(write(tmp_path, text), ["time.end=0.5"]))
@@ -242,7 +242,7 @@ def test_a_machine_without_a_compiler_says_so(tmp_path: Path, monkeypatch: pytes
             assert result.trust["route"] in ("python", "cvodes")
             assert any("no C compiler" in said for said in result.trust["warnings"])
     finally:
-        kernel._driver.cache_clear()
+        kernel.driver.cache_clear()
 
 
 def missing(*_: Any) -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from threading import Event
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +18,22 @@ from wormopt.model.model import Model
 from wormopt.numerics.workers import thread_pool
 from wormopt.progress import Report, silent
 from wormopt.shown import lines
+from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
+from wormopt.simulation.routes import STIFF_STEPS
 from wormopt.simulation.sensitivity.directions import Sensitivities
-from wormopt.simulation.simulate import Values, simulate
+from wormopt.simulation.simulate import (
+    Values,
+    check,
+    simulate,
+    system_of,
+    task_of,
+    trajectory_of,
+)
 from wormopt.simulation.trajectory import Trajectory
+
+_LANES = 8  # members from which on several go side by side
+Found = tuple[Trajectory, str]
 
 
 @dataclass(frozen=True)
@@ -168,23 +183,24 @@ def simulate_ensemble(
     for member in members:
         if not isinstance(member, Scenario):
             raise ArgumentError(f"write each member as Scenario(p=..., x0=...), not {member!r}")
+    check(model, contact, tolerance, route)
     stopped = Event()
-    one = partial(
-        _one,
-        model,
-        span,
-        contact=contact,
-        times=times,
-        tolerance=tolerance,
-        route=route,
-        sensitivities=sensitivities,
-        report=partial(_stop_if, stopped),
-    )
+    stop_if = partial(_stop_if, stopped)
+    shared = {"contact": contact, "times": times, "tolerance": tolerance}
+    shared |= {"sensitivities": sensitivities}
+    one = partial(_one, model, span, route=route, report=stop_if, **shared)
+    alike = len(members) >= _LANES and sensitivities is None and not model.delays
+    together = alike and _goes_together(model, contact, route)
+    found: list[Future[Found]] = []
     with thread_pool(threads) as pool:
-        found = [pool.submit(one, members[0])]
         try:
-            found[0].result()  # compiles, once
-            found += [pool.submit(one, member) for member in members[1:]]
+            if together:
+                task = partial(_task, model, span, **shared)
+                found += _together(pool, members, task, one, stop_if)
+            else:
+                found.append(pool.submit(one, members[0]))
+                found[0].result()  # compiles, once
+                found += [pool.submit(one, member) for member in members[1:]]
             for number, future in enumerate(found, start=1):
                 future.result()
                 report("simulating members", number / len(members))
@@ -207,32 +223,101 @@ def _one(
     span: float | tuple[float, float],
     member: Scenario,
     *,
-    contact: Treatment,
-    times: ArrayLike | None,
-    tolerance: Tolerance,
     route: Route,
-    sensitivities: Sensitivities | None,
     report: Report,
-) -> tuple[Trajectory, str]:
+    **shared: Any,
+) -> Found:
+    own: dict[str, Any] = {"x0": member.x0, "p": member.p, "schedules": member.schedules}
+    return _told(partial(simulate, model, span, route=route, report=report, **own, **shared))
+
+
+def _told(find: Callable[[], Trajectory]) -> Found:
+    """Motion and code, also of one that was given up."""
     try:
-        motion = simulate(
-            model,
-            span,
-            contact=contact,
-            x0=member.x0,
-            p=member.p,
-            schedules=member.schedules,
-            times=times,
-            tolerance=tolerance,
-            route=route,
-            sensitivities=sensitivities,
-            report=report,
-        )
+        return find(), ""
     except SolveError as error:
         return error.partial, error.code
     except Interrupted as stop:
         return stop.partial, "interrupted"
-    return motion, ""
+
+
+# -- several in one thread ---------------------------------------------------------------------
+
+
+def _goes_together(model: Model, contact: Treatment, route: Route) -> bool:
+    """Whether members go side by side in vectors: where there is a compiler that makes them."""
+    if route not in ("auto", "native"):
+        return False
+    from wormopt.simulation.native.build import CompilerError
+    from wormopt.simulation.native.herd import takes
+
+    try:
+        return takes(system_of(model, contact))
+    except CompilerError:
+        return False  # members of their own say what is to be said
+
+
+def _task(
+    model: Model, span: float | tuple[float, float], member: Scenario, **shared: Any
+) -> InitialValueProblem:
+    own: dict[str, Any] = {"x0": member.x0, "p": member.p, "schedules": member.schedules}
+    return task_of(model, span, dense=False, **own, **shared)
+
+
+def _together(
+    pool: ThreadPoolExecutor,
+    members: Sequence[Scenario],
+    task: Callable[[Scenario], InitialValueProblem],
+    alone: Callable[[Scenario], Found],
+    report: Report,
+) -> list[Future[Found]]:
+    """Start all members, side by side in each thread; who needs other steps goes alone."""
+    found: list[Future[Found]] = [Future() for _ in members]
+    waiting = deque(zip(members, found, strict=True))
+    for _ in range(-(-len(members) // _LANES)):
+        pool.submit(_work, waiting, task, alone, report)
+    return found
+
+
+def _work(
+    waiting: deque[tuple[Scenario, Future[Found]]],
+    task: Callable[[Scenario], InitialValueProblem],
+    alone: Callable[[Scenario], Found],
+    report: Report,
+) -> None:
+    """Take members, side by side, until none waits."""
+    from wormopt.simulation.native.herd import integrate
+
+    taken: dict[InitialValueProblem, tuple[Scenario, Future[Found]]] = {}
+
+    def tasks() -> Iterator[InitialValueProblem]:
+        while waiting:
+            try:
+                member, future = waiting.popleft()
+            except IndexError:  # another thread was faster
+                return
+            try:
+                made = task(member)
+            except ArgumentError as error:
+                future.set_exception(error)
+                continue
+            taken[made] = member, future
+            yield made
+
+    stiff = []
+    try:
+        for made, outcome in integrate(tasks(), report, STIFF_STEPS):
+            if outcome.status == "stiff":
+                stiff.append(made)
+                continue
+            _, future = taken.pop(made)
+            future.set_result(_told(partial(trajectory_of, made, outcome)))
+        for made in stiff:
+            member, future = taken.pop(made)
+            future.set_result(alone(member))
+    except BaseException as error:
+        for _, future in taken.values():
+            future.set_exception(error)
 
 
 def _stop_if(stopped: Event, _text: str, _fraction: float | None) -> None:

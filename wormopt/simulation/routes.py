@@ -11,6 +11,8 @@ from wormopt.simulation.options import Route
 # Implicit steps in Python cost some hundred compiled ones each: who needs more of them than this is
 # not stiff but full of events, or asks for what nobody waits for.
 _STEPS_IN_PYTHON = 20_000
+STIFF_STEPS = 1_000_000
+"""A smooth motion is stiff where stability alone would need so many more explicit steps."""
 
 
 def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcome:
@@ -47,7 +49,7 @@ def _needs_own_steps(task: InitialValueProblem) -> bool:
 
 
 def _native(
-    task: InitialValueProblem, report: Report, *, required: bool, stiff_steps: int = 1_000_000
+    task: InitialValueProblem, report: Report, *, required: bool, stiff_steps: int = STIFF_STEPS
 ) -> Outcome | None:
     from wormopt.simulation.native.build import CompilerError
     from wormopt.simulation.native.kernel import compiled, integrate

@@ -148,8 +148,8 @@ def simulate(
     >>> motion.end.round(12), [(round(e.time, 12), e.kind) for e in motion.events]
     (array([0.5, 0. ]), [(1.0, 'stick')])
     """
-    _check(model, contact, tolerance, route)
-    task = _task(
+    check(model, contact, tolerance, route)
+    task = task_of(
         model,
         span,
         contact,
@@ -162,11 +162,11 @@ def simulate(
         sensitivities=sensitivities,
     )
     if model.delays:
-        return _trajectory(*integrate_delayed(task, route, report))
-    return _trajectory(task, integrate(task, route, report))
+        return trajectory_of(*integrate_delayed(task, route, report))
+    return trajectory_of(task, integrate(task, route, report))
 
 
-def _check(model: object, contact: object, tolerance: object, route: object) -> None:
+def check(model: object, contact: object, tolerance: object, route: object) -> None:
     """Refuse what is not of the kind it should be, before it is taken for something else."""
     if not isinstance(model, Model):
         raise ArgumentError(f"model must be a Model, not {type(model).__name__}")
@@ -179,11 +179,12 @@ def _check(model: object, contact: object, tolerance: object, route: object) -> 
 
 
 @lru_cache(maxsize=64)
-def _system(model: Model, contact: Treatment) -> System:
+def system_of(model: Model, contact: Treatment) -> System:
+    """What an integrator needs of a model, made once."""
     return System(model, contact)
 
 
-def _task(
+def task_of(
     model: Model,
     span: float | tuple[float, float],
     contact: Treatment,
@@ -196,7 +197,8 @@ def _task(
     tolerance: Tolerance,
     sensitivities: Sensitivities | None,
 ) -> InitialValueProblem:
-    system = _system(model, contact)
+    """Arguments of `simulate` as what is to be integrated; raises ArgumentError as it does."""
+    system = system_of(model, contact)
     start, end = _ends(span)
     sampled = np.array([start, end]) if times is None else numbers("times", times).ravel()
     if sampled.size and not (
@@ -237,7 +239,7 @@ def _with_values(
     )
 
 
-def _trajectory(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
+def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
     """What an integrator found, refused if it did not come to the end."""
     reached, n_x, first = (
         task.times[: len(outcome.samples)],

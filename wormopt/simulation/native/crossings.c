@@ -76,6 +76,7 @@ static int only_velocities(const Run *run) {
    ends and the least and largest slope of all stages leave no room for it. Saves the polynomial. */
 int keep_sliding(Run *run, double h) {
     if (run->in.k || !only_velocities(run)) return 0;
+    fetch_stages(run);
     for (long long i = 0; i < n_exact(run); i++) {
         const long long m = run->in.velocity_state[i];
         const double a = run->modes[i] * run->out.x[m], b = run->modes[i] * run->x_new[m];

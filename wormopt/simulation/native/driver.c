@@ -6,12 +6,6 @@
 
 #include "run.h"
 
-#ifdef _WIN32
-#define EXPORT __declspec(dllexport)
-#else
-#define EXPORT __attribute__((visibility("default")))
-#endif
-
 /* Next row of a table, NULL if memory is out. */
 double *grow(Table *table) {
     if (table->rows == table->room) {
@@ -94,7 +88,7 @@ static void emit(Run *run, double h, double end) {
     memcpy(row + 1, run->dense, N_DENSE * n * sizeof(double));
 }
 
-static void emit_end(Run *run) {
+void emit_end(Run *run) {
     const long long n = run->in.n_all;
     while (run->out.n_sampled < run->in.n_times && run->in.times[run->out.n_sampled] <= run->out.t)
         memcpy(run->out.samples + n * run->out.n_sampled++, run->out.x, n * sizeof(double));
@@ -169,7 +163,8 @@ static void accept(Run *run, double h, double end, double error) {
     start_afresh(run);
 }
 
-static void step(Run *run) {
+/* Length of the next step; the status tells where there can be none. */
+double next_length(Run *run) {
     const double stop = fmin(run->in.t_end, run->t_break), left = stop - run->out.t;
     if (run->h_next <= 0.0) run->h_next = first_step(run);
     run->h_next = fmin(run->h_next, run->in.max_step);
@@ -177,18 +172,20 @@ static void step(Run *run) {
     double h = last ? left : run->h_next;
     if (h < floor_of_step(run) && !last) {
         run->out.status = STEP_TOO_SMALL;
-        return;
     }
     run->h_whole = last && h < run->h_next ? run->h_next : 0.0;
+    run->end = last ? stop : run->out.t + h;
+    return h;
+}
+
+/* What becomes of a step whose error is known, and that is closed if it is good. */
+void judge(Run *run, double h, double error) {
     run->has_dense = 0;
-    stages(run, h);
-    double error = step_error(run, h);
     run->bad_number = error != error;
     if (!(error <= 1.0)) {
         reject(run, h, run->bad_number ? 0.1 : fmax(0.9 * lengthening(error), 0.1));
         return;
     }
-    close_step(run, h);
     if ((!run->in.exact && run->in.n_contacts && dips_into_layer(run, h))
         || (run->in.bends && goes_over_bend(run, h))) {
         reject(run, h, 0.5);
@@ -204,24 +201,33 @@ static void step(Run *run) {
             return;
         }
     }
-    accept(run, h, last ? stop : run->out.t + h, error);
+    accept(run, h, run->end, error);
+}
+
+static void step(Run *run) {
+    const double h = next_length(run);
+    if (run->out.status != RUNNING) return;
+    stages(run, h);
+    const double error = step_error(run, h);
+    if (error <= 1.0) close_step(run, h);
+    judge(run, h, error);
+}
+
+/* Whether a run has not come to an end of any kind. */
+int goes_on(Run *run) {
+    if (run->out.status != RUNNING) return 0;
+    if (run->out.t >= run->in.t_end)
+        run->out.status = DONE;
+    else if (run->out.n_steps + run->out.n_rejected >= run->in.max_steps)
+        run->out.status = TOO_MANY_STEPS;
+    return run->out.status == RUNNING;
 }
 
 /* -- the interface --------------------------------------------------------------------------- */
 
 /* Run on for at most so many steps; gives the status. */
 EXPORT long long wormopt_advance(Run *run, long long steps) {
-    while (run->out.status == RUNNING && steps-- > 0) {
-        if (run->out.t >= run->in.t_end) {
-            run->out.status = DONE;
-            break;
-        }
-        if (run->out.n_steps + run->out.n_rejected >= run->in.max_steps) {
-            run->out.status = TOO_MANY_STEPS;
-            break;
-        }
-        step(run);
-    }
+    while (steps-- > 0 && goes_on(run)) step(run);
     emit_end(run);
     run->out.h = run->h_next;
     return run->out.status;

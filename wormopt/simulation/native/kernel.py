@@ -19,6 +19,7 @@ from wormopt.model.planar_friction import PlanarLaw
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem, Outcome
+from wormopt.simulation.native import loops
 from wormopt.simulation.native.build import library
 from wormopt.simulation.sensitivity.variation import Variation
 
@@ -40,9 +41,9 @@ _ALONG = (
 )
 _CODE = (
     *("driver.c", "stepper.c", "crossings.c", "layer.c", "contact.c", "aiming.c"),
-    *("variation.c", "doubts.c"),
+    *("variation.c", "doubts.c", "lanes.c"),
 )
-_HEADERS = ("driver.h", "run.h", "tableau.h")
+_HEADERS = ("driver.h", "run.h", "tableau.h", "stages.h", "lanes.h")
 # A call of the driver shall last some hundredths of a second, so that it can be interrupted.
 _WORK_PER_CALL = 400_000
 
@@ -129,35 +130,48 @@ class _Report(Structure):
 
 
 @cache
-def _driver() -> ctypes.CDLL:
+def driver() -> ctypes.CDLL:
+    """Load the driver, compiled if it must be."""
     folder = files("wormopt.simulation.native")
     sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _HEADERS]
     # as one unit, so that what one file calls of another can stand in its place
     code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _CODE)
     sources.append(("unit.c", code))
-    driver = library("driver", sources, "-O3")
-    driver.wormopt_start.restype = POINTER(_Report)
-    driver.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
-    driver.wormopt_advance.restype = c_longlong
-    driver.wormopt_advance.argtypes = [POINTER(_Report), c_longlong]
-    driver.wormopt_free.restype = None
-    driver.wormopt_free.argtypes = [POINTER(_Report)]
-    return driver
+    found = library("driver", sources, "-O3")
+    found.wormopt_start.restype = POINTER(_Report)
+    found.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
+    found.wormopt_advance.restype = c_longlong
+    found.wormopt_advance.argtypes = [POINTER(_Report), c_longlong]
+    found.wormopt_advance_lanes.restype = c_longlong
+    found.wormopt_advance_lanes.argtypes = [c_void_p, c_longlong, c_void_p, c_longlong]
+    found.wormopt_free.restype = None
+    found.wormopt_free.argtypes = [POINTER(_Report)]
+    return found
 
 
-def _source(functions: Sequence[ca.Function]) -> str:
-    """C code of CasADi functions, for use in one file and without checks for absent arguments.
+def _source(functions: Sequence[ca.Function]) -> tuple[str, int]:
+    """C code of functions for use in one file, and how many numbers they work on.
 
-    The compiler's time grows with the square of the length of a function that keeps its values in
-    variables. Long ones keep them in the work array and are cut into pieces.
+    That of CasADi is without checks for absent arguments. The compiler's time grows with the square
+    of the length of a function: long ones are told in loops.
     """
-    text = _generated(functions, avoid_stack=False)
-    if max(len(body[3].splitlines()) for body in _BODY.finditer(text)) >= _LONG:
-        text = _generated(functions, avoid_stack=True)
+    short, texts, n_w = [], [], 0
+    for function in functions:
+        long = function.is_a("SXFunction") and function.n_instructions() >= _LONG
+        told = loops.source(function) if long else None
+        if told is None:
+            short.append(function)
+        else:
+            texts.append(told[0])
+            n_w = max(n_w, told[1])
+    text = _generated(short, avoid_stack=False)
+    if any(len(body[3].splitlines()) >= _TOO_LONG for body in _BODY.finditer(text)):
+        text = _generated(short, avoid_stack=True)
     text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
     text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
-    return _BODY.sub(_cut, text)
+    text = _BODY.sub(_cut, text)
+    return "\n".join([text, loops.HEAD, *texts] if texts else [text]), n_w
 
 
 def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
@@ -170,17 +184,18 @@ def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
 _BODY = re.compile(
     r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", flags=re.MULTILINE | re.DOTALL
 )
-_LONG = 2000  # lines
+_LONG = 500  # instructions
+_TOO_LONG = 2000  # lines
 
 
 def _cut(function: re.Match[str]) -> str:
     """Cut the body of a generated function into functions of so many lines."""
     name, arguments, body = function.groups()
     lines = body.splitlines()
-    if len(lines) < _LONG:
+    if len(lines) < _TOO_LONG:
         return function[0]
-    starts = range(0, len(lines) - 1, _LONG // 4)  # the last line returns
-    pieces = ["\n".join(lines[k : k + _LONG // 4]) for k in starts]
+    starts = range(0, len(lines) - 1, _TOO_LONG // 4)  # the last line returns
+    pieces = ["\n".join(lines[k : k + _TOO_LONG // 4]) for k in starts]
     pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
     cut = [
         f"__attribute__((noinline)) static void {name}_{k}{arguments} {{\n{p}\n}}\n"
@@ -211,16 +226,17 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
 
     Raises CompilerError if there is no compiler or it fails.
     """
-    _driver()
+    driver()
     functions = system.functions | (variation.functions if variation else {})
-    found = _library(_source(list(functions.values())))
+    text, n_w = _source(list(functions.values()))
+    found = _library(text)
     fields = {
         "n_contacts": len(system.contacts),
         "n_rows": len(system.row_contact),
         "n_s": system.n_s,
         "n_switches": len(system.model.switches),
         "n_iw": max(f.sz_iw() for f in functions.values()),
-        "n_w": max(f.sz_w() for f in functions.values()),
+        "n_w": max(n_w, *(f.sz_w() for f in functions.values())),
         "n_arg": max(f.sz_arg() for f in functions.values()),
         "n_res": max(f.sz_res() for f in functions.values()),
         "exact": system.exact,
@@ -285,7 +301,59 @@ def integrate(
 
     A smooth motion is given up where stability alone would need `stiff_steps` more steps.
     """
-    driver = _driver()
+    run = Run(task, ready, stiff_steps)
+    start, end = task.span
+    try:
+        report("simulating", 0.0)
+        while driver().wormopt_advance(run.address, work_per_call(task)) == 0:
+            report("simulating", (run.time - start) / (end - start))
+        return run.outcome()
+    except KeyboardInterrupt:
+        return run.outcome("interrupted")
+    finally:
+        run.free()
+
+
+def work_per_call(task: InitialValueProblem) -> int:
+    """Steps that a call of the driver shall take."""
+    return max(_WORK_PER_CALL // len(task.start), 20)
+
+
+class Run:
+    """One motion under way, and the arrays that it needs meanwhile; MemoryError if none is left."""
+
+    def __init__(self, task: InitialValueProblem, ready: Compiled, stiff_steps: int) -> None:
+        self.task = task
+        problem, self._kept = _problem(task, ready, stiff_steps)
+        x0, p = np.ascontiguousarray(task.start), np.ascontiguousarray(task.all_p)
+        self.address = driver().wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data)
+        if not self.address:
+            raise MemoryError("no memory for the samples asked for")
+
+    @property
+    def time(self) -> float:
+        """How far it is."""
+        return float(self.address.contents.t)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has come to an end of any kind."""
+        return bool(self.address.contents.status)
+
+    def outcome(self, status: str | None = None) -> Outcome:
+        """What it has found so far, with the status that it has itself, or another."""
+        found = self.address.contents
+        return _outcome(found, status or _STATUS[found.status], self.task)
+
+    def free(self) -> None:
+        """Give its memory back."""
+        driver().wormopt_free(self.address)
+
+
+def _problem(
+    task: InitialValueProblem, ready: Compiled, stiff_steps: int
+) -> tuple[_Problem, list[Any]]:
+    """Mirror a task; what is kept must live as long as the mirror is in use."""
     schedules, kept = _schedules(task)
     arrays = ready.arrays | {
         "v_rest": task.v_rest,
@@ -322,27 +390,7 @@ def integrate(
         **dict(zip(("in_x", "in_p"), map(_mirrored, ready.entries), strict=False)),
         **{name: array.ctypes.data for name, array in arrays.items()},
     )
-    x0, p = np.ascontiguousarray(task.start), np.ascontiguousarray(task.all_p)
-    run = driver.wormopt_start(ctypes.byref(problem), x0.ctypes.data, p.ctypes.data)
-    if not run:
-        raise MemoryError("no memory for the samples asked for")
-    try:
-        _advance(driver, run, task, report)
-        return _outcome(run.contents, _STATUS[run.contents.status], task)
-    except KeyboardInterrupt:
-        return _outcome(run.contents, "interrupted", task)
-    finally:
-        driver.wormopt_free(run)
-        del kept
-
-
-def _advance(driver: ctypes.CDLL, run: Any, task: InitialValueProblem, report: Progress) -> None:
-    """Go to the end, or as far as it goes."""
-    start, end = task.span
-    chunk = max(_WORK_PER_CALL // len(task.start), 20)
-    report("simulating", 0.0)
-    while driver.wormopt_advance(run, chunk) == 0:
-        report("simulating", (run.contents.t - start) / (end - start))
+    return problem, [schedules, arrays, task, ready, *kept]
 
 
 def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:

@@ -9,6 +9,12 @@
 #include "driver.h"
 #include "tableau.h"
 
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
+#define EXPORT __attribute__((visibility("default")))
+#endif
+
 enum { N_ONSET = 4 }; /* entries of s for the onset of a contact in the plane */
 
 typedef struct {
@@ -43,6 +49,9 @@ typedef struct {
     double *column_error;  /* size and error of each column of S */
     double t_break;        /* next break of any schedule */
     double h_next, h_whole; /* next step; the one that a break or the end has cut */
+    double end;            /* of the step under way */
+    const void *lanes;     /* where the stages of the step stand, see lanes.c; NULL: in k */
+    int lane, fetched;     /* which they are; whether k and stage have them by now */
     long long since_check, stiff_hints, unstiff_hints;
     long long crowd; /* events since crowd_start */
     double crowd_start;
@@ -123,7 +132,14 @@ void leave(Run *run, long long which);
 void carry(Run *run, Function along, long long offset);
 void arrive(Run *run);
 
+/* lanes.c */
+void fetch_stages(Run *run);
+
 /* driver.c */
+double next_length(Run *run);
+void judge(Run *run, double h, double error);
+int goes_on(Run *run);
+void emit_end(Run *run);
 double *grow(Table *table);
 double floor_of_step(const Run *run);
 

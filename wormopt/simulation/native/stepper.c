@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "run.h"
+#include "stages.h"
 
 void evaluate(Run *run, Function f, double t, const double *x, double *result) {
     run->arg[0] = &t;
@@ -21,8 +22,6 @@ void derivative(Run *run, double t, const double *x, double *dx) {
         evaluate(run, run->in.rhs, t, x, dx);
 }
 
-/* term of a stage: coefficient j of row i */
-#define T(i, j) A[i][j] * k[j][m]
 #define STAGE(i, sum)                                                   \
     for (long long m = 0; m < n; m++) y[m] = x[m] + h * (sum);          \
     derivative(run, t + C[i] * h, y, k[i])
@@ -31,23 +30,9 @@ void derivative(Run *run, double t, const double *x, double *dx) {
 static inline __attribute__((always_inline)) void take_stages(Run *run, double h, long long n) {
     const double t = run->out.t, *restrict x = run->out.x;
     double **k = run->k, *restrict y = run->stage, *restrict end = run->x_new;
-    STAGE(1, T(1, 0));
-    STAGE(2, T(2, 0) + T(2, 1));
-    STAGE(3, T(3, 0) + T(3, 2));
-    STAGE(4, T(4, 0) + T(4, 2) + T(4, 3));
-    STAGE(5, T(5, 0) + T(5, 3) + T(5, 4));
-    STAGE(6, T(6, 0) + T(6, 3) + T(6, 4) + T(6, 5));
-    STAGE(7, T(7, 0) + T(7, 3) + T(7, 4) + T(7, 5) + T(7, 6));
-    STAGE(8, T(8, 0) + T(8, 3) + T(8, 4) + T(8, 5) + T(8, 6) + T(8, 7));
-    STAGE(9, T(9, 0) + T(9, 3) + T(9, 4) + T(9, 5) + T(9, 6) + T(9, 7) + T(9, 8));
-    STAGE(10, T(10, 0) + T(10, 3) + T(10, 4) + T(10, 5) + T(10, 6) + T(10, 7) + T(10, 8)
-                  + T(10, 9));
-    STAGE(11, T(11, 0) + T(11, 3) + T(11, 4) + T(11, 5) + T(11, 6) + T(11, 7) + T(11, 8)
-                  + T(11, 9) + T(11, 10));
-#define J(j) B[j] * k[j][m]
-    for (long long m = 0; m < n; m++)
-        end[m] = x[m] + h * (J(0) + J(5) + J(6) + J(7) + J(8) + J(9) + J(10) + J(11));
-#undef J
+    run->fetched = 1; /* they stand in k from here on */
+    STAGES;
+    for (long long m = 0; m < n; m++) end[m] = x[m] + h * STEP_SUM(B);
 }
 
 /* Take the stages of a step of length h from (t, x) with derivative k[0]; x_new is its end. Short
@@ -67,12 +52,8 @@ double step_error(Run *run, double h) {
     const double *x = run->out.x, *end = run->x_new, *absolute = run->in.absolute;
     double **k = run->k, five = 0.0, three = 0.0;
     for (long long m = 0; m < n; m++) {
-#define J(E, j) E[j] * k[j][m]
-#define SUM(E) J(E, 0) + J(E, 5) + J(E, 6) + J(E, 7) + J(E, 8) + J(E, 9) + J(E, 10) + J(E, 11)
         double scale = 1.0 / (absolute[m] + run->in.relative * larger(fabs(x[m]), fabs(end[m])));
-        double e5 = (SUM(E5)) * scale, e3 = (SUM(E3)) * scale;
-#undef SUM
-#undef J
+        double e5 = STEP_SUM(E5) * scale, e3 = STEP_SUM(E3) * scale;
         five += e5 * e5;
         three += e3 * e3;
     }
@@ -95,12 +76,14 @@ void fit_dense(Run *run, double h) {
     const long long n = run->in.n_all;
     const double t = run->out.t, *restrict x = run->out.x, *end = run->x_new;
     double **k = run->k, *y = run->reset, *d = run->dense; /* `stage` is kept for looks_stiff */
+    fetch_stages(run);
     STAGE(13, T(13, 0) + T(13, 6) + T(13, 7) + T(13, 8) + T(13, 9) + T(13, 10) + T(13, 11)
                   + T(13, 12));
     STAGE(14, T(14, 0) + T(14, 5) + T(14, 6) + T(14, 7) + T(14, 10) + T(14, 11) + T(14, 12)
                   + T(14, 13));
     STAGE(15, T(15, 0) + T(15, 5) + T(15, 6) + T(15, 7) + T(15, 8) + T(15, 12) + T(15, 13)
                   + T(15, 14));
+#undef STAGE
     for (long long m = 0; m < n; m++) {
         double delta = end[m] - x[m];
         d[m] = x[m];
@@ -159,6 +142,7 @@ double first_step(Run *run) {
 int looks_stiff(Run *run, double h) {
     if (++run->since_check < 1000 && run->stiff_hints == 0) return 0;
     run->since_check = 0;
+    fetch_stages(run);
     double change = 0.0, way = 0.0;
     for (long long m = 0; m < run->in.n_x; m++) {
         double f = run->k[12][m] - run->k[11][m], y = run->x_new[m] - run->stage[m];
