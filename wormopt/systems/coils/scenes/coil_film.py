@@ -18,6 +18,7 @@ Cells = Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 6
 Switches = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Samples = Annotated[int, Meta(ge=1, le=64, description="a whole number from 1 to 64")]
 Top = Annotated[float, Meta(gt=1, le=20, description="a number above 1 and at most 20")]
+_FARTHEST = 100  # pitches from the last coil to a wall: further out nothing moves
 Tolerance = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
 
 
@@ -30,7 +31,7 @@ class ViscousFluidTable(FluidTable, frozen=True, kw_only=True):
 class CoilFilmTable(Table, frozen=True, kw_only=True):
     """The film, in a trough with upright walls along the row.
 
-    Refused: a winding where the film may be.
+    Refused: a winding where the film may be, walls more than 100 pitches from the last coils.
     """
 
     depth: Annotated[Positive, says("length", "thickness without field")]
@@ -49,7 +50,14 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
     ] = True
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
-        """Yield a fault if a winding is where the film may be."""
+        """Yield a fault if a winding is where the film may be, or the film is too long."""
+        farthest = _FARTHEST * coils.pitch
+        if self.overhang > farthest:
+            yield (
+                "film.overhang",
+                f"{self.overhang:g} is more than {_FARTHEST} pitches, where no coil moves the "
+                f"film; write {farthest:g} at most",
+            )
         low, high = coils.taken
         bottom, top = self.ground, self.ground + self.top * self.depth
         # the row is alike above its middle and below it
