@@ -297,7 +297,7 @@ def test_a_body_that_would_rise_does_not_lie_on_the_ground(tmp_path: Path) -> No
 def test_a_run_that_is_stopped_is_a_failed_result() -> None:
     """What had been simulated until then is a motion, and no Result."""
 
-    def stop(stage: str, share: float) -> None:
+    def stop(stage: str, share: float | None = None) -> None:
         raise KeyboardInterrupt
 
     scene = load_scene("body_in_film", ["course.periods=2000", "tolerance.max_step=1e-3"])
