@@ -212,6 +212,7 @@ def test_a_float_that_is_too_heavy_is_told() -> None:
         (["cargo.start=1.0"], "not between the walls"),
         (["cargo.edge=1.0"], "longer than the float"),
         (["cargo.density=0.0"], "above 0"),
+        (["cargo.density=1e-30"], "write 2.4e-06 at least"),
     ],
 )
 def test_what_cannot_be_is_refused(changes: list[str], told: str) -> None:

@@ -260,12 +260,18 @@ def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
         wo.run(load_scene("fig24_travelling_wave", [*SHORT, "fluid.chi=1e6"]))
 
 
+def test_a_field_that_is_not_resolved_is_told_with_a_remedy() -> None:
+    with pytest.raises(SceneError, match=r"film\.ground.*not resolved.*reaches less than 4 m up"):
+        wo.run(load_scene("fig24_travelling_wave", ["film.depth=1.0", "course.switches=1"]))
+
+
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
         (['coils={axis="vertical"}'], "a coil inside the fluid"),
         (["switching.on=30"], "do not fit into a pattern"),
         (["film.top=1.0"], "a number above 1"),
+        (["film.overhang=100.0"], "write 1 at most"),
         (['units="dimensionless"'], "permeability of vacuum"),
     ],
 )

@@ -1,6 +1,8 @@
 """Bodies with a mass on a given wave: limits without mass, capture, friction, balances."""
 
 import math
+from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -8,16 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
 
 import wormopt as wo
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.model.model import Model
+from wormopt.runner import attempt
 from wormopt.scene import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import float_drift
+from wormopt.systems.film.shapes import FourierWave
 
 TIGHT = Tolerance(1e-12, 1e-13)
 
@@ -56,6 +61,12 @@ def test_waves_hold_it_from_the_root_of_13_less_3_on() -> None:
     C = -2 * (1 - (threshold + 1e-4) ** 2) / (2 + (threshold + 1e-4) ** 2)
     h = 1 + (threshold + 1e-4) * math.cos(above["phase"][0, -1])
     assert h == pytest.approx(-3 * C, abs=1e-5)
+
+
+def test_the_threshold_is_the_root_of_13_less_3_to_its_last_digits() -> None:
+    """Without weight a wave holds a float of any mass where its surface is as fast as it goes."""
+    crest = lambda delta: float(HeavyFloat(CosineWave(delta)).velocity(0.0)) - 1.0  # noqa: E731
+    assert brentq(crest, 0.1, 0.9, xtol=1e-14) == pytest.approx(math.sqrt(13) - 3, abs=1e-13)
 
 
 def test_weight_helps_the_front_face_to_hold_it() -> None:
@@ -186,6 +197,25 @@ def test_another_integrator_agrees_on_a_body_in_the_film(
     assert motion["work"][0, -1] == pytest.approx(mass * v * v / 2, abs=1e-9)
 
 
+@pytest.mark.parametrize(("gap", "length"), [(0.13, 1.1), (0.05, 3.6)])
+def test_forces_over_a_thin_gap_are_those_by_quadrature(gap: float, length: float) -> None:
+    wave = FourierWave([0.25, 0.29, 0.02, -0.19], [0.03, 0.01, -0.13, 0.23])
+    height = float(wave.height(np.linspace(0, 2 * math.pi, 20001)).min()) - gap
+    body = LyingBody(wave, height, length)
+
+    def mean(xi: float, of: Callable[[float], float]) -> float:
+        thin = [xi - length / 2 + k * length / 16 for k in range(17)]
+        parts = (quad(of, a, b, epsabs=0, epsrel=1e-12)[0] for a, b in pairwise(thin))
+        return sum(parts) / length
+
+    h = wave.height
+    for xi in np.linspace(0.1, 6.3, 7):
+        push = mean(xi, lambda s: 3 * (h(s) + wave.constant) / (h(s) - height) ** 2)
+        drag = mean(xi, lambda s: 3 * h(s) / (h(s) - height) ** 2)
+        assert body.push(xi) == pytest.approx(push, abs=1e-10 * drag)
+        assert body.drag(xi) == pytest.approx(drag, rel=1e-10)
+
+
 def test_little_mass_leaves_the_drift_by_quadrature() -> None:
     body = LyingBody(CosineWave(0.5), 0.2, 0.6, 0.1)
     xi = 2 * math.pi * np.arange(1 << 16) / (1 << 16)
@@ -262,6 +292,19 @@ def test_a_body_that_would_rise_does_not_lie_on_the_ground(tmp_path: Path) -> No
     )
     with pytest.raises(SceneError, match="it rises; write on"):
         wo.run(path)
+
+
+def test_a_run_that_is_stopped_is_a_failed_result() -> None:
+    """What had been simulated until then is a motion, and no Result."""
+
+    def stop(stage: str, share: float | None = None) -> None:
+        raise KeyboardInterrupt
+
+    scene = load_scene("body_in_film", ["course.periods=2000", "tolerance.max_step=1e-3"])
+    with pytest.raises(Interrupted) as stopped:
+        attempt(scene, stop)
+    assert stopped.value.partial.status == "failed"
+    assert stopped.value.partial.reason == "interrupted"
 
 
 def test_hostile_numbers_are_refused() -> None:

@@ -81,8 +81,9 @@ def attempt(scene: Scene[Any], report: Report = silent) -> Result:
     except MemoryError:
         return _failed(scene, None, _NO_MEMORY)
     except Interrupted as stop:
-        reason = stop.partial.reason if stop.partial else ""
-        raise Interrupted(_failed(scene, stop.partial, reason or "interrupted")) from None
+        # a motion that a study came upon has no reason
+        reason = getattr(stop.partial, "reason", "") or "interrupted"
+        raise Interrupted(_failed(scene, stop.partial, reason)) from None
 
 
 def _failed(scene: Scene[Any], partial: object, reason: str) -> Result:

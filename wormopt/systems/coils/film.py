@@ -103,7 +103,10 @@ def row_field(row: CoilRow, layer: Layer, ground: float, top: float) -> RowField
         series = np.einsum("jk,ckm->cjm", weights, values)
         if np.abs(series[:, -2:]).max() <= _RESOLVED * np.abs(series).max():
             return RowField(series.reshape(3, degree + 1, layer.cells, row.count), top)
-    raise ArgumentError("a winding is so near to the film that its field is not resolved there")
+    raise ArgumentError(
+        "a winding is so near to the film that its field is not resolved there; take a ground "
+        f"further from the coils, or a film that reaches less than {top:g} m up from it"
+    )
 
 
 def coil_film(

@@ -22,9 +22,9 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.systems.film.float import body_velocity, checked_lengths, finite, overtaken
 from wormopt.systems.film.shapes import Wave, grid
 
-# Means over the length by Gauss' rule, of as many nodes as they take to agree to this share.
-_AGREED, _PHASES = 1e-12, 64
-_NODES = (8, 16, 32, 64)
+# Means over the length by Gauss' rule, of the fewest nodes that agree to this share with the next.
+_AGREED, _PHASES = 1e-12, 256
+_NODES = (8, 16, 32, 64, 128, 256, 512)
 
 
 @dataclass(frozen=True)
@@ -224,19 +224,23 @@ class LyingBody:
         """Places round the middle, and weights that add up to 1."""
         if not self.length:
             return [0.0], [1.0]
-        xi, before = grid(_PHASES), None
-        for count in _NODES:
-            nodes, weights = np.polynomial.legendre.leggauss(count)
-            places, shares = nodes * self.length / 2, weights / 2
-            h = self.wave.height(xi[:, None] + places) - self.height
-            found = np.stack([h**-2 @ shares, h**-1 @ shares])
-            if before is not None and np.all(np.abs(found - before) <= _AGREED * found):
-                return places.tolist(), shares.tolist()
-            before = found
+        rule, means = self._nodes(_NODES[0])
+        for count in _NODES[1:]:
+            finer, found = self._nodes(count)
+            if np.all(np.abs(found - means) <= _AGREED * found):
+                return rule[0].tolist(), rule[1].tolist()
+            rule, means = finer, found
         raise ArgumentError(
             "the film over the body is so thin somewhere that its forces are not told by "
-            f"{_NODES[-1]} places along it; take a shorter or a lower body"
+            f"{_NODES[-2]} places along it; take a shorter or a lower body"
         )
+
+    def _nodes(self, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        """Places and weights of a rule, and its means of powers of the gap at many phases."""
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        places, shares = nodes * self.length / 2, weights / 2
+        gap = self.wave.height(grid(_PHASES)[:, None] + places) - self.height
+        return (places, shares), np.stack([gap**-2 @ shares, gap**-1 @ shares])
 
 
 def carried_body(

@@ -18,6 +18,8 @@ Cells = Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 6
 Switches = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Samples = Annotated[int, Meta(ge=1, le=64, description="a whole number from 1 to 64")]
 Top = Annotated[float, Meta(gt=1, le=20, description="a number above 1 and at most 20")]
+_LIGHTEST = 1e-9  # of a float over the film's mass: lighter ones take steps without number
+_FARTHEST = 100  # pitches from the last coil to a wall: further out nothing moves
 Tolerance = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
 
 
@@ -30,7 +32,7 @@ class ViscousFluidTable(FluidTable, frozen=True, kw_only=True):
 class CoilFilmTable(Table, frozen=True, kw_only=True):
     """The film, in a trough with upright walls along the row.
 
-    Refused: a winding where the film may be.
+    Refused: a winding where the film may be, walls more than 100 pitches from the last coils.
     """
 
     depth: Annotated[Positive, says("length", "thickness without field")]
@@ -49,7 +51,14 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
     ] = True
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
-        """Yield a fault if a winding is where the film may be."""
+        """Yield a fault if a winding is where the film may be, or the film is too long."""
+        farthest = _FARTHEST * coils.pitch
+        if self.overhang > farthest:
+            yield (
+                "film.overhang",
+                f"{self.overhang:g} is more than {_FARTHEST} pitches, where no coil moves the "
+                f"film; write {farthest:g} at most",
+            )
         low, high = coils.taken
         bottom, top = self.ground, self.ground + self.top * self.depth
         # the row is alike above its middle and below it
@@ -66,7 +75,7 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
 class CargoTable(Table, frozen=True, kw_only=True):
     """A float on the film, as wide as the trough: a plate of one material, that does not magnetise.
 
-    Refused: a start where the float is not between the walls.
+    Refused: a start where the float is not between the walls, next to no mass.
     """
 
     length: Annotated[Positive, says("length", "along the row")]
@@ -81,8 +90,15 @@ class CargoTable(Table, frozen=True, kw_only=True):
         says("length", "over which its ends fade, assumed; a fifth of its length by default"),
     ] = None
 
-    def faults(self, coils: CoilsTable, film: CoilFilmTable) -> Iterator[Fault]:
-        """Yield faults of a float that does not lie on the film, or of ends longer than it."""
+    def faults(self, coils: CoilsTable, film: CoilFilmTable, fluid: FluidTable) -> Iterator[Fault]:
+        """Yield faults of a float that does not lie on the film, has no mass, or too long ends."""
+        lightest = _LIGHTEST * fluid.density * film.depth / self.thickness
+        if self.density < lightest:
+            yield (
+                "cargo.density",
+                f"{self.density:g}: the float has less than a billionth of the film's mass; write "
+                f"{lightest:g} at least, or a larger cargo.thickness",
+            )
         low = -film.overhang + self.length / 2
         high = (coils.count - 1) * coils.pitch + film.overhang - self.length / 2
         if not low <= self.start <= high:
@@ -207,6 +223,6 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         if not coil_faults:
             yield from self.film.faults(self.coils)
             if self.cargo:
-                yield from self.cargo.faults(self.coils, self.film)
+                yield from self.cargo.faults(self.coils, self.film, self.fluid)
         if self.cargo is None and "cargo" in self.want:
             yield "want", 'the picture "cargo" needs a float: write a table [cargo]'
