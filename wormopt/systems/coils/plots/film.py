@@ -15,6 +15,7 @@ from wormopt.plotting.parts import (
     label,
     legend_below,
     line,
+    number,
     sheet,
     tell,
 )
@@ -59,6 +60,7 @@ def coil_film(result: Result) -> Figure:
     legend_below(drawn, entries)
     tell(
         drawn,
+        told_of_row(result),
         fact(result, "wave_speed", "coils switched at", "mm s-1"),
         fact(result, "carried_per_switch", "carried a switch", "mm2"),
         fact(result, "thickness_max", "thickest", "mm"),
@@ -66,6 +68,13 @@ def coil_film(result: Result) -> Figure:
         fact(result, "grid_error", "error of the grid", "%"),
     )
     return drawn
+
+
+def told_of_row(result: Result) -> str:
+    """Say of which row of coils a picture is: no rig with all of its numbers is published."""
+    places = 1e3 * result["coil_place"].values
+    pitch = f" {number(places[1] - places[0])} mm apart" if len(places) > 1 else ""
+    return f"row assumed: {len(places)} coils{pitch}"
 
 
 def cargo(result: Result) -> Figure:
