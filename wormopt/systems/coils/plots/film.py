@@ -72,9 +72,8 @@ def coil_film(result: Result) -> Figure:
 
 def told_of_row(result: Result) -> str:
     """Say of which row of coils a picture is: no rig with all of its numbers is published."""
-    places = 1e3 * result["coil_place"].values
-    pitch = f" {number(places[1] - places[0])} mm apart" if len(places) > 1 else ""
-    return f"row assumed: {len(places)} coils{pitch}"
+    count, pitch = len(result["coil_place"].values), 1e3 * result.attributes["pitch"]
+    return f"row assumed: {count} coils {number(pitch)} mm apart"
 
 
 def cargo(result: Result) -> Figure:
@@ -117,7 +116,7 @@ def cargo(result: Result) -> Figure:
 def _path(
     axes: Axes, result: Result, t: np.ndarray, X: np.ndarray, places: np.ndarray, on: np.ndarray
 ) -> None:
-    half = (places[1] - places[0]) / 2
+    half = 500 * result.attributes["pitch"]
     edges = np.concatenate([places - half, places[-1:] + half])
     axes.pcolormesh(edges, t, on[:-1], cmap="Greys", vmax=4, shading="flat", rasterized=True)
     axes.plot(X, t, color=MASSES[0], label="middle of the float")
