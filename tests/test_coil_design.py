@@ -191,6 +191,21 @@ def test_the_packaged_scene_beats_mean_field_and_block_within_limits() -> None:
     assert np.abs(result["current"].values).max() <= 1500.0 * (1 + 1e-9)
 
 
+@pytest.mark.slow
+def test_least_power_beats_mean_field_and_block_and_may_be_faster_than_asked() -> None:
+    short = [
+        "coils.count=7", "course.time=3.0", "search.generations=4", "pattern.repeats=[5]",
+        "pattern.per_step=1", "pattern.form=steps", "search.starts=1", "grid.cells=12",
+        'aim={seek="power", speed=4e-3}',
+    ]  # fmt: skip
+    result = wo.run(load_scene("coil_cargo_design", short))
+    scalars = {name: scalar.value for name, scalar in result.scalars.items()}
+    assert result.status == "ok", result.reason
+    assert scalars["float_speed"] > 0.99 * 4e-3
+    assert scalars["power"] < min(scalars["block_power"], scalars["mean_field_power"])
+    assert scalars["currents_max"] <= 1500.0
+
+
 @pytest.mark.parametrize(
     ("changes", "told"),
     [

@@ -307,7 +307,7 @@ def _checks(task: Task, scalars: dict[str, Any], off: dict[str, float]) -> Itera
         "search.generations",
     )  # fmt: skip
     if task.speed is not None:
-        short = 1 - scalars["float_speed"] / task.speed
+        short = max(1 - scalars["float_speed"] / task.speed, 0.0)
         yield Check(
             "speed kept", short, 0.01,
             f"the float is slower than aim.speed by {short:.2g}; lower aim.speed, or raise "
