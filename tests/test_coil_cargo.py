@@ -223,3 +223,14 @@ def test_what_cannot_be_is_refused(changes: list[str], told: str) -> None:
 def test_the_picture_of_a_float_needs_one() -> None:
     with pytest.raises(SceneError, match=r"write a table \[cargo\]"):
         load_scene("fig24_travelling_wave", ['want=["cargo"]'])
+
+
+@pytest.mark.slow
+def test_a_float_over_one_coil_is_drawn() -> None:
+    from wormopt.systems.coils.plots.film import cargo
+
+    one = ["coils.count=1", "switching.on=1", "switching.every=1", "course.switches=1"]
+    result = wo.run(load_scene("coil_cargo", [*one, "cargo.start=0.0", "grid.cells=6"]))
+    picture = cargo(result)
+    block = picture.axes[-1].collections[0].get_datalim(picture.axes[-1].transData)
+    assert (block.x0, block.x1) == pytest.approx((-5.0, 5.0))  # a pitch wide, in mm

@@ -13,12 +13,15 @@ from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.magnetics.travelling import shifted_course, switched_course
 from wormopt.numerics.evolution import evolve
+from wormopt.numerics.workers import Workers
 from wormopt.scene.scene import load_scene
 from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.design.mean_field import wave_pattern
 from wormopt.systems.coils.design.pattern import Copper, Form, Pattern, block
 from wormopt.systems.coils.design.recheck import travel_by_radau
 from wormopt.systems.coils.design.rides import Rides
+from wormopt.systems.coils.design.search import neighbours
+from wormopt.systems.coils.design.task import Task
 from wormopt.systems.coils.layer import Layer
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
@@ -77,6 +80,18 @@ def test_the_mean_square_is_that_of_the_course(seed: int, per_step: int, form: F
     t = course.breaks[:-1, None] + lengths[:, None] * (nodes + 1) / 2
     square = (course(t.ravel()).reshape(t.shape) ** 2 @ weights / 2) @ lengths / course.period
     assert pattern.square == pytest.approx(square, rel=1e-9)
+
+
+def test_neighbours_are_within_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who sits at the largest rate is not told that a larger one were better."""
+    monkeypatch.setattr(Rides, "speed", lambda _, pattern: pattern.rate)
+    task = Task(RIDES, Copper(), "speed", "ramps", 1, (0.5, 2.0))
+    at_the_end = Pattern(np.full(5, 1500.0), 2.0, 1)
+    found = neighbours(task, at_the_end, 0.05, Workers(1))
+    assert len(found) == 2 * 6
+    assert max(one.speed for one in found) == 2.0
+    assert min(one.speed for one in found) == pytest.approx(1.9)
+    assert max(one.pattern.largest for one in found) == 1500.0
 
 
 def test_courses_are_those_of_the_magnetics_room() -> None:
@@ -174,6 +189,21 @@ def test_the_packaged_scene_beats_mean_field_and_block_within_limits() -> None:
     assert scalars["over_block"] > 0.0
     assert scalars["currents_max"] <= 1500.0
     assert np.abs(result["current"].values).max() <= 1500.0 * (1 + 1e-9)
+
+
+@pytest.mark.slow
+def test_least_power_beats_mean_field_and_block_and_may_be_faster_than_asked() -> None:
+    short = [
+        "coils.count=7", "course.time=3.0", "search.generations=4", "pattern.repeats=[5]",
+        "pattern.per_step=1", "pattern.form=steps", "search.starts=1", "grid.cells=12",
+        'aim={seek="power", speed=4e-3}',
+    ]  # fmt: skip
+    result = wo.run(load_scene("coil_cargo_design", short))
+    scalars = {name: scalar.value for name, scalar in result.scalars.items()}
+    assert result.status == "ok", result.reason
+    assert scalars["float_speed"] > 0.99 * 4e-3
+    assert scalars["power"] < min(scalars["block_power"], scalars["mean_field_power"])
+    assert scalars["currents_max"] <= 1500.0
 
 
 @pytest.mark.parametrize(

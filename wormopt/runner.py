@@ -81,17 +81,16 @@ def attempt(scene: Scene[Any], report: Report = silent) -> Result:
     except MemoryError:
         return _failed(scene, None, _NO_MEMORY)
     except Interrupted as stop:
-        # a motion that a study came upon has no reason
-        reason = getattr(stop.partial, "reason", "") or "interrupted"
-        raise Interrupted(_failed(scene, stop.partial, reason)) from None
+        raise Interrupted(_failed(scene, stop.partial)) from None
 
 
-def _failed(scene: Scene[Any], partial: object, reason: str) -> Result:
+def _failed(scene: Scene[Any], partial: object, reason: str = "") -> Result:
     from wormopt.result import Result
     from wormopt.scene.conclude import conclude
 
     # a motion that a study came upon is no Result of it
-    return (partial if isinstance(partial, Result) else conclude(scene, {})).failed(reason)
+    found = partial if isinstance(partial, Result) else conclude(scene, {})
+    return found.failed(reason or found.reason or "interrupted")
 
 
 def result_at(given: str | Path) -> Result:

@@ -80,9 +80,9 @@ def rod_motion(result: Result) -> Figure:
     legend_below(drawn, entries)
     tell(
         drawn,
-        "the pattern of coils goes to the right",
+        "coils on both sides by turns, assumed; their pattern goes to the right",
         fact(result, "velocity_mean", "mean velocity", "mm s-1"),
-        fact(result, "velocity_error", "±", "mm s-1"),
+        fact(result, "velocity_error", "its 95 % interval ±", "mm s-1"),
         fact(result, "energy_error", "energy missing", "%"),
         fact(result, "pressed_max", "largest force of a wall", "mN"),
     )

@@ -84,6 +84,10 @@ class Pattern:
         """Give the pattern by a share of its period later, to the nearest value."""
         return replace(self, values=np.roll(self.values, round(share * len(self.values))))
 
+    def paced(self, share: float, rates: tuple[float, float]) -> Pattern:
+        """Give the pattern at a share of its rate, no farther than the rates go."""
+        return replace(self, rate=float(np.clip(share * self.rate, *rates)))
+
     def kept(self, limit: float, slew: float | None = None) -> Pattern:
         """Give the pattern within limits: too large values cut, too steep ones all drawn to 0."""
         kept = replace(self, values=np.clip(self.values, -limit, limit))

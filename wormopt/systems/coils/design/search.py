@@ -98,12 +98,15 @@ def _pattern(task: Task, start: Judged, point: np.ndarray) -> Pattern:
 
 
 def neighbours(task: Task, pattern: Pattern, share: float, workers: Workers) -> list[Judged]:
-    """What patterns do of which one value is changed by a share of the limit, or the rate by it."""
+    """What patterns do of which one value is changed by a share of the limit, or the rate by it.
+
+    All are within the limits, as what is sought is.
+    """
     jobs = []
     for sign in (share, -share):
         jobs += [
             replace(pattern, values=pattern.values + sign * task.limit * one)
             for one in np.eye(len(pattern.values))
         ]
-        jobs.append(replace(pattern, rate=pattern.rate * (1 + sign)))
+        jobs.append(pattern.paced(1 + sign, task.rates))
     return list(workers.map(task.judge, [("neighbour", job) for job in jobs]))

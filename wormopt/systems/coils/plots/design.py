@@ -44,14 +44,20 @@ def coil_design(result: Result) -> Figure:
         fact(result, "mean_field_speed", "mean field", "mm s-1"),
         fact(result, "block_speed", "block", "mm s-1"),
         fact(result, "power", "power", "W"),
+        fact(result, "over_mean_field", "better than the mean field by", "%"),
+        fact(result, "over_block", "than the block by", "%"),
         fact(result, "neighbour_gain", "best neighbour better by", "%"),
     )
     return drawn
 
 
+def _ramps(result: Result) -> bool:
+    """Whether currents change steadily: then they have a slope."""
+    return result.scalars["slew_max"].value is not None
+
+
 def _courses(axes: Axes, result: Result) -> None:
     """Course of a coil over its steps; each has as many values a step."""
-    ramps = result.scalars["slew_max"].value is not None
     per_step = len(result["pattern"].values) / result.scalars["repeat"].value
     for sort, colour, dashes in zip(_SORTS, LINKS, DASHES, strict=False):
         values = result[f"{sort}pattern"].values
@@ -59,7 +65,7 @@ def _courses(axes: Axes, result: Result) -> None:
         values = np.append(values, values[0])
         axes.plot(
             steps, values, color=colour, linestyle=dashes,
-            drawstyle="default" if ramps else "steps-post",
+            drawstyle="default" if _ramps(result) else "steps-post",
         )  # fmt: skip
     axes.set_xlabel("steps of the pattern")
     axes.set_ylabel(label("ampere-turns of a coil", "A"))
@@ -81,10 +87,11 @@ def _currents(drawn: Figure, axes: Axes, result: Result) -> None:
     half = (places[1] - places[0]) / 2
     edges = np.append(places - half, places[-1] + half)
     most = float(np.abs(current).max())
+    # means of currents that jump are none that flow
+    between = (current[:-1] + current[1:]) / 2 if _ramps(result) else current[:-1]
     shown = axes.pcolormesh(
-        t, edges, (current[:-1] + current[1:]).T / 2, cmap="RdBu_r", vmin=-most, vmax=most,
-        shading="flat", rasterized=True,
-    )  # fmt: skip
+        t, edges, between.T, cmap="RdBu_r", vmin=-most, vmax=most, shading="flat", rasterized=True
+    )
     axes.plot(t, 1e3 * result["float_position"].values, color="black", linewidth=2)
     half_way = len(t) // 2
     axes.annotate(

@@ -15,6 +15,7 @@ from wormopt.plotting.parts import (
     label,
     legend_below,
     line,
+    number,
     sheet,
     tell,
 )
@@ -59,6 +60,7 @@ def coil_film(result: Result) -> Figure:
     legend_below(drawn, entries)
     tell(
         drawn,
+        told_of_row(result),
         fact(result, "wave_speed", "coils switched at", "mm s-1"),
         fact(result, "carried_per_switch", "carried a switch", "mm2"),
         fact(result, "thickness_max", "thickest", "mm"),
@@ -66,6 +68,12 @@ def coil_film(result: Result) -> Figure:
         fact(result, "grid_error", "error of the grid", "%"),
     )
     return drawn
+
+
+def told_of_row(result: Result) -> str:
+    """Say of which row of coils a picture is: no rig with all of its numbers is published."""
+    count, pitch = len(result["coil_place"].values), 1e3 * result.attributes["pitch"]
+    return f"row assumed: {count} coils {number(pitch)} mm apart"
 
 
 def cargo(result: Result) -> Figure:
@@ -108,7 +116,7 @@ def cargo(result: Result) -> Figure:
 def _path(
     axes: Axes, result: Result, t: np.ndarray, X: np.ndarray, places: np.ndarray, on: np.ndarray
 ) -> None:
-    half = (places[1] - places[0]) / 2
+    half = 500 * result.attributes["pitch"]
     edges = np.concatenate([places - half, places[-1:] + half])
     axes.pcolormesh(edges, t, on[:-1], cmap="Greys", vmax=4, shading="flat", rasterized=True)
     axes.plot(X, t, color=MASSES[0], label="middle of the float")

@@ -170,11 +170,7 @@ def design(scene: Scene[CoilDesignScene], task: Task, workers: Workers, report: 
     budget = Budget(one.starts, one.generations, one.size, one.seed)
     searches = search(sought, starts_of(tuned, one.starts), budget, workers, report)
     found = [*tuned, *(replace(each.end, name="design") for each in searches)]
-    jobs = [
-        (each.name, replace(each.pattern, rate=float(np.clip(each.pattern.rate * r, *task.rates))))
-        for each in found
-        for r in _RATES
-    ]
+    jobs = [(each.name, each.pattern.paced(r, task.rates)) for each in found for r in _RATES]
     report("the best on the fine grid", 0.8)
     fine = replace(task, rides=_finer(scene, task))
     judged = list(workers.map(fine.judge, jobs))
@@ -311,7 +307,7 @@ def _checks(task: Task, scalars: dict[str, Any], off: dict[str, float]) -> Itera
         "search.generations",
     )  # fmt: skip
     if task.speed is not None:
-        short = 1 - scalars["float_speed"] / task.speed
+        short = max(1 - scalars["float_speed"] / task.speed, 0.0)
         yield Check(
             "speed kept", short, 0.01,
             f"the float is slower than aim.speed by {short:.2g}; lower aim.speed, or raise "

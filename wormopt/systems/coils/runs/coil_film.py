@@ -144,9 +144,10 @@ def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
 
 def _attributes(table: CoilFilmScene) -> dict[str, Any]:
     """Sizes that pictures draw to scale."""
+    row = {"pitch": table.coils.pitch}
     if table.cargo is None:
-        return {}
-    return {"float": {"length": table.cargo.length, "thickness": table.cargo.thickness}}
+        return row
+    return row | {"float": {"length": table.cargo.length, "thickness": table.cargo.thickness}}
 
 
 def _partial(scene: Scene[CoilFilmScene], setup: Setup, motion: Trajectory) -> Result:

@@ -35,8 +35,9 @@ def region(result: Result) -> Figure:
     axes = drawn.subplots()
     axes.grid(visible=False)
     if np.isfinite(peaks.values).any():
-        # drawn on below the border, where it is covered, so that no cell ends above it
-        held = np.where(np.isnan(peaks.values), np.nanmin(peaks.values), peaks.values).T
+        # each column goes on below the border, where it is covered, so that no cell ends above it
+        lowest = np.nanmin(peaks.values, axis=1, keepdims=True, initial=np.nanmax(peaks.values))
+        held = np.where(np.isnan(peaks.values), lowest, peaks.values).T
         image = axes.pcolormesh(
             period.values, load.values, held, cmap="Blues", shading="gouraud", rasterized=True
         )
@@ -53,8 +54,8 @@ def region(result: Result) -> Figure:
             period.values, np.maximum(most, least), max(top, most.max()), facecolor="none",
             edgecolor=RED, hatch="///", linewidth=0, zorder=2,
         )  # fmt: skip
-        most = np.where(most < least, np.nan, most)  # a worm that glides breaks no spike
-        axes.plot(period.values, most, color=RED, linewidth=1.4, zorder=3)
+        # covered where the worm glides, which breaks no spike
+        axes.plot(period.values, most, color=RED, linewidth=1.4, zorder=1.5)
         strength = f"{number(scalar(result, 'region_spike_strength'))} {peaks.unit}"
         entries.append(
             Patch(facecolor="none", edgecolor=RED, hatch="///",
