@@ -13,9 +13,8 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 import wormopt as wo
-from wormopt.errors import ArgumentError, Interrupted, SceneError
+from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model
-from wormopt.runner import attempt
 from wormopt.scene import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -292,19 +291,6 @@ def test_a_body_that_would_rise_does_not_lie_on_the_ground(tmp_path: Path) -> No
     )
     with pytest.raises(SceneError, match="it rises; write on"):
         wo.run(path)
-
-
-def test_a_run_that_is_stopped_is_a_failed_result() -> None:
-    """What had been simulated until then is a motion, and no Result."""
-
-    def stop(stage: str, share: float | None = None) -> None:
-        raise KeyboardInterrupt
-
-    scene = load_scene("body_in_film", ["course.periods=2000", "tolerance.max_step=1e-3"])
-    with pytest.raises(Interrupted) as stopped:
-        attempt(scene, stop)
-    assert stopped.value.partial.status == "failed"
-    assert stopped.value.partial.reason == "interrupted"
 
 
 def test_hostile_numbers_are_refused() -> None:
