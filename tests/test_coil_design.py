@@ -23,6 +23,7 @@ from wormopt.systems.coils.design.rides import Rides
 from wormopt.systems.coils.design.search import neighbours
 from wormopt.systems.coils.design.task import Task
 from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.runs import coil_design
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
 ROW = CoilRow(Coil(2e-3, 4.5e-3, 20e-3, 1500.0), count=6, pitch=10e-3, gap=11e-3)
@@ -204,6 +205,17 @@ def test_least_power_beats_mean_field_and_block_and_may_be_faster_than_asked() -
     assert scalars["float_speed"] > 0.99 * 4e-3
     assert scalars["power"] < min(scalars["block_power"], scalars["mean_field_power"])
     assert scalars["currents_max"] <= 1500.0
+
+
+@pytest.mark.slow
+def test_a_rival_that_no_search_betters_is_the_design(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where searches end, on the coarse grid, at currents that are worse on the fine one."""
+    monkeypatch.setattr(coil_design, "search", lambda *_: [])
+    short = ["coils.count=7", "course.time=2.0", "pattern.repeats=[5]", "grid.cells=8"]
+    result = wo.run(load_scene("coil_cargo_design", short))
+    overs = [result.scalars[name].value for name in ("over_mean_field", "over_block")]
+    assert min(overs) == 0.0 <= max(overs)
+    assert any("no search has bettered the best" in text for text in result.trust["warnings"])
 
 
 @pytest.mark.parametrize(

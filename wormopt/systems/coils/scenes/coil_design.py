@@ -124,9 +124,9 @@ class CoilDesignScene(SIScene, frozen=True, kw_only=True):
     The trust report: checks `half the cells`, `smaller steps` (change of the float's speed),
     `second integrator` (SciPy's Radau on the same equations), `limits` (of the currents at all
     times), `neighbours` (share by which a pattern is better of which one value is changed by a
-    twentieth of the limit, or the rate by a twentieth, on the grid of the search), `not beaten`
-    (by block or wave), those of a float as for `coil-film`; `searches` (each start and what it led
-    to), `rivals`. The optimum is local.
+    twentieth of the limit, or the rate by a twentieth, on the grid of the search), those of a float
+    as for `coil-film`; `searches` (each start and what it led to), `rivals`. The optimum is local;
+    where no search betters the best block or wave, that is the design, with a warning.
     """
 
     scalars: ClassVar = {
