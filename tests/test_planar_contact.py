@@ -134,11 +134,11 @@ def turned_about(law: Elliptic, v0: tuple[float, float], end: float) -> tuple[fl
     def standing(t: float, v: np.ndarray, along: float) -> float:
         return v[0]
 
-    standing.terminal = True
+    standing.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
     sharp = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
     back = solve_ivp(push, (0, end), v0, args=(law.backward,), events=standing, **sharp)
-    turn, v = back.t[-1], [0.0, back.y[1, -1]]
-    return turn, solve_ivp(push, (turn, end), v, args=(law.forward,), **sharp).y[:, -1]
+    time, v = back.t[-1], [0.0, back.y[1, -1]]
+    return time, solve_ivp(push, (time, end), v, args=(law.forward,), **sharp).y[:, -1]
 
 
 @pytest.mark.parametrize("route", ROUTES)
