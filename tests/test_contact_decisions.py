@@ -126,15 +126,16 @@ V_REG = 1e-6
 
 @cache
 def braked(sign: float) -> Model:
-    """A block pushed by 1 + 2 (t - still) over ground that resists with 1."""
+    """A block pushed by 1 + 2 (t - still) over ground that resists with 1, times `sign`."""
     t, v, f, still = (ca.SX.sym(name) for name in ("t", "v", "f", "still"))
+    size = abs(sign)
     return Model(
         "braked",
         x=[Signal("v", v, value=0.0)],
         ode=sign * (1 + 2 * (t - still)) + f,
         t=t,
         p=[Signal("still", still, value=1.0)],
-        contacts=[Contact("block", v, f, Coulomb(1.0, 1.0), nominal_speed=1.0)],
+        contacts=[Contact("block", v, f, Coulomb(size, size), nominal_speed=size)],
     )
 
 
@@ -156,6 +157,18 @@ def test_a_stop_within_one_long_step_is_not_passed_over(
         tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
     )  # fmt: skip
     assert sign * motion.end[0] == pytest.approx((10.0 - still) ** 2, abs=5 * V_REG)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("unit", [1e6, -1e6])
+def test_a_stop_is_seen_in_any_unit_of_velocity(route: Route, unit: float):
+    """The same in micrometres per second."""
+    motion = simulate(
+        braked(unit), 10.0, contact=Smooth(1e6 * V_REG), route=route,
+        x0={"v": unit * (9.0 - 1e-4)}, p={"still": 3.0},
+        tolerance=Tolerance(1e-9, 1e-4, max_step=np.inf),
+    )  # fmt: skip
+    assert motion.end[0] / unit == pytest.approx(49.0, abs=5 * V_REG)
 
 
 @pytest.mark.parametrize("route", ROUTES)
@@ -184,3 +197,16 @@ def test_a_dip_into_the_layer_without_a_turn_is_not_passed_over(
     )  # fmt: skip
     expected = (10.0 - still) ** 2 + least * V_REG + gained
     assert sign * motion.end[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_dip_that_ends_above_the_layer_shortens_no_step(route: Route, sign: float):
+    """The force is constant all along: two steps that are exact would do."""
+    motion = simulate(
+        braked(sign), 10.0, contact=Smooth(V_REG), route=route,
+        x0={"v": sign * 25.01}, p={"still": 5.0},
+        tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+    )  # fmt: skip
+    assert sign * motion.end[0] == pytest.approx(25.01, rel=1e-12)
+    assert motion.n_rejected == 0

@@ -371,6 +371,9 @@ def test_the_packaged_scene_reaches_its_closed_form():
     end = result["center_velocity"].values[-1]
     assert end == pytest.approx(result["center_velocity_averaged"].values[-1], abs=2e-3)
     assert sorted(result["event_contact"].values.tolist()) == [0, 0, 1, 1, 2, 2]
+    # each mass a third of a period behind the one before
+    swings = np.cos(2 * np.pi * (result["share"].values - np.arange(3)[:, None] / 3))
+    assert result["relative_velocity"].values == pytest.approx(swings, abs=1e-13)
 
 
 def test_power_is_that_of_the_averages():

@@ -103,6 +103,20 @@ def test_the_smooth_slide_is_found_to_the_tolerance_asked_for():
     assert difference(fine.motion) > 1e-3  # the set-valued law is another one
 
 
+def test_defects_of_an_implicit_euler_step_are_those_by_hand():
+    """x' = -x from x0 to x0 / (1 + h): the line's slope is off by what x is from its end."""
+    x, nominal, steps = ca.SX.sym("x"), 4.0, np.array([0.5, 1.5])
+    model = Model("decay", x=[Signal("x", x, nominal=nominal)], ode=-x)
+    ends = Ends.of(model)
+    start = Constraint("start", ends.start, [3.0], [3.0])
+    problem = Problem(model, ends, ca.SX(0), (2.0, 2.0), boundary_constraints=[start])
+    mesh = Mesh(1, 2, Collocation(1, "radau"), shares=tuple(steps / 2))
+    rest = Guess(2.0, lambda t: 3.0 + 0 * t[None])
+    found = optimise(problem, mesh, FixedModes(ModeSequence(((),))), rest)
+    at = 3.0 / np.array([1.0, 1.5])  # at the start of either step
+    assert found.defects == pytest.approx(at * steps**2 / (2 * (1 + steps)) / nominal, rel=1e-12)
+
+
 def test_refinement_that_is_cut_short_shows_in_the_defects():
     coarse = optimise(slide(), even(4, 2, phases=2), Regularised(1 / 40, 1 / 40), LINE)
     once = refine(coarse, 1e-9, rounds=1)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.integrate import quad, solve_ivp
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Held, Viscous
@@ -122,6 +122,43 @@ def test_backward_the_other_resistance_holds():
     motion = simulate(blocks([law], [-1, 1]), 3.0)
     assert stops(motion) == pytest.approx([time], abs=5e-10)
     assert motion.end[:2] == pytest.approx([-place[0], place[1]], abs=2e-12)
+
+
+def turned_about(law: Elliptic, v0: tuple[float, float], end: float) -> tuple[float, np.ndarray]:
+    """When a block pushed by 1 ceases to slide backward, and its velocity at the end."""
+
+    def push(t: float, v: np.ndarray, along: float) -> list[float]:
+        size = np.hypot(along * v[0], law.sideways * v[1])
+        return [1 - along**2 * v[0] / size, -(law.sideways**2) * v[1] / size]
+
+    def standing(t: float, v: np.ndarray, along: float) -> float:
+        return v[0]
+
+    standing.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+    sharp = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+    back = solve_ivp(push, (0, end), v0, args=(law.backward,), events=standing, **sharp)
+    time, v = back.t[-1], [0.0, back.y[1, -1]]
+    return time, solve_ivp(push, (time, end), v, args=(law.forward,), **sharp).y[:, -1]
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_no_long_step_goes_over_the_bend_between_forward_and_backward(route: Route):
+    """The force bends where a block's velocity along its heading is 0: each block has its time.
+
+    The step that goes over it changes that velocity by a millionth of the speed at most.
+    """
+    law, starts = Elliptic(1.0, 3.0, sideways=2.0), [(-0.5, 5.0), (-0.8, 4.0)]
+    motion = simulate(blocks([law, law], starts, along_x), 1.0, route=route, dense=True)
+    assert motion.dense is not None
+    assert motion.n_steps < 150
+    states = motion.dense(motion.dense.time)
+    for i, start in enumerate(starts):
+        time, end = turned_about(law, start, 1.0)
+        along, across = states[4 + 2 * i : 6 + 2 * i]
+        (over,) = np.flatnonzero(along[:-1] * along[1:] < 0)
+        assert motion.dense.time[over : over + 2] == pytest.approx([time] * 2, abs=1e-5)
+        assert along[over + 1] - along[over] < 1.001e-6 * across[over]
+        assert motion.end[4 + 2 * i : 6 + 2 * i] == pytest.approx(end, abs=1e-9)
 
 
 @pytest.mark.parametrize("route", ROUTES)

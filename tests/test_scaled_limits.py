@@ -1,6 +1,7 @@
 """Limits of a design task as linear forms: what is left of each, against the forces themselves."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.systems.spiked.limits import Limits, Rates, Sharing
-from wormopt.systems.spiked.programs.scaled_limits import ScaledLimits
+from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, Slope
 from wormopt.systems.spiked.sharing import share_load
 from wormopt.systems.spiked.task import GaitProblem, Objective, Worm
 
@@ -85,7 +86,7 @@ def test_what_forms_leave_is_what_the_recursion_of_forces_leaves(rest: set[int],
     upper = np.concatenate(
         [
             np.array(given_.acceleration, float) - links,
-            [len(resting) * (min(STRENGTHS[i] for i in resting) - loads.max())],
+            [len(resting) * (min(STRENGTHS[i] for i in resting) - loads[list(resting)].max())],
             np.array(given_.actuator_force, float) - force,
         ]
     )
@@ -125,3 +126,27 @@ def test_units_are_the_largest_rate_the_longest_period_and_the_mean_mass():
     double = replace(limits.task.limits, period=8.0, rate=6.0)
     other = ScaledLimits(replace(limits.task, limits=double), like=limits)
     assert (other.speed, other.time, other.longest_period) == (3.0, 4.0, 2.0)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("more", "helps"), [(1.5, True), (1.7, False)])
+def test_drag_takes_from_a_rise_the_least_and_gives_a_fall_the_most(
+    sign: int, more: float, helps: bool
+):
+    """Of s = v0 + v2 under -below <= s' + k (2 v0 + 4 v2) <= above, with mass 1 at rest.
+
+    As 2 s <= 2 v0 + 4 v2 <= 4 s, s rises at most at above - 2 k s and falls at below + 4 k s. The
+    first says more than the accelerations of the two masses do if it does at the largest s. Of -s
+    the two change places.
+    """
+    limits = scaled()
+    k, most = 0.3 * 4 / 1.25, np.array([0.5, 2.0]) / 3
+    by_links = 2 * 20.0 * 4 / 3
+    rise = [Slope(by_links)] + [Slope(by_links + more, 2 * k)] * helps
+    fall = [Slope(1 + k * np.dot([2, 4], most)), Slope(1.0, 4 * k, longest=True)]
+    sides, expected = (1.0, by_links + more), product(fall, rise)
+    if sign < 0:
+        sides, expected = sides[::-1], product(rise, fall)
+    form = Form(sign * np.array([1.0, 0, 1, 0]), sign * np.array([2.0, 0, 4, 0]), *sides)
+    courses = limits.courses(form, (1,))
+    assert np.array(courses) == pytest.approx(np.array(list(expected)), rel=1e-12)

@@ -1,5 +1,7 @@
 """One transcription for any Model: exact optima, convergence, and bounds that hold inside arcs."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.defects import finer
 from wormopt.ocp.elastic import elastic
 from wormopt.ocp.mesh import Mesh, on_finer_mesh
 from wormopt.ocp.nlp import Ipopt
@@ -170,6 +173,19 @@ def test_refining_a_mesh_keeps_the_motion():
     )
     assert carried.violation < 1e-12
     assert carried.objective == pytest.approx(solution.objective, abs=1e-13)
+
+
+def test_arcs_are_split_by_what_they_err_at_the_order_of_the_scheme():
+    """Errors of arcs with two nodes fall with the cube of their number; five parts are the most."""
+    mesh = Mesh(2, (2, 3), Collocation(2), 1, (0.4, 0.6, 0.2, 0.3, 0.5))
+    split = finer(mesh, 1e-6 * np.array([0.0, 0.99, 7.9, 8.1, 1e6]), 1e-6)
+    assert split.arcs == (2, 2 + 3 + 5)
+    thirds = [0.4, 0.6, *[0.1] * 2, *[0.1] * 3, *[0.1] * 5]
+    assert split.shares == pytest.approx(thirds, rel=1e-15)
+    assert (split.phases, split.collocation, split.input_degree) == (2, mesh.collocation, 1)
+    assert finer(mesh, np.full(5, 1e-6), 1e-6) == mesh
+    with pytest.raises(ValueError, match="free duration"):
+        finer(replace(mesh, shares=None), np.zeros(5), 1e-6)
 
 
 def test_pack_is_the_inverse_of_unpack():
