@@ -27,7 +27,7 @@ _AROUND = 2.0  # what is shown on each side of the float, in its lengths
 
 def coil_design(result: Result) -> Figure:
     """Courses of a coil, ways of the float, currents over coil and time, the film at one time."""
-    drawn = sheet(7.1, 7.4, 8.6)
+    drawn = sheet(7.1, 7.4, 8.4)
     shape = drawn.add_gridspec(3, 2, height_ratios=(3, 3.4, 1.3))
     _courses(drawn.add_subplot(shape[0, 0]), result)
     _ways(drawn.add_subplot(shape[0, 1]), result)

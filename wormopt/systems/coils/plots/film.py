@@ -81,7 +81,7 @@ def cargo(result: Result) -> Figure:
     t, x = result["time"].values, 1e3 * result["x"].values
     h, X = 1e3 * result["thickness"].values, 1e3 * result["float_position"].values
     length, thick = (1e3 * result.attributes["float"][name] for name in ("length", "thickness"))
-    drawn = sheet(7.1, 7.4, 7.4)
+    drawn = sheet(7.1, 7.0, 7.4)
     *frames, path = drawn.subplots(_FRAMES + 1, height_ratios=[1] * _FRAMES + [4])
     top = h.max() + 3 * thick
     on = result["current"].values > 0
