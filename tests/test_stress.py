@@ -190,7 +190,12 @@ def test_a_case_is_right_if_nothing_compared_is_too_far_off():
     assert (verdict.verdict, verdict.off) == ("right", 0.7)
 
 
-@pytest.mark.parametrize("found", [[("one", 0.3), ("other", 1.5)], [("one", np.nan)], []])
+NAN = ("one", np.nan)
+
+
+@pytest.mark.parametrize(
+    "found", [[("one", 0.3), ("other", 1.5)], [NAN], [NAN, ("other", 0.1)], []]
+)
 def test_a_case_is_wrong_if_something_is_off_or_unknown_or_nothing_compared(found):
     assert question(*found).judge().verdict == "wrong"
 
