@@ -191,6 +191,11 @@ def test_an_impossible_tube_is_refused_by_its_name():
     assert caught.value.partial.status == "failed"
 
 
+def test_a_grid_of_too_many_arcs_is_refused():
+    with pytest.raises(SolveError, match=r"1\.5e\+05 arcs until time\.end"):
+        wo.run(load_scene("track_optimal", ["reference.gait.period=1e-3"]))
+
+
 @pytest.mark.parametrize(
     ("change", "key"),
     [

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from wormopt.control.loop import TrackingError, input_of, with_reference
 from wormopt.control.lqr import lqr
 from wormopt.control.reference import Reference
+from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack
 from wormopt.model.schedule import Schedule
@@ -35,6 +36,8 @@ from wormopt.systems.chain.scenes.track_optimal import (
 
 # Of the error in the LQR from which solves start, where no other weight is given.
 _STIFF = 1e3
+# Arcs of a grid: of so many a solve takes minutes.
+_ARCS = 10_000
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
 # As `optimise` starts next to a solution, so that the solver is there already.
 _WARM = replace(_SOLVER, mu_init=1e-3)
@@ -113,6 +116,11 @@ def optimal_input(
     """
     problem = tracking_problem(plant, reference, end, objective, tube)
     breaks = problem.model.breaks(end)
+    if end > _ARCS * period / grid.arcs:
+        raise SolveError(
+            f"grid.arcs = {grid.arcs} a period of {period:g} makes {end * grid.arcs / period:.3g} "
+            f"arcs until time.end, {_ARCS:g} at most; write a smaller time.end or fewer arcs"
+        )
     mesh = Mesh.over(breaks, period / grid.arcs, Collocation(grid.degree, "radau"))
     weight = 1 / objective.input_weight if isinstance(objective, LeastError) else _STIFF
     guess = first_guess(plant, reference, end, weight)
