@@ -122,7 +122,7 @@ def check_numbers(law: Any) -> None:
     """Refuse fields that are neither numbers nor symbols, a list for instance."""
     for item in fields(law):
         value = getattr(law, item.name)
-        if value is not None and not isinstance(value, Real | ca.SX):
+        if value is not None and not isinstance(value, (ca.SX, Real)):
             raise ArgumentError(
                 f"{item.name} must be a number, not {value!r}; for masses that differ, write a "
                 "list of laws"

@@ -1,6 +1,6 @@
-"""What a contact's force is in exact treatment, by its mode; one row for each component.
+"""What the force of contacts is in exact treatment, by their modes; a row for each component.
 
-A contact in the plane has four entries in s besides its mode: the direction of onset, half the rate
+Contacts on a line whose laws are alike are treated as one, in columns. A contact in the plane has four entries in s besides its mode: the direction of onset, half the rate
 at which it turns, and when that began. They are 0 but for a contact that has been let go: at
 velocity 0 the direction of slip is singular, and for long after it follows the forces so closely
 that explicit steps would be held short. So it moves along the given direction d first: it does not
@@ -10,11 +10,15 @@ sliding. This errs by the square of the angle that d lacks; it lasts until that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from numbers import Real
+from typing import Any, Protocol
 
 import casadi as ca
+import numpy as np
 
 from wormopt.model.friction import Law
 from wormopt.model.model import Contact
@@ -27,7 +31,7 @@ ENTRIES = 4
 def never_rests(contact: Contact) -> bool:
     """Whether a contact is no more than a force that depends smoothly on velocity."""
     law = contact.law
-    if isinstance(law, PlanarLaw):
+    if contact.planar:
         return False
     low, high = law.stick_interval
     if isinstance(low, ca.SX) or isinstance(high, ca.SX) or low != 0 or high != 0:
@@ -42,33 +46,33 @@ def weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
 
 
 class Grip(Protocol):
-    """One contact and its mode."""
+    """One contact, or several that are alike, and their modes."""
 
-    row: int  # its first
-    size: int  # number of rows
-    rests: ca.SX
+    contacts: list[int]
+    rows: list[int]
+    rests: ca.SX  # row by row 1 or 0
 
     @property
     def slip(self) -> ca.SX:
-        """Force while it slides."""
+        """Forces while they slide."""
         ...
 
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Force on a contact that acts on no other.
+        """Forces on contacts that act on no other.
 
-        Of its acceleration without force, and acceleration by force of each component.
+        Of accelerations without force, and acceleration by force of each component.
         """
         ...
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows of the equations for all forces, and their right-hand side.
 
-        `response`: its rows of the Delassus matrix.
+        `response`: their rows of the Delassus matrix.
         """
         ...
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Block on the diagonal by which it gives way, at rest and in onset across its way."""
+        """Block on the diagonal by which they give way, at rest and in onset across their way."""
         ...
 
     @property
@@ -76,24 +80,23 @@ class Grip(Protocol):
         """Force of sliding in onset, else 0."""
         ...
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
-        `own`: acceleration by force of each of its components.
+        `own`: acceleration by force of each of their components.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class LineGrip:
-    """Of a contact that moves along a line."""
+    """Of contacts that move along lines by laws that are alike; columns, an entry for each."""
 
-    contact: Contact
+    contacts: list[int]
+    rows: list[int]
     law: Law
+    velocity: ca.SX
     mode: ca.SX
-    row: int
-
-    size = 1
 
     @cached_property
     def rests(self) -> ca.SX:
@@ -102,54 +105,67 @@ class LineGrip:
 
     @cached_property
     def slip(self) -> ca.SX:
-        """Force while it slides."""
-        both = [self.law.slip_force(self.contact.velocity, d) for d in self.law.directions]
+        """Forces while they slide."""
+        both = [self._each(self.law.slip_force(self.velocity, d)) for d in self.law.directions]
         if len(both) < 2:
-            return ca.SX(both[0] if both else 0)
+            return both[0] if both else self._each(0.0)
         return weighted((1 + self.mode) / 2, both[0], both[1])
 
+    def smooth(self, v_reg: ca.SX) -> ca.SX:
+        """Forces by the smooth law."""
+        return self._each(self.law.smooth(self.velocity, v_reg))
+
+    def _each(self, force: ca.SX | float) -> ca.SX:
+        """One for each contact, where the law has one for all."""
+        force = ca.SX(force)
+        return force if force.numel() == len(self.rows) else ca.repmat(force, len(self.rows), 1)
+
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Force on a contact that acts on no other."""
+        """Forces on contacts that act on no other."""
         return weighted(self.mode**2, self.slip, -free / response)
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Row of the equations for all forces, and its right-hand side."""
+        """Rows of the equations for all forces, and their right-hand side."""
         slides = self.mode**2
-        matrix = (1 - slides) * response
-        matrix[0, self.row] += slides
+        matrix = ca.repmat(1 - slides, 1, response.size2()) * response
+        for k, row in enumerate(self.rows):
+            matrix[k, row] += slides[k]
         return matrix, weighted(slides, self.slip, -free)
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Block on the diagonal by which it gives way at rest."""
-        return rest * self.rests
+        """Block on the diagonal by which they give way at rest."""
+        return ca.diag(rest * self.rests)
 
     @property
     def begun(self) -> ca.SX:
-        """Nothing: it has no onset."""
-        return ca.SX(0)
+        """Nothing: they have no onset."""
+        return self._each(0.0)
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
-        return (self.contact.velocity, acceleration, force, *self.law.stick_interval)
+        return self.velocity, acceleration, force, *map(self._each, self.law.stick_interval)
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneGrip:
     """Of a contact that moves in the plane: its mode is +1 or 0."""
 
+    contacts: list[int]
+    rows: list[int]
     contact: Contact
     law: PlanarLaw
     mode: ca.SX
     onset: ca.SX  # direction when it began, half the rate at which it turns, when it began
     t: ca.SX
-    row: int
-
-    size = 2
 
     @cached_property
     def rests(self) -> ca.SX:
-        """1 or 0."""
-        return 1 - self.mode**2
+        """1 or 0, twice."""
+        return ca.repmat(1 - self.mode**2, 2, 1)
+
+    def smooth(self, v_reg: ca.SX) -> ca.SX:
+        """Force by the smooth law."""
+        return self.law.smooth(self.contact.velocity, v_reg)
 
     @cached_property
     def _begins(self) -> ca.SX:
@@ -214,24 +230,24 @@ class PlaneGrip:
         across = self._across
         normal = ca.vertcat(self._tangent[1], -self._tangent[0])
         onset = ca.vertcat(ca.SX(1, response.size2()), across.T @ response)
-        onset[0, self.row : self.row + 2] = normal.T
-        matrix = self.rests * response + begins * onset
+        onset[0, self.rows] = normal.T
+        matrix = self.rests[0] * response + begins * onset
         for i in range(2):
-            matrix[i, self.row + i] += slides
+            matrix[i, self.rows[i]] += slides
         begun = ca.vertcat(ca.dot(normal, self.slip), self._curves - ca.dot(across, free))
         return matrix, slides * self.slip + begins * begun - self.rests * free
 
     def gives(self, rest: float, onset: float) -> ca.SX:
         """Block on the diagonal by which it gives way, at rest and in onset across its way."""
         turning = ca.vertcat(ca.SX(1, 2), self._across.T)
-        return rest * self.rests * ca.SX.eye(2) + onset * self._begins * turning
+        return rest * self.rests[0] * ca.SX.eye(2) + onset * self._begins * turning
 
     @property
     def begun(self) -> ca.SX:
         """Force of sliding in onset, else 0."""
         return self._begins * self.slip
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
         Its speed, and its force in units of what holds; in onset its velocity along d, and its
@@ -241,7 +257,7 @@ class PlaneGrip:
         speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
         faster = ca.dot(ahead, acceleration) / ca.norm_2(ahead)
         size = ca.if_else(self._begins, self._lacks(force, own), self.law.gauge(force))
-        return speed, faster, -size, -1.0, ca.inf
+        return speed, faster, -size, ca.SX(-1.0), ca.SX.inf()
 
     def _lacks(self, force: ca.SX, own: ca.SX) -> ca.SX:
         """Error of onset so far: what its direction lacks shifts it aside, and its square slows it.
@@ -275,16 +291,46 @@ class PlaneGrip:
         return ca.vertcat(self.law.slip_direction(force), self._off(force))
 
 
-def grips_of(contacts: tuple[Contact, ...], t: ca.SX, s: ca.SX) -> list[LineGrip | PlaneGrip]:
+def grips_of(contacts: Sequence[Contact], t: ca.SX, s: ca.SX) -> list[LineGrip | PlaneGrip]:
     """Grips of contacts: their modes come first in s, then their onsets."""
-    found: list[LineGrip | PlaneGrip] = []
-    row, place = 0, len(contacts)
+    alike = defaultdict[Hashable, list[int]](list)
     for i, contact in enumerate(contacts):
-        if isinstance(contact.law, PlanarLaw):
+        alike[i if contact.planar else _kind(contact.law)].append(i)
+    first = np.cumsum([0, *(contact.force.numel() for contact in contacts)]).tolist()
+    found: list[LineGrip | PlaneGrip] = []
+    place = len(contacts)
+    for each in alike.values():
+        contact, row = contacts[each[0]], first[each[0]]
+        if contact.planar:
             onset = s[place : place + ENTRIES]
-            found.append(PlaneGrip(contact, contact.law, s[i], onset, t, row))
+            found.append(PlaneGrip(each, [row, row + 1], contact, contact.law, s[each], onset, t))
             place += ENTRIES
         else:
-            found.append(LineGrip(contact, contact.law, s[i], row))
-        row += found[-1].size
+            own = [contacts[i] for i in each]
+            velocity = ca.vertcat(*(c.velocity for c in own))
+            law = _stacked([c.law for c in own])
+            found.append(LineGrip(each, [first[i] for i in each], law, velocity, s[each]))
     return found
+
+
+def _kind(law: Any) -> Hashable:
+    """What laws have in common that differ in nothing but scalar symbols."""
+    if not is_dataclass(law):
+        return id(law)
+    values = (getattr(law, item.name) for item in fields(law))
+    return type(law), *(
+        ca.SX if _scalar(v) else v if v is None or isinstance(v, Real) else id(v) for v in values
+    )
+
+
+def _scalar(value: Any) -> bool:
+    return isinstance(value, ca.SX) and value.is_scalar()
+
+
+def _stacked(laws: Sequence[Any]) -> Any:
+    """One law for several that are alike, with columns for symbols."""
+    if len(laws) == 1 or not is_dataclass(laws[0]):
+        return laws[0]
+    names = [item.name for item in fields(laws[0]) if _scalar(getattr(laws[0], item.name))]
+    columns = {name: ca.vertcat(*(getattr(law, name) for law in laws)) for name in names}
+    return replace(laws[0], **columns)  # type: ignore[type-var]

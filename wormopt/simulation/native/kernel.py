@@ -15,7 +15,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.model.planar_friction import PlanarLaw
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem, Outcome
@@ -247,7 +246,7 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
         fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
     places = np.full(len(system.contacts), -1)
     places[system.planar] = np.arange(len(system.planar))
-    ways = [(1,) if isinstance(c.law, PlanarLaw) else c.law.directions for c in system.contacts]
+    ways = [(1,) if c.planar else c.law.directions for c in system.contacts]
     directions = [(1 in each) + 2 * (-1 in each) for each in ways]
     arrays = {
         "velocity_state": system.velocity_state,
