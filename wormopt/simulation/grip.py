@@ -1,11 +1,12 @@
 """What the force of contacts is in exact treatment, by their modes; a row for each component.
 
-Contacts on a line whose laws are alike are treated as one, in columns. A contact in the plane has four entries in s besides its mode: the direction of onset, half the rate
-at which it turns, and when that began. They are 0 but for a contact that has been let go: at
-velocity 0 the direction of slip is singular, and for long after it follows the forces so closely
-that explicit steps would be held short. So it moves along the given direction d first: it does not
-move across d, and its force lies on the tangent, at that of sliding along d, of the forces of
-sliding. This errs by the square of the angle that d lacks; it lasts until that counts.
+Contacts on a line whose laws are alike are treated as one, in columns. A contact in the plane has
+four entries in s besides its mode: the direction of onset, half the rate at which it turns, and
+when that began. They are 0 but for a contact that has been let go: at velocity 0 the direction of
+slip is singular, and for long after it follows the forces so closely that explicit steps would be
+held short. So it moves along the given direction d first: it does not move across d, and its force
+lies on the tangent, at that of sliding along d, of the forces of sliding. This errs by the square
+of the angle that d lacks; it lasts until that counts.
 """
 
 from __future__ import annotations

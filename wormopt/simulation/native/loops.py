@@ -10,10 +10,11 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
+from wormopt.simulation.native.instructions import read
 from wormopt.simulation.native.lanes import OPERATIONS, number
 
 # Operations of one expression: longer ones are cut, for a line shall not grow without end.
@@ -43,80 +44,75 @@ static inline double sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
 
 _ARGUMENTS = "const double **arg, double **res, long long *iw, double *w, int mem"
 
-Place = tuple[str, int]  # array and entry
+# Of an expression its shape in C, with $array; where an entry stands, these entries, the number of
+# operations in it and of loops before it. No class, for there are many.
+_Term = tuple[str, tuple[int, ...], int, int]
 _PLACE = re.compile(r"\$(\w+);")
+_NOTHING: _Term = ("", (), 0, 0)
 
-
-@dataclass(frozen=True)
-class _Term:
-    """An expression in C, with $array; where an entry stands."""
-
-    shape: str
-    places: tuple[Place, ...]
-    size: int  # operations
-    level: int  # loops before it
-
-
-def _read(array: str, entry: int, level: int) -> _Term:
-    return _Term(f"${array};", ((array, entry),), 0, level)
+# By loops before them, array and shape of what is put there: entries written and read, row by row.
+_Groups = dict[tuple[int, str, str], list[tuple[int, ...]]]
 
 
 def source(function: ca.Function) -> tuple[str, int] | None:
     """C code in CasADi's form and how many numbers it works on; None where there is none."""
     if not function.is_a("SXFunction"):
         return None
-    count = function.n_instructions()
-    operations = [function.instruction_id(k) for k in range(count)]
-    if any(op not in OPERATIONS and op not in _ENDS for op in operations):
+    operations, places = read(function)
+    if not set(operations.tolist()) <= {*OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}:
         return None
-    given = [function.instruction_input(k) for k in range(count)]
-    target = [function.instruction_output(k) for k in range(count)]
-    uses = _uses(operations, given, target)
-    groups: dict[tuple[int, str], list[tuple[Place, ...]]] = defaultdict(list)
-    terms: dict[int, _Term] = {}  # by entry of CasADi's work array, as it is now
+    given = _writers(operations, places)
+    shared = np.bincount(given[given >= 0], minlength=len(given)) > 1
+    terms, shapes = _read(function, operations, places), dict[tuple[int, str, str], str]()
+    groups: _Groups = defaultdict(list)
     n_w = 0
-    for k, op in enumerate(operations):
+    todo = np.flatnonzero((operations != ca.OP_INPUT) & (operations != ca.OP_CONST))
+    columns = (todo, operations[todo], *given[todo].T, shared[todo], *places[todo, :2].T)
+    for k, op, first, second, often, output, entry in zip(
+        *map(np.ndarray.tolist, columns), strict=True
+    ):
+        shape, entries, size, level = terms[first]
         if op == ca.OP_OUTPUT:
-            term, (output, entry) = terms[given[k][0]], target[k]
-            groups[term.level, term.shape].append(((f"r{output}", entry), *term.places))
-        elif op == ca.OP_INPUT:
-            terms[target[k][0]] = _read(f"a{given[k][0]}", given[k][1], 0)
-        elif op == ca.OP_CONST:
-            terms[target[k][0]] = _Term(number(function.instruction_constant(k)), (), 0, 0)
+            groups[level, f"r{output}", shape].append((entry, *entries))
+            continue
+        other, more, size_, level_ = terms[second]
+        key = (op, shape, other)
+        if key not in shapes:
+            shapes[key] = f"({OPERATIONS[op].format(shape, other)})"
+        entries, size, level = entries + more, size + size_ + 1, max(level, level_)
+        if often or size >= _LARGEST:
+            groups[level, "w", shapes[key]].append((n_w, *entries))
+            terms[k], n_w = ("$w;", (n_w,), 0, level + 1), n_w + 1
         else:
-            term = _applied(OPERATIONS[op], [terms[i] for i in given[k]])
-            if uses[k] > 1 or term.size >= _LARGEST:
-                groups[term.level, term.shape].append((("w", n_w), *term.places))
-                term, n_w = _read("w", n_w, term.level + 1), n_w + 1
-            terms[target[k][0]] = term
+            terms[k] = shapes[key], entries, size, level
     return _code(function, groups), n_w
 
 
-_ENDS = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
+def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Which instructions have made the two numbers that each one works on; -1 for none."""
+    n, ends = len(operations), operations == ca.OP_OUTPUT
+    taken = places[:, 1:].copy()
+    taken[operations == ca.OP_INPUT] = -1
+    taken[ends] = np.column_stack([places[ends, 2], np.full(ends.sum(), -1)])
+    k = np.arange(n)
+    made = np.sort((places[:, 0] * n + k)[~ends])  # by entry of CasADi's work array, then by time
+    last = np.searchsorted(made, taken * n + k[:, None]) - 1
+    return np.where(taken < 0, -1, made[last] % n)
 
 
-def _uses(operations: list[int], given: list[list[int]], target: list[list[int]]) -> list[int]:
-    """How often the result of each instruction is used."""
-    uses, writer = [0] * len(operations), dict[int, int]()
-    for k, op in enumerate(operations):
-        if op != ca.OP_INPUT:
-            for i in given[k]:
-                uses[writer[i]] += 1
-        if op != ca.OP_OUTPUT:
-            writer[target[k][0]] = k
-    return uses
+def _read(function: ca.Function, operations: np.ndarray, places: np.ndarray) -> list[_Term]:
+    """Terms of the instructions that read a number; behind all, one for what is not there."""
+    terms = [_NOTHING] * (len(operations) + 1)
+    arrays = [f"$a{i};" for i in range(function.n_in())]
+    inputs = np.flatnonzero(operations == ca.OP_INPUT)
+    for k, (_, array, entry) in zip(inputs.tolist(), places[inputs].tolist(), strict=True):
+        terms[k] = arrays[array], (entry,), 0, 0
+    for k in np.flatnonzero(operations == ca.OP_CONST).tolist():
+        terms[k] = number(function.instruction_constant(k)), (), 0, 0
+    return terms
 
 
-def _applied(operation: str, terms: list[_Term]) -> _Term:
-    return _Term(
-        f"({operation.format(*(term.shape for term in terms))})",
-        tuple(place for term in terms for place in term.places),
-        1 + sum(term.size for term in terms),
-        max(term.level for term in terms),
-    )
-
-
-def _code(function: ca.Function, groups: dict[tuple[int, str], list[tuple[Place, ...]]]) -> str:
+def _code(function: ca.Function, groups: _Groups) -> str:
     """The function, level by level."""
     lines = [
         f"int {function.name()}({_ARGUMENTS})",
@@ -124,41 +120,35 @@ def _code(function: ca.Function, groups: dict[tuple[int, str], list[tuple[Place,
         *(f"  const double *a{k} = arg[{k}];" for k in range(function.n_in())),
         *(f"  double *r{k} = res[{k}];" for k in range(function.n_out())),
     ]
-    for (_, shape), rows in sorted(groups.items(), key=lambda group: group[0][0]):
+    for (_, array, shape), rows in sorted(groups.items(), key=lambda group: group[0][0]):
         if len(rows) < _FEWEST:
-            lines += [f"  {_statement(shape, [f'{a}[{i}]' for a, i in row])}" for row in rows]
+            lines += [f"  {_statement(array, shape, row)}" for row in rows]
         else:
-            lines += _loop(shape, rows)
+            lines += _loop(array, shape, np.array(rows))
     return "\n".join([*lines, "  return 0;", "}", ""])
 
 
-def _loop(shape: str, rows: list[tuple[Place, ...]]) -> list[str]:
+def _loop(array: str, shape: str, rows: np.ndarray) -> list[str]:
     tables, entries = [], []
-    for number_, column in enumerate(zip(*rows, strict=True)):
-        array, counted = column[0][0], [entry for _, entry in column]
-        rule = _rule(counted)
-        if rule is None:
-            values = ",".join(map(str, counted))
-            tables.append(f"    static const int at{number_}[] = {{{values}}};")
-            rule = f"at{number_}[i]"
-        entries.append(f"{array}[{rule}]")
+    for k, column in enumerate(rows.T):
+        first, step = column[0], column[1] - column[0]
+        if np.all(np.diff(column) == step):
+            entries.append(f"{first} + {step} * i")
+        else:
+            values = ",".join(map(str, column.tolist()))
+            tables.append(f"    static const int at{k}[] = {{{values}}};")
+            entries.append(f"at{k}[i]")
     return [
         "  {",
         *tables,
         "#pragma GCC ivdep",
-        f"    for (int i = 0; i < {len(rows)}; i++) {_statement(shape, entries)}",
+        f"    for (int i = 0; i < {len(rows)}; i++) {_statement(array, shape, entries)}",
         "  }",
     ]
 
 
-def _rule(entries: Sequence[int]) -> str | None:
-    """How entries follow from their number, where they do."""
-    first, step = entries[0], entries[1] - entries[0]
-    regular = all(entry == first + step * k for k, entry in enumerate(entries))
-    return f"{first} + {step} * i" if regular else None
-
-
-def _statement(shape: str, entries: list[str]) -> str:
+def _statement(array: str, shape: str, entries: Sequence[int | str]) -> str:
     target, *read = entries
     waiting = iter(read)
-    return f"{target} = {_PLACE.sub(lambda _: next(waiting), shape)};"
+    value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", shape)
+    return f"{array}[{target}] = {value};"
