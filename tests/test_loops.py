@@ -22,7 +22,7 @@ def evaluated(function: ca.Function, values: list[np.ndarray]) -> list[np.ndarra
     told = loops.source(function)
     assert told is not None
     text, n_w = told
-    library = build.library("loops", [("loops.c", loops.HEAD + text)], "-O2")
+    library = build.library("loops", [("loops.c", loops.head() + text)], "-O2")
     work = np.zeros(n_w + 1)
     results = [np.full(function.nnz_out(k), np.nan) for k in range(function.n_out())]
 
@@ -110,7 +110,7 @@ def test_what_c_cannot_say_is_left_to_casadi():
 def test_long_chains_move_as_without_compiled_code(contact: Smooth | Exact):
     model, tolerance = long_chain(40), Tolerance(1e-9, 1e-10)
     text, _ = kernel._source(list(system_of(model, contact).functions.values()))
-    assert "for (int i = 0; i < 39" in text
+    assert "for (int k = 0; k < 39; k += LANES)" in text
     fast, slow = (
         simulate(model, 0.3, contact=contact, tolerance=tolerance, route=route)
         for route in ("native", "python")

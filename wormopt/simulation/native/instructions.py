@@ -1,4 +1,4 @@
-"""Instructions of a CasADi function, all at once: to ask for them one by one takes thrice as long."""
+"""Instructions of a CasADi function, all at once: to ask for them one by one takes longer."""
 
 from __future__ import annotations
 

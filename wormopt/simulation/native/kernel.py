@@ -170,7 +170,7 @@ def _source(functions: Sequence[ca.Function]) -> tuple[str, int]:
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
     text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
     text = _BODY.sub(_cut, text)
-    return "\n".join([text, loops.HEAD, *texts] if texts else [text]), n_w
+    return "\n".join([text, loops.head(), *texts] if texts else [text]), n_w
 
 
 def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:

@@ -76,8 +76,13 @@ def compiled(system: System) -> ctypes.CDLL | None:
 
 @cache
 def _library(text: str) -> ctypes.CDLL:
-    header = (files("wormopt.simulation.native") / "lanes.h").read_text(encoding="utf-8")
-    return library("lanes", [("lanes.h", header), ("lanes.c", text)], "-O2")
+    return library("lanes", [("lanes.h", header()), ("lanes.c", text)], "-O2")
+
+
+@cache
+def header() -> str:
+    """Vectors of one number per run, and functions of them."""
+    return (files("wormopt.simulation.native") / "lanes.h").read_text(encoding="utf-8")
 
 
 def source(function: ca.Function) -> str | None:

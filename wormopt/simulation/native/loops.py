@@ -1,8 +1,8 @@
 """C code of long functions, with a loop for what is done to many links alike.
 
 A function is cut into expressions: what it returns, and what is used more than once. Those of equal
-shape that do not wait for one another make a loop; what they read and write is counted off, or
-looked up in a table where there is no rule.
+shape that do not wait for one another make a loop over vectors of eight; what they read and write
+is counted off, or looked up in a table where there is no rule.
 """
 
 from __future__ import annotations
@@ -15,43 +15,48 @@ import casadi as ca
 import numpy as np
 
 from wormopt.simulation.native.instructions import read
-from wormopt.simulation.native.lanes import OPERATIONS, number
+from wormopt.simulation.native.lanes import LANES, OPERATIONS, header, number
 
 # Operations of one expression: longer ones are cut, for a line shall not grow without end.
 _LARGEST = 60
-# Expressions of a shape that are worth a loop.
-_FEWEST = 4
 
-HEAD = """#include <math.h>
-typedef double vec;
-#define lane_sqrt sqrt
-#define lane_abs fabs
-#define lane_max fmax
-#define lane_min fmin
-#define lane_tanh tanh
-#define lane_exp exp
-#define lane_sin sin
-#define lane_cos cos
-#define lane_square(a) square(a)
-#define lane_sign(a) sign(a)
-#define TRUTH(condition) ((double)(condition))
-#define WHERE(condition, a) ((condition) ? (a) : 0.0)
-#define EACH(f, a) f(a)
-#define EACH_2(f, a, b) f(a, b)
-static inline double square(double a) { return a * a; }
-static inline double sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
+# Behind lanes.h: what vectors are read from and written to; the same operations with one number.
+_HEAD = """
+typedef double near __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+#define NUMBER(a) ((vec){} + (a))
+#define NEXT(place) (*(near *)&(place))
+#define EVERY(place) ({ vec v_; for (int l = 0; l < LANES; l++) v_[l] = (place); v_; })
+#define SPREAD(place, value) \\
+    do { const vec v_ = (value); for (int l = 0; l < LANES; l++) (place) = v_[l]; } while (0)
+#define one_NUMBER(a) (a)
+#define one_TRUTH(condition) ((double)(condition))
+#define one_WHERE(condition, a) ((condition) ? (a) : 0.0)
+#define one_EACH(f, a) f(a)
+#define one_EACH_2(f, a, b) f(a, b)
+#define one_lane_sqrt sqrt
+#define one_lane_abs fabs
+#define one_lane_max fmax
+#define one_lane_min fmin
+#define one_lane_tanh tanh
+#define one_lane_exp exp
+#define one_lane_sin sin
+#define one_lane_cos cos
+static inline double one_lane_square(double a) { return a * a; }
+static inline double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
 """
+_OF_VECTORS = re.compile(r"\b(?=lane_|NUMBER|TRUTH|WHERE|EACH)")
 
 _ARGUMENTS = "const double **arg, double **res, long long *iw, double *w, int mem"
 
-# Of an expression its shape in C, with $array; where an entry stands, these entries, the number of
-# operations in it and of loops before it. No class, for there are many.
-_Term = tuple[str, tuple[int, ...], int, int]
-_PLACE = re.compile(r"\$(\w+);")
-_NOTHING: _Term = ("", (), 0, 0)
-
 # By loops before them, array and shape of what is put there: entries written and read, row by row.
+# A shape is an expression in C, with $array; where an entry stands.
 _Groups = dict[tuple[int, str, str], list[tuple[int, ...]]]
+_PLACE = re.compile(r"\$(\w+);")
+
+
+def head() -> str:
+    """What the code stands on."""
+    return header() + _HEAD
 
 
 def source(function: ca.Function) -> tuple[str, int] | None:
@@ -61,31 +66,56 @@ def source(function: ca.Function) -> tuple[str, int] | None:
     operations, places = read(function)
     if not set(operations.tolist()) <= {*OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}:
         return None
+    groups, n_w = _moved_up(_grouped(function, operations, places), len(operations))
+    lines = [
+        f"int {function.name()}({_ARGUMENTS})",
+        "{",
+        *(f"  const double *a{k} = arg[{k}];" for k in range(function.n_in())),
+        *(f"  double *r{k} = res[{k}];" for k in range(function.n_out())),
+    ]
+    for array, shape, rows in groups:
+        if len(rows) < LANES:
+            lines += [f"  {_statement(array, shape, row)}" for row in rows.tolist()]
+        else:
+            lines += _loop(array, shape, rows)
+    return "\n".join([*lines, "  return 0;", "}", ""]), n_w
+
+
+def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) -> _Groups:
+    """Expressions by shape; those that are used more than once go to w, by their instruction."""
     given = _writers(operations, places)
     shared = np.bincount(given[given >= 0], minlength=len(given)) > 1
-    terms, shapes = _read(function, operations, places), dict[tuple[int, str, str], str]()
+    # Of each instruction the expression so far, in lists of their own, for there are many: shape,
+    # entries, operations and loops before it. The last are those of what is not there.
+    shapes, entries = [""] * (len(given) + 1), [()] * (len(given) + 1)  # type: list[str], list[tuple[int, ...]]
+    sizes, levels = [0] * (len(given) + 1), [0] * (len(given) + 1)
+    inputs, constants = (np.flatnonzero(operations == op) for op in (ca.OP_INPUT, ca.OP_CONST))
+    arrays = [f"$a{i};" for i in range(function.n_in())]
+    for k, (_, array, entry) in zip(inputs.tolist(), places[inputs].tolist(), strict=True):
+        shapes[k], entries[k] = arrays[array], (entry,)
+    for k in constants.tolist():
+        shapes[k] = f"NUMBER({number(function.instruction_constant(k))})"
+    joined = dict[tuple[int, str, str], str]()
     groups: _Groups = defaultdict(list)
-    n_w = 0
     todo = np.flatnonzero((operations != ca.OP_INPUT) & (operations != ca.OP_CONST))
     columns = (todo, operations[todo], *given[todo].T, shared[todo], *places[todo, :2].T)
-    for k, op, first, second, often, output, entry in zip(
-        *map(np.ndarray.tolist, columns), strict=True
-    ):
-        shape, entries, size, level = terms[first]
+    listed = (column.tolist() for column in columns)
+    for k, op, a, b, often, output, entry in zip(*listed, strict=True):
         if op == ca.OP_OUTPUT:
-            groups[level, f"r{output}", shape].append((entry, *entries))
+            groups[levels[a], f"r{output}", shapes[a]].append((entry, *entries[a]))
             continue
-        other, more, size_, level_ = terms[second]
-        key = (op, shape, other)
-        if key not in shapes:
-            shapes[key] = f"({OPERATIONS[op].format(shape, other)})"
-        entries, size, level = entries + more, size + size_ + 1, max(level, level_)
+        key = op, shapes[a], shapes[b]
+        shape = joined.get(key)
+        if shape is None:
+            shape = joined[key] = f"({OPERATIONS[op].format(shapes[a], shapes[b])})"
+        size, level = sizes[a] + sizes[b] + 1, max(levels[a], levels[b])
         if often or size >= _LARGEST:
-            groups[level, "w", shapes[key]].append((n_w, *entries))
-            terms[k], n_w = ("$w;", (n_w,), 0, level + 1), n_w + 1
+            groups[level, "w", shape].append((k, *entries[a], *entries[b]))
+            shapes[k], entries[k], levels[k] = "$w;", (k,), level + 1
         else:
-            terms[k] = shapes[key], entries, size, level
-    return _code(function, groups), n_w
+            shapes[k], entries[k] = shape, entries[a] + entries[b]
+            sizes[k], levels[k] = size, level
+    return groups
 
 
 def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
@@ -100,55 +130,59 @@ def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.where(taken < 0, -1, made[last] % n)
 
 
-def _read(function: ca.Function, operations: np.ndarray, places: np.ndarray) -> list[_Term]:
-    """Terms of the instructions that read a number; behind all, one for what is not there."""
-    terms = [_NOTHING] * (len(operations) + 1)
-    arrays = [f"$a{i};" for i in range(function.n_in())]
-    inputs = np.flatnonzero(operations == ca.OP_INPUT)
-    for k, (_, array, entry) in zip(inputs.tolist(), places[inputs].tolist(), strict=True):
-        terms[k] = arrays[array], (entry,), 0, 0
-    for k in np.flatnonzero(operations == ca.OP_CONST).tolist():
-        terms[k] = number(function.instruction_constant(k)), (), 0, 0
-    return terms
+def _moved_up(groups: _Groups, count: int) -> tuple[list[tuple[str, str, np.ndarray]], int]:
+    """Arrays, shapes and rows, level by level, with w filled without gaps; how many it holds."""
+    place, n_w, found = np.zeros(count, dtype=np.int64), 0, []
+    for (_, array, shape), listed in sorted(groups.items(), key=lambda group: group[0][0]):
+        rows = np.array(listed)
+        for k, read_from in enumerate(_PLACE.findall(shape), 1):
+            if read_from == "w":
+                rows[:, k] = place[rows[:, k]]
+        if array == "w":
+            place[rows[:, 0]] = np.arange(n_w, n_w + len(rows))
+            rows[:, 0] = place[rows[:, 0]]
+            n_w += len(rows)
+        found.append((array, shape, rows))
+    return found, n_w
 
 
-def _code(function: ca.Function, groups: _Groups) -> str:
-    """The function, level by level."""
-    lines = [
-        f"int {function.name()}({_ARGUMENTS})",
-        "{",
-        *(f"  const double *a{k} = arg[{k}];" for k in range(function.n_in())),
-        *(f"  double *r{k} = res[{k}];" for k in range(function.n_out())),
-    ]
-    for (_, array, shape), rows in sorted(groups.items(), key=lambda group: group[0][0]):
-        if len(rows) < _FEWEST:
-            lines += [f"  {_statement(array, shape, row)}" for row in rows]
-        else:
-            lines += _loop(array, shape, np.array(rows))
-    return "\n".join([*lines, "  return 0;", "}", ""])
+def _statement(array: str, shape: str, row: Sequence[int]) -> str:
+    """One row of a shape."""
+    target, *entries = row
+    waiting = iter(entries)
+    value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", _OF_VECTORS.sub("one_", shape))
+    return f"{array}[{target}] = {value};"
 
 
 def _loop(array: str, shape: str, rows: np.ndarray) -> list[str]:
-    tables, entries = [], []
-    for k, column in enumerate(rows.T):
+    """All rows of a shape, eight at a time; the last eight may have been there before."""
+    arrays, tables, places = [array, *_PLACE.findall(shape)], [], []
+    for k, (name, column) in enumerate(zip(arrays, rows.T, strict=True)):
         first, step = column[0], column[1] - column[0]
-        if np.all(np.diff(column) == step):
-            entries.append(f"{first} + {step} * i")
-        else:
+        if np.any(np.diff(column) != step):
             values = ",".join(map(str, column.tolist()))
             tables.append(f"    static const int at{k}[] = {{{values}}};")
-            entries.append(f"at{k}[i]")
+            places.append(f"EVERY({name}[at{k}[i + l]])")
+        elif step == 0:
+            places.append(f"NUMBER({name}[{first}])")
+        elif step == 1:
+            places.append(f"NEXT({name}[{first} + i])")
+        else:
+            places.append(f"EVERY({name}[{first} + {step} * (i + l)])")
+    target, *entries = places
+    waiting = iter(entries)
+    value = _PLACE.sub(lambda _: next(waiting), shape)
+    if target.startswith("NEXT"):
+        put = f"{target} = {value};"
+    else:
+        put = f"SPREAD({target[len('EVERY(') : -1]}, {value});"
+    last = len(rows) - LANES
     return [
         "  {",
         *tables,
-        "#pragma GCC ivdep",
-        f"    for (int i = 0; i < {len(rows)}; i++) {_statement(array, shape, entries)}",
+        f"    for (int k = 0; k < {len(rows)}; k += LANES) {{",
+        f"      const int i = k < {last} ? k : {last};",
+        f"      {put}",
+        "    }",
         "  }",
     ]
-
-
-def _statement(array: str, shape: str, entries: Sequence[int | str]) -> str:
-    target, *read = entries
-    waiting = iter(read)
-    value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", shape)
-    return f"{array}[{target}] = {value};"
