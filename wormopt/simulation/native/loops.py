@@ -46,7 +46,7 @@ static inline double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a
 """
 _OF_VECTORS = re.compile(r"\b(?=lane_|NUMBER|TRUTH|WHERE|EACH)")
 
-_ARGUMENTS = "const double **arg, double **res, long long *iw, double *w, int mem"
+_ARGUMENTS = "const double **arg, double **res, long long *iw, double *restrict w, int mem"
 
 # By loops before them, array and shape of what is put there: entries written and read, row by row.
 # A shape is an expression in C, with $array; where an entry stands.
@@ -70,8 +70,8 @@ def source(function: ca.Function) -> tuple[str, int] | None:
     lines = [
         f"int {function.name()}({_ARGUMENTS})",
         "{",
-        *(f"  const double *a{k} = arg[{k}];" for k in range(function.n_in())),
-        *(f"  double *r{k} = res[{k}];" for k in range(function.n_out())),
+        *(f"  const double *restrict a{k} = arg[{k}];" for k in range(function.n_in())),
+        *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
     for array, shape, rows in groups:
         if len(rows) < LANES:
