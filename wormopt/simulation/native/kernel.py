@@ -151,29 +151,30 @@ def driver() -> ctypes.CDLL:
 def _source(functions: Sequence[ca.Function]) -> tuple[str, int]:
     """C code of functions for use in one file, and how many numbers they work on.
 
-    That of CasADi is without checks for absent arguments. The compiler's time grows with the square
-    of the length of a function: long ones are told in loops.
+    What has loops of its own or unusual operations is told by CasADi.
     """
-    short, texts, n_w = [], [], 0
-    for function in functions:
-        long = function.is_a("SXFunction") and function.n_instructions() >= _LONG
-        told = loops.source(function) if long else None
-        if told is None:
-            short.append(function)
-        else:
-            texts.append(told[0])
-            n_w = max(n_w, told[1])
-    text = _generated(short, avoid_stack=False)
+    told = [loops.source(function) for function in functions]
+    texts = [one[0] for one in told if one]
+    others = [function for function, one in zip(functions, told, strict=True) if one is None]
+    text = "\n".join([loops.head(), *texts, *([_generated(others)] if others else [])])
+    return text, max(one[1] if one else 0 for one in told)
+
+
+def _generated(functions: Sequence[ca.Function]) -> str:
+    """CasADi's code of functions, without checks for absent arguments.
+
+    The compiler's time grows with the square of the length of a function: long ones are cut.
+    """
+    text = _dumped(functions, avoid_stack=False)
     if any(len(body[3].splitlines()) >= _TOO_LONG for body in _BODY.finditer(text)):
-        text = _generated(short, avoid_stack=True)
+        text = _dumped(functions, avoid_stack=True)
     text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
     text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
-    text = _BODY.sub(_cut, text)
-    return "\n".join([text, loops.head(), *texts] if texts else [text]), n_w
+    return _BODY.sub(_cut, text)
 
 
-def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
+def _dumped(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
     generator = ca.CodeGenerator("model.c", {"avoid_stack": avoid_stack})
     for function in functions:
         generator.add(function)
@@ -183,7 +184,6 @@ def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
 _BODY = re.compile(
     r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", flags=re.MULTILINE | re.DOTALL
 )
-_LONG = 500  # instructions
 _TOO_LONG = 2000  # lines
 
 

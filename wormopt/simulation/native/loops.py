@@ -46,7 +46,7 @@ static inline double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a
 """
 _OF_VECTORS = re.compile(r"\b(?=lane_|NUMBER|TRUTH|WHERE|EACH)")
 
-_ARGUMENTS = "const double **arg, double **res, long long *iw, double *restrict w, int mem"
+_ARGUMENTS = "const double **arg, double **res, long long *iw, double *work, int mem"
 
 # By loops before them, array and shape of what is put there: entries written and read, row by row.
 # A shape is an expression in C, with $array; where an entry stands.
@@ -56,7 +56,7 @@ _PLACE = re.compile(r"\$(\w+);")
 
 def head() -> str:
     """What the code stands on."""
-    return header() + _HEAD
+    return f"#pragma GCC push_options\n{header()}#pragma GCC pop_options\n{_HEAD}"
 
 
 def source(function: ca.Function) -> tuple[str, int] | None:
@@ -67,9 +67,12 @@ def source(function: ca.Function) -> tuple[str, int] | None:
     if not set(operations.tolist()) <= {*OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}:
         return None
     groups, n_w = _moved_up(_grouped(function, operations, places), len(operations))
+    vectors = any(len(rows) >= LANES for _, _, rows in groups)
     lines = [
+        *(['__attribute__((optimize("fp-contract=fast")))'] if vectors else []),
         f"int {function.name()}({_ARGUMENTS})",
         "{",
+        f"  double w[{n_w}];" if 0 < n_w <= 256 else "  double *restrict w = work;",
         *(f"  const double *restrict a{k} = arg[{k}];" for k in range(function.n_in())),
         *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
