@@ -273,14 +273,14 @@ class System:
         if self.coupled:
             return ode
         # a velocity that is a state stays what it is while its contact rests, to the last bit
-        slip = self._by_rows([grip.slip for grip in self._grips])
-        sliding = self._at_forces(self._free_ode, slip)
-        for grip in self._grips:
-            rows = [row for row in grip.rows if self.row_state[row] >= 0]
-            states = self.row_state[rows].tolist()
-            moving = ode if isinstance(grip, PlaneGrip) else sliding
-            modes = self._modes[self.row_contact[rows].tolist()]
-            ode[states] = modes**2 * moving[states]
+        rows = np.flatnonzero(self.row_state >= 0)
+        if not rows.size:
+            return ode
+        slip = [g.slip if isinstance(g, LineGrip) else self.forces[g.rows] for g in self._grips]
+        moving = self._at_forces(self._free_ode, self._by_rows(slip))
+        states = self.row_state[rows].tolist()
+        modes = self._modes[self.row_contact[rows].tolist()]
+        ode[states] = modes**2 * moving[states]
         return ode
 
     @cached_property
