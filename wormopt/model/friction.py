@@ -122,16 +122,16 @@ def check_numbers(law: Any) -> None:
     """Refuse fields that are neither numbers nor symbols, a list for instance."""
     for item in fields(law):
         value = getattr(law, item.name)
-        if value is not None and not isinstance(value, (ca.SX, Real)):
+        if value is not None and not isinstance(value, (float, ca.SX, Real)):  # the usual first
             raise ArgumentError(
                 f"{item.name} must be a number, not {value!r}; for masses that differ, write a "
                 "list of laws"
             )
 
 
-def _check_forces(law: Law, forward: Expression, backward: Expression) -> None:
-    low, high = law.stick_interval
-    if not (_ascend(0.0, forward, -low) and _ascend(0.0, backward, high)):
+def _check_forces(slide: Expression, stick: Expression | None) -> None:
+    """Refuse forces against motion one way and against being moved that way that do not fit."""
+    if not _ascend(0.0, slide, *(() if stick is None else (stick,))):
         raise ArgumentError("friction forces must satisfy 0 <= sliding force <= stiction force")
 
 
@@ -168,7 +168,8 @@ class Coulomb(_TwoWay):
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        _check_forces(self, self.forward, self.backward)
+        _check_forces(self.forward, self.stick_forward)
+        _check_forces(self.backward, self.stick_backward)
 
     @property
     def stick_interval(self) -> tuple[Expression, Expression]:
@@ -217,7 +218,8 @@ class Stribeck(_TwoWay):
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        _check_forces(self, self.forward, self.backward)
+        _check_forces(self.forward, self.stick_forward)
+        _check_forces(self.backward, self.stick_backward)
         if not positive(self.v_stribeck):
             raise ArgumentError("v_stribeck must be positive")
 

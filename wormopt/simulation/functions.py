@@ -160,8 +160,6 @@ class System:
                 "walls with a gap or a normal force cannot be simulated; let them give way by "
                 "smooth_walls"
             )
-        if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
-            raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")
         ode = ca.substitute(model.ode, *self._plain_forces) if self._plain else model.ode
         return recalled(ode, self.memories, model.t)
 
@@ -169,6 +167,8 @@ class System:
     def _free_acceleration(self) -> ca.SX:
         """Accelerations of contacts with the plain forces put in."""
         velocity, model = self._velocity, self.model
+        if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
+            raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")
         rate = ca.jtimes(velocity, pack(model.x), self._free_ode)
         return rate + ca.jacobian(velocity, model.t)
 

@@ -15,6 +15,15 @@ from wormopt.model.model import Model, pack
 
 
 @dataclass(frozen=True, eq=False)
+class _Alike:
+    """Contacts whose laws differ in numbers alone."""
+
+    names: list[str]  # fields that are decided
+    contacts: list[int]
+    entries: list[list[int]]  # of each contact and field the place of its value
+
+
+@dataclass(frozen=True, eq=False)
 class LawNumbers:
     """Laws of a model's contacts with fields that are symbols."""
 
@@ -23,64 +32,72 @@ class LawNumbers:
     def check(self, fixed: np.ndarray) -> None:
         """Let each law see its numbers together: stiction below sliding friction, say.
 
-        `fixed` are values of parameters and inputs. Laws that are alike but for these fields, and
-        equal in them, are asked once. Raises ArgumentError if a law refuses.
+        `fixed` are values of parameters and inputs. Laws with the same numbers are asked once.
+        Raises ArgumentError if a law refuses.
         """
-        values = self._values(fixed).full().ravel().tolist() if self._decided else []
-        numbers = defaultdict[int, dict[str, float]](dict)
-        for (i, name), value in zip(self._decided, values, strict=True):
-            numbers[i][name] = value
-        asked = set[tuple[object, ...]]()
-        for i, own in numbers.items():
-            contact = self.model.contacts[i]
-            asking = (*_kept(contact.law, own), *own.values())
-            if asking in asked:
-                continue
-            asked.add(asking)
-            try:
-                replace(contact.law, **own)
-            except ValueError as error:
-                said = ", ".join(f"{name} = {value:g}" for name, value in own.items())
-                raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+        if not self._alike:
+            return
+        values = self._values(fixed).full().ravel()
+        for alike in self._alike:
+            told = map(tuple, values[alike.entries].tolist())
+            first: dict[tuple[float, ...], int] = {}
+            for numbers, contact in zip(told, alike.contacts, strict=True):
+                first.setdefault(numbers, contact)
+            for numbers, contact in first.items():
+                self._ask(contact, dict(zip(alike.names, numbers, strict=True)))
+
+    def _ask(self, i: int, numbers: dict[str, float]) -> None:
+        contact = self.model.contacts[i]
+        try:
+            replace(contact.law, **numbers)
+        except ValueError as error:
+            said = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
+            raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+
+    @cached_property
+    def _alike(self) -> list[_Alike]:
+        """Contacts with fields of their laws that parameters and inputs alone decide."""
+        own = defaultdict[int, dict[str, int]](dict)
+        for entry, (i, name) in enumerate(self._decided[0]):
+            own[i][name] = entry
+        groups = defaultdict[tuple[object, ...], list[int]](list)
+        for i, entries in own.items():
+            groups[_kind(self.model.contacts[i].law, list(entries))].append(i)
+        return [
+            _Alike(list(own[group[0]]), group, [list(own[i].values()) for i in group])
+            for group in groups.values()
+        ]
 
     @property
-    def _symbols(self) -> ca.SX:
-        return ca.vertcat(pack(self.model.p), pack(self.model.u))
-
-    @cached_property
-    def _symbolic(self) -> list[tuple[int, str]]:
-        """Contacts, and fields of their laws that are scalar expressions."""
-        laws = enumerate(contact.law for contact in self.model.contacts)
-        named = [
-            (i, law, item.name) for i, law in laws if is_dataclass(law) for item in fields(law)
-        ]
-        return [(i, name) for i, law, name in named if _is_scalar(getattr(law, name))]
-
-    @cached_property
-    def _decided(self) -> list[tuple[int, str]]:
-        """Those that parameters and inputs alone decide."""
-        column = self._column(self._symbolic)
-        told = ca.Function("told", [self._symbols], [column], {"allow_free": True})
-        others = told.free_sx()
-        if not others:
-            return self._symbolic
-        open_ = ca.which_depends(column, ca.vertcat(*others), 1, True)
-        return [place for place, is_open in zip(self._symbolic, open_, strict=True) if not is_open]
-
-    @cached_property
     def _values(self) -> ca.Function:
-        return ca.Function("law_numbers", [self._symbols], [self._column(self._decided)])
+        return self._decided[1]
 
-    def _column(self, places: list[tuple[int, str]]) -> ca.SX:
+    @cached_property
+    def _decided(self) -> tuple[list[tuple[int, str]], ca.Function]:
+        """Contacts and fields, and their values by parameters and inputs."""
+        laws = enumerate(contact.law for contact in self.model.contacts)
+        named = [(i, law, item.name) for i, law in laws if is_dataclass(law) for item in fields(law)]
+        places = [(i, name) for i, law, name in named if _is_scalar(getattr(law, name))]
+        column, function = self._column(places)
+        others = function.free_sx()
+        if others:
+            open_ = ca.which_depends(column, ca.vertcat(*others), 1, True)
+            places = [place for place, other in zip(places, open_, strict=True) if not other]
+            _, function = self._column(places)
+        return places, function
+
+    def _column(self, places: list[tuple[int, str]]) -> tuple[ca.SX, ca.Function]:
+        fixed = ca.vertcat(pack(self.model.p), pack(self.model.u))
         values = [getattr(self.model.contacts[i].law, name) for i, name in places]
-        return ca.densify(ca.vertcat(ca.SX(0, 1), *values))
+        column = ca.densify(ca.vertcat(ca.SX(0, 1), *values))
+        return column, ca.Function("law_numbers", [fixed], [column], {"allow_free": True})
 
 
 def _is_scalar(value: object) -> bool:
     return isinstance(value, ca.SX) and value.is_scalar()
 
 
-def _kept(law: Any, numbers: dict[str, float]) -> tuple[object, ...]:
-    """The law's kind, and which other fields it has."""
-    others = (item.name for item in fields(law) if item.name not in numbers)
-    return type(law), *numbers, *((name, id(getattr(law, name))) for name in others)
+def _kind(law: Any, decided: list[str]) -> tuple[object, ...]:
+    """What laws have in common that differ in the fields `decided` alone."""
+    others = (item.name for item in fields(law) if item.name not in decided)
+    return type(law), *decided, *((name, id(getattr(law, name))) for name in others)
