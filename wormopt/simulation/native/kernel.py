@@ -185,6 +185,7 @@ _BODY = re.compile(
     r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", flags=re.MULTILINE | re.DOTALL
 )
 _TOO_LONG = 2000  # lines
+_APART = '__attribute__((noinline, optimize("O1")))'
 
 
 def _cut(function: re.Match[str]) -> str:
@@ -197,7 +198,7 @@ def _cut(function: re.Match[str]) -> str:
     pieces = ["\n".join(lines[k : k + _TOO_LONG // 4]) for k in starts]
     pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
     cut = [
-        f"__attribute__((noinline)) static void {name}_{k}{arguments} {{\n{p}\n}}\n"
+        f"{_APART} static void {name}_{k}{arguments} {{\n{p}\n}}\n"
         for k, p in enumerate(pieces)
     ]
     calls = "".join(f"  {name}_{k}(arg, res, iw, w, mem);\n" for k in range(len(pieces)))
@@ -206,7 +207,7 @@ def _cut(function: re.Match[str]) -> str:
 
 @cache
 def _library(text: str) -> ctypes.CDLL:
-    return library("model", [("model.c", text)], "-O1" if "noinline" in text else "-O2")
+    return library("model", [("model.c", text)])
 
 
 @dataclass(frozen=True, eq=False)
