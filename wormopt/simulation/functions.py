@@ -438,7 +438,7 @@ class System:
 
     @cached_property
     def _laws(self) -> LawNumbers:
-        return LawNumbers(self.model)
+        return LawNumbers(self.model, self.symbols[2][: self.n_fixed - 1])
 
     def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
         """Values of p from those given by name, else the model's own; 0 for what schedules set.

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Model, pack
+from wormopt.model.model import Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,12 @@ class LawNumbers:
     """Laws of a model's contacts with fields that are symbols."""
 
     model: Model
+    fixed: ca.SX  # symbols of parameters and inputs
 
     def check(self, fixed: np.ndarray) -> None:
         """Let each law see its numbers together: stiction below sliding friction, say.
 
-        `fixed` are values of parameters and inputs. Laws with the same numbers are asked once.
+        `fixed` are values of the symbols. Laws with the same numbers are asked once.
         Raises ArgumentError if a law refuses.
         """
         if not self._alike:
@@ -87,10 +88,9 @@ class LawNumbers:
         return places, function
 
     def _column(self, places: list[tuple[int, str]]) -> tuple[ca.SX, ca.Function]:
-        fixed = ca.vertcat(pack(self.model.p), pack(self.model.u))
         values = [getattr(self.model.contacts[i].law, name) for i, name in places]
         column = ca.densify(ca.vertcat(ca.SX(0, 1), *values))
-        return column, ca.Function("law_numbers", [fixed], [column], {"allow_free": True})
+        return column, ca.Function("law_numbers", [self.fixed], [column], {"allow_free": True})
 
 
 def _is_scalar(value: object) -> bool:
