@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from itertools import pairwise
 from numbers import Real
 from typing import Any, Protocol, runtime_checkable
 
@@ -75,8 +74,13 @@ class Law(Protocol):
 
 def _ascend(*values: Expression) -> bool:
     """Whether the numbers among the values ascend, weakly; NaN never does."""
-    numbers = [v for v in values if not isinstance(v, ca.SX)]
-    return all(low <= high for low, high in pairwise(numbers))
+    last = -math.inf
+    for value in values:
+        if not isinstance(value, ca.SX):
+            if not last <= value:
+                return False
+            last = value
+    return True
 
 
 def positive(value: Expression) -> bool:

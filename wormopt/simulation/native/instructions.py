@@ -23,8 +23,7 @@ def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     numbers = np.fromstring(listing.translate(_NUMBERS_ALONE), dtype=np.int64, sep=" ")
     known = {kind: i for i, kind in enumerate(dict.fromkeys(kinds))}
     kind = np.array([known[k] for k in kinds], dtype=np.int64)
-    examples = np.unique(kind, return_index=True)[1].tolist()
-    lines = listing.splitlines()
+    examples, lines = [kinds.index(k) for k in known], listing.splitlines()
     tokens = [_PLACE.findall(lines[k]) for k in examples]
     counts = np.array([len(each) for each in tokens], dtype=np.int64)[kind]
     starts = np.cumsum(counts) - counts
