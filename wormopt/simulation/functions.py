@@ -20,7 +20,8 @@ from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.numerics.identically import without_zeros
-from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip, grips_of, never_rests
+from wormopt.simulation.grip import ENTRIES, never_rests
+from wormopt.simulation.grips import Grips
 from wormopt.simulation.law_numbers import LawNumbers
 from wormopt.simulation.least import RESTING, TURNING, Equations, determined, solver
 from wormopt.simulation.memory import Memory, recalled
@@ -91,10 +92,10 @@ class System:
         return len(self.contacts) + ENTRIES * len(self.planar)
 
     @cached_property
-    def _grips(self) -> list[LineGrip | PlaneGrip]:
+    def _grips(self) -> Grips:
         # smooth forces know no modes
         modes = self._modes if self.exact else ca.SX(self._n_modes, 1)
-        return grips_of(self.contacts, self.model.t, modes)
+        return Grips.of(self.contacts, self.model.t, modes)
 
     @cached_property
     def planar(self) -> np.ndarray:
@@ -190,27 +191,16 @@ class System:
     def forces(self) -> ca.SX:
         """Contact forces as expressions of t, x, p and s."""
         if not self.exact:
-            return self._by_rows([g.smooth(self._v_reg) for g in self._grips])
+            return self._grips.smooth(self._v_reg)
         if not self.coupled:
-            free, response = self.pulled, ca.diag(self.delassus)
-            return self._by_rows([g.alone(free[g.rows], response[g.rows]) for g in self._grips])
+            return self._grips.alone(self.pulled, self.delassus)
         # where loads are shared forces are solved for in loops, and stand here for themselves
         return self._force_symbols if self.shares else ca.solve(*self._equations)
-
-    def _by_rows(self, parts: Sequence[ca.SX]) -> ca.SX:
-        """Put together what grips have found, row by row."""
-        return _sorted(parts, [row for grip in self._grips for row in grip.rows])
-
-    def _by_contacts(self, parts: Sequence[ca.SX]) -> ca.SX:
-        """Put together what grips have found, contact by contact."""
-        return _sorted(parts, [contact for grip in self._grips for contact in grip.contacts])
 
     @cached_property
     def _equations(self) -> tuple[ca.SX, ca.SX]:
         """Matrix and right-hand side of the forces of contacts that act on one another."""
-        free, full = self.pulled, ca.densify(self.delassus)
-        pairs = [g.equations(free[g.rows], full[g.rows, :]) for g in self._grips]
-        return self._by_rows([a for a, _ in pairs]), self._by_rows([b for _, b in pairs])
+        return self._grips.equations(self.pulled, self.delassus)
 
     @cached_property
     def shares(self) -> bool:
@@ -218,8 +208,7 @@ class System:
 
         How they do is open, see `wormopt.simulation.sharing`.
         """
-        bilateral = any(isinstance(g, LineGrip) and not g.law.directions for g in self._grips)
-        return self.coupled and (len(self.planar) > 0 or bilateral)
+        return self.coupled and (len(self.planar) > 0 or self._grips.bilateral)
 
     @cached_property
     def _solved(self) -> ca.SX:
@@ -229,21 +218,13 @@ class System:
     @cached_property
     def _shared_forces(self) -> ca.Function:
         """Forces where contacts share loads, and how well resting ones determine theirs."""
-        gives = ca.SX(len(self.row_contact), len(self.row_contact))
-        for grip in self._grips:
-            gives[grip.rows, grip.rows] = grip.gives(RESTING, TURNING)
-        near = self._by_rows([grip.begun for grip in self._grips])
-        equations = Equations(*self._equations, gives, near, self._size)
+        gives = self._grips.gives(RESTING, TURNING)
+        equations = Equations(*self._equations, gives, self._grips.begun, self._size)
         return solver("forces", self.symbols, equations)
 
     @property
     def _size(self) -> ca.SX:
         return ca.trace(self.delassus) / self.delassus.size1()
-
-    @property
-    def _rests(self) -> ca.SX:
-        """Row by row 1 or 0."""
-        return self._by_rows([grip.rests for grip in self._grips])
 
     @cached_property
     def pulled(self) -> ca.SX:
@@ -269,15 +250,14 @@ class System:
         if not self.exact:
             return ode
         if self.n_pushes:
-            ode = ca.vertcat(ode, self._rests * self.pulled)
+            ode = ca.vertcat(ode, self._grips.rests * self.pulled)
         if self.coupled:
             return ode
         # a velocity that is a state stays what it is while its contact rests, to the last bit
         rows = np.flatnonzero(self.row_state >= 0)
         if not rows.size:
             return ode
-        slip = [g.slip if isinstance(g, LineGrip) else self.forces[g.rows] for g in self._grips]
-        moving = self._at_forces(self._free_ode, self._by_rows(slip))
+        moving = self._at_forces(self._free_ode, self._grips.slip(self.forces))
         states = self.row_state[rows].tolist()
         modes = self._modes[self.row_contact[rows].tolist()]
         ode[states] = modes**2 * moving[states]
@@ -341,24 +321,18 @@ class System:
         that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
         acceleration = self._at_forces(self._free_acceleration, self.forces)
-        told = [
-            g.tells(acceleration[g.rows], self.forces[g.rows], self.delassus[g.rows, g.rows])
-            for g in self._grips
-        ]
-        everything = [self._by_contacts(column) for column in zip(*told, strict=True)]
-        return self.function("probe", ca.vertcat(*everything, self._determined))
+        told = self._grips.tells(acceleration, self.forces, self.delassus)
+        return self.function("probe", ca.vertcat(told, self._determined))
 
     @cached_property
     def aims(self) -> ca.Function:
         """Of every contact in the plane, see `PlaneGrip.aims`."""
-        grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
-        return self.function("aims", ca.vertcat(*(g.aims(self.forces[g.rows]) for g in grips)))
+        return self.function("aims", self._grips.aims(self.forces))
 
     @cached_property
     def bends(self) -> ca.Function:
         """Of every contact in the plane, see `PlaneGrip.bends`."""
-        grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
-        return self.function("bends", ca.vertcat(*(grip.bends for grip in grips)))
+        return self.function("bends", self._grips.bends)
 
     @cached_property
     def project(self) -> ca.Function:
@@ -366,7 +340,7 @@ class System:
         x, velocity = self.symbols[1], self._velocity
         push = ca.jacobian(self._free_ode, self._force_symbols)
         push = ca.vertcat(push, ca.SX.zeros(self.n_pushes, push.size2()))
-        rests = self._rests
+        rests = self._grips.rests
         if not self.coupled:
             return self.function("project", x - push @ (rests * velocity / ca.diag(self.delassus)))
         matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
@@ -469,8 +443,3 @@ class System:
             p[at + 1 : end] = schedule.values[piece].T
             at = end
         return p
-
-
-def _sorted(parts: Sequence[ca.SX], places: list[int]) -> ca.SX:
-    """Rows of parts, each at its place."""
-    return ca.vertcat(*parts)[np.argsort(places).tolist(), :] if parts else ca.SX(0, 1)

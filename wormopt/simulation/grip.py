@@ -11,15 +11,11 @@ of the angle that d lacks; it lasts until that counts.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from numbers import Real
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
-import numpy as np
 
 from wormopt.model.friction import Law
 from wormopt.model.model import Contact
@@ -290,48 +286,3 @@ class PlaneGrip:
         The latter is 0 in the direction in which the contact accelerates.
         """
         return ca.vertcat(self.law.slip_direction(force), self._off(force))
-
-
-def grips_of(contacts: Sequence[Contact], t: ca.SX, s: ca.SX) -> list[LineGrip | PlaneGrip]:
-    """Grips of contacts: their modes come first in s, then their onsets."""
-    alike = defaultdict[Hashable, list[int]](list)
-    for i, contact in enumerate(contacts):
-        alike[i if contact.planar else _kind(contact.law)].append(i)
-    first = np.cumsum([0, *(contact.force.numel() for contact in contacts)]).tolist()
-    found: list[LineGrip | PlaneGrip] = []
-    place = len(contacts)
-    for each in alike.values():
-        contact, row = contacts[each[0]], first[each[0]]
-        if contact.planar:
-            onset = s[place : place + ENTRIES]
-            found.append(PlaneGrip(each, [row, row + 1], contact, contact.law, s[each], onset, t))
-            place += ENTRIES
-        else:
-            own = [contacts[i] for i in each]
-            velocity = ca.vertcat(*(c.velocity for c in own))
-            law = _stacked([c.law for c in own])
-            found.append(LineGrip(each, [first[i] for i in each], law, velocity, s[each]))
-    return found
-
-
-def _kind(law: Any) -> Hashable:
-    """What laws have in common that differ in nothing but scalar symbols."""
-    if not is_dataclass(law):
-        return id(law)
-    values = (getattr(law, item.name) for item in fields(law))
-    return type(law), *(
-        ca.SX if _scalar(v) else v if v is None or isinstance(v, Real) else id(v) for v in values
-    )
-
-
-def _scalar(value: Any) -> bool:
-    return isinstance(value, ca.SX) and value.is_scalar()
-
-
-def _stacked(laws: Sequence[Any]) -> Any:
-    """One law for several that are alike, with columns for symbols."""
-    if len(laws) == 1 or not is_dataclass(laws[0]):
-        return laws[0]
-    names = [item.name for item in fields(laws[0]) if _scalar(getattr(laws[0], item.name))]
-    columns = {name: ca.vertcat(*(getattr(law, name) for law in laws)) for name in names}
-    return replace(laws[0], **columns)  # type: ignore[type-var]

@@ -77,7 +77,9 @@ class LawNumbers:
     def _decided(self) -> tuple[list[tuple[int, str]], ca.Function]:
         """Contacts and fields, and their values by parameters and inputs."""
         laws = enumerate(contact.law for contact in self.model.contacts)
-        named = [(i, law, item.name) for i, law in laws if is_dataclass(law) for item in fields(law)]
+        named = [
+            (i, law, item.name) for i, law in laws if is_dataclass(law) for item in fields(law)
+        ]
         places = [(i, name) for i, law, name in named if _is_scalar(getattr(law, name))]
         column, function = self._column(places)
         others = function.free_sx()

@@ -198,8 +198,7 @@ def _cut(function: re.Match[str]) -> str:
     pieces = ["\n".join(lines[k : k + _TOO_LONG // 4]) for k in starts]
     pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
     cut = [
-        f"{_APART} static void {name}_{k}{arguments} {{\n{p}\n}}\n"
-        for k, p in enumerate(pieces)
+        f"{_APART} static void {name}_{k}{arguments} {{\n{p}\n}}\n" for k, p in enumerate(pieces)
     ]
     calls = "".join(f"  {name}_{k}(arg, res, iw, w, mem);\n" for k in range(len(pieces)))
     return "".join(cut) + f"static int {name}{arguments} {{\n{calls}{lines[-1]}\n}}"

@@ -1,4 +1,4 @@
-"""C code of long functions, with a loop for what is done to many links alike.
+"""C code of functions of scalars, with a loop for what is done to many links alike.
 
 A function is cut into expressions: what it returns, and what is used more than once. Those of equal
 shape that do not wait for one another make a loop over vectors of eight; what they read and write
@@ -19,6 +19,8 @@ from wormopt.simulation.native.lanes import LANES, OPERATIONS, header, number
 
 # Operations of one expression: longer ones are cut, for a line shall not grow without end.
 _LARGEST = 60
+# So many numbers to work on are the function's own, which the compiler can keep in registers.
+_AT_HAND = 256
 
 # Behind lanes.h: what vectors are read from and written to; the same operations with one number.
 _HEAD = """
@@ -72,7 +74,7 @@ def source(function: ca.Function) -> tuple[str, int] | None:
         *(['__attribute__((optimize("fp-contract=fast")))'] if vectors else []),
         f"int {function.name()}({_ARGUMENTS})",
         "{",
-        f"  double w[{n_w}];" if 0 < n_w <= 256 else "  double *restrict w = work;",
+        f"  double w[{n_w}];" if 0 < n_w <= _AT_HAND else "  double *restrict w = work;",
         *(f"  const double *restrict a{k} = arg[{k}];" for k in range(function.n_in())),
         *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
@@ -90,8 +92,10 @@ def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) 
     shared = np.bincount(given[given >= 0], minlength=len(given)) > 1
     # Of each instruction the expression so far, in lists of their own, for there are many: shape,
     # entries, operations and loops before it. The last are those of what is not there.
-    shapes, entries = [""] * (len(given) + 1), [()] * (len(given) + 1)  # type: list[str], list[tuple[int, ...]]
-    sizes, levels = [0] * (len(given) + 1), [0] * (len(given) + 1)
+    size = len(given) + 1
+    shapes: list[str] = [""] * size
+    entries: list[tuple[int, ...]] = [()] * size
+    sizes, levels = [0] * size, [0] * size
     inputs, constants = (np.flatnonzero(operations == op) for op in (ca.OP_INPUT, ca.OP_CONST))
     arrays = [f"$a{i};" for i in range(function.n_in())]
     for k, (_, array, entry) in zip(inputs.tolist(), places[inputs].tolist(), strict=True):
