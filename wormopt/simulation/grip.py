@@ -103,19 +103,14 @@ class LineGrip:
     @cached_property
     def slip(self) -> ca.SX:
         """Forces while they slide."""
-        both = [self._each(self.law.slip_force(self.velocity, d)) for d in self.law.directions]
+        both = [ca.SX(self.law.slip_force(self.velocity, d)) for d in self.law.directions]
         if len(both) < 2:
-            return both[0] if both else self._each(0.0)
+            return both[0] if both else self.begun
         return weighted((1 + self.mode) / 2, both[0], both[1])
 
     def smooth(self, v_reg: ca.SX) -> ca.SX:
         """Forces by the smooth law."""
-        return self._each(self.law.smooth(self.velocity, v_reg))
-
-    def _each(self, force: ca.SX | float) -> ca.SX:
-        """One for each contact, where the law has one for all."""
-        force = ca.SX(force)
-        return force if force.numel() == len(self.rows) else ca.repmat(force, len(self.rows), 1)
+        return ca.SX(self.law.smooth(self.velocity, v_reg))
 
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
         """Forces on contacts that act on no other."""
@@ -136,11 +131,11 @@ class LineGrip:
     @property
     def begun(self) -> ca.SX:
         """Nothing: they have no onset."""
-        return self._each(0.0)
+        return ca.SX.zeros(len(self.rows))  # type: ignore[no-any-return]
 
     def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
-        return self.velocity, acceleration, force, *map(self._each, self.law.stick_interval)
+        return self.velocity, acceleration, force, *map(ca.SX, self.law.stick_interval)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from wormopt.model.friction import Expression, Law
 from wormopt.model.model import Contact
 from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip
 
@@ -39,7 +40,7 @@ class Grips:
                 place += ENTRIES
             else:
                 velocity = ca.vertcat(*(contacts[i].velocity for i in group))
-                law = _stacked([contacts[i].law for i in group])
+                law = _Several.of([contacts[i].law for i in group])
                 found.append(LineGrip(group, [first[i] for i in group], law, velocity, s[group]))
         return cls(found)
 
@@ -134,10 +135,54 @@ def _scalar(value: Any) -> bool:
     return isinstance(value, ca.SX) and value.is_scalar()
 
 
-def _stacked(laws: Sequence[Any]) -> Any:
-    """One law for several that are alike, with columns for symbols."""
-    if len(laws) == 1 or not is_dataclass(laws[0]):
-        return laws[0]
-    names = [item.name for item in fields(laws[0]) if _scalar(getattr(laws[0], item.name))]
-    columns = {name: ca.vertcat(*(getattr(law, name) for law in laws)) for name in names}
-    return replace(laws[0], **columns)  # type: ignore[type-var]
+@dataclass(frozen=True, eq=False)
+class _Several:
+    """Laws that are alike as one Law of columns: what one of them says is said for each."""
+
+    law: Law
+    symbols: ca.SX  # (k, 1) its numbers
+    numbers: ca.SX  # (k, contacts) those of all
+
+    @classmethod
+    def of(cls, laws: Sequence[Any]) -> Law:
+        """One law for several; a single one stays as it is."""
+        first: Any = laws[0]
+        if len(laws) == 1:
+            return first
+        items = [item.name for item in fields(first)] if is_dataclass(first) else []
+        names = [name for name in items if _scalar(getattr(first, name))]
+        symbols = ca.SX.sym("number", len(names))
+        own = dict(zip(names, ca.vertsplit(symbols), strict=True)) if names else {}
+        rows = [ca.horzcat(*(getattr(law, name) for law in laws)) for name in names]
+        numbers = ca.vertcat(ca.SX(0, len(laws)), *rows)
+        law: Any = replace(first, **own) if own else first  # type: ignore[type-var]
+        return cls(law, symbols, numbers)
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Of each."""
+        return self.law.directions
+
+    @property
+    def stick_interval(self) -> tuple[ca.SX, ca.SX]:
+        """Columns."""
+        low, high = self.law.stick_interval
+        return self._each(low), self._each(high)
+
+    def slip_force(self, v: Expression, direction: int) -> ca.SX:
+        """Column."""
+        one = ca.SX.sym("v")
+        return self._each(self.law.slip_force(one, direction), (one, v))
+
+    def smooth(self, v: Expression, v_reg: Expression) -> ca.SX:
+        """Column."""
+        one, width = ca.SX.sym("v"), ca.SX.sym("v_reg")
+        return self._each(self.law.smooth(one, width), (one, v), (width, v_reg))
+
+    def _each(self, said: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
+        """Put in the numbers of each, and what is given for symbols: a column, or one for all."""
+        count = self.numbers.size2()
+        function = ca.Function("law", [self.symbols, *(symbol for symbol, _ in given)], [said])
+        columns = (ca.SX(value) for _, value in given)
+        rows = (ca.repmat(v, 1, count) if v.is_scalar() else v.T for v in columns)
+        return function.map(count)(self.numbers, *rows).T
