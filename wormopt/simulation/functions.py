@@ -56,7 +56,8 @@ class System:
         """t, x, p and s."""
         model = self.model
         schedules = [ca.vertcat(s.begin, s.symbol) for s in (*model.schedules, *self.memories)]
-        p = ca.vertcat(pack(model.p), pack(model.u), self._v_reg, *schedules)
+        given = (signal.symbol for signal in (*model.p, *model.u))
+        p = ca.vertcat(*given, self._v_reg, *schedules)
         return model.t, ca.vertcat(pack(model.x), self._pushes), p, self._modes
 
     @cached_property

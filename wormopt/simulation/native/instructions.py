@@ -23,8 +23,10 @@ def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     numbers = np.fromstring(listing.translate(_NUMBERS_ALONE), dtype=np.int64, sep=" ")
     known = {kind: i for i, kind in enumerate(dict.fromkeys(kinds))}
     kind = np.array([known[k] for k in kinds], dtype=np.int64)
-    examples, lines = [kinds.index(k) for k in known], listing.splitlines()
-    tokens = [_PLACE.findall(lines[k]) for k in examples]
+    examples = [kinds.index(k) for k in known]
+    ends = np.flatnonzero(np.frombuffer(listing, dtype=np.uint8) == ord("\n"))
+    lines = [listing[ends[k - 1] + 1 if k else 0 : ends[k]] for k in examples]
+    tokens = [_PLACE.findall(line) for line in lines]
     counts = np.array([len(each) for each in tokens], dtype=np.int64)[kind]
     starts = np.cumsum(counts) - counts
     operations = np.array([function.instruction_id(k) for k in examples], dtype=np.int64)[kind]
@@ -33,7 +35,7 @@ def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
         where = [j for j, (mark, _) in enumerate(each) if mark]
         right = [*function.instruction_output(k), *function.instruction_input(k)]
         if [int(each[j][1]) for j in where] != right:
-            raise ValueError(f"{lines[k].decode()!r} is not understood")
+            raise ValueError(f"{lines[i].decode()!r} is not understood")
         rows = np.flatnonzero(kind == i)
         places[rows, : len(where)] = numbers[starts[rows, None] + np.array(where, dtype=np.int64)]
     return operations, places

@@ -98,17 +98,18 @@ def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) 
     sizes, levels = [0] * size, [0] * size
     inputs, constants = (np.flatnonzero(operations == op) for op in (ca.OP_INPUT, ca.OP_CONST))
     arrays = [f"$a{i};" for i in range(function.n_in())]
-    for k, (_, array, entry) in zip(inputs.tolist(), places[inputs].tolist(), strict=True):
+    for k, array, entry in zip(*(c.tolist() for c in (inputs, *places[inputs, 1:].T)), strict=True):
         shapes[k], entries[k] = arrays[array], (entry,)
     for k in constants.tolist():
         shapes[k] = f"NUMBER({number(function.instruction_constant(k))})"
     joined = dict[tuple[int, str, str], str]()
     groups: _Groups = defaultdict(list)
+    ends = iter(places[operations == ca.OP_OUTPUT, :2].tolist())
     todo = np.flatnonzero((operations != ca.OP_INPUT) & (operations != ca.OP_CONST))
-    columns = (todo, operations[todo], *given[todo].T, shared[todo], *places[todo, :2].T)
-    listed = (column.tolist() for column in columns)
-    for k, op, a, b, often, output, entry in zip(*listed, strict=True):
+    columns = (todo, operations[todo], *given[todo].T, shared[todo])
+    for k, op, a, b, often in zip(*(column.tolist() for column in columns), strict=True):
         if op == ca.OP_OUTPUT:
+            output, entry = next(ends)
             groups[levels[a], f"r{output}", shapes[a]].append((entry, *entries[a]))
             continue
         key = op, shapes[a], shapes[b]
