@@ -24,10 +24,11 @@ def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     known = {kind: i for i, kind in enumerate(dict.fromkeys(kinds))}
     kind = np.array([known[k] for k in kinds], dtype=np.int64)
     examples = [kinds.index(k) for k in known]
-    ends = np.flatnonzero(np.frombuffer(listing, dtype=np.uint8) == ord("\n"))
-    lines = [listing[ends[k - 1] + 1 if k else 0 : ends[k]] for k in examples]
-    tokens = [_PLACE.findall(line) for line in lines]
+    lines = listing.split(b"\n", max(examples, default=0) + 1)
+    tokens = [_PLACE.findall(lines[k]) for k in examples]
     counts = np.array([len(each) for each in tokens], dtype=np.int64)[kind]
+    if counts.sum() != len(numbers):
+        raise ValueError(f"the listing of {function.name()} is not understood")
     starts = np.cumsum(counts) - counts
     operations = np.array([function.instruction_id(k) for k in examples], dtype=np.int64)[kind]
     places = np.full((len(kinds), 3), -1)
@@ -35,7 +36,7 @@ def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
         where = [j for j, (mark, _) in enumerate(each) if mark]
         right = [*function.instruction_output(k), *function.instruction_input(k)]
         if [int(each[j][1]) for j in where] != right:
-            raise ValueError(f"{lines[i].decode()!r} is not understood")
+            raise ValueError(f"{lines[k].decode()!r} is not understood")
         rows = np.flatnonzero(kind == i)
         places[rows, : len(where)] = numbers[starts[rows, None] + np.array(where, dtype=np.int64)]
     return operations, places

@@ -65,7 +65,10 @@ def source(function: ca.Function) -> tuple[str, int] | None:
     """C code in CasADi's form and how many numbers it works on; None where there is none."""
     if not function.is_a("SXFunction"):
         return None
-    operations, places = read(function)
+    try:
+        operations, places = read(function)
+    except ValueError:
+        return None
     if not set(operations.tolist()) <= {*OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}:
         return None
     groups, n_w = _moved_up(_grouped(function, operations, places), len(operations))
