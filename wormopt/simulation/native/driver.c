@@ -288,7 +288,7 @@ static int allocate(Run *run) {
     ROOM(run->column_x, in->n_x);
     ROOM(run->column_p, in->n_p);
     ROOM(run->change, in->n_x * (in->n_switches + 1) + 3 * c);
-    ROOM(run->column_error, 3 * in->k);
+    ROOM(run->column_error, 4 * in->k);
     ROOM(run->cycle, in->n_schedules);
     ROOM(run->piece, in->n_schedules);
     ROOM(run->iw, in->n_iw);
