@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.bench.sweeps import long_chain
-from wormopt.simulation.native import build, kernel, loops
+from wormopt.simulation.native import build, loops, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate, system_of
 
@@ -109,7 +109,7 @@ def test_what_c_cannot_say_is_left_to_casadi():
 @pytest.mark.parametrize("contact", [Smooth(1 / 40), Exact()])
 def test_long_chains_move_as_without_compiled_code(contact: Smooth | Exact):
     model, tolerance = long_chain(40), Tolerance(1e-9, 1e-10)
-    text, _ = kernel._source(list(system_of(model, contact).functions.values()))
+    text, _ = model_code.source(list(system_of(model, contact).functions.values()))
     assert "for (int i = 0; i < 39" in text
     fast, slow = (
         simulate(model, 0.3, contact=contact, tolerance=tolerance, route=route)

@@ -18,8 +18,9 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import DOP853
 
+from wormopt.simulation.call import Call
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem
-from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step
+from wormopt.simulation.steps import GivenUp, Step, floor_of_step
 
 # Steps are given up where so many more would be needed for stability alone: some seconds.
 _STIFF_STEPS = 50_000
