@@ -22,7 +22,8 @@ def evaluated(function: ca.Function, values: list[np.ndarray]) -> list[np.ndarra
     told = loops.source(function)
     assert told is not None
     text, n_w = told
-    library = build.library("loops", [("loops.c", loops.HEAD + text)], "-O2")
+    sources = [*build.parts(*model_code.HEADERS), ("loops.c", model_code.HEAD + text)]
+    library = build.library("loops", sources, "-O2")
     work = np.zeros(n_w + 1)
     results = [np.full(function.nnz_out(k), np.nan) for k in range(function.n_out())]
 
@@ -47,6 +48,21 @@ def check(function: ca.Function, seed: int = 0) -> None:
 def test_functions_of_chains_are_casadis(links: int, contact: Smooth | Exact):
     for function in system_of(long_chain(links), contact).functions.values():
         check(function, links)
+
+
+@pytest.mark.parametrize("name", ["tanh", "exp", "sin", "cos"])
+def test_functions_of_numbers_are_right_to_the_last_bits(name: str):
+    far = [30.0, -25.0, 99_999.0, -3e5, 1e22, 650.0, 720.0, -720.0, -800.0, 5e-324]
+    usual = [*np.linspace(-4.0, 4.0, 81), *np.logspace(-300, 0, 23), 0.0, -0.0]
+    at = np.array([*usual, *far, np.inf, -np.inf, np.nan])
+    x = ca.SX.sym("x", len(at))
+    (found,) = evaluated(ca.Function("f", [x], [getattr(ca, name)(x)]), [at])
+    with np.errstate(all="ignore"):
+        # digits beyond double precision where the machine has them
+        right = getattr(np, name)(at.astype(np.longdouble))
+        near = np.abs(found - right) <= 4.5e-16 * np.abs(right) + (2e-16 if name in "sincos" else 0)
+        same = found == right.astype(float)
+    assert np.all(near | same | (np.isnan(found) & np.isnan(right)))
 
 
 def test_code_does_not_grow_with_the_chain():

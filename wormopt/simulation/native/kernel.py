@@ -6,7 +6,6 @@ import ctypes
 from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib.resources import files
 from itertools import zip_longest
 from typing import Any
 
@@ -17,7 +16,7 @@ from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem, Outcome
 from wormopt.simulation.native import model_code
-from wormopt.simulation.native.build import library
+from wormopt.simulation.native.build import library, parts
 from wormopt.simulation.sensitivity.variation import Variation
 
 _FUNCTIONS = ("rhs", "velocities", "probe", "aims", "bends", "project", "guards", "resets")
@@ -129,12 +128,9 @@ class _Report(Structure):
 @cache
 def driver() -> ctypes.CDLL:
     """Load the driver, compiled if it must be."""
-    folder = files("wormopt.simulation.native")
-    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _HEADERS]
     # as one unit, so that what one file calls of another can stand in its place
-    code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _CODE)
-    sources.append(("unit.c", code))
-    found = library("driver", sources, "-O3")
+    code = "\n".join(text for _, text in parts(*_CODE))
+    found = library("driver", [*parts(*_HEADERS), ("unit.c", code)], "-O3")
     found.wormopt_start.restype = POINTER(_Report)
     found.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
     found.wormopt_advance.restype = c_longlong

@@ -21,26 +21,6 @@ _LARGEST = 60
 # Expressions of a shape that are worth a loop.
 _FEWEST = 4
 
-HEAD = """#include <math.h>
-typedef double vec;
-#define lane_sqrt sqrt
-#define lane_abs fabs
-#define lane_max fmax
-#define lane_min fmin
-#define lane_tanh tanh
-#define lane_exp exp
-#define lane_sin sin
-#define lane_cos cos
-#define lane_square(a) square(a)
-#define lane_sign(a) sign(a)
-#define TRUTH(condition) ((double)(condition))
-#define WHERE(condition, a) ((condition) ? (a) : 0.0)
-#define EACH(f, a) f(a)
-#define EACH_2(f, a, b) f(a, b)
-static inline double square(double a) { return a * a; }
-static inline double sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
-"""
-
 _ARGUMENTS = "const double **arg, double **res, long long *iw, double *w, int mem"
 
 Place = tuple[str, int]  # array and entry

@@ -6,18 +6,29 @@ import ctypes
 import re
 from collections.abc import Sequence
 from functools import cache
-from importlib.resources import files
 
 import casadi as ca
 
 from wormopt.simulation.native import loops
-from wormopt.simulation.native.build import library
+from wormopt.simulation.native.build import library, parts
 
 # Instructions from which a function is told in loops, and lines from which one is cut in pieces.
 _LONG, _TOO_LONG = 500, 2000
 # Instructions up to which a right-hand side stands in the place of its calls in a step.
 _SHORT = 100
+_FUSED = 'static __attribute__((optimize("fp-contract=fast")))'  # as in lanes.h
 _INLINE = "static inline __attribute__((always_inline))"
+HEAD = """#include "numbers.h"
+#include "elementary.h"
+#define exp lane_exp
+#define tanh lane_tanh
+#define sin lane_sin
+#define cos lane_cos
+#define fmax lane_max
+#define fmin lane_min
+"""
+"""What comes before the code: functions of its own, which are not calls of the C library."""
+HEADERS = ("numbers.h", "elementary.h", "tableau.h", "stages.h")
 
 
 def compiled(functions: Sequence[ca.Function]) -> tuple[ctypes.CDLL, int]:
@@ -52,12 +63,12 @@ def source(functions: Sequence[ca.Function]) -> tuple[str, int]:
     text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
     text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
     text = _BODY.sub(_cut, text)
-    parts = [text, loops.HEAD, *texts] if texts else [text]
     rhs = functions[0]
-    if rhs.is_a("SXFunction") and rhs.n_instructions() <= _SHORT:
-        parts[0] = text.replace("static int casadi_f0(", f"{_INLINE} int casadi_f0(")
-        parts += [f"#define N_X {rhs.numel_out(0)}", "#define RHS casadi_f0", _read("own_stages.c")]
-    return "\n".join(parts), n_w
+    if short and short[0] is rhs and rhs.is_a("SXFunction"):
+        own = rhs.n_instructions() <= _SHORT
+        text = text.replace("static int casadi_f0(", f"{_INLINE if own else _FUSED} int casadi_f0(")
+        texts += [f"#define N_X {rhs.numel_out(0)}", parts("own_stages.c")[0][1]] if own else []
+    return "\n".join([HEAD, text, *texts]), n_w
 
 
 def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
@@ -89,12 +100,7 @@ def _cut(function: re.Match[str]) -> str:
     return "".join(cut) + f"static int {name}{arguments} {{\n{calls}{lines[-1]}\n}}"
 
 
-def _read(name: str) -> str:
-    return (files("wormopt.simulation.native") / name).read_text(encoding="utf-8")
-
-
 @cache
 def _library(text: str) -> ctypes.CDLL:
-    headers = [(name, _read(name)) for name in ("tableau.h", "stages.h")]
-    sources = [*headers, ("model.c", text)]
+    sources = [*parts(*HEADERS), ("model.c", text)]
     return library("model", sources, "-O1" if "noinline" in text else "-O2")

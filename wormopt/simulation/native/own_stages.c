@@ -1,5 +1,5 @@
-/* The stages of a step of one model: put behind its code, where N_X counts its states and RHS is
-   its right-hand side in CasADi's form. That stands in its place here, so that what it makes of
+/* The stages of a step of one model: put behind its code, where casadi_f0 is its right-hand side and
+   N_X counts its states. That function stands in the place of its calls, so that what it makes of
    parameters and modes is made once, and numbers of one stage wait in registers for the next. */
 #include "stages.h"
 
@@ -14,7 +14,7 @@ void own_stages(double t, double h, const double *start, const double *p, const 
 #define STAGE(i, sum)                                             \
     for (int m = 0; m < N_X; m++) y[m] = x[m] + h * (sum);        \
     at = t + C[i] * h;                                            \
-    RHS(arg, (double *[]){k[i]}, 0, 0, 0)
+    casadi_f0(arg, (double *[]){k[i]}, 0, 0, 0)
     STAGES;
 #undef STAGE
     for (int m = 0; m < N_X; m++) end[m] = x[m] + h * STEP_SUM(B), stage[m] = y[m];
