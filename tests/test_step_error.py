@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.optimize import root_scalar
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 from wormopt.simulation.dop853 import EMBEDDED
+from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -108,8 +110,15 @@ def pulled_mass() -> Model:
     )
 
 
-@pytest.mark.parametrize("route", ["native", "python"])
-def test_steps_into_a_layer_are_not_misjudged_where_one_formula_sees_nothing(route: Route):
+def end_velocity(route: str, span: float, **asked: Any) -> float:
+    """Where the mass is told to end, alone or as one of nine in lanes."""
+    if route != "lanes":
+        return float(simulate(pulled_mass(), span, route=route, **asked).end[1])  # type: ignore[arg-type]
+    return float(simulate_ensemble(pulled_mass(), span, [Scenario()] * 9, **asked).end[4, 1])
+
+
+@pytest.mark.parametrize("route", ["native", "lanes", "python"])
+def test_steps_into_a_layer_are_not_misjudged_where_one_formula_sees_nothing(route: str):
     lengths = list(misjudged())
     assert len(lengths) == 3
     for h in lengths:
@@ -117,7 +126,32 @@ def test_steps_into_a_layer_are_not_misjudged_where_one_formula_sees_nothing(rou
         assert abs(five) < 1e-9 * abs(three)
         assert abs(time_to(end) - time_to(START) - h) > 1e-3 * h  # so wrong is the step
         span, tolerance = 1.5 * h, Tolerance(1e-11, 1e-12, max_step=h)
-        motion = simulate(
-            pulled_mass(), span, contact=Smooth(WIDTH), tolerance=tolerance, route=route
-        )
-        assert time_to(motion.end[1]) - time_to(START) == pytest.approx(span, rel=1e-8)
+        found = end_velocity(route, span, contact=Smooth(WIDTH), tolerance=tolerance)
+        assert time_to(found) - time_to(START) == pytest.approx(span, rel=1e-8)
+
+
+# The first step is 1e-6 long where nothing moves, and each is six times as long as the one before:
+# so the tenth begins here.
+BEGIN = 1e-6 * (6**9 - 1) / 5
+
+
+@pytest.mark.parametrize("route", ["native", "python"])
+def test_nor_are_derivatives_whose_states_stand_still(route: Route):
+    def seen_by_five(h: float) -> float:
+        return float(DOP853.E5[:-1] @ np.tanh((h * DOP853.C - 8) / width))
+
+    width, middle = 0.4, BEGIN + 8
+    h = root_scalar(seen_by_five, bracket=(9.0, 10.0), xtol=1e-14).root
+    x, size, t = ca.SX.sym("x"), ca.SX.sym("size"), ca.SX.sym("t")
+    model = Model(
+        "still",
+        t=t,
+        x=[Signal("x", x, value=1.0)],
+        p=[Signal("size", size, value=0.0)],
+        ode=size * (1 + ca.tanh((t - middle) / width)),  # 0 to the last bit at BEGIN,
+    )
+    tolerance = Tolerance(1e-11, 1e-12, max_step=h)
+    end = BEGIN + 1.5 * h
+    motion = simulate(model, end, tolerance=tolerance, sensitivities=["size"], route=route)
+    right = end + width * np.log(np.cosh((end - middle) / width) / np.cosh(middle / width))
+    assert motion.end_derivative[0, 0] == pytest.approx(right, abs=1e-7)
