@@ -148,7 +148,7 @@ def test_nor_are_derivatives_whose_states_stand_still(route: Route):
         t=t,
         x=[Signal("x", x, value=1.0)],
         p=[Signal("size", size, value=0.0)],
-        ode=size * (1 + ca.tanh((t - middle) / width)),  # 0 to the last bit at BEGIN,
+        ode=size * (1 + ca.tanh((t - middle) / width)),  # 0 to the last bit at BEGIN
     )
     tolerance = Tolerance(1e-11, 1e-12, max_step=h)
     end = BEGIN + 1.5 * h
