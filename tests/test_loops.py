@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.bench.sweeps import long_chain
-from wormopt.simulation.native import build, instructions, kernel, loops
+from wormopt.simulation.native import build, instructions, loops, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate, system_of
 
@@ -24,7 +24,8 @@ def evaluated(function: ca.Function, values: list[np.ndarray]) -> list[np.ndarra
     told = loops.source(function)
     assert told is not None
     text, n_w = told
-    library = build.library("loops", [("loops.c", loops.head() + text)], "-O2")
+    sources = [*build.parts(*model_code.HEADERS), ("loops.c", model_code.head([text]) + text)]
+    library = build.library("loops", sources, "-O2")
     work = np.zeros(n_w + 1)
     results = [np.full(function.nnz_out(k), np.nan) for k in range(function.n_out())]
 
@@ -73,7 +74,7 @@ def calls_of_casadi(links: int, contact: Smooth | Exact) -> int:
         system = system_of(long_chain(links), contact)
         system.parameters(None)
         functions = list(system.functions.values())
-        kernel._source(functions)
+        model_code.source(functions)
     finally:
         sys.setprofile(None)
     return calls
@@ -174,7 +175,7 @@ def test_what_c_cannot_say_is_left_to_casadi():
 @pytest.mark.parametrize("contact", [Smooth(1 / 40), Exact()])
 def test_long_chains_move_as_without_compiled_code(contact: Smooth | Exact):
     model, tolerance = long_chain(40), Tolerance(1e-9, 1e-10)
-    text, _ = kernel._source(list(system_of(model, contact).functions.values()))
+    text, _ = model_code.source(list(system_of(model, contact).functions.values()))
     assert "for (int k = 0; k < 39; k += LANES)" in text
     fast, slow = (
         simulate(model, 0.3, contact=contact, tolerance=tolerance, route=route)

@@ -15,50 +15,27 @@ import casadi as ca
 import numpy as np
 
 from wormopt.simulation.native.instructions import read
-from wormopt.simulation.native.lanes import LANES, OPERATIONS, header, number
+from wormopt.simulation.native.lanes import LANES, OPERATIONS, number
 
 # Operations of one expression: longer ones are cut, for a line shall not grow without end.
 _LARGEST = 60
 # So many numbers to work on are the function's own, which the compiler can keep in registers.
 _AT_HAND = 256
 
-# Behind lanes.h: what vectors are read from and written to; the same operations with one number.
-_HEAD = """
-typedef double near __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
-#define NUMBER(a) ((vec){} + (a))
-#define NEXT(place) (*(near *)&(place))
-#define EVERY(place) ({ vec v_; for (int l = 0; l < LANES; l++) v_[l] = (place); v_; })
-#define SPREAD(place, value) \\
-    do { const vec v_ = (value); for (int l = 0; l < LANES; l++) (place) = v_[l]; } while (0)
-#define one_NUMBER(a) (a)
-#define one_TRUTH(condition) ((double)(condition))
-#define one_WHERE(condition, a) ((condition) ? (a) : 0.0)
-#define one_EACH(f, a) f(a)
-#define one_EACH_2(f, a, b) f(a, b)
-#define one_lane_sqrt sqrt
-#define one_lane_abs fabs
-#define one_lane_max fmax
-#define one_lane_min fmin
-#define one_lane_tanh tanh
-#define one_lane_exp exp
-#define one_lane_sin sin
-#define one_lane_cos cos
-static inline double one_lane_square(double a) { return a * a; }
-static inline double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
-"""
-_OF_VECTORS = re.compile(r"\b(?=lane_|NUMBER|TRUTH|WHERE|EACH)")
+# What is done with one number is told as what is done with vectors, with this before its name.
+_ONE = "one_"
+_NAMES = "lane_(?:sqrt|abs|max|min|square|sign|tanh|exp|sin|cos)|ALL|TRUTH|WHERE|EACH_2|EACH"
+_OF_VECTORS = re.compile(rf"\b(?={_NAMES}\b)")
 
-_ARGUMENTS = "const double **arg, double **res, long long *iw, double *work, int mem"
+FUSED = '__attribute__((optimize("fp-contract=fast")))'
+"""Products and sums in one, as in lanes.h."""
+ARGUMENTS = "const double **arg, double **res, long long *iw, double *work, int mem"
 
-# By loops before them, array and shape of what is put there: entries written and read, row by row.
+# By loops before them, array and shape of what is put there: instruction, entry written and entries
+# read, row by row.
 # A shape is an expression in C, with $array; where an entry stands.
 _Groups = dict[tuple[int, str, str], list[tuple[int, ...]]]
 _PLACE = re.compile(r"\$(\w+);")
-
-
-def head() -> str:
-    """What the code stands on."""
-    return f"#pragma GCC push_options\n{header()}#pragma GCC pop_options\n{_HEAD}"
 
 
 def source(function: ca.Function) -> tuple[str, int] | None:
@@ -74,18 +51,23 @@ def source(function: ca.Function) -> tuple[str, int] | None:
     groups, n_w = _moved_up(_grouped(function, operations, places), len(operations))
     vectors = any(len(rows) >= LANES for _, _, rows in groups)
     lines = [
-        *(['__attribute__((optimize("fp-contract=fast")))'] if vectors else []),
-        f"int {function.name()}({_ARGUMENTS})",
+        *([FUSED] if vectors else []),
+        f"int {function.name()}({ARGUMENTS})",
         "{",
         f"  double w[{n_w}];" if 0 < n_w <= _AT_HAND else "  double *restrict w = work;",
         *(f"  const double *restrict a{k} = arg[{k}];" for k in range(function.n_in())),
         *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
+    # what is not in loops stands where CasADi has it, so that little waits in registers
+    told: list[tuple[int, list[str]]] = []
     for array, shape, rows in groups:
         if len(rows) < LANES:
-            lines += [f"  {_statement(array, shape, row)}" for row in rows.tolist()]
+            told += [(k, [f"  {_statement(array, shape, row)}"]) for k, *row in rows.tolist()]
         else:
-            lines += _loop(array, shape, rows)
+            told.append((rows[-1, 0], _loop(array, shape, rows[:, 1:])))
+    if not vectors:
+        told.sort(key=lambda one: one[0])
+    lines += [line for _, each in told for line in each]
     return "\n".join([*lines, "  return 0;", "}", ""]), n_w
 
 
@@ -104,7 +86,7 @@ def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) 
     for k, array, entry in zip(*(c.tolist() for c in (inputs, *places[inputs, 1:].T)), strict=True):
         shapes[k], entries[k] = arrays[array], (entry,)
     for k in constants.tolist():
-        shapes[k] = f"NUMBER({number(function.instruction_constant(k))})"
+        shapes[k] = f"ALL({number(function.instruction_constant(k))})"
     joined = dict[tuple[int, str, str], str]()
     groups: _Groups = defaultdict(list)
     ends = iter(places[operations == ca.OP_OUTPUT, :2].tolist())
@@ -113,7 +95,7 @@ def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) 
     for k, op, a, b, often in zip(*(column.tolist() for column in columns), strict=True):
         if op == ca.OP_OUTPUT:
             output, entry = next(ends)
-            groups[levels[a], f"r{output}", shapes[a]].append((entry, *entries[a]))
+            groups[levels[a], f"r{output}", shapes[a]].append((k, entry, *entries[a]))
             continue
         key = op, shapes[a], shapes[b]
         shape = joined.get(key)
@@ -121,7 +103,7 @@ def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) 
             shape = joined[key] = f"({OPERATIONS[op].format(shapes[a], shapes[b])})"
         size, level = sizes[a] + sizes[b] + 1, max(levels[a], levels[b])
         if often or size >= _LARGEST:
-            groups[level, "w", shape].append((k, *entries[a], *entries[b]))
+            groups[level, "w", shape].append((k, k, *entries[a], *entries[b]))
             shapes[k], entries[k], levels[k] = "$w;", (k,), level + 1
         else:
             shapes[k], entries[k] = shape, entries[a] + entries[b]
@@ -146,12 +128,11 @@ def _moved_up(groups: _Groups, count: int) -> tuple[list[tuple[str, str, np.ndar
     place, n_w, found = np.zeros(count, dtype=np.int64), 0, []
     for (_, array, shape), listed in sorted(groups.items(), key=lambda group: group[0][0]):
         rows = np.array(listed)
-        for k, read_from in enumerate(_PLACE.findall(shape), 1):
+        for k, read_from in enumerate(_PLACE.findall(shape), 2):
             if read_from == "w":
                 rows[:, k] = place[rows[:, k]]
         if array == "w":
-            place[rows[:, 0]] = np.arange(n_w, n_w + len(rows))
-            rows[:, 0] = place[rows[:, 0]]
+            place[rows[:, 0]] = rows[:, 1] = np.arange(n_w, n_w + len(rows))
             n_w += len(rows)
         found.append((array, shape, rows))
     return found, n_w
@@ -161,7 +142,7 @@ def _statement(array: str, shape: str, row: Sequence[int]) -> str:
     """One row of a shape."""
     target, *entries = row
     waiting = iter(entries)
-    value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", _OF_VECTORS.sub("one_", shape))
+    value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", _OF_VECTORS.sub(_ONE, shape))
     return f"{array}[{target}] = {value};"
 
 
@@ -175,7 +156,7 @@ def _loop(array: str, shape: str, rows: np.ndarray) -> list[str]:
             tables.append(f"    static const int at{k}[] = {{{values}}};")
             places.append(f"EVERY({name}[at{k}[i + l]])")
         elif step == 0:
-            places.append(f"NUMBER({name}[{first}])")
+            places.append(f"ALL({name}[{first}])")
         elif step == 1:
             places.append(f"NEXT({name}[{first} + i])")
         else:
