@@ -50,7 +50,8 @@ _OF_VECTORS = re.compile(r"\b(?=lane_|NUMBER|TRUTH|WHERE|EACH)")
 
 _ARGUMENTS = "const double **arg, double **res, long long *iw, double *work, int mem"
 
-# By loops before them, array and shape of what is put there: entries written and read, row by row.
+# By loops before them, array and shape of what is put there: instruction, entry written and entries
+# read, row by row.
 # A shape is an expression in C, with $array; where an entry stands.
 _Groups = dict[tuple[int, str, str], list[tuple[int, ...]]]
 _PLACE = re.compile(r"\$(\w+);")
@@ -81,11 +82,16 @@ def source(function: ca.Function) -> tuple[str, int] | None:
         *(f"  const double *restrict a{k} = arg[{k}];" for k in range(function.n_in())),
         *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
+    # what is not in loops stands where CasADi has it, so that little waits in registers
+    told: list[tuple[int, list[str]]] = []
     for array, shape, rows in groups:
         if len(rows) < LANES:
-            lines += [f"  {_statement(array, shape, row)}" for row in rows.tolist()]
+            told += [(k, [f"  {_statement(array, shape, row)}"]) for k, *row in rows.tolist()]
         else:
-            lines += _loop(array, shape, rows)
+            told.append((rows[-1, 0], _loop(array, shape, rows[:, 1:])))
+    if not vectors:
+        told.sort(key=lambda one: one[0])
+    lines += [line for _, each in told for line in each]
     return "\n".join([*lines, "  return 0;", "}", ""]), n_w
 
 
@@ -113,7 +119,7 @@ def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) 
     for k, op, a, b, often in zip(*(column.tolist() for column in columns), strict=True):
         if op == ca.OP_OUTPUT:
             output, entry = next(ends)
-            groups[levels[a], f"r{output}", shapes[a]].append((entry, *entries[a]))
+            groups[levels[a], f"r{output}", shapes[a]].append((k, entry, *entries[a]))
             continue
         key = op, shapes[a], shapes[b]
         shape = joined.get(key)
@@ -121,7 +127,7 @@ def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) 
             shape = joined[key] = f"({OPERATIONS[op].format(shapes[a], shapes[b])})"
         size, level = sizes[a] + sizes[b] + 1, max(levels[a], levels[b])
         if often or size >= _LARGEST:
-            groups[level, "w", shape].append((k, *entries[a], *entries[b]))
+            groups[level, "w", shape].append((k, k, *entries[a], *entries[b]))
             shapes[k], entries[k], levels[k] = "$w;", (k,), level + 1
         else:
             shapes[k], entries[k] = shape, entries[a] + entries[b]
@@ -146,12 +152,11 @@ def _moved_up(groups: _Groups, count: int) -> tuple[list[tuple[str, str, np.ndar
     place, n_w, found = np.zeros(count, dtype=np.int64), 0, []
     for (_, array, shape), listed in sorted(groups.items(), key=lambda group: group[0][0]):
         rows = np.array(listed)
-        for k, read_from in enumerate(_PLACE.findall(shape), 1):
+        for k, read_from in enumerate(_PLACE.findall(shape), 2):
             if read_from == "w":
                 rows[:, k] = place[rows[:, k]]
         if array == "w":
-            place[rows[:, 0]] = np.arange(n_w, n_w + len(rows))
-            rows[:, 0] = place[rows[:, 0]]
+            place[rows[:, 0]] = rows[:, 1] = np.arange(n_w, n_w + len(rows))
             n_w += len(rows)
         found.append((array, shape, rows))
     return found, n_w
