@@ -168,6 +168,8 @@ def test_whatever_neighbours_do_to_each_other(steps: list):
 def test_what_c_cannot_say_is_left_to_casadi():
     x = ca.SX.sym("x")
     assert loops.source(ca.Function("odd", [x], [ca.erfinv(x)])) is None
+    apart = ca.Function("apart", [x], [ca.sin(x)], {"never_inline": True})
+    assert loops.source(ca.Function("calls", [x], [apart(x) + 1])) is None
     y = ca.MX.sym("y")
     assert loops.source(ca.Function("mixed", [y], [y**2])) is None
 
