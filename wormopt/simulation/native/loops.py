@@ -43,8 +43,8 @@ typedef double near __attribute__((vector_size(8 * LANES), aligned(8), may_alias
 #define one_lane_exp exp
 #define one_lane_sin sin
 #define one_lane_cos cos
-static inline double one_lane_square(double a) { return a * a; }
-static inline double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
+INLINE double one_lane_square(double a) { return a * a; }
+INLINE double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
 """
 _OF_VECTORS = re.compile(r"\b(?=lane_|NUMBER|TRUTH|WHERE|EACH)")
 
