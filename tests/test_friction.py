@@ -10,9 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
+from wormopt.model.friction import Coulomb, Held, Law, Spike, Stribeck, Viscous
 from wormopt.model.lift import lift
-from wormopt.model.model import pack
+from wormopt.model.model import Contact, Model, Signal, pack
+from wormopt.simulation.functions import System
+from wormopt.simulation.options import Exact, Smooth
 
 DRY = [
     Coulomb(1.0, 10.0),
@@ -220,3 +222,61 @@ def test_laws_that_make_no_sense_are_refused(build: Callable[[], object], messag
 def test_numbers_of_laws_are_numbers(build: Callable[[], object]):
     with pytest.raises(ArgumentError, match="must be a number, not"):
         build()
+
+
+class Rough:
+    """A law of a user's own whose formulas are not meant for columns."""
+
+    directions = (1, -1)
+    stick_interval = (-2.0, 3.0)
+
+    def slip_force(self, v: ca.SX, direction: int) -> ca.SX:
+        return -direction * (2.0 + ca.norm_2(v))
+
+    def smooth(self, v: ca.SX, v_reg: ca.SX) -> ca.SX:
+        return -(2.0 + ca.norm_2(v)) * v / ca.norm_2(ca.vertcat(v, v_reg))
+
+
+def test_forces_of_contacts_that_are_alike_are_those_of_each():
+    rough, rng = Rough(), np.random.default_rng(4)
+    laws = [Coulomb(1.0, 10.0), rough, Spike(2.0), Coulomb(2.0, 3.0, 4.0, 5.0), rough, Viscous(0.5)]
+    laws += [
+        Held(3.0),
+        Coulomb(0.5, 2.0),
+        Spike(),
+        Stribeck(1.0, 2.0, 1.5, 4.0, 0.3),
+        Held(),
+        rough,
+    ]
+    laws = [*laws, *DRY]
+    lifted, parameters = lift(laws[::2])
+    mixed = [lifted[k // 2] if k % 2 == 0 else law for k, law in enumerate(laws)]
+    n = len(laws)
+    v, f, m = ca.SX.sym("v", n), ca.SX.sym("f", n), ca.SX.sym("m", n)
+    contacts = [Contact(f"foot {k}", v[k], f[k], law) for k, law in enumerate(mixed)]
+    heavy = rng.uniform(1, 2, n)
+    mass = Signal("mass", m, value=tuple(heavy))
+    pull = rng.uniform(-9, 9, n)
+    ode = (f + pull) / m
+    feet = Model("feet", [Signal("v", v)], ode, p=[mass, *parameters], contacts=contacts)
+    speed = rng.uniform(-1, 1, n)
+
+    smooth = System(feet, Smooth(0.3))
+    found = smooth.rhs(0.0, speed, smooth.parameters(None), []).full().ravel()
+    right = [evaluate(law, w, 0.3) for law, w in zip(laws, speed.tolist(), strict=True)]
+    np.testing.assert_allclose(found, (np.array(right) + pull) / heavy, rtol=1e-14)
+
+    exact = System(feet, Exact())
+    assert len(exact.contacts) == n - 2  # drag, and friction of no force, never rest
+    modes, free = rng.choice([-1.0, 0.0, 1.0], n - 2), [*map(feet.contacts.index, exact.contacts)]
+    told = exact.probe(0.0, speed, exact.parameters(None), modes).full().ravel()
+    velocity, _, force, low, high = told[:-1].reshape(5, -1)
+    np.testing.assert_array_equal(velocity, speed[free])
+    for k, i in enumerate(free):
+        law, ways = laws[i], laws[i].directions
+        assert (low[k], high[k]) == tuple(map(float, law.stick_interval))
+        way = int(modes[k]) if modes[k] in ways or not modes[k] else (*ways, 0)[0]
+        slip = law.slip_force(ca.SX(speed[i]), way) if way else -pull[i]
+        resting = modes[k] == 0
+        expected = -pull[i] if resting else float(slip) if ways else 0.0
+        assert force[k] == pytest.approx(expected, rel=1e-13, abs=1e-13), (i, law, modes[k])

@@ -1,6 +1,8 @@
 """Long functions in C with loops: as CasADi evaluates them, and as short as they should be."""
 
 import ctypes
+import sys
+from types import FrameType
 
 import casadi as ca
 import numpy as np
@@ -10,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.bench.sweeps import long_chain
-from wormopt.simulation.native import build, kernel, loops
+from wormopt.simulation.native import build, instructions, loops, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate, system_of
 
@@ -22,7 +24,8 @@ def evaluated(function: ca.Function, values: list[np.ndarray]) -> list[np.ndarra
     told = loops.source(function)
     assert told is not None
     text, n_w = told
-    library = build.library("loops", [("loops.c", loops.HEAD + text)], "-O2")
+    sources = [*build.parts(*model_code.HEADERS), ("loops.c", model_code.head([text]) + text)]
+    library = build.library("loops", sources, "-O2")
     work = np.zeros(n_w + 1)
     results = [np.full(function.nnz_out(k), np.nan) for k in range(function.n_out())]
 
@@ -56,6 +59,69 @@ def test_code_does_not_grow_with_the_chain():
         assert told is not None
         lengths.append(len(told[0].splitlines()))
     assert lengths[1] <= 1.1 * lengths[0] < 400
+
+
+def calls_of_casadi(links: int, contact: Smooth | Exact) -> int:
+    """How often Python calls CasADi from the numbers of a chain to its C code."""
+    calls = 0
+
+    def see(_frame: FrameType, event: str, called: object) -> None:
+        nonlocal calls
+        calls += event == "c_call" and "casadi" in str(getattr(called, "__module__", ""))
+
+    sys.setprofile(see)
+    try:
+        system = system_of(long_chain(links), contact)
+        system.parameters(None)
+        functions = list(system.functions.values())
+        model_code.source(functions)
+    finally:
+        sys.setprofile(None)
+    return calls
+
+
+@pytest.mark.parametrize("contact", [Smooth(1 / 40), Exact()])
+def test_work_before_a_first_run_grows_in_proportion(contact: Smooth | Exact):
+    lengths = (50, 100, 200)
+    calls = [calls_of_casadi(links, contact) for links in lengths]
+    assert calls[2] - calls[1] <= 2.05 * (calls[1] - calls[0])
+    assert calls[2] <= 60 * 200
+    systems = [system_of(long_chain(links), contact) for links in lengths]
+    counts = [sum(f.n_instructions() for f in s.functions.values()) for s in systems]
+    assert counts[2] - counts[1] <= 2.05 * (counts[1] - counts[0])
+
+
+def test_instructions_are_those_that_casadi_tells_one_by_one():
+    x, y = ca.SX.sym("x", 12), ca.SX.sym("y")
+    numbers = ca.SX([np.pi, -1e-300, 2.0, np.inf, -np.inf, np.nan, 1e22, 123456789.0])
+    both = [x[:3] + y, x * y - 0.1, x[3] / x[4], ca.fmin(x[5], x[6]), ca.atan2(x[7], y), x[8] ** y]
+    one = [ca.log1p(x[9]), ca.expm1(y), 2 * x[1], 1 / y, -x[2], x[0] ** 2, ca.sign(y), ca.erf(y)]
+    either = [ca.if_else(x[0] <= y, x[1], x[2] != 3), ca.logic_and(x[0] < 1, ca.logic_not(y == 2))]
+    told = [ca.vertcat(numbers, *both, *one, *either), x[11], ca.SX(0, 1)]
+    for function in (
+        ca.Function("told", [x, y], told),
+        ca.Function("same", [x], [x]),
+        ca.Function("nothing", [x], [ca.SX(0, 1)]),
+    ):
+        operations, places = instructions.read(function)
+        assert operations.tolist() == [
+            function.instruction_id(k) for k in range(function.n_instructions())
+        ]
+        for k, found in enumerate(places.tolist()):
+            right = [*function.instruction_output(k), *function.instruction_input(k)]
+            assert found == right + [-1] * (3 - len(right))
+
+
+def test_rows_that_are_read_and_written_backwards_or_far_apart():
+    x = ca.SX.sym("x", 40)
+    squares = ca.tanh(x[::-1]) * x[0] + x
+    told = ca.SX(81, 1)
+    told[::2] = ca.vertcat(squares, x[3])
+    function = ca.Function("told", [x], [ca.densify(told), squares[38::-2]])
+    text, _ = loops.source(function) or ("", 0)
+    assert "SPREAD" in text
+    assert "EVERY" in text
+    check(function)
 
 
 def test_tables_where_there_is_no_rule_and_sums_without_end():
@@ -102,6 +168,8 @@ def test_whatever_neighbours_do_to_each_other(steps: list):
 def test_what_c_cannot_say_is_left_to_casadi():
     x = ca.SX.sym("x")
     assert loops.source(ca.Function("odd", [x], [ca.erfinv(x)])) is None
+    apart = ca.Function("apart", [x], [ca.sin(x)], {"never_inline": True})
+    assert loops.source(ca.Function("calls", [x], [apart(x) + 1])) is None
     y = ca.MX.sym("y")
     assert loops.source(ca.Function("mixed", [y], [y**2])) is None
 
@@ -109,8 +177,8 @@ def test_what_c_cannot_say_is_left_to_casadi():
 @pytest.mark.parametrize("contact", [Smooth(1 / 40), Exact()])
 def test_long_chains_move_as_without_compiled_code(contact: Smooth | Exact):
     model, tolerance = long_chain(40), Tolerance(1e-9, 1e-10)
-    text, _ = kernel._source(list(system_of(model, contact).functions.values()))
-    assert "for (int i = 0; i < 39" in text
+    text, _ = model_code.source(list(system_of(model, contact).functions.values()))
+    assert "for (int k = 0; k < 39; k += LANES)" in text
     fast, slow = (
         simulate(model, 0.3, contact=contact, tolerance=tolerance, route=route)
         for route in ("native", "python")

@@ -12,7 +12,7 @@ import casadi as ca
 import pytest
 
 from wormopt.model.model import Model, Signal
-from wormopt.simulation.native import build, kernel
+from wormopt.simulation.native import build, kernel, model_code
 from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library
 from wormopt.simulation.simulate import simulate
 
@@ -206,7 +206,7 @@ def model() -> Model:
 @pytest.fixture
 def forgotten() -> Iterator[None]:
     """What was compiled before in this process does not count."""
-    caches = (kernel.driver, kernel._library, kernel.compiled)
+    caches = (kernel.driver, model_code._library, kernel.compiled)
     for cache in caches:
         cache.cache_clear()
     yield

@@ -18,7 +18,7 @@ from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import routes
-from wormopt.simulation.native import build, kernel
+from wormopt.simulation.native import build, kernel, model_code
 from wormopt.simulation.native.build import CompilerError
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
@@ -134,7 +134,7 @@ def assert_lawful(motion: Trajectory) -> None:
 @pytest.fixture
 def no_compiler(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Hide the compiler and forget what it has made."""
-    caches = (kernel.driver, kernel._library, kernel.compiled)
+    caches = (kernel.driver, model_code._library, kernel.compiled)
     monkeypatch.setattr(build, "compiler", lambda: None)
     for cache in caches:
         cache.cache_clear()

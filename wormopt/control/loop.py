@@ -102,9 +102,8 @@ class TrackingError:
             what = type(reference).__name__
             raise ArgumentError(f"reference must be follow(gait, plant.t), not {what}")
         own = ca.vertcat(plant.t, *(ca.vertcat(s.symbol, s.begin) for s in reference.schedules))
-        known = {symbol.element_hash() for symbol in ca.symvar(own)}
-        used = ca.symvar(ca.vertcat(reference.value, reference.rate))
-        if not all(symbol.element_hash() in known for symbol in used):
+        told = [reference.value, reference.rate]
+        if ca.Function("reference", [own], told, {"allow_free": True}).has_free():
             raise ArgumentError("the reference must be a function of the plant's own time, plant.t")
         followed = {signal.name: signal.unit for signal in (*plant.x, *plant.outputs)}
         if output not in followed:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from itertools import pairwise
 from numbers import Real
 from typing import Any, Protocol, runtime_checkable
 
@@ -75,8 +74,13 @@ class Law(Protocol):
 
 def _ascend(*values: Expression) -> bool:
     """Whether the numbers among the values ascend, weakly; NaN never does."""
-    numbers = [v for v in values if not isinstance(v, ca.SX)]
-    return all(low <= high for low, high in pairwise(numbers))
+    last = -math.inf
+    for value in values:
+        if not isinstance(value, ca.SX):
+            if not last <= value:
+                return False
+            last = value
+    return True
 
 
 def positive(value: Expression) -> bool:
@@ -122,16 +126,16 @@ def check_numbers(law: Any) -> None:
     """Refuse fields that are neither numbers nor symbols, a list for instance."""
     for item in fields(law):
         value = getattr(law, item.name)
-        if value is not None and not isinstance(value, Real | ca.SX):
+        if value is not None and not isinstance(value, (float, ca.SX, Real)):  # the usual first
             raise ArgumentError(
                 f"{item.name} must be a number, not {value!r}; for masses that differ, write a "
                 "list of laws"
             )
 
 
-def _check_forces(law: Law, forward: Expression, backward: Expression) -> None:
-    low, high = law.stick_interval
-    if not (_ascend(0.0, forward, -low) and _ascend(0.0, backward, high)):
+def _check_forces(slide: Expression, stick: Expression | None) -> None:
+    """Refuse forces against motion one way and against being moved that way that do not fit."""
+    if not _ascend(0.0, slide, *(() if stick is None else (stick,))):
         raise ArgumentError("friction forces must satisfy 0 <= sliding force <= stiction force")
 
 
@@ -168,7 +172,8 @@ class Coulomb(_TwoWay):
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        _check_forces(self, self.forward, self.backward)
+        _check_forces(self.forward, self.stick_forward)
+        _check_forces(self.backward, self.stick_backward)
 
     @property
     def stick_interval(self) -> tuple[Expression, Expression]:
@@ -217,7 +222,8 @@ class Stribeck(_TwoWay):
 
     def __post_init__(self) -> None:
         check_numbers(self)
-        _check_forces(self, self.forward, self.backward)
+        _check_forces(self.forward, self.stick_forward)
+        _check_forces(self.backward, self.stick_backward)
         if not positive(self.v_stribeck):
             raise ArgumentError("v_stribeck must be positive")
 

@@ -40,13 +40,17 @@ def lift(
     Gives the laws with symbols, and parameters ``<prefix>_<field>`` with one scalar per law
     that has a number there, in order. Fields that are None or symbols stay.
     """
+    own = [_numbers(law) for law in laws]
     numbers: dict[str, list[float]] = {}
-    for law in laws:
-        for name, value in _numbers(law).items():
+    for each in own:
+        for name, value in each.items():
             numbers.setdefault(name, []).append(value)
     symbols = {name: ca.SX.sym(f"{prefix}_{name}", len(v)) for name, v in numbers.items()}
     left = {name: iter(ca.vertsplit(symbol)) for name, symbol in symbols.items()}
-    lifted = [_replaced(law, {name: next(left[name]) for name in _numbers(law)}) for law in laws]
+    lifted = [
+        _replaced(law, {name: next(left[name]) for name in each})
+        for law, each in zip(laws, own, strict=True)
+    ]
     parameters = [
         Signal(
             f"{prefix}_{name}",

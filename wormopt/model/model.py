@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.delay import Delay
-from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.shown import lines, listed
 
@@ -129,6 +128,11 @@ class Contact:
         Usual sizes, by which solvers scale force and velocity.
     gap, normal_force : casadi.SX, optional
         Distance to a wall and the symbol of the normal force, for unilateral walls.
+
+    Raises
+    ------
+    ArgumentError
+        If velocity, force or walls do not fit the law.
     """
 
     name: str
@@ -139,6 +143,19 @@ class Contact:
     nominal_speed: float = 1.0
     gap: ca.SX | None = None
     normal_force: ca.SX | None = None
+
+    def __post_init__(self) -> None:
+        shape = (2, 1) if self.planar else (1, 1)
+        if self.velocity.shape != shape or self.force.shape != shape:
+            be = "columns of 2, its law is one in the plane" if self.planar else "scalars"
+            raise ArgumentError(f"contact {self.name}: velocity and force must be {be}")
+        if self.planar and (self.gap is not None or self.normal_force is not None):
+            raise ArgumentError(f"contact {self.name}: walls take laws along a line")
+
+    @property
+    def planar(self) -> bool:
+        """Whether it moves in the plane: its law is a PlanarLaw, which alone has a gauge."""
+        return hasattr(self.law, "gauge")  # to ask for the protocol takes a hundred times as long
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,8 +215,8 @@ class Model:
     Raises
     ------
     ArgumentError
-        If the ode's length is not the number of states, a contact or a switch has not the right
-        size, or two signals share a name.
+        If the ode's length is not the number of states, a switch has not the right size, or two
+        signals share a name.
 
     Examples
     --------
@@ -234,8 +251,6 @@ class Model:
             raise ArgumentError(f"model {self.name}: two signals share a name in {names}")
         if self.alg.numel() != sum(s.size for s in self.z):
             raise ArgumentError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
-        for contact in self.contacts:
-            _check_contact(contact)
         for switch in self.switches:
             if switch.guard.numel() != 1 or switch.reset.numel() != self.n_x:
                 message = f"a scalar guard and a reset of {self.n_x} states"
@@ -392,17 +407,6 @@ class Model:
         from wormopt.model.explicit import Explicit
 
         return Explicit(self, output).to_control(v_reg, p or {})
-
-
-def _check_contact(contact: Contact) -> None:
-    """Refuse a velocity, a force or a wall that does not fit the law."""
-    planar = isinstance(contact.law, PlanarLaw)
-    shape = (2, 1) if planar else (1, 1)
-    if contact.velocity.shape != shape or contact.force.shape != shape:
-        be = "columns of 2, its law is one in the plane" if planar else "scalars"
-        raise ArgumentError(f"contact {contact.name}: velocity and force must be {be}")
-    if planar and (contact.gap is not None or contact.normal_force is not None):
-        raise ArgumentError(f"contact {contact.name}: walls take laws along a line")
 
 
 def pack(signals: Sequence[Signal | Delay]) -> ca.SX:

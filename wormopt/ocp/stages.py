@@ -17,7 +17,7 @@ from wormopt.errors import ArgumentError
 from wormopt.ocp.arc import limits_of
 from wormopt.ocp.nlp import Bounds
 from wormopt.ocp.transcription import Transcription
-from wormopt.simulation.steps import Call
+from wormopt.simulation.call import Call
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import root_scalar
 
+from wormopt.simulation.call import Call
 from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import InitialValueProblem
-from wormopt.simulation.steps import Call
 
 # Share of the force that does not turn a direction.
 _SMALL = 1e-13

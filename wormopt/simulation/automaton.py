@@ -8,13 +8,14 @@ import numpy as np
 
 from wormopt.errors import interruptible
 from wormopt.progress import Report
+from wormopt.simulation.call import Call
 from wormopt.simulation.contacts import Contacts
 from wormopt.simulation.crossings import Crossing, Watch
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.layer import Layer
 from wormopt.simulation.sensitivity.columns import Columns
 from wormopt.simulation.sharing import Sharing
-from wormopt.simulation.steps import Call, GivenUp, Step, Stepper
+from wormopt.simulation.steps import GivenUp, Step, Stepper
 
 _SWITCH = KINDS.index("switch")
 _STEPS_PER_REPORT = 500

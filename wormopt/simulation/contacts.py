@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.simulation.aiming import Aim
+from wormopt.simulation.call import Call
 from wormopt.simulation.initial_value import F_REST, KINDS, InitialValueProblem
 from wormopt.simulation.sensitivity.columns import Columns
 from wormopt.simulation.sharing import SHARE_REST, Sharing, Split
-from wormopt.simulation.steps import Call, GivenUp
+from wormopt.simulation.steps import GivenUp
 
 _REVERSAL, _STICK, _RELEASE, _IMPACT = (
     KINDS.index(kind) for kind in ("reversal", "stick", "release", "impact")

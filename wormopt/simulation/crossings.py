@@ -21,11 +21,12 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import minimize_scalar, root_scalar
 
+from wormopt.simulation.call import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.grip import ENTRIES
 from wormopt.simulation.initial_value import F_REST, InitialValueProblem
 from wormopt.simulation.sharing import SHARE_REST, Sharing
-from wormopt.simulation.steps import Call, GivenUp, Step, Stepper, floor_of_step
+from wormopt.simulation.steps import GivenUp, Step, Stepper, floor_of_step
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 

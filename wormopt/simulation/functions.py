@@ -17,11 +17,11 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, Signal, pack
-from wormopt.model.planar_friction import PlanarLaw
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.numerics.identically import without_zeros
-from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip, grips_of, never_rests
+from wormopt.simulation.grip import ENTRIES, never_rests
+from wormopt.simulation.grips import Grips
 from wormopt.simulation.law_numbers import LawNumbers
 from wormopt.simulation.least import RESTING, TURNING, Equations, determined, solver
 from wormopt.simulation.memory import Memory, recalled
@@ -38,7 +38,13 @@ class System:
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts that may rest."""
-        return tuple(c for c in self.model.contacts if not never_rests(c))
+        plain = {id(contact) for contact in self._plain}
+        return tuple(c for c in self.model.contacts if id(c) not in plain)
+
+    @cached_property
+    def _plain(self) -> tuple[Contact, ...]:
+        """Contacts that never rest."""
+        return tuple(c for c in self.model.contacts if never_rests(c))
 
     @cached_property
     def exact(self) -> bool:
@@ -50,7 +56,8 @@ class System:
         """t, x, p and s."""
         model = self.model
         schedules = [ca.vertcat(s.begin, s.symbol) for s in (*model.schedules, *self.memories)]
-        p = ca.vertcat(pack(model.p), pack(model.u), self._v_reg, *schedules)
+        given = (signal.symbol for signal in (*model.p, *model.u))
+        p = ca.vertcat(*given, self._v_reg, *schedules)
         return model.t, ca.vertcat(pack(model.x), self._pushes), p, self._modes
 
     @cached_property
@@ -65,7 +72,7 @@ class System:
         They are there where time itself pushes. While everything rests nothing else would tell
         the control of the steps that forces change.
         """
-        driven = self.exact and ca.depends_on(self._free[2], self.model.t)
+        driven = self.exact and ca.depends_on(self._free_acceleration, self.model.t)
         return ca.SX.sym("push", len(self.row_contact) if driven else 0)  # type: ignore[no-any-return]
 
     @property
@@ -79,18 +86,22 @@ class System:
 
     @cached_property
     def _modes(self) -> ca.SX:
-        n = len(self.contacts) + ENTRIES * len(self.planar) if self.exact else 0
-        return ca.SX.sym("s", n)  # type: ignore[no-any-return]
+        return ca.SX.sym("s", self._n_modes if self.exact else 0)  # type: ignore[no-any-return]
+
+    @property
+    def _n_modes(self) -> int:
+        return len(self.contacts) + ENTRIES * len(self.planar)
 
     @cached_property
-    def _grips(self) -> list[LineGrip | PlaneGrip]:
-        return grips_of(self.contacts, self.model.t, self._modes)
+    def _grips(self) -> Grips:
+        # smooth forces know no modes
+        modes = self._modes if self.exact else ca.SX(self._n_modes, 1)
+        return Grips.of(self.contacts, self.model.t, modes)
 
     @cached_property
     def planar(self) -> np.ndarray:
         """Indices of the contacts that move in the plane."""
-        laws = (contact.law for contact in self.contacts)
-        return np.flatnonzero([isinstance(law, PlanarLaw) for law in laws])
+        return np.flatnonzero([contact.planar for contact in self.contacts])
 
     @cached_property
     def row_contact(self) -> np.ndarray:
@@ -101,8 +112,7 @@ class System:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the law of a contact leaves open, a line for each law."""
-        laws = [contact.law for contact in self.contacts]
-        open_ = [law for law in laws if isinstance(law, PlanarLaw) and not law.associated]
+        open_ = [c.law for c in self.contacts if c.planar and not c.law.associated]
         names = dict.fromkeys(type(law).__name__ for law in open_)
         return tuple(
             f"the law {name} is not that of most power: several motions may follow from one state, "
@@ -133,24 +143,36 @@ class System:
     # -- contact forces --------------------------------------------------------------------
 
     @cached_property
-    def _free(self) -> list[ca.SX]:
-        """Ode, contact velocities and their accelerations with the plain forces put in."""
+    def _velocity(self) -> ca.SX:
+        return ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
+
+    @cached_property
+    def _plain_forces(self) -> tuple[ca.SX, ca.SX]:
+        """Symbols of the forces of contacts that never rest, and what they are."""
+        forces = [c.law.slip_force(c.velocity, 1) for c in self._plain]
+        symbols = [c.force for c in self._plain]
+        return ca.vertcat(ca.SX(0, 1), *symbols), ca.vertcat(ca.SX(0, 1), *forces)
+
+    @cached_property
+    def _free_ode(self) -> ca.SX:
+        """Ode with the plain forces put in."""
         model = self.model
-        plain = [c for c in model.contacts if never_rests(c)]
-        old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
-        new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
-        velocity = ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts))
         if any(c.gap is not None or c.normal_force is not None for c in model.contacts):
             raise ArgumentError(
                 "walls with a gap or a normal force cannot be simulated; let them give way by "
                 "smooth_walls"
             )
+        ode = ca.substitute(model.ode, *self._plain_forces) if self._plain else model.ode
+        return recalled(ode, self.memories, model.t)
+
+    @cached_property
+    def _free_acceleration(self) -> ca.SX:
+        """Accelerations of contacts with the plain forces put in."""
+        velocity, model = self._velocity, self.model
         if ca.depends_on(ca.jacobian(model.ode, model.forces), model.forces):
             raise ArgumentError(f"the ode of {model.name} must be affine in the contact forces")
-        (ode,) = ca.substitute([model.ode], [old], [new]) if plain else [model.ode]
-        ode = recalled(ode, self.memories, model.t)
-        acceleration = ca.jtimes(velocity, pack(model.x), ode) + ca.jacobian(velocity, model.t)
-        return [ode, velocity, acceleration]
+        rate = ca.jtimes(velocity, pack(model.x), self._free_ode)
+        return rate + ca.jacobian(velocity, model.t)
 
     @cached_property
     def _force_symbols(self) -> ca.SX:
@@ -159,7 +181,7 @@ class System:
     @cached_property
     def delassus(self) -> ca.SX:
         """Matrix d(contact accelerations) / d(contact forces) of the contacts that may rest."""
-        return without_zeros(ca.jacobian(self._free[2], self._force_symbols))
+        return without_zeros(ca.jacobian(self._free_acceleration, self._force_symbols))
 
     @cached_property
     def coupled(self) -> bool:
@@ -170,26 +192,16 @@ class System:
     def forces(self) -> ca.SX:
         """Contact forces as expressions of t, x, p and s."""
         if not self.exact:
-            smooth = [c.law.smooth(c.velocity, self._v_reg) for c in self.contacts]
-            return ca.vertcat(ca.SX(0, 1), *smooth)
+            return self._grips.smooth(self._v_reg)
         if not self.coupled:
-            free, response = self.pulled, ca.diag(self.delassus)
-            return ca.vertcat(
-                *(g.alone(self._of(g, free), self._of(g, response)) for g in self._grips)
-            )
+            return self._grips.alone(self.pulled, self.delassus)
         # where loads are shared forces are solved for in loops, and stand here for themselves
         return self._force_symbols if self.shares else ca.solve(*self._equations)
-
-    @staticmethod
-    def _of(grip: LineGrip | PlaneGrip, rows: ca.SX) -> ca.SX:
-        return rows[grip.row : grip.row + grip.size, :]
 
     @cached_property
     def _equations(self) -> tuple[ca.SX, ca.SX]:
         """Matrix and right-hand side of the forces of contacts that act on one another."""
-        free, full = self.pulled, ca.densify(self.delassus)
-        pairs = [g.equations(self._of(g, free), self._of(g, full)) for g in self._grips]
-        return ca.vertcat(*(a for a, _ in pairs)), ca.vertcat(*(b for _, b in pairs))
+        return self._grips.equations(self.pulled, self.delassus)
 
     @cached_property
     def shares(self) -> bool:
@@ -197,8 +209,7 @@ class System:
 
         How they do is open, see `wormopt.simulation.sharing`.
         """
-        bilateral = any(not isinstance(g, PlaneGrip) and not g.law.directions for g in self._grips)
-        return self.coupled and (len(self.planar) > 0 or bilateral)
+        return self.coupled and (len(self.planar) > 0 or self._grips.bilateral)
 
     @cached_property
     def _solved(self) -> ca.SX:
@@ -208,24 +219,18 @@ class System:
     @cached_property
     def _shared_forces(self) -> ca.Function:
         """Forces where contacts share loads, and how well resting ones determine theirs."""
-        gives = ca.diagcat(*(g.gives(RESTING, TURNING) for g in self._grips))
-        near = ca.vertcat(*(g.begun for g in self._grips))
-        equations = Equations(*self._equations, gives, near, self._size)
+        gives = self._grips.gives(RESTING, TURNING)
+        equations = Equations(*self._equations, gives, self._grips.begun, self._size)
         return solver("forces", self.symbols, equations)
 
     @property
     def _size(self) -> ca.SX:
         return ca.trace(self.delassus) / self.delassus.size1()
 
-    @property
-    def _rests(self) -> ca.SX:
-        """Row by row 1 or 0."""
-        return ca.vertcat(*(ca.repmat(g.rests, g.size, 1) for g in self._grips))
-
     @cached_property
     def pulled(self) -> ca.SX:
         """Accelerations of the contacts without contact forces."""
-        return self._at_forces(self._free[2], ca.SX.zeros(len(self.row_contact)))
+        return self._at_forces(self._free_acceleration, ca.SX.zeros(len(self.row_contact)))
 
     @property
     def _determined(self) -> ca.SX:
@@ -242,32 +247,31 @@ class System:
     @cached_property
     def ode(self) -> ca.SX:
         """X' as an expression of t, x, p and s."""
-        ode = self._at_forces(self._free[0], self.forces)
+        ode = self._at_forces(self._free_ode, self.forces)
         if not self.exact:
             return ode
         if self.n_pushes:
-            ode = ca.vertcat(ode, self._rests * self.pulled)
+            ode = ca.vertcat(ode, self._grips.rests * self.pulled)
         if self.coupled:
             return ode
         # a velocity that is a state stays what it is while its contact rests, to the last bit
-        slip = ca.vertcat(*(grip.slip for grip in self._grips))
-        for i, state in zip(self.row_contact, self.row_state, strict=True):
-            if state >= 0:
-                planar = self._grips[i].size == 2
-                moving = ode[state] if planar else self._at_forces(self._free[0][state], slip)
-                ode[state] = self._modes[i] ** 2 * moving
+        rows = np.flatnonzero(self.row_state >= 0)
+        if not rows.size:
+            return ode
+        moving = self._at_forces(self._free_ode, self._grips.slip(self.forces))
+        states = self.row_state[rows].tolist()
+        modes = self._modes[self.row_contact[rows].tolist()]
+        ode[states] = modes**2 * moving[states]
         return ode
 
     @cached_property
     def row_state(self) -> np.ndarray:
         """Per row the state that is this velocity, -1 where it is none."""
         x, velocity = (
-            pack(self.model.x),
-            ca.vertcat(ca.SX(0, 1), *(c.velocity for c in self.contacts)),
+            ca.vertsplit(ca.densify(column)) for column in (pack(self.model.x), self._velocity)
         )
-        rows = {x[i].element_hash(): i for i in range(x.numel())}
-        entries = [velocity[i] for i in range(velocity.numel())]
-        found = [rows.get(v.element_hash(), -1) if v.is_symbolic() else -1 for v in entries]
+        rows = {state.element_hash(): i for i, state in enumerate(x)}
+        found = [rows.get(v.element_hash(), -1) if v.is_symbolic() else -1 for v in velocity]
         return np.array(found, dtype=np.int64)
 
     @cached_property
@@ -317,37 +321,27 @@ class System:
         Of the contacts that may rest velocities, accelerations, forces, least and largest force
         that hold them; then how well resting ones determine their forces, 1 well, 0 not at all.
         """
-        acceleration = self._at_forces(self._free[2], self.forces)
-        told = [
-            g.tells(
-                self._of(g, acceleration),
-                self._of(g, self.forces),
-                self._of(g, self.delassus)[:, g.row : g.row + g.size],
-            )
-            for g in self._grips
-        ]
-        everything = [ca.vertcat(*column) for column in zip(*told, strict=True)]
-        return self.function("probe", ca.vertcat(*everything, self._determined))
+        acceleration = self._at_forces(self._free_acceleration, self.forces)
+        told = self._grips.tells(acceleration, self.forces, self.delassus)
+        return self.function("probe", ca.vertcat(told, self._determined))
 
     @cached_property
     def aims(self) -> ca.Function:
         """Of every contact in the plane, see `PlaneGrip.aims`."""
-        grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
-        return self.function("aims", ca.vertcat(*(g.aims(self._of(g, self.forces)) for g in grips)))
+        return self.function("aims", self._grips.aims(self.forces))
 
     @cached_property
     def bends(self) -> ca.Function:
         """Of every contact in the plane, see `PlaneGrip.bends`."""
-        grips = [grip for grip in self._grips if isinstance(grip, PlaneGrip)]
-        return self.function("bends", ca.vertcat(*(grip.bends for grip in grips)))
+        return self.function("bends", self._grips.bends)
 
     @cached_property
     def project(self) -> ca.Function:
         """X after the impulses that stop the contacts with s = 0."""
-        x, velocity = self.symbols[1], self._free[1]
-        push = ca.jacobian(self._free[0], self._force_symbols)
+        x, velocity = self.symbols[1], self._velocity
+        push = ca.jacobian(self._free_ode, self._force_symbols)
         push = ca.vertcat(push, ca.SX.zeros(self.n_pushes, push.size2()))
-        rests = self._rests
+        rests = self._grips.rests
         if not self.coupled:
             return self.function("project", x - push @ (rests * velocity / ca.diag(self.delassus)))
         matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
@@ -382,12 +376,10 @@ class System:
 
     def _put(self, expression: ca.SX) -> ca.SX:
         """Express what the model says by t, x, p and s alone."""
-        plain = [c for c in self.model.contacts if never_rests(c)]
-        old = ca.vertcat(ca.SX(0, 1), *(c.force for c in plain))
-        new = ca.vertcat(ca.SX(0, 1), *(c.law.slip_force(c.velocity, 1) for c in plain))
-        old = ca.vertcat(old, self._force_symbols)
+        plain, forces = self._plain_forces
         expression = recalled(expression, self.memories, self.model.t)
-        return ca.substitute(expression, old, ca.vertcat(new, self.forces))
+        old, new = ca.vertcat(plain, self._force_symbols), ca.vertcat(forces, self.forces)
+        return ca.substitute(expression, old, new)
 
     def observe(self, expression: ca.SX) -> ca.Function:
         """Function of (t, x, p, s) for an expression of the model's symbols and contact forces.
@@ -421,7 +413,7 @@ class System:
 
     @cached_property
     def _laws(self) -> LawNumbers:
-        return LawNumbers(self.model)
+        return LawNumbers(self.model, self.symbols[2][: self.n_fixed - 1])
 
     def parameters(self, given: Mapping[str, object] | None) -> np.ndarray:
         """Values of p from those given by name, else the model's own; 0 for what schedules set.

@@ -1,11 +1,12 @@
-"""What a contact's force is in exact treatment, by its mode; one row for each component.
+"""What the force of contacts is in exact treatment, by their modes; a row for each component.
 
-A contact in the plane has four entries in s besides its mode: the direction of onset, half the rate
-at which it turns, and when that began. They are 0 but for a contact that has been let go: at
-velocity 0 the direction of slip is singular, and for long after it follows the forces so closely
-that explicit steps would be held short. So it moves along the given direction d first: it does not
-move across d, and its force lies on the tangent, at that of sliding along d, of the forces of
-sliding. This errs by the square of the angle that d lacks; it lasts until that counts.
+Contacts on a line whose laws are alike are treated as one, in columns. A contact in the plane has
+four entries in s besides its mode: the direction of onset, half the rate at which it turns, and
+when that began. They are 0 but for a contact that has been let go: at velocity 0 the direction of
+slip is singular, and for long after it follows the forces so closely that explicit steps would be
+held short. So it moves along the given direction d first: it does not move across d, and its force
+lies on the tangent, at that of sliding along d, of the forces of sliding. This errs by the square
+of the angle that d lacks; it lasts until that counts.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ ENTRIES = 4
 def never_rests(contact: Contact) -> bool:
     """Whether a contact is no more than a force that depends smoothly on velocity."""
     law = contact.law
-    if isinstance(law, PlanarLaw):
+    if contact.planar:
         return False
     low, high = law.stick_interval
     if isinstance(low, ca.SX) or isinstance(high, ca.SX) or low != 0 or high != 0:
@@ -42,33 +43,33 @@ def weighted(weight: ca.SX, a: ca.SX | float, b: ca.SX | float) -> ca.SX:
 
 
 class Grip(Protocol):
-    """One contact and its mode."""
+    """One contact, or several that are alike, and their modes."""
 
-    row: int  # its first
-    size: int  # number of rows
-    rests: ca.SX
+    contacts: list[int]
+    rows: list[int]
+    rests: ca.SX  # row by row 1 or 0
 
     @property
     def slip(self) -> ca.SX:
-        """Force while it slides."""
+        """Forces while they slide."""
         ...
 
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Force on a contact that acts on no other.
+        """Forces on contacts that act on no other.
 
-        Of its acceleration without force, and acceleration by force of each component.
+        Of accelerations without force, and acceleration by force of each component.
         """
         ...
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows of the equations for all forces, and their right-hand side.
 
-        `response`: its rows of the Delassus matrix.
+        `response`: their rows of the Delassus matrix.
         """
         ...
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Block on the diagonal by which it gives way, at rest and in onset across its way."""
+        """Block on the diagonal by which they give way, at rest and in onset across their way."""
         ...
 
     @property
@@ -76,24 +77,23 @@ class Grip(Protocol):
         """Force of sliding in onset, else 0."""
         ...
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
-        `own`: acceleration by force of each of its components.
+        `own`: acceleration by force of each of their components.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class LineGrip:
-    """Of a contact that moves along a line."""
+    """Of contacts that move along lines by laws that are alike; columns, an entry for each."""
 
-    contact: Contact
+    contacts: list[int]
+    rows: list[int]
     law: Law
+    velocity: ca.SX
     mode: ca.SX
-    row: int
-
-    size = 1
 
     @cached_property
     def rests(self) -> ca.SX:
@@ -102,54 +102,62 @@ class LineGrip:
 
     @cached_property
     def slip(self) -> ca.SX:
-        """Force while it slides."""
-        both = [self.law.slip_force(self.contact.velocity, d) for d in self.law.directions]
+        """Forces while they slide."""
+        both = [ca.SX(self.law.slip_force(self.velocity, d)) for d in self.law.directions]
         if len(both) < 2:
-            return ca.SX(both[0] if both else 0)
+            return both[0] if both else self.begun
         return weighted((1 + self.mode) / 2, both[0], both[1])
 
+    def smooth(self, v_reg: ca.SX) -> ca.SX:
+        """Forces by the smooth law."""
+        return ca.SX(self.law.smooth(self.velocity, v_reg))
+
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
-        """Force on a contact that acts on no other."""
+        """Forces on contacts that act on no other."""
         return weighted(self.mode**2, self.slip, -free / response)
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Row of the equations for all forces, and its right-hand side."""
+        """Rows of the equations for all forces, and their right-hand side."""
         slides = self.mode**2
-        matrix = (1 - slides) * response
-        matrix[0, self.row] += slides
+        matrix = ca.repmat(1 - slides, 1, response.size2()) * response
+        for k, row in enumerate(self.rows):
+            matrix[k, row] += slides[k]
         return matrix, weighted(slides, self.slip, -free)
 
     def gives(self, rest: float, onset: float) -> ca.SX:
-        """Block on the diagonal by which it gives way at rest."""
-        return rest * self.rests
+        """Block on the diagonal by which they give way at rest."""
+        return ca.diag(rest * self.rests)
 
     @property
     def begun(self) -> ca.SX:
-        """Nothing: it has no onset."""
-        return ca.SX(0)
+        """Nothing: they have no onset."""
+        return ca.SX.zeros(len(self.rows))  # type: ignore[no-any-return]
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided."""
-        return (self.contact.velocity, acceleration, force, *self.law.stick_interval)
+        return self.velocity, acceleration, force, *map(ca.SX, self.law.stick_interval)
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneGrip:
     """Of a contact that moves in the plane: its mode is +1 or 0."""
 
+    contacts: list[int]
+    rows: list[int]
     contact: Contact
     law: PlanarLaw
     mode: ca.SX
     onset: ca.SX  # direction when it began, half the rate at which it turns, when it began
     t: ca.SX
-    row: int
-
-    size = 2
 
     @cached_property
     def rests(self) -> ca.SX:
-        """1 or 0."""
-        return 1 - self.mode**2
+        """1 or 0, twice."""
+        return ca.repmat(1 - self.mode**2, 2, 1)
+
+    def smooth(self, v_reg: ca.SX) -> ca.SX:
+        """Force by the smooth law."""
+        return self.law.smooth(self.contact.velocity, v_reg)
 
     @cached_property
     def _begins(self) -> ca.SX:
@@ -214,24 +222,24 @@ class PlaneGrip:
         across = self._across
         normal = ca.vertcat(self._tangent[1], -self._tangent[0])
         onset = ca.vertcat(ca.SX(1, response.size2()), across.T @ response)
-        onset[0, self.row : self.row + 2] = normal.T
-        matrix = self.rests * response + begins * onset
+        onset[0, self.rows] = normal.T
+        matrix = self.rests[0] * response + begins * onset
         for i in range(2):
-            matrix[i, self.row + i] += slides
+            matrix[i, self.rows[i]] += slides
         begun = ca.vertcat(ca.dot(normal, self.slip), self._curves - ca.dot(across, free))
         return matrix, slides * self.slip + begins * begun - self.rests * free
 
     def gives(self, rest: float, onset: float) -> ca.SX:
         """Block on the diagonal by which it gives way, at rest and in onset across its way."""
         turning = ca.vertcat(ca.SX(1, 2), self._across.T)
-        return rest * self.rests * ca.SX.eye(2) + onset * self._begins * turning
+        return rest * self.rests[0] * ca.SX.eye(2) + onset * self._begins * turning
 
     @property
     def begun(self) -> ca.SX:
         """Force of sliding in onset, else 0."""
         return self._begins * self.slip
 
-    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX | float, ...]:
+    def tells(self, acceleration: ca.SX, force: ca.SX, own: ca.SX) -> tuple[ca.SX, ...]:
         """Velocity, acceleration, force, least and largest force by which modes are decided.
 
         Its speed, and its force in units of what holds; in onset its velocity along d, and its
@@ -241,7 +249,7 @@ class PlaneGrip:
         speed = ca.if_else(self._begins, ca.dot(self.direction, v), ca.norm_2(v))
         faster = ca.dot(ahead, acceleration) / ca.norm_2(ahead)
         size = ca.if_else(self._begins, self._lacks(force, own), self.law.gauge(force))
-        return speed, faster, -size, -1.0, ca.inf
+        return speed, faster, -size, ca.SX(-1.0), ca.SX.inf()
 
     def _lacks(self, force: ca.SX, own: ca.SX) -> ca.SX:
         """Error of onset so far: what its direction lacks shifts it aside, and its square slows it.
@@ -273,18 +281,3 @@ class PlaneGrip:
         The latter is 0 in the direction in which the contact accelerates.
         """
         return ca.vertcat(self.law.slip_direction(force), self._off(force))
-
-
-def grips_of(contacts: tuple[Contact, ...], t: ca.SX, s: ca.SX) -> list[LineGrip | PlaneGrip]:
-    """Grips of contacts: their modes come first in s, then their onsets."""
-    found: list[LineGrip | PlaneGrip] = []
-    row, place = 0, len(contacts)
-    for i, contact in enumerate(contacts):
-        if isinstance(contact.law, PlanarLaw):
-            onset = s[place : place + ENTRIES]
-            found.append(PlaneGrip(contact, contact.law, s[i], onset, t, row))
-            place += ENTRIES
-        else:
-            found.append(LineGrip(contact, contact.law, s[i], row))
-        row += found[-1].size
-    return found

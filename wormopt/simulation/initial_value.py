@@ -10,6 +10,7 @@ import numpy as np
 
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import nominal_of
+from wormopt.simulation.call import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.sensitivity.directions import Directions
@@ -149,7 +150,8 @@ class InitialValueProblem:
         if not self.system.exact:
             return np.zeros(n)
         p = self.system.scheduled(self.p, self.schedules, np.array([self.span[0]]))[:, 0]
-        probe = np.array(self.system.probe(self.span[0], self.x0, p, self.system.sliding)).ravel()
+        call = Call(self.system.probe)  # an ordinary call takes as long as 2000 evaluations
+        (probe,) = call(self.span[0], self.x0, p, self.system.sliding)
         held = np.abs(probe[3 * n : 5 * n].reshape(2, n))
         held = np.where(np.isfinite(held), held, 0.0).max(axis=0, initial=0.0)
         nominal = np.array([c.nominal_force for c in self.system.contacts])

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import Contact, Model, pack
+from wormopt.model.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class _Alike:
+    """Contacts whose laws differ in numbers alone."""
+
+    names: list[str]  # fields that are decided
+    contacts: list[int]
+    entries: list[list[int]]  # of each contact and field the place of its value
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,42 +28,78 @@ class LawNumbers:
     """Laws of a model's contacts with fields that are symbols."""
 
     model: Model
+    fixed: ca.SX  # symbols of parameters and inputs
 
     def check(self, fixed: np.ndarray) -> None:
         """Let each law see its numbers together: stiction below sliding friction, say.
 
-        `fixed` are values of parameters and inputs. Raises ArgumentError if a law refuses.
+        `fixed` are values of the symbols. Laws with the same numbers are asked once.
+        Raises ArgumentError if a law refuses.
         """
-        if not self._decided:
+        if not self._alike:
             return
-        numbers = self._values(fixed).full().ravel()
-        for contact, names in self._decided:
-            own, numbers = numbers[: len(names)].tolist(), numbers[len(names) :]
-            try:
-                replace(contact.law, **dict(zip(names, own, strict=True)))  # type: ignore[type-var]
-            except ValueError as error:
-                said = ", ".join(f"{n} = {v:g}" for n, v in zip(names, own, strict=True))
-                raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+        values = self._values(fixed).full().ravel()
+        for alike in self._alike:
+            told = map(tuple, values[alike.entries].tolist())
+            first: dict[tuple[float, ...], int] = {}
+            for numbers, contact in zip(told, alike.contacts, strict=True):
+                first.setdefault(numbers, contact)
+            for numbers, contact in first.items():
+                self._ask(contact, dict(zip(alike.names, numbers, strict=True)))
+
+    def _ask(self, i: int, numbers: dict[str, float]) -> None:
+        contact = self.model.contacts[i]
+        try:
+            replace(contact.law, **numbers)
+        except ValueError as error:
+            said = ", ".join(f"{name} = {value:g}" for name, value in numbers.items())
+            raise ArgumentError(f"{contact.name} with {said}: {error}") from None
+
+    @cached_property
+    def _alike(self) -> list[_Alike]:
+        """Contacts with fields of their laws that parameters and inputs alone decide."""
+        own = defaultdict[int, dict[str, int]](dict)
+        for entry, (i, name) in enumerate(self._decided[0]):
+            own[i][name] = entry
+        groups = defaultdict[tuple[object, ...], list[int]](list)
+        for i, entries in own.items():
+            groups[_kind(self.model.contacts[i].law, list(entries))].append(i)
+        return [
+            _Alike(list(own[group[0]]), group, [list(own[i].values()) for i in group])
+            for group in groups.values()
+        ]
 
     @property
-    def _symbols(self) -> ca.SX:
-        return ca.vertcat(pack(self.model.p), pack(self.model.u))
-
-    @cached_property
-    def _decided(self) -> list[tuple[Contact, list[str]]]:
-        """Contacts with fields of their laws that parameters and inputs alone decide."""
-        known = {symbol.element_hash() for symbol in ca.symvar(self._symbols)}
-
-        def decided(value: object) -> bool:
-            symbols = ca.symvar(value) if isinstance(value, ca.SX) else []
-            return len(symbols) > 0 and all(s.element_hash() in known for s in symbols)
-
-        laws = [(c, fields(c.law)) for c in self.model.contacts if is_dataclass(c.law)]
-        found = [(c, [i.name for i in own if decided(getattr(c.law, i.name))]) for c, own in laws]
-        return [(c, names) for c, names in found if names]
-
-    @cached_property
     def _values(self) -> ca.Function:
-        values = [getattr(c.law, name) for c, names in self._decided for name in names]
-        found = ca.densify(ca.vertcat(ca.SX(0, 1), *values))
-        return ca.Function("law_numbers", [self._symbols], [found])
+        return self._decided[1]
+
+    @cached_property
+    def _decided(self) -> tuple[list[tuple[int, str]], ca.Function]:
+        """Contacts and fields, and their values by parameters and inputs."""
+        laws = enumerate(contact.law for contact in self.model.contacts)
+        named = [
+            (i, law, item.name) for i, law in laws if is_dataclass(law) for item in fields(law)
+        ]
+        places = [(i, name) for i, law, name in named if _is_scalar(getattr(law, name))]
+        column, function = self._column(places)
+        others = function.free_sx()
+        if others:
+            open_ = ca.which_depends(column, ca.vertcat(*others), 1, True)
+            places = [place for place, other in zip(places, open_, strict=True) if not other]
+            _, function = self._column(places)
+        return places, function
+
+    def _column(self, places: list[tuple[int, str]]) -> tuple[ca.SX, ca.Function]:
+        values = [getattr(self.model.contacts[i].law, name) for i, name in places]
+        column = ca.densify(ca.vertcat(ca.SX(0, 1), *values))
+        return column, ca.Function("law_numbers", [self.fixed], [column], {"allow_free": True})
+
+
+def _is_scalar(value: object) -> bool:
+    return isinstance(value, ca.SX) and value.is_scalar()
+
+
+def _kind(law: Any, decided: list[str]) -> tuple[object, ...]:
+    """What laws have in common that differ in the fields `decided` alone."""
+    others = (item.name for item in fields(law) if item.name not in decided)
+    return type(law), *decided, *((name, id(getattr(law, name))) for name in others)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from wormopt.simulation.call import Call
 from wormopt.simulation.initial_value import InitialValueProblem
-from wormopt.simulation.steps import Call, Step
+from wormopt.simulation.steps import Step
 
 _SAMPLES = np.linspace(0.0, 1.0, 17)
 # The law is flat to 2e-7 from so many widths on.

@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import Radau
 
+from wormopt.simulation.call import Call
 from wormopt.simulation.initial_value import InitialValueProblem
-from wormopt.simulation.steps import Call, GivenUp, Step, floor_of_step, powers
+from wormopt.simulation.steps import GivenUp, Step, floor_of_step, powers
 
 # Scipy refuses smaller relative tolerances, with a warning.
 _LEAST_RELATIVE = 100 * float(np.finfo(float).eps)

@@ -22,9 +22,10 @@ from scipy.sparse.csgraph import connected_components
 
 from wormopt.model.model import Contact
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
+from wormopt.simulation.call import Call
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem
-from wormopt.simulation.steps import Call, GivenUp
+from wormopt.simulation.steps import GivenUp
 
 SHARE_REST = 1e-11
 """Excess of a share that is nothing but rounding of its split."""

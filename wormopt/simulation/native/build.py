@@ -17,6 +17,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from functools import cache
+from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -57,6 +58,12 @@ def cache_folder() -> Path:
     except OSError as error:
         raise CompilerError(f"{folder} cannot be used: {error.strerror}") from error
     return folder
+
+
+def parts(*names: str) -> list[tuple[str, str]]:
+    """C sources of this folder: file names and texts."""
+    folder = files("wormopt.simulation.native")
+    return [(name, (folder / name).read_text(encoding="utf-8")) for name in names]
 
 
 def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2") -> ctypes.CDLL:

@@ -72,24 +72,29 @@ static int only_velocities(const Run *run) {
     return only;
 }
 
-/* Whether the closed step has no event because every velocity stays away from 0: its values at both
-   ends and the least and largest slope of all stages leave no room for it. Saves the polynomial. */
+/* Whether a velocity stays away from 0 in the closed step: its values at both ends and the least and
+   largest slope of all stages leave no room for it, or it sets out from 0 and all slopes lead on. */
+static int keeps_away(const Run *run, double h, long long i) {
+    const long long m = run->in.velocity_state[i];
+    const double a = run->modes[i] * run->out.x[m], b = run->modes[i] * run->x_new[m];
+    double least = INFINITY, most = -INFINITY;
+    for (int j = 0; j < N_STAGES + 1; j++) {
+        const double slope = run->modes[i] * run->k[j][m];
+        least = smaller(least, slope), most = larger(most, slope);
+    }
+    const double rest = small(run, i), near = smaller(a, b);
+    if (b > rest && least > 0.3 * most) return a >= run->level[i];
+    const double falls = smaller(least, 0.0), rises = larger(most, 0.0), width = rises - falls;
+    return near > rest && a * rises - b * falls + h * falls * rises > 0.3 * near * width;
+}
+
+/* Whether the closed step has no event because every velocity stays away from 0. Saves the
+   polynomial. */
 int keep_sliding(Run *run, double h) {
     if (run->in.k || !only_velocities(run)) return 0;
     fetch_stages(run);
-    for (long long i = 0; i < n_exact(run); i++) {
-        const long long m = run->in.velocity_state[i];
-        const double a = run->modes[i] * run->out.x[m], b = run->modes[i] * run->x_new[m];
-        const double near = fmin(a, b);
-        double falls = 0.0, rises = 0.0;
-        for (int j = 0; j < N_STAGES + 1; j++) {
-            const double slope = run->modes[i] * run->k[j][m];
-            falls = smaller(falls, slope), rises = larger(rises, slope);
-        }
-        const double width = rises - falls;
-        if (!(near > small(run, i) && a * rises - b * falls + h * falls * rises > 0.3 * near * width))
-            return 0;
-    }
+    for (long long i = 0; i < n_exact(run); i++)
+        if (!keeps_away(run, h, i)) return 0;
     for (long long i = 0; i < n_exact(run); i++) run->level[i] = 0.0;
     return 1;
 }
@@ -126,7 +131,7 @@ static double lowest(Run *run, long long j, double h, double a, double b, double
         }
     }
     *at = vp < vq ? p : q;
-    return fmin(vp, vq);
+    return smaller(vp, vq);
 }
 
 /* Where function j falls through the level between a and b: regula falsi (Illinois), safeguarded. */
@@ -171,14 +176,14 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
         }
         if (k >= 2) { /* a dip between samples */
             double a = value[(k - 2) * n + j], b = value[(k - 1) * n + j], at;
-            double depth = fmin(a, here) - b;
-            if (b < a && b <= here && b - level < 4 * fmax(fmax(a, here) - b, depth)) {
+            double depth = smaller(a, here) - b;
+            if (b < a && b <= here && b - level < 4 * larger(larger(a, here) - b, depth)) {
                 const double least = lowest(run, j, h, SAMPLES[k - 2], SAMPLES[k], &at);
                 if (least < level) {
                     double low = value_within(run, j, at, h);
                     return crossing(run, j, h, SAMPLES[k - 2], at, a, low, level);
                 }
-                if (run->in.k) note_touch(run, j, at, least, fmax(a, here));
+                if (run->in.k) note_touch(run, j, at, least, larger(a, here));
             }
         }
         if (k > 0 && here > small(run, j)) level = 0.0;
@@ -217,7 +222,7 @@ int grazes(Run *run, double h, double theta, long long j) {
     int rises = 0;
     for (int k = 0; k < N_SAMPLES - 1; k++) rises |= SAMPLES[k] > theta && run->scan[k * n + j] < end;
     double at, largest = 0.0;
-    for (int k = 0; k < N_SAMPLES; k++) largest = fmax(largest, fabs(run->scan[k * n + j]));
+    for (int k = 0; k < N_SAMPLES; k++) largest = larger(largest, fabs(run->scan[k * n + j]));
     return (rises || end > 0.0)
            && lowest(run, j, h, theta, 1.0, &at) >= -run->in.small_value * function_size(run, j, largest);
 }
@@ -243,9 +248,9 @@ static int shift_end(Run *run, double h, double shift) {
    the step itself is taken and corrected by Newton's method; x_new holds its end. */
 double polish_event(Run *run, double h, double theta, long long which) {
     const double delta = 1e-4, length = theta * h;
-    const double slope = (value_within(run, which, fmin(theta + delta, 1.0), h)
-                          - value_within(run, which, fmax(theta - delta, 0.0), h))
-                         / ((fmin(theta + delta, 1.0) - fmax(theta - delta, 0.0)) * h);
+    const double slope = (value_within(run, which, smaller(theta + delta, 1.0), h)
+                          - value_within(run, which, larger(theta - delta, 0.0), h))
+                         / ((smaller(theta + delta, 1.0) - larger(theta - delta, 0.0)) * h);
     double best = length, least = INFINITY, next = length;
     for (int i = 0; i < 4; i++) {
         stages(run, next);

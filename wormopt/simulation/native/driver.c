@@ -75,7 +75,7 @@ static void emit(Run *run, double h, double end) {
     while (run->out.n_sampled < run->in.n_times && run->in.times[run->out.n_sampled] < end) {
         double theta = (run->in.times[run->out.n_sampled] - run->out.t) / h;
         fit(run, h);
-        dense_state(run, fmax(theta, 0.0), run->out.samples + n * run->out.n_sampled++, n);
+        dense_state(run, larger(theta, 0.0), run->out.samples + n * run->out.n_sampled++, n);
     }
     if (!run->in.keep_dense) return;
     fit(run, h);
@@ -97,7 +97,7 @@ void emit_end(Run *run) {
 /* -- steps ----------------------------------------------------------------------------------- */
 
 double floor_of_step(const Run *run) {
-    return 8 * DBL_EPSILON * fmax(fabs(run->out.t), 1e-3 * fabs(run->in.t_end - run->in.t_start));
+    return 8 * DBL_EPSILON * larger(fabs(run->out.t), 1e-3 * fabs(run->in.t_end - run->in.t_start));
 }
 
 static void reject(Run *run, double h, double factor) {
@@ -152,7 +152,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
 static void accept(Run *run, double h, double end, double error) {
     emit(run, h, end);
     double factor = error > 0.0 ? 0.9 * lengthening(error) : 6.0;
-    run->h_next = fmax(h * fmin(fmax(factor, 1.0 / 3.0), 6.0), run->h_whole);
+    run->h_next = larger(h * smaller(larger(factor, 1.0 / 3.0), 6.0), run->h_whole);
     int stiff = looks_stiff(run, h) && (run->in.t_end - end) / h > run->in.stiff_steps;
     take_over(run, end);
     swap(&run->k[0], &run->k[12]);
@@ -165,9 +165,9 @@ static void accept(Run *run, double h, double end, double error) {
 
 /* Length of the next step; the status tells where there can be none. */
 double next_length(Run *run) {
-    const double stop = fmin(run->in.t_end, run->t_break), left = stop - run->out.t;
+    const double stop = smaller(run->in.t_end, run->t_break), left = stop - run->out.t;
     if (run->h_next <= 0.0) run->h_next = first_step(run);
-    run->h_next = fmin(run->h_next, run->in.max_step);
+    run->h_next = smaller(run->h_next, run->in.max_step);
     int last = 1.01 * run->h_next >= left;
     double h = last ? left : run->h_next;
     if (h < floor_of_step(run) && !last) {
@@ -183,7 +183,7 @@ void judge(Run *run, double h, double error) {
     run->has_dense = 0;
     run->bad_number = error != error;
     if (!(error <= 1.0)) {
-        reject(run, h, run->bad_number ? 0.1 : fmax(0.9 * lengthening(error), 0.1));
+        reject(run, h, run->bad_number ? 0.1 : larger(0.9 * lengthening(error), 0.1));
         return;
     }
     if ((!run->in.exact && run->in.n_contacts && dips_into_layer(run, h))
@@ -288,7 +288,7 @@ static int allocate(Run *run) {
     ROOM(run->column_x, in->n_x);
     ROOM(run->column_p, in->n_p);
     ROOM(run->change, in->n_x * (in->n_switches + 1) + 3 * c);
-    ROOM(run->column_error, 3 * in->k);
+    ROOM(run->column_error, 4 * in->k);
     ROOM(run->cycle, in->n_schedules);
     ROOM(run->piece, in->n_schedules);
     ROOM(run->iw, in->n_iw);

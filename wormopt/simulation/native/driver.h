@@ -5,6 +5,10 @@
 /* Form of the functions that CasADi generates. */
 typedef int (*Function)(const double **arg, double **res, long long *iw, double *w, int mem);
 
+/* The stages of a step, see own_stages.c. */
+typedef void (*Stages)(double t, double h, const double *x, const double *p, const double *s,
+                       double **k, double *stage, double *end);
+
 /* Parameters that are constant on pieces of time; on piece k they are values[k]. */
 typedef struct {
     double start;
@@ -40,6 +44,7 @@ typedef struct {
     Function contacts_along, project_along, guards_along, resets_along;
     /* (t, x, p, s) -> how large what these sum up over time is; see doubts.c */
     Function contact_parts, guard_parts;
+    Stages own_stages; /* with rhs in its place; NULL where that is too long */
     Entries in_x, in_p;
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *planar;         /* per contact its place among those in the plane, or -1 */

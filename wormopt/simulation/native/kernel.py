@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 import ctypes
-import re
-from collections.abc import Sequence
 from ctypes import POINTER, Structure, c_double, c_longlong, c_void_p
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from importlib.resources import files
 from itertools import zip_longest
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
-from wormopt.model.planar_friction import PlanarLaw
 from wormopt.progress import Report as Progress
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import SLACK, InitialValueProblem, Outcome
-from wormopt.simulation.native import loops
-from wormopt.simulation.native.build import library
+from wormopt.simulation.native import model_code
+from wormopt.simulation.native.build import library, parts
 from wormopt.simulation.sensitivity.variation import Variation
 
 _FUNCTIONS = ("rhs", "velocities", "probe", "aims", "bends", "project", "guards", "resets")
@@ -75,7 +70,7 @@ class _Problem(Structure):
                 *("exact", "coupled", "shares", "keep_dense", "max_steps", "stiff_steps"),
             )
         ),
-        *((name, c_void_p) for name in (*_FUNCTIONS, *_ALONG)),
+        *((name, c_void_p) for name in (*_FUNCTIONS, *_ALONG, "own_stages")),
         ("in_x", _Entries),
         ("in_p", _Entries),
         *(
@@ -132,12 +127,9 @@ class _Report(Structure):
 @cache
 def driver() -> ctypes.CDLL:
     """Load the driver, compiled if it must be."""
-    folder = files("wormopt.simulation.native")
-    sources = [(name, (folder / name).read_text(encoding="utf-8")) for name in _HEADERS]
     # as one unit, so that what one file calls of another can stand in its place
-    code = "\n".join((folder / name).read_text(encoding="utf-8") for name in _CODE)
-    sources.append(("unit.c", code))
-    found = library("driver", sources, "-O3")
+    code = "\n".join(text for _, text in parts(*_CODE))
+    found = library("driver", [*parts(*_HEADERS), ("unit.c", code)], "-O3")
     found.wormopt_start.restype = POINTER(_Report)
     found.wormopt_start.argtypes = [POINTER(_Problem), c_void_p, c_void_p]
     found.wormopt_advance.restype = c_longlong
@@ -149,73 +141,12 @@ def driver() -> ctypes.CDLL:
     return found
 
 
-def _source(functions: Sequence[ca.Function]) -> tuple[str, int]:
-    """C code of functions for use in one file, and how many numbers they work on.
-
-    That of CasADi is without checks for absent arguments. The compiler's time grows with the square
-    of the length of a function: long ones are told in loops.
-    """
-    short, texts, n_w = [], [], 0
-    for function in functions:
-        long = function.is_a("SXFunction") and function.n_instructions() >= _LONG
-        told = loops.source(function) if long else None
-        if told is None:
-            short.append(function)
-        else:
-            texts.append(told[0])
-            n_w = max(n_w, told[1])
-    text = _generated(short, avoid_stack=False)
-    if any(len(body[3].splitlines()) >= _TOO_LONG for body in _BODY.finditer(text)):
-        text = _generated(short, avoid_stack=True)
-    text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
-    text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
-    text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
-    text = _BODY.sub(_cut, text)
-    return "\n".join([text, loops.HEAD, *texts] if texts else [text]), n_w
-
-
-def _generated(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
-    generator = ca.CodeGenerator("model.c", {"avoid_stack": avoid_stack})
-    for function in functions:
-        generator.add(function)
-    return str(generator.dump())
-
-
-_BODY = re.compile(
-    r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", flags=re.MULTILINE | re.DOTALL
-)
-_LONG = 500  # instructions
-_TOO_LONG = 2000  # lines
-
-
-def _cut(function: re.Match[str]) -> str:
-    """Cut the body of a generated function into functions of so many lines."""
-    name, arguments, body = function.groups()
-    lines = body.splitlines()
-    if len(lines) < _TOO_LONG:
-        return function[0]
-    starts = range(0, len(lines) - 1, _TOO_LONG // 4)  # the last line returns
-    pieces = ["\n".join(lines[k : k + _TOO_LONG // 4]) for k in starts]
-    pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
-    cut = [
-        f"__attribute__((noinline)) static void {name}_{k}{arguments} {{\n{p}\n}}\n"
-        for k, p in enumerate(pieces)
-    ]
-    calls = "".join(f"  {name}_{k}(arg, res, iw, w, mem);\n" for k in range(len(pieces)))
-    return "".join(cut) + f"static int {name}{arguments} {{\n{calls}{lines[-1]}\n}}"
-
-
-@cache
-def _library(text: str) -> ctypes.CDLL:
-    return library("model", [("model.c", text)], "-O1" if "noinline" in text else "-O2")
-
-
 @dataclass(frozen=True, eq=False)
 class Compiled:
     """What the driver needs to know of a system, whatever its numbers."""
 
     fields: dict[str, int]  # entries of the problem: numbers and addresses
-    arrays: dict[str, np.ndarray]  # entries of the problem that are arrays
+    arrays: dict[str, np.ndarray]  # kept alive: fields know their addresses only
     library: ctypes.CDLL  # kept loaded as long as the addresses are in use
     entries: tuple[np.ndarray, ...]  # where those of Jacobians stand, see `Variation`
 
@@ -228,8 +159,7 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
     """
     driver()
     functions = system.functions | (variation.functions if variation else {})
-    text, n_w = _source(list(functions.values()))
-    found = _library(text)
+    found, n_w = model_code.compiled(list(functions.values()))
     fields = {
         "n_contacts": len(system.contacts),
         "n_rows": len(system.row_contact),
@@ -243,11 +173,12 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
         "coupled": system.exact and system.coupled,
         "shares": system.exact and system.shares,
     }
-    for name in functions:
-        fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
+    for name in (*functions, "own_stages"):
+        if hasattr(found, name):
+            fields[name] = ctypes.cast(getattr(found, name), c_void_p).value or 0
     places = np.full(len(system.contacts), -1)
     places[system.planar] = np.arange(len(system.planar))
-    ways = [(1,) if isinstance(c.law, PlanarLaw) else c.law.directions for c in system.contacts]
+    ways = [(1,) if c.planar else c.law.directions for c in system.contacts]
     directions = [(1 in each) + 2 * (-1 in each) for each in ways]
     arrays = {
         "velocity_state": system.velocity_state,
@@ -259,6 +190,7 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
         "directions": np.array(directions, dtype=np.int64),
         "terminal": np.array([s.terminal for s in system.model.switches], dtype=np.int64),
     }
+    fields |= {name: array.ctypes.data for name, array in arrays.items()}
     entries = variation.entries if variation else ()
     return Compiled(fields, arrays, found, entries)
 
@@ -355,7 +287,7 @@ def _problem(
 ) -> tuple[_Problem, list[Any]]:
     """Mirror a task; what is kept must live as long as the mirror is in use."""
     schedules, kept = _schedules(task)
-    arrays = ready.arrays | {
+    arrays = {
         "v_rest": task.v_rest,
         "v_drift": task.v_drift,
         "f_rest": task.f_rest,

@@ -72,14 +72,17 @@ static void all_stages(Lanes *lanes) {
 static vec all_errors(Lanes *lanes) {
     const Problem *in = &lanes->runs[0]->in;
     const vec *x = lanes->x, *end = lanes->end;
-    vec **k = lanes->k, five = {}, three = {};
+    vec **k = lanes->k, six = {}, five = {}, three = {};
     for (long long m = 0; m < in->n_x; m++) {
         const vec size = lane_max(lane_abs(x[m]), lane_abs(end[m]));
         const vec scale = 1.0 / (in->absolute[m] + in->relative * size);
+        const vec e6 = STEP_SUM(E6) * scale;
         const vec e5 = STEP_SUM(E5) * scale, e3 = STEP_SUM(E3) * scale;
+        six += e6 * e6;
         five += e5 * e5;
         three += e3 * e3;
     }
+    five = lane_max(five, six);
     const vec scale = five + 0.01 * three;
     const vec error = lane_abs(lanes->h) * five / lane_sqrt((double)in->n_x * scale);
     const vec known = PICK(scale > 0.0, error, (vec){});

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache, lru_cache
-from importlib.resources import files
 
 import casadi as ca
 
 from wormopt.simulation.functions import System
-from wormopt.simulation.native.build import library
+from wormopt.simulation.native.build import library, parts
 
 LANES = 8
 """Runs side by side, as in lanes.h."""
@@ -60,6 +59,7 @@ OPERATIONS = {
 }
 
 _HEAD = """#include "lanes.h"
+#include "elementary.h"
 
 void rhs(const vec *t, const vec *x, const vec *p, const vec *s, vec *restrict dx)"""
 
@@ -76,8 +76,7 @@ def compiled(system: System) -> ctypes.CDLL | None:
 
 @cache
 def _library(text: str) -> ctypes.CDLL:
-    header = (files("wormopt.simulation.native") / "lanes.h").read_text(encoding="utf-8")
-    return library("lanes", [("lanes.h", header), ("lanes.c", text)], "-O2")
+    return library("lanes", [*parts("lanes.h", "elementary.h"), ("lanes.c", text)], "-O2")
 
 
 def source(function: ca.Function) -> str | None:

@@ -13,7 +13,7 @@ static double least_between(const double *v, double sign) {
         const double slope = sign * (v[k + 1] - v[k - 1]) / 2;
         const double bend = sign * (v[k - 1] + v[k + 1] - 2 * v[k]);
         const double dip = fabs(slope) < bend ? slope * slope / (2 * bend) : 0.0;
-        least = fmin(least, sign * v[k] - dip);
+        least = smaller(least, sign * v[k] - dip);
     }
     return least;
 }
@@ -35,9 +35,9 @@ int dips_into_layer(Run *run, double h) {
         if (m >= 0) {
             double a = run->out.x[m], b = run->x_new[m], sign = a > 0.0 ? 1.0 : -1.0;
             if (fabs(a) <= layer || sign * b <= layer) continue;
-            double least = sign * fmin(sign * (a + h * run->k[0][m] / 3),
+            double least = sign * smaller(sign * (a + h * run->k[0][m] / 3),
                                        sign * (b - h * run->k[12][m] / 3));
-            if (sign * least > fmax(layer, 0.3 * fmin(fabs(a), fabs(b)))) continue;
+            if (sign * least > larger(layer, 0.3 * smaller(fabs(a), fabs(b)))) continue;
         }
         if (!run->has_dense) fit_dense(run, h);
         run->has_dense = 1;
@@ -56,7 +56,7 @@ int dips_into_layer(Run *run, double h) {
         const double sign = v[0] > 0.0 ? 1.0 : -1.0;
         const double first = sign * v[0], last = sign * v[N_LOOKS - 1];
         /* stages of the polynomial may lie within the dip and bend it: the cubic knows the ends only */
-        const double least = fmin(least_between(v, sign), least_between(plain, sign));
+        const double least = smaller(least_between(v, sign), least_between(plain, sign));
         if (first > layer && last > layer && least < layer) return 1;
     }
     return 0;
@@ -71,7 +71,7 @@ int goes_over_bend(Run *run, double h) {
     for (long long i = 0; i < run->in.n_contacts; i++) {
         const long long k = 2 * run->in.planar[i];
         if (k < 0 || !(before[k] * after[k] < 0.0)) continue;
-        const double speed = fmax(before[k + 1], after[k + 1]);
+        const double speed = larger(before[k + 1], after[k + 1]);
         if (fabs(after[k] - before[k]) > 1e-6 * speed + 1e-9 * run->in.nominal_speed[i]) return 1;
     }
     return 0;

@@ -1,8 +1,8 @@
-"""C code of long functions, with a loop for what is done to many links alike.
+"""C code of functions of scalars, with a loop for what is done to many links alike.
 
 A function is cut into expressions: what it returns, and what is used more than once. Those of equal
-shape that do not wait for one another make a loop; what they read and write is counted off, or
-looked up in a table where there is no rule.
+shape that do not wait for one another make a loop over vectors of eight; what they read and write
+is counted off, or looked up in a table where there is no rule.
 """
 
 from __future__ import annotations
@@ -10,155 +10,171 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
-from wormopt.simulation.native.lanes import OPERATIONS, number
+from wormopt.simulation.native.instructions import read
+from wormopt.simulation.native.lanes import LANES, OPERATIONS, number
 
 # Operations of one expression: longer ones are cut, for a line shall not grow without end.
 _LARGEST = 60
-# Expressions of a shape that are worth a loop.
-_FEWEST = 4
+# So many numbers to work on are the function's own, which the compiler can keep in registers.
+_AT_HAND = 256
 
-HEAD = """#include <math.h>
-typedef double vec;
-#define lane_sqrt sqrt
-#define lane_abs fabs
-#define lane_max fmax
-#define lane_min fmin
-#define lane_tanh tanh
-#define lane_exp exp
-#define lane_sin sin
-#define lane_cos cos
-#define lane_square(a) square(a)
-#define lane_sign(a) sign(a)
-#define TRUTH(condition) ((double)(condition))
-#define WHERE(condition, a) ((condition) ? (a) : 0.0)
-#define EACH(f, a) f(a)
-#define EACH_2(f, a, b) f(a, b)
-static inline double square(double a) { return a * a; }
-static inline double sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
-"""
+# What is done with one number is told as what is done with vectors, with this before its name.
+_ONE = "one_"
+_NAMES = "lane_(?:sqrt|abs|max|min|square|sign|tanh|exp|sin|cos)|ALL|TRUTH|WHERE|EACH_2|EACH"
+_OF_VECTORS = re.compile(rf"\b(?={_NAMES}\b)")
 
-_ARGUMENTS = "const double **arg, double **res, long long *iw, double *w, int mem"
+FUSED = '__attribute__((optimize("fp-contract=fast")))'
+"""Products and sums in one, as in lanes.h."""
+ARGUMENTS = "const double **arg, double **res, long long *iw, double *work, int mem"
 
-Place = tuple[str, int]  # array and entry
+# By loops before them, array and shape of what is put there: instruction, entry written and entries
+# read, row by row.
+# A shape is an expression in C, with $array; where an entry stands.
+_Groups = dict[tuple[int, str, str], list[tuple[int, ...]]]
 _PLACE = re.compile(r"\$(\w+);")
-
-
-@dataclass(frozen=True)
-class _Term:
-    """An expression in C, with $array; where an entry stands."""
-
-    shape: str
-    places: tuple[Place, ...]
-    size: int  # operations
-    level: int  # loops before it
-
-
-def _read(array: str, entry: int, level: int) -> _Term:
-    return _Term(f"${array};", ((array, entry),), 0, level)
 
 
 def source(function: ca.Function) -> tuple[str, int] | None:
     """C code in CasADi's form and how many numbers it works on; None where there is none."""
     if not function.is_a("SXFunction"):
         return None
-    count = function.n_instructions()
-    operations = [function.instruction_id(k) for k in range(count)]
-    if any(op not in OPERATIONS and op not in _ENDS for op in operations):
+    try:
+        operations, places = read(function)
+    except ValueError:
         return None
-    given = [function.instruction_input(k) for k in range(count)]
-    target = [function.instruction_output(k) for k in range(count)]
-    uses = _uses(operations, given, target)
-    groups: dict[tuple[int, str], list[tuple[Place, ...]]] = defaultdict(list)
-    terms: dict[int, _Term] = {}  # by entry of CasADi's work array, as it is now
-    n_w = 0
-    for k, op in enumerate(operations):
-        if op == ca.OP_OUTPUT:
-            term, (output, entry) = terms[given[k][0]], target[k]
-            groups[term.level, term.shape].append(((f"r{output}", entry), *term.places))
-        elif op == ca.OP_INPUT:
-            terms[target[k][0]] = _read(f"a{given[k][0]}", given[k][1], 0)
-        elif op == ca.OP_CONST:
-            terms[target[k][0]] = _Term(number(function.instruction_constant(k)), (), 0, 0)
-        else:
-            term = _applied(OPERATIONS[op], [terms[i] for i in given[k]])
-            if uses[k] > 1 or term.size >= _LARGEST:
-                groups[term.level, term.shape].append((("w", n_w), *term.places))
-                term, n_w = _read("w", n_w, term.level + 1), n_w + 1
-            terms[target[k][0]] = term
-    return _code(function, groups), n_w
-
-
-_ENDS = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
-
-
-def _uses(operations: list[int], given: list[list[int]], target: list[list[int]]) -> list[int]:
-    """How often the result of each instruction is used."""
-    uses, writer = [0] * len(operations), dict[int, int]()
-    for k, op in enumerate(operations):
-        if op != ca.OP_INPUT:
-            for i in given[k]:
-                uses[writer[i]] += 1
-        if op != ca.OP_OUTPUT:
-            writer[target[k][0]] = k
-    return uses
-
-
-def _applied(operation: str, terms: list[_Term]) -> _Term:
-    return _Term(
-        f"({operation.format(*(term.shape for term in terms))})",
-        tuple(place for term in terms for place in term.places),
-        1 + sum(term.size for term in terms),
-        max(term.level for term in terms),
-    )
-
-
-def _code(function: ca.Function, groups: dict[tuple[int, str], list[tuple[Place, ...]]]) -> str:
-    """The function, level by level."""
+    if not set(operations.tolist()) <= {*OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}:
+        return None
+    groups, n_w = _moved_up(_grouped(function, operations, places), len(operations))
+    vectors = any(len(rows) >= LANES for _, _, rows in groups)
     lines = [
-        f"int {function.name()}({_ARGUMENTS})",
+        *([FUSED] if vectors else []),
+        f"int {function.name()}({ARGUMENTS})",
         "{",
-        *(f"  const double *a{k} = arg[{k}];" for k in range(function.n_in())),
-        *(f"  double *r{k} = res[{k}];" for k in range(function.n_out())),
+        f"  double w[{n_w}];" if 0 < n_w <= _AT_HAND else "  double *restrict w = work;",
+        *(f"  const double *restrict a{k} = arg[{k}];" for k in range(function.n_in())),
+        *(f"  double *restrict r{k} = res[{k}];" for k in range(function.n_out())),
     ]
-    for (_, shape), rows in sorted(groups.items(), key=lambda group: group[0][0]):
-        if len(rows) < _FEWEST:
-            lines += [f"  {_statement(shape, [f'{a}[{i}]' for a, i in row])}" for row in rows]
+    # what is not in loops stands where CasADi has it, so that little waits in registers
+    told: list[tuple[int, list[str]]] = []
+    for array, shape, rows in groups:
+        if len(rows) < LANES:
+            told += [(k, [f"  {_statement(array, shape, row)}"]) for k, *row in rows.tolist()]
         else:
-            lines += _loop(shape, rows)
-    return "\n".join([*lines, "  return 0;", "}", ""])
+            told.append((rows[-1, 0], _loop(array, shape, rows[:, 1:])))
+    if not vectors:
+        told.sort(key=lambda one: one[0])
+    lines += [line for _, each in told for line in each]
+    return "\n".join([*lines, "  return 0;", "}", ""]), n_w
 
 
-def _loop(shape: str, rows: list[tuple[Place, ...]]) -> list[str]:
-    tables, entries = [], []
-    for number_, column in enumerate(zip(*rows, strict=True)):
-        array, counted = column[0][0], [entry for _, entry in column]
-        rule = _rule(counted)
-        if rule is None:
-            values = ",".join(map(str, counted))
-            tables.append(f"    static const int at{number_}[] = {{{values}}};")
-            rule = f"at{number_}[i]"
-        entries.append(f"{array}[{rule}]")
+def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) -> _Groups:
+    """Expressions by shape; those that are used more than once go to w, by their instruction."""
+    given = _writers(operations, places)
+    shared = np.bincount(given[given >= 0], minlength=len(given)) > 1
+    # Of each instruction the expression so far, in lists of their own, for there are many: shape,
+    # entries, operations and loops before it. The last are those of what is not there.
+    size = len(given) + 1
+    shapes: list[str] = [""] * size
+    entries: list[tuple[int, ...]] = [()] * size
+    sizes, levels = [0] * size, [0] * size
+    inputs, constants = (np.flatnonzero(operations == op) for op in (ca.OP_INPUT, ca.OP_CONST))
+    arrays = [f"$a{i};" for i in range(function.n_in())]
+    for k, array, entry in zip(*(c.tolist() for c in (inputs, *places[inputs, 1:].T)), strict=True):
+        shapes[k], entries[k] = arrays[array], (entry,)
+    for k in constants.tolist():
+        shapes[k] = f"ALL({number(function.instruction_constant(k))})"
+    joined = dict[tuple[int, str, str], str]()
+    groups: _Groups = defaultdict(list)
+    ends = iter(places[operations == ca.OP_OUTPUT, :2].tolist())
+    todo = np.flatnonzero((operations != ca.OP_INPUT) & (operations != ca.OP_CONST))
+    columns = (todo, operations[todo], *given[todo].T, shared[todo])
+    for k, op, a, b, often in zip(*(column.tolist() for column in columns), strict=True):
+        if op == ca.OP_OUTPUT:
+            output, entry = next(ends)
+            groups[levels[a], f"r{output}", shapes[a]].append((k, entry, *entries[a]))
+            continue
+        key = op, shapes[a], shapes[b]
+        shape = joined.get(key)
+        if shape is None:
+            shape = joined[key] = f"({OPERATIONS[op].format(shapes[a], shapes[b])})"
+        size, level = sizes[a] + sizes[b] + 1, max(levels[a], levels[b])
+        if often or size >= _LARGEST:
+            groups[level, "w", shape].append((k, k, *entries[a], *entries[b]))
+            shapes[k], entries[k], levels[k] = "$w;", (k,), level + 1
+        else:
+            shapes[k], entries[k] = shape, entries[a] + entries[b]
+            sizes[k], levels[k] = size, level
+    return groups
+
+
+def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Which instructions have made the two numbers that each one works on; -1 for none."""
+    n, ends = len(operations), operations == ca.OP_OUTPUT
+    taken = places[:, 1:].copy()
+    taken[operations == ca.OP_INPUT] = -1
+    taken[ends] = np.column_stack([places[ends, 2], np.full(ends.sum(), -1)])
+    k = np.arange(n)
+    made = np.sort((places[:, 0] * n + k)[~ends])  # by entry of CasADi's work array, then by time
+    last = np.searchsorted(made, taken * n + k[:, None]) - 1
+    return np.where(taken < 0, -1, made[last] % n)
+
+
+def _moved_up(groups: _Groups, count: int) -> tuple[list[tuple[str, str, np.ndarray]], int]:
+    """Arrays, shapes and rows, level by level, with w filled without gaps; how many it holds."""
+    place, n_w, found = np.zeros(count, dtype=np.int64), 0, []
+    for (_, array, shape), listed in sorted(groups.items(), key=lambda group: group[0][0]):
+        rows = np.array(listed)
+        for k, read_from in enumerate(_PLACE.findall(shape), 2):
+            if read_from == "w":
+                rows[:, k] = place[rows[:, k]]
+        if array == "w":
+            place[rows[:, 0]] = rows[:, 1] = np.arange(n_w, n_w + len(rows))
+            n_w += len(rows)
+        found.append((array, shape, rows))
+    return found, n_w
+
+
+def _statement(array: str, shape: str, row: Sequence[int]) -> str:
+    """One row of a shape."""
+    target, *entries = row
+    waiting = iter(entries)
+    value = _PLACE.sub(lambda place: f"{place[1]}[{next(waiting)}]", _OF_VECTORS.sub(_ONE, shape))
+    return f"{array}[{target}] = {value};"
+
+
+def _loop(array: str, shape: str, rows: np.ndarray) -> list[str]:
+    """All rows of a shape, eight at a time; the last eight may have been there before."""
+    arrays, tables, places = [array, *_PLACE.findall(shape)], [], []
+    for k, (name, column) in enumerate(zip(arrays, rows.T, strict=True)):
+        first, step = column[0], column[1] - column[0]
+        if np.any(np.diff(column) != step):
+            values = ",".join(map(str, column.tolist()))
+            tables.append(f"    static const int at{k}[] = {{{values}}};")
+            places.append(f"EVERY({name}[at{k}[i + l]])")
+        elif step == 0:
+            places.append(f"ALL({name}[{first}])")
+        elif step == 1:
+            places.append(f"NEXT({name}[{first} + i])")
+        else:
+            places.append(f"EVERY({name}[{first} + {step} * (i + l)])")
+    target, *entries = places
+    waiting = iter(entries)
+    value = _PLACE.sub(lambda _: next(waiting), shape)
+    if target.startswith("NEXT"):
+        put = f"{target} = {value};"
+    else:
+        put = f"SPREAD({target[len('EVERY(') : -1]}, {value});"
+    last = len(rows) - LANES
     return [
         "  {",
         *tables,
-        "#pragma GCC ivdep",
-        f"    for (int i = 0; i < {len(rows)}; i++) {_statement(shape, entries)}",
+        f"    for (int k = 0; k < {len(rows)}; k += LANES) {{",
+        f"      const int i = k < {last} ? k : {last};",
+        f"      {put}",
+        "    }",
         "  }",
     ]
-
-
-def _rule(entries: Sequence[int]) -> str | None:
-    """How entries follow from their number, where they do."""
-    first, step = entries[0], entries[1] - entries[0]
-    regular = all(entry == first + step * k for k, entry in enumerate(entries))
-    return f"{first} + {step} * i" if regular else None
-
-
-def _statement(shape: str, entries: list[str]) -> str:
-    target, *read = entries
-    waiting = iter(read)
-    return f"{target} = {_PLACE.sub(lambda _: next(waiting), shape)};"

@@ -46,7 +46,7 @@ typedef struct {
     long long last;        /* which it was */
     int grazing;           /* the event under way falls next to nothing below 0 */
     int last_stop;         /* it was the stop of a contact that does not act on others */
-    double *column_error;  /* size and error of each column of S */
+    double *column_error;  /* size and errors of each column of S */
     double t_break;        /* next break of any schedule */
     double h_next, h_whole; /* next step; the one that a break or the end has cut */
     double end;            /* of the step under way */

@@ -24,7 +24,7 @@
                   + T(11, 9) + T(11, 10))
 
 #define OF_STEP(E, j) E[j] * k[j][m]
-/* of the step (B), or of its difference to an embedded formula (E5, E3) */
+/* of the step (B), or of its difference to an embedded formula (E6, E5, E3) */
 #define STEP_SUM(E)                                                                             \
     (OF_STEP(E, 0) + OF_STEP(E, 5) + OF_STEP(E, 6) + OF_STEP(E, 7) + OF_STEP(E, 8)              \
      + OF_STEP(E, 9) + OF_STEP(E, 10) + OF_STEP(E, 11))

@@ -44,28 +44,30 @@ void vary(Run *run, double t, const double *x, double *dx) {
 double columns_error(Run *run, double h) {
     const long long n = run->in.n_model, k = run->in.k, first = run->in.n_x;
     const double *x = run->out.x + first, *end = run->x_new + first, *absolute = run->in.absolute;
-    double *size = run->column_error, *five = size + k, *three = five + k, worst = 0.0;
-    double **slope = run->k;
-    memset(five, 0, 2 * k * sizeof(double));
+    double *restrict size = run->column_error, *restrict six = size + k;
+    double *restrict five = six + k, *restrict three = five + k;
+    double **slope = run->k, worst = 0.0;
+    memset(six, 0, 3 * k * sizeof(double));
     for (long long c = 0; c < k; c++) size[c] = 0.01 * run->in.column_size[c] / run->in.unit;
     for (long long m = 0, at = 0; m < n; m++)
         for (long long c = 0; c < k; c++, at++)
-            size[c] = fmax(size[c], fmax(fabs(x[at]), fabs(end[at])) / absolute[m]);
+            size[c] = larger(size[c], larger(fabs(x[at]), fabs(end[at])) / absolute[m]);
     for (long long m = 0, at = 0; m < n; m++)
         for (long long c = 0; c < k; c++, at++) {
 #define J(E, j) E[j] * slope[j][first + at]
 #define SUM(E) J(E, 0) + J(E, 5) + J(E, 6) + J(E, 7) + J(E, 8) + J(E, 9) + J(E, 10) + J(E, 11)
-            const double own = fmax(fabs(x[at]), fabs(end[at])) + 0.1 * absolute[m] * size[c];
+            const double own = larger(fabs(x[at]), fabs(end[at])) + 0.1 * absolute[m] * size[c];
             const double scale = 1.0 / (run->in.slack * run->in.relative * own + DBL_MIN);
-            const double e5 = (SUM(E5)) * scale, e3 = (SUM(E3)) * scale;
+            const double e6 = (SUM(E6)) * scale, e5 = (SUM(E5)) * scale, e3 = (SUM(E3)) * scale;
 #undef SUM
 #undef J
+            six[c] += e6 * e6;
             five[c] += e5 * e5;
             three[c] += e3 * e3;
         }
     for (long long c = 0; c < k; c++) {
-        const double scale = five[c] + 0.01 * three[c];
-        const double error = scale > 0.0 ? fabs(h) * five[c] / sqrt(n * scale) : 0.0;
+        const double most = larger(six[c], five[c]), scale = most + 0.01 * three[c];
+        const double error = scale > 0.0 ? fabs(h) * most / sqrt(n * scale) : 0.0;
         int lost = 0; /* behind an event that has no derivative */
         for (long long m = 0; m < n; m++) lost |= !isfinite(x[k * m + c]);
         if (!lost && !(error < INFINITY)) return NAN;

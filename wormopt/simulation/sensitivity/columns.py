@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from wormopt.simulation.call import Call
 from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.sensitivity.doubts import ALIKE, Doubts
-from wormopt.simulation.steps import Call
 
 
 class Columns:

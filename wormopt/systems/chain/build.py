@@ -164,8 +164,8 @@ def chain(
             Output("center_velocity", ca.dot(m, v) / total, "speed"),
         ],
         contacts=[
-            Contact(f"mass {i}", v[i], force[i], laws[i], force_nominal, speed)
-            for i in range(len(laws))
+            Contact(f"mass {i}", *own, force_nominal, speed)
+            for i, own in enumerate(zip(ca.vertsplit(v), ca.vertsplit(force), laws, strict=False))
         ],
         schedules=[s for s in springs if isinstance(s, Schedule)],
     )
@@ -179,7 +179,7 @@ def _laws(law: Law | Sequence[Law] | None, masses: int) -> Sequence[Law]:
         laws = [*law]
     if len(laws) != masses:
         raise ArgumentError(f"law must be one or {masses}, not {len(laws)}")
-    for each in laws:
+    for each in {type(each): each for each in laws}.values():
         if not isinstance(each, Law) or isinstance(each, type):
             raise ArgumentError(f"law must be Coulomb(forward, backward) or the like, not {each!r}")
     return laws

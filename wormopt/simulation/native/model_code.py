@@ -1,0 +1,158 @@
+"""C code of a model's functions, and the library it makes."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Sequence
+from functools import cache
+
+import casadi as ca
+
+from wormopt.simulation.native import loops
+from wormopt.simulation.native.build import library, parts
+
+# Lines from which a function of CasADi's is cut in pieces.
+_TOO_LONG = 2000
+_APART = '__attribute__((noinline, optimize("O1")))'
+# Instructions up to which a right-hand side stands in the place of its calls in a step.
+_SHORT = 100
+_INLINE = "static inline __attribute__((always_inline))"
+_SINGLE = """#include "numbers.h"
+#include "elementary.h"
+#define exp lane_exp
+#define tanh lane_tanh
+#define sin lane_sin
+#define cos lane_cos
+#define fmax lane_max
+#define fmin lane_min
+#define one_ALL ALL
+#define one_TRUTH TRUTH
+#define one_WHERE WHERE
+#define one_EACH EACH
+#define one_EACH_2 EACH_2
+#define one_lane_sqrt lane_sqrt
+#define one_lane_abs lane_abs
+#define one_lane_max lane_max
+#define one_lane_min lane_min
+#define one_lane_square lane_square
+#define one_lane_sign lane_sign
+#define one_lane_tanh lane_tanh
+#define one_lane_exp lane_exp
+#define one_lane_sin lane_sin
+#define one_lane_cos lane_cos
+"""
+_VECTORS = """#pragma GCC push_options
+#include "lanes.h"
+#include "elementary.h"
+#pragma GCC pop_options
+typedef double near __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+#define NEXT(place) (*(near *)&(place))
+#define EVERY(place) ({ vec v_; for (int l = 0; l < LANES; l++) v_[l] = (place); v_; })
+#define SPREAD(place, value) \\
+    do { const vec v_ = (value); for (int l = 0; l < LANES; l++) (place) = v_[l]; } while (0)
+#define one_ALL(a) (a)
+#define one_TRUTH(condition) ((double)(condition))
+#define one_WHERE(condition, a) ((condition) ? (a) : 0.0)
+#define one_EACH(f, a) f(a)
+#define one_EACH_2(f, a, b) f(a, b)
+#define one_lane_sqrt sqrt
+#define one_lane_abs fabs
+#define one_lane_max fmax
+#define one_lane_min fmin
+#define one_lane_tanh tanh
+#define one_lane_exp exp
+#define one_lane_sin sin
+#define one_lane_cos cos
+INLINE double one_lane_square(double a) { return a * a; }
+INLINE double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
+"""
+HEADERS = ("numbers.h", "lanes.h", "elementary.h", "tableau.h", "stages.h")
+
+
+def head(texts: Sequence[str]) -> str:
+    """What comes before code: functions of its own, of vectors where there are loops over them."""
+    return _VECTORS if any("LANES" in text for text in texts) else _SINGLE
+
+
+def compiled(functions: Sequence[ca.Function]) -> tuple[ctypes.CDLL, int]:
+    """Library of functions, and how many numbers they work on, see `source`.
+
+    Raises CompilerError if there is no compiler or it fails.
+    """
+    text, n_w = source(functions)
+    return _library(text), n_w
+
+
+def source(functions: Sequence[ca.Function]) -> tuple[str, int]:
+    """C code of functions for use in one file, and how many numbers they work on.
+
+    The first is the right-hand side; `own_stages` comes with it where it is short. What has loops
+    of its own or unusual operations is told by CasADi.
+    """
+    told = [loops.source(function) for function in functions]
+    texts = [one[0] for one in told if one]
+    others = [function for function, one in zip(functions, told, strict=True) if one is None]
+    if told[0]:
+        texts[0] = _right_hand_side(functions[0], texts[0])
+    text = "\n".join([head(texts), *texts, *([_generated(others)] if others else [])])
+    return text, max(one[1] if one else 0 for one in told)
+
+
+def _right_hand_side(rhs: ca.Function, text: str) -> str:
+    """Code of it with products and sums in one; with the stages of a step where it is short."""
+    if rhs.n_instructions() > _SHORT:
+        return f"{loops.FUSED}\n{text}"
+    inlined = text.replace("int rhs(", f"{_INLINE} int own_rhs(")
+    called = (
+        f"{loops.FUSED}\nint rhs({loops.ARGUMENTS}) {{ return own_rhs(arg, res, iw, work, mem); }}"
+    )
+    stages = [f"#define N_X {rhs.numel_out(0)}", parts("own_stages.c")[0][1]]
+    return "\n".join([inlined, called, *stages])
+
+
+def _generated(functions: Sequence[ca.Function]) -> str:
+    """CasADi's code of functions, without checks for absent arguments.
+
+    The compiler's time grows with the square of the length of a function: long ones are cut.
+    """
+    text = _dumped(functions, avoid_stack=False)
+    if any(len(body[3].splitlines()) >= _TOO_LONG for body in _BODY.finditer(text)):
+        text = _dumped(functions, avoid_stack=True)
+    text = re.sub(r"^casadi_real (casadi_\w+\()", r"static inline casadi_real \1", text, flags=re.M)
+    text = re.sub(r"arg\[(\d+)\]\? (arg\[\1\]\[\d+\]) : 0;", r"\2;", text)
+    text = re.sub(r"if \(res\[(\d+)\]!=0\) ", "", text)
+    return _BODY.sub(_cut, text)
+
+
+def _dumped(functions: Sequence[ca.Function], *, avoid_stack: bool) -> str:
+    generator = ca.CodeGenerator("model.c", {"avoid_stack": avoid_stack})
+    for function in functions:
+        generator.add(function)
+    return str(generator.dump())
+
+
+_BODY = re.compile(
+    r"^static int (casadi_f\d+)(\(.*?\)) \{\n(.*?)^\}", flags=re.MULTILINE | re.DOTALL
+)
+
+
+def _cut(function: re.Match[str]) -> str:
+    """Cut the body of a generated function into functions of so many lines."""
+    name, arguments, body = function.groups()
+    lines = body.splitlines()
+    if len(lines) < _TOO_LONG:
+        return function[0]
+    starts = range(0, len(lines) - 1, _TOO_LONG // 4)  # the last line returns
+    pieces = ["\n".join(lines[k : k + _TOO_LONG // 4]) for k in starts]
+    pieces[-1] = pieces[-1].removesuffix("\n" + lines[-1])
+    cut = [
+        f"{_APART} static void {name}_{k}{arguments} {{\n{p}\n}}\n" for k, p in enumerate(pieces)
+    ]
+    calls = "".join(f"  {name}_{k}(arg, res, iw, w, mem);\n" for k in range(len(pieces)))
+    return "".join(cut) + f"static int {name}{arguments} {{\n{calls}{lines[-1]}\n}}"
+
+
+@cache
+def _library(text: str) -> ctypes.CDLL:
+    return library("model", [*parts(*HEADERS), ("model.c", text)])
