@@ -18,61 +18,16 @@ _APART = '__attribute__((noinline, optimize("O1")))'
 # Instructions up to which a right-hand side stands in the place of its calls in a step.
 _SHORT = 100
 _INLINE = "static inline __attribute__((always_inline))"
-_SINGLE = """#include "numbers.h"
-#include "elementary.h"
-#define exp lane_exp
-#define tanh lane_tanh
-#define sin lane_sin
-#define cos lane_cos
-#define fmax lane_max
-#define fmin lane_min
-#define one_ALL ALL
-#define one_TRUTH TRUTH
-#define one_WHERE WHERE
-#define one_EACH EACH
-#define one_EACH_2 EACH_2
-#define one_lane_sqrt lane_sqrt
-#define one_lane_abs lane_abs
-#define one_lane_max lane_max
-#define one_lane_min lane_min
-#define one_lane_square lane_square
-#define one_lane_sign lane_sign
-#define one_lane_tanh lane_tanh
-#define one_lane_exp lane_exp
-#define one_lane_sin lane_sin
-#define one_lane_cos lane_cos
-"""
-_VECTORS = """#pragma GCC push_options
-#include "lanes.h"
-#include "elementary.h"
-#pragma GCC pop_options
-typedef double near __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
-#define NEXT(place) (*(near *)&(place))
-#define EVERY(place) ({ vec v_; for (int l = 0; l < LANES; l++) v_[l] = (place); v_; })
-#define SPREAD(place, value) \\
-    do { const vec v_ = (value); for (int l = 0; l < LANES; l++) (place) = v_[l]; } while (0)
-#define one_ALL(a) (a)
-#define one_TRUTH(condition) ((double)(condition))
-#define one_WHERE(condition, a) ((condition) ? (a) : 0.0)
-#define one_EACH(f, a) f(a)
-#define one_EACH_2(f, a, b) f(a, b)
-#define one_lane_sqrt sqrt
-#define one_lane_abs fabs
-#define one_lane_max fmax
-#define one_lane_min fmin
-#define one_lane_tanh tanh
-#define one_lane_exp exp
-#define one_lane_sin sin
-#define one_lane_cos cos
-INLINE double one_lane_square(double a) { return a * a; }
-INLINE double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
-"""
-HEADERS = ("numbers.h", "lanes.h", "elementary.h", "tableau.h", "stages.h")
+HEADERS = (
+    *("numbers.h", "lanes.h", "elementary.h", "singles.h", "vectors.h"),
+    *("tableau.h", "stages.h"),
+)
 
 
 def head(texts: Sequence[str]) -> str:
     """What comes before code: functions of its own, of vectors where there are loops over them."""
-    return _VECTORS if any("LANES" in text for text in texts) else _SINGLE
+    loops_in_it = any("LANES" in text for text in texts)
+    return f'#include "{"vectors" if loops_in_it else "singles"}.h"\n'
 
 
 def compiled(functions: Sequence[ca.Function]) -> tuple[ctypes.CDLL, int]:

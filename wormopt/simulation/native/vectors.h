@@ -1,0 +1,26 @@
+/* What the code of a model with loops stands on: vectors of what neighbours in a chain do alike, what
+   they are read from and written to, and as one_ the same operations with one number. */
+#pragma GCC push_options
+#include "lanes.h"
+#include "elementary.h"
+#pragma GCC pop_options
+typedef double near __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+#define NEXT(place) (*(near *)&(place))
+#define EVERY(place) ({ vec v_; for (int l = 0; l < LANES; l++) v_[l] = (place); v_; })
+#define SPREAD(place, value) \
+    do { const vec v_ = (value); for (int l = 0; l < LANES; l++) (place) = v_[l]; } while (0)
+#define one_ALL(a) (a)
+#define one_TRUTH(condition) ((double)(condition))
+#define one_WHERE(condition, a) ((condition) ? (a) : 0.0)
+#define one_EACH(f, a) f(a)
+#define one_EACH_2(f, a, b) f(a, b)
+#define one_lane_sqrt sqrt
+#define one_lane_abs fabs
+#define one_lane_max fmax
+#define one_lane_min fmin
+#define one_lane_tanh tanh
+#define one_lane_exp exp
+#define one_lane_sin sin
+#define one_lane_cos cos
+INLINE double one_lane_square(double a) { return a * a; }
+INLINE double one_lane_sign(double a) { return a < 0 ? -1 : a > 0 ? 1 : a; }
