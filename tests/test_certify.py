@@ -896,6 +896,16 @@ def test_cells_of_one_link_with_drag_are_exact():
         assert bound <= best + 1e-9
 
 
+def test_cuts_made_in_one_box_hold_and_are_as_tight_in_another():
+    """With drag their numbers change with the box; those made anew are the reference."""
+    task, best = coasting()
+    program = Relaxation(task, ((0,), (1,)), 3)
+    for h in (0.35, 0.6, 0.5):
+        anew = Relaxation(task, ((0,), (1,)), 3).solve(point((h, 1 - h))).bound
+        assert program.solve(point((h, 1 - h))).bound == pytest.approx(anew, rel=1e-8)
+    check_bound(anew, best)
+
+
 @pytest.mark.parametrize("decay", [0.0, 1e-3, 0.7, 5.0])
 def test_cuts_run_along_the_motion_of_the_safest_duration(decay):
     """Its area is met, that of other durations is less."""

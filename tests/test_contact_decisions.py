@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.schedule import Schedule
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -72,6 +73,48 @@ def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed:
         motion = simulate(rigid(n), 1e-3, p={"b": load, "G": G.ravel(order="F")}, route=route)
         assert motion.end == pytest.approx(1e-3 * a, abs=1e-14)
         assert not motion.events  # it began so
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize(("n", "seed"), [(2, 8), (2, 26), (3, 130)])
+def test_what_is_let_go_and_caught_again_does_not_depend_on_the_unit(
+    n: int, seed: int, unit: float
+):
+    """Here one contact that cannot be held at first can when another has been let go."""
+    G, load = matrices(n, seed)
+    ((_, a, _),) = consistent(load, G)
+    p = {"b": unit * load, "G": unit * G.ravel(order="F")}
+    for route in ROUTES:
+        motion = simulate(rigid(n), 1e-3, p=p, route=route)
+        assert motion.end / unit == pytest.approx(1e-3 * a, abs=1e-14)
+        assert not motion.events
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(("excess", "mode"), [(0.5e-13, 0), (1.5e-13, -1)])
+def test_a_load_too_large_by_rounding_is_borne(route: Route, excess: float, mode: int):
+    """What counts as rounding is 1e-13 of the largest force."""
+    motion = simulate(rigid(1), 1.0, p={"b": -BACKWARD[:1] * (1 + excess)}, route=route)
+    assert motion.modes[:, 1].tolist() == [mode]
+    assert not motion.events
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_modes_are_told_where_they_change_and_nowhere_else(route: Route):
+    """Three blocks slide for 1, 1 and 3 s, while nothing comes of schedule and switch."""
+    v, f, t, c, begin = (ca.SX.sym(*of) for of in (("v", 3), ("f", 3), ("t",), ("c",), ("begin",)))
+    model = Model(
+        "braked",
+        x=[Signal("v", v, value=[1.0, 1.0, 3.0])],
+        ode=f + c,
+        t=t,
+        contacts=[Contact(f"block {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(3)],
+        schedules=[Schedule("c", c, begin, np.array([0.0, 0.3]), np.zeros((1, 1)), True)],
+        switches=[Switch("nothing", ca.sin(7 * t), v)],
+    )
+    motion = simulate(model, 2.0, route=route)
+    assert motion.modes[:, 0] == pytest.approx([0.0, 1.0], abs=1e-12)
+    assert motion.modes[:, 1:].tolist() == [[1, 1, 1], [0, 0, 1]]
 
 
 @settings(max_examples=examples(30), deadline=None)

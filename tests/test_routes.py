@@ -366,6 +366,20 @@ def test_a_jump_of_the_state_fires_other_switches(route: Route):
 
 
 @pytest.mark.parametrize("route", STEPPING)
+def test_a_guard_that_begins_at_zero_and_falls_does_not_fire(route: Route):
+    x = ca.SX.sym("x")
+    model = Model(
+        "leaves",
+        x=[Signal("x", x, value=1.0)],
+        ode=ca.SX(-1),
+        switches=[Switch("up", x - 1, x + 5)],
+    )
+    motion = simulate(model, 2.0, route=route)
+    assert not motion.events
+    assert motion.end == pytest.approx([-1.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("route", STEPPING)
 def test_a_velocity_made_to_jump_is_an_impact(route: Route):
     """Thrown backward while it slides, a spike stops, and so it does when it has rested."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
