@@ -593,6 +593,30 @@ def test_infinitely_many_bounces_are_refused(route: Route):
 
 
 @pytest.mark.parametrize("route", STEPPING)
+def test_events_that_hardly_let_time_pass_are_refused(route: Route):
+    """A clock that ticks every 1e-12 s, for 1 s."""
+    w = ca.SX.sym("w")
+    tick = Switch("tick", w - 1e-12, ca.SX(0))
+    model = Model("clock", x=[Signal("w", w, value=0.0)], ode=ca.SX(1), switches=[tick])
+    error = refused(model, 1.0, route, tolerance=Tolerance(max_steps=1000))
+    assert error.code == "events_accumulate"
+    assert error.partial.end_time < 1e-9
+
+
+def test_progress_is_the_share_of_the_time_that_has_passed():
+    said: list[float] = []
+    y = ca.SX.sym("y", 2)
+    model = Model("circle", x=[Signal("y", y, value=1.0)], ode=ca.vertcat(y[1], -y[0]))
+    simulate(
+        model, (4.0, 6.0), route="python", tolerance=Tolerance(max_step=1.25e-3),
+        report=lambda text, share: said.append(share or 0.0),
+    )  # fmt: skip
+    assert said == sorted(said)
+    assert said[0] == 0.0
+    assert 0.9 < said[-1] <= 1.0  # of 1600 steps the last time after 1500
+
+
+@pytest.mark.parametrize("route", STEPPING)
 def test_forces_left_open_are_refused(route: Route):
     x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f", 2)
     feet = [Contact(f"foot {i}", v, f[i], Coulomb(1.0, 1.0)) for i in range(2)]
