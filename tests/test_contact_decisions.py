@@ -77,9 +77,7 @@ def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed:
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 @pytest.mark.parametrize(("n", "seed"), [(2, 8), (2, 26), (3, 130)])
-def test_what_is_caught_again_does_not_depend_on_the_unit(
-    n: int, seed: int, unit: float
-):
+def test_what_is_caught_again_does_not_depend_on_the_unit(n: int, seed: int, unit: float):
     """Here one contact that cannot be held at first can when another has been let go."""
     G, load = matrices(n, seed)
     ((_, a, _),) = consistent(load, G)
@@ -101,20 +99,22 @@ def test_a_load_too_large_by_rounding_is_borne(route: Route, excess: float, mode
 
 @pytest.mark.parametrize("route", ROUTES)
 def test_modes_are_told_where_they_change_and_nowhere_else(route: Route):
-    """Three blocks slide for 1, 1 and 3 s, while nothing comes of schedule and switch."""
-    v, f, t, c, begin = (ca.SX.sym(*of) for of in (("v", 3), ("f", 3), ("t",), ("c",), ("begin",)))
+    """Eleven blocks slide for 1 s, one for 3; nothing comes of the schedule and the switch."""
+    v, f, t, c, begin = (
+        ca.SX.sym(*of) for of in (("v", 12), ("f", 12), ("t",), ("c",), ("begin",))
+    )
     model = Model(
         "braked",
-        x=[Signal("v", v, value=[1.0, 1.0, 3.0])],
+        x=[Signal("v", v, value=[*11 * [1.0], 3.0])],
         ode=f + c,
         t=t,
-        contacts=[Contact(f"block {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(3)],
+        contacts=[Contact(f"block {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(12)],
         schedules=[Schedule("c", c, begin, np.array([0.0, 0.3]), np.zeros((1, 1)), True)],
         switches=[Switch("nothing", ca.sin(7 * t), v)],
     )
     motion = simulate(model, 2.0, route=route)
     assert motion.modes[:, 0] == pytest.approx([0.0, 1.0], abs=1e-12)
-    assert motion.modes[:, 1:].tolist() == [[1, 1, 1], [0, 0, 1]]
+    assert motion.modes[:, 1:].tolist() == [12 * [1], [*11 * [0], 1]]
 
 
 @settings(max_examples=examples(30), deadline=None)

@@ -405,10 +405,11 @@ def test_corners_solved_by_hand(drag: float, mass: float):
     """
     rate, load = 0.8, 3.0
     gait = Gait(
-        np.array([0.0, 1.0, 2.0, 3.0]),
-        np.array([[[1.0, 0.0]], [[1.0, rate]], [[1.0 + rate, -rate]]]),
+        np.array([0.0, 1.0, 1.5, 2.0, 3.0]),
+        np.array([[[1.0, 0.0]], [[1.0, rate]], [[1.0 + rate / 2, rate]], [[1.0 + rate, -rate]]]),
     )
     motion = crawl(gait, [mass, mass], drag, load)
+    assert motion.corners == [0.0, 1.0, 2.0]  # none at 1.5
     w = rate / 2
     if drag:
         stop = mass / drag * math.log1p(drag * w / load)
