@@ -380,6 +380,25 @@ def test_a_guard_that_begins_at_zero_and_falls_does_not_fire(route: Route):
 
 
 @pytest.mark.parametrize("route", STEPPING)
+@pytest.mark.parametrize("levels", [(1.0, 0.99), (0.99, 1.0), (1.0, 0.4), (0.5, 0.5)])
+def test_events_close_to_each_other_keep_their_order(route: Route, levels: tuple[float, float]):
+    """They lie within one step, whichever switch is written first."""
+    x, a, b = ca.SX.sym("x"), ca.SX.sym("a"), ca.SX.sym("b")
+    model = Model(
+        "clock",
+        x=[Signal("x", x, value=0.0), Signal("a", a, value=0.0), Signal("b", b, value=0.0)],
+        ode=ca.SX([1, 0, 0]),
+        switches=[
+            Switch("a", x - levels[0], ca.vertcat(x, x, b)),
+            Switch("b", x - levels[1], ca.vertcat(x, a, x)),
+        ],
+    )
+    motion = simulate(model, 20.0, route=route, tolerance=Tolerance(max_step=np.inf))
+    assert event_times(motion) == pytest.approx(sorted(levels), abs=1e-12)
+    assert motion.end == pytest.approx([20.0, *levels], abs=1e-12)
+
+
+@pytest.mark.parametrize("route", STEPPING)
 def test_a_velocity_made_to_jump_is_an_impact(route: Route):
     """Thrown backward while it slides, a spike stops, and so it does when it has rested."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
