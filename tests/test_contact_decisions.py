@@ -162,6 +162,25 @@ def test_a_growing_load_sets_a_body_free_when_a_contact_can_bear_no_more(n: int,
         assert motion.end == pytest.approx(expected, abs=1e-9 * late)
 
 
+@pytest.mark.parametrize("route", ROUTES)
+def test_what_can_bear_no_more_at_one_instant_lets_go_at_that_instant(route: Route):
+    """Forty blocks of random friction, each pushed with all of it in one second."""
+    t, v, f = ca.SX.sym("t"), ca.SX.sym("v", 40), ca.SX.sym("f", 40)
+    held = np.random.default_rng(0).uniform(0.1, 10.0, 40)
+    model = Model(
+        "blocks",
+        x=[Signal("v", v, value=0.0)],
+        ode=ca.DM(held) * t + f,
+        t=t,
+        contacts=[Contact(f"block {i}", v[i], f[i], Coulomb(h, h)) for i, h in enumerate(held)],
+    )
+    motion = simulate(model, 3.0, route=route, tolerance=Tolerance(max_step=np.inf))
+    times = np.array([event.time for event in motion.events])
+    assert times == pytest.approx(np.ones(len(times)), abs=1e-12)
+    assert motion.modes[-1, 1:].tolist() == 40 * [1.0]
+    assert motion.end == pytest.approx(held * 2.0, rel=1e-10)
+
+
 # -- the layer round velocity 0 ----------------------------------------------------------------
 
 V_REG = 1e-6

@@ -578,6 +578,26 @@ def test_a_velocity_that_touches_0_is_grazing(route: Any):
 
 
 @both
+@pytest.mark.parametrize("step", [3e-4, 7e-4])
+def test_a_velocity_that_goes_on_falling_is_not_grazing_be_the_step_ever_so_short(
+    route: Any, step: float
+):
+    """It falls below 0 by less than counts, as the step ends; friction of 1 stops it."""
+    v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    ground = [Contact("block", v, f, Coulomb(1.0, 1.0), nominal_speed=1e4)]
+    model = Model("block", [Signal("v", v, value=0.1)], f, contacts=ground)
+    motion = simulate(
+        model,
+        0.5,
+        sensitivities=["v"],
+        route=route,
+        tolerance=Tolerance(1e-9, 1e-10, max_step=step),
+    )
+    assert [event.time for event in motion.events] == pytest.approx([0.1], rel=1e-12)
+    assert motion.doubts == ()
+
+
+@both
 def test_what_rests_at_the_edge_of_what_holds_is_told(route: Any):
     pulled = block(lambda t, load: load + 0 * t, speed=0.0, stiction=1.0)
     for load, expected in ((1.5, [("block", "stick", "edge")]), (1.4, []), (1.6, [])):
