@@ -2,6 +2,7 @@
 
 from functools import cache
 from itertools import product
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.integrate import solve_ivp
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
+from wormopt.simulation.layer import Layer, _least_between
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -259,6 +261,45 @@ def test_a_dip_into_the_layer_without_a_turn_is_not_passed_over(
     )  # fmt: skip
     expected = (10.0 - still) ** 2 + least * V_REG + gained
     assert sign * motion.end[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_stop_of_what_is_no_state_is_not_passed_over(route: Route, sign: float):
+    """The block of above stands on a belt that may run, beside a state of another size."""
+    t, v, y, f, belt = (ca.SX.sym(name) for name in ("t", "v", "y", "f", "belt"))
+    model = Model(
+        "on a belt",
+        x=[Signal("v", v, value=sign * (25.0 - 1e-4)), Signal("y", y, value=100.0)],
+        ode=ca.vertcat(sign * (1 + 2 * (t - 5.0)) + f, 0),
+        t=t,
+        p=[Signal("belt", belt, value=0.0)],
+        contacts=[Contact("block", v - belt, f, Coulomb(1.0, 1.0))],
+    )
+    motion = simulate(
+        model, 10.0, contact=Smooth(V_REG), route=route,
+        tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+    )  # fmt: skip
+    assert sign * motion.end[0] == pytest.approx(25.0, abs=5 * V_REG)
+
+
+def test_the_least_between_samples_is_that_of_parabolas():
+    """And of what is constant."""
+    s = np.linspace(0.0, 1.0, 17)[:, None]
+    turns = np.array([[0.03, 0.5, 0.53, 0.97]])
+    curves = np.hstack([0.1 + (s - turns) ** 2, 3.0 + 0.0 * s])
+    assert _least_between(curves) == pytest.approx([*4 * [0.1], 3.0], abs=1e-14)
+
+
+def test_cubics_tell_the_least_speed_whichever_way_it_goes():
+    """Speeds of 1/8 + (s - 1/2)^2 in a step of 2 s, by their values and slopes at its ends."""
+    signs, h = np.array([1.0, -1.0]), 2.0
+    layer = SimpleNamespace(_states=[0, 1])
+    step = SimpleNamespace(
+        h=h, x=signs * 0.375, x_new=signs * 0.375, dx=-signs * 1.0 / h, dx_new=signs * 1.0 / h
+    )
+    least = Layer._least_of_cubics(layer, step, step.x)  # type: ignore[arg-type]
+    assert least == pytest.approx([0.125, 0.125], abs=1e-15)
 
 
 @pytest.mark.parametrize("route", ROUTES)
