@@ -36,20 +36,20 @@ _HOW = (
 
 
 class Told(NamedTuple):
-    """What a run says of itself."""
+    """What came of a run."""
 
-    code: int
+    outcome: str  # "survived" if all tests pass; killed, late, broken
     failed: str  # the test, if one failed
     seconds: dict[str, float]  # of every test that was run
 
 
 def run(
     folder: Path, tests: list[str], ranks: dict[str, float], limit: float | None = None
-) -> tuple[str | None, Told]:
+) -> Told:
     """Run tests of a copy, those of low rank first, and see how they end.
 
-    None if they pass, else "killed", "broken" (ended otherwise than by what _KILLED lists, as by
-    an error of pytest itself) or, beyond a limit of seconds, "late".
+    Late is what has not ended within `limit` seconds; broken what ended otherwise than by what
+    _KILLED lists, as by an error of pytest itself.
     """
     there, here = _FORKS.Pipe(duplex=False)
     process = _FORKS.Process(target=_tests, args=(folder, tests, ranks, here))
@@ -58,16 +58,20 @@ def run(
     here.close()
     try:
         if not there.poll(limit):
-            return "late", Told(0, "", {})
+            return Told("late", "", {})
         with suppress(EOFError):
-            told = there.recv()
-            return None if told.code == 0 else "killed" if told.code in _KILLED else "broken", told
+            code, failed, seconds = there.recv()
+            return Told(_outcome(code), failed, seconds)
         process.join(limit)
-        return "killed" if process.exitcode in _KILLED else "broken", Told(1, "", {})
+        return Told(_outcome(process.exitcode), "", {})
     finally:  # with whatever it has started
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         process.join()
+
+
+def _outcome(code: int | None) -> str:
+    return "survived" if code == 0 else "killed" if code in _KILLED else "broken"
 
 
 def _tests(folder: Path, tests: list[str], ranks: dict[str, float], here: Connection) -> None:
@@ -87,7 +91,7 @@ def _tests(folder: Path, tests: list[str], ranks: dict[str, float], here: Connec
     assert "wormopt" not in sys.modules, "the code as it was before it was changed"
     trial = _trial(ranks)
     code = int(pytest.main([*_HOW, *tests], [trial]))
-    here.send(Told(code, trial.failed, dict(trial.seconds)))
+    here.send((code, trial.failed, dict(trial.seconds)))
     os._exit(code)
 
 
