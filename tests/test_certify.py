@@ -9,6 +9,7 @@ import pytest
 from effort import examples
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
+from mpmath import mp
 from scipy.integrate import simpson
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import root_scalar
@@ -945,6 +946,23 @@ def test_cuts_run_along_the_motion_of_the_safest_duration(decay):
         assert bound == pytest.approx(area(0.5, slope, sign * decay * (0.4, 0.6)[end]), rel=1e-10)
         for h in (0.4, 0.45, 0.6):
             assert area(0.5, slope, sign * decay * h) <= bound * (1 + 1e-10)
+
+
+def test_decays_are_taken_to_the_safe_side():
+    decay = 0.7
+    sums = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), 9.0)])
+    sums.set_durations(np.array([0.4]), np.array([0.6]))
+    (shortest,), (longest,) = sums.exponents
+    assert decay * 0.4 * (1 - 1e-11) < shortest < decay * 0.4
+    assert decay * 0.6 < -longest < decay * 0.6 * (1 + 1e-11)
+
+
+@pytest.mark.parametrize("x", [1e-6, 1e-3, 4.999e-3, 5.001e-3, 0.1, 3.0])
+def test_a_decaying_ramp_is_exact_where_it_is_a_series_and_where_it_is_none(x):
+    for exponent in (x, -x):
+        with mp.workdps(50):
+            exact = 2 * (1 - (1 - mp.exp(-exponent)) / mp.mpf(exponent)) / mp.mpf(exponent)
+        assert cuts._ramp(np.array([exponent]))[0] == pytest.approx(float(exact), rel=1e-12)
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.7, 5.0])

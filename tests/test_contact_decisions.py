@@ -102,9 +102,8 @@ def test_a_load_too_large_by_rounding_is_borne(route: Route, excess: float, mode
 @pytest.mark.parametrize("route", ROUTES)
 def test_modes_are_told_where_they_change_and_nowhere_else(route: Route):
     """Eleven blocks slide for 1 s, one for 3; nothing comes of the schedule and the switch."""
-    v, f, t, c, begin = (
-        ca.SX.sym(*of) for of in (("v", 12), ("f", 12), ("t",), ("c",), ("begin",))
-    )
+    v, f = ca.SX.sym("v", 12), ca.SX.sym("f", 12)
+    t, c, begin = (ca.SX.sym(name) for name in ("t", "c", "begin"))
     model = Model(
         "braked",
         x=[Signal("v", v, value=[*11 * [1.0], 3.0])],

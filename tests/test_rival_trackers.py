@@ -87,7 +87,8 @@ def test_an_error_at_the_edge_of_its_funnel_can_follow_it(funnel: Funnel, rate_f
     t = np.linspace(0.0, 60.0, 60_001)
 
     def width(of: Funnel) -> np.ndarray:
-        return of.end + (of.start - of.end) * np.exp(-t / of.time)
+        start, end, time = map(float, (of.start, of.end, of.time))
+        return end + (start - end) * np.exp(-t / time)
 
     room = (width(rate_funnel) + np.gradient(width(funnel), t)).min()
     assume(abs(room) > 1e-2)
