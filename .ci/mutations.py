@@ -1,4 +1,4 @@
-"""What is changed in the code by `.ci/mutants`; as a program, runs tests up to the first failure.
+"""What is changed in the code by `.ci/mutants`.
 
 Python: operators of cosmic-ray, and here statements left out, functions swapped for their
 opposites, numbers doubled. C: the like by patterns, line by line.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -185,27 +184,3 @@ def _of_c(text: str) -> Iterator[str]:
         statement = _LEFT_OUT.match(line)
         if statement and not _DECLARED.match(line) and not head:
             yield with_line(k, statement[1] + ";")
-
-
-class _Quick:
-    """Of hypothesis: examples that fail are not made smaller, as nobody looks at them."""
-
-    @staticmethod
-    def pytest_configure() -> None:
-        from hypothesis import Phase, settings
-
-        phases = [Phase.explicit, Phase.generate]
-        own = settings(settings.get_profile("effort"), phases=phases, database=None)
-        settings.register_profile("quick", own)
-        settings.load_profile("quick")
-
-
-if __name__ == "__main__":
-    import pytest
-
-    # Nor patches made of them, by packages whose warnings end pytest itself where they are errors.
-    sys.modules["hypothesis.extra._patching"] = None  # pyright: ignore[reportArgumentType]
-    _Quick.pytest_configure = staticmethod(pytest.hookimpl(trylast=True)(_Quick.pytest_configure))
-    # A module that raises when it is imported counts as a failed test.
-    how = "-q -x -n 0 -p no:cacheprovider --continue-on-collection-errors".split()
-    sys.exit(pytest.main([*how, *sys.argv[1:]], [_Quick()]))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +17,7 @@ from scipy.integrate import quad
 from scipy.optimize import root_scalar
 
 from wormopt.analysis.average import average
+from wormopt.analysis.crossings import _turned
 from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
@@ -376,6 +378,39 @@ def test_reversals_of_random_shapes(cos: list[float], sin: list[float], v: float
     # every reversal is within a point of the grid, and so is a dip that falls between two points
     bound = (2 * count + 2) / len(t)
     assert found == pytest.approx(np.mean(values < 0), abs=bound)
+
+
+def test_slope_and_curvature_of_mean_friction_are_exact():
+    """Friction of 1 backward: its mean is 1 - t/pi where v + g is 0 at t and -t, g as below."""
+    averaged = average(shaped(Coulomb(0.0, 1.0), [1.0, 0.1], [0.0, 0.0]), 2 * np.pi)
+    v, at = averaged.x[0].symbol, 1.0
+    g, slope, curvature = (
+        np.array(of) @ (1.0, 0.1)
+        for of in ((np.cos(at), np.cos(2 * at)), (-np.sin(at), -2 * np.sin(2 * at)),
+                   (-np.cos(at), -4 * np.cos(2 * at)))
+    )  # fmt: skip
+    first, second = -1 / slope, -curvature / slope**3
+    mean = averaged.ode
+    found = ca.Function("found", [v, *(p.symbol for p in averaged.p)],
+                        [mean, ca.jacobian(mean, v), ca.hessian(mean, v)[0]])  # fmt: skip
+    values = [float(value) for value in found(-g, *np.ones(len(averaged.p)))]
+    assert values == pytest.approx([1 - at / np.pi, -first / np.pi, -second / np.pi], rel=1e-10)
+
+
+def test_a_shaking_that_is_still_for_now_may_begin_later():
+    law = Coulomb(0.5, 1.0)
+    still = shaped(law, [0.3, -0.7, 0.4], [0.9, 0.2, -0.5])
+    still = replace(still, p=[replace(still.p[0], value=0.0)])
+    shaken = shaped(law, [0.3, -0.7, 0.4], [0.9, 0.2, -0.5])
+    found, expected = (rates_of(average(m, 2 * np.pi), scale=0.8) for m in (still, shaken))
+    assert found([0.1]) == pytest.approx(expected([0.1]), rel=1e-13)
+
+
+@pytest.mark.parametrize("place", [-1e-17, -0.25, 0.0, 0.75, 1.0 - 2**-53, 1.0, 2.5])
+def test_places_of_reversals_lie_within_one_period(place: float):
+    turned = float(ca.evalf(_turned(ca.SX(place))))
+    assert 0.0 <= turned < 1.0
+    assert (turned - place) == pytest.approx(round(turned - place), abs=1e-15)
 
 
 # -- smooth problems of textbooks -----------------------------------------------------------------

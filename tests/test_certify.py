@@ -9,6 +9,7 @@ import pytest
 from effort import examples
 from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
+from mpmath import mp
 from scipy.integrate import simpson
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import root_scalar
@@ -874,6 +875,27 @@ def test_bounds_of_one_link_converge_with_order_two_in_the_box():
     assert excesses == pytest.approx(3 / 40 * widths**2 / (1 + widths**2), rel=1e-4)
 
 
+def test_losses_are_what_a_box_costs_to_first_order():
+    """In units of length of which there are ten to the one."""
+    task = g1(links=1, length=(7.0, 13.0), rate=10.0, acceleration=200.0)
+    task = replace(task, worm=replace(task.worm, load=50.0))
+    width, program = 0.02, Relaxation(task, ((0,), (1,)), 20)
+    found = program.solve((*((0.5 - width / 2, 0.5 + width / 2),) * 2, ONE_CYCLE))
+    assert found.losses.sum() == pytest.approx(found.bound - 4.25, rel=2 * width**2)
+    assert found.losses[0] == pytest.approx(found.losses[1], rel=1e-6)
+
+
+def test_sides_of_a_box_are_taken_to_the_safe_side():
+    program = Relaxation(g1(links=1), ((0,), (1,)), 2)
+    for h in (0.3, 1 / 3, 0.7):
+        program.solve(point((h, 1 - h)))
+        lower, upper = program._program._lower, program._program._upper
+        for columns, power in ((program._h, 1), (program._g, 2)):
+            exact = np.array([h, 1 - h]) ** power
+            assert np.all(lower[columns] < exact)
+            assert np.all(exact < upper[columns])
+
+
 @pytest.mark.slow
 def test_bounds_of_g1_converge_with_order_between_one_and_two_in_the_box():
     program = Relaxation(g1(), G1_ORDER, 80)
@@ -896,6 +918,16 @@ def test_cells_of_one_link_with_drag_are_exact():
         assert bound <= best + 1e-9
 
 
+def test_cuts_made_in_one_box_hold_and_are_as_tight_in_another():
+    """With drag their numbers change with the box; those made anew are the reference."""
+    task, best = coasting()
+    program = Relaxation(task, ((0,), (1,)), 3)
+    for h in (0.2, 0.7, 0.4, 0.5):
+        anew = Relaxation(task, ((0,), (1,)), 3).solve(point((h, 1 - h))).bound
+        assert program.solve(point((h, 1 - h))).bound == pytest.approx(anew, rel=1e-8)
+    check_bound(anew, best)
+
+
 @pytest.mark.parametrize("decay", [0.0, 1e-3, 0.7, 5.0])
 def test_cuts_run_along_the_motion_of_the_safest_duration(decay):
     """Its area is met, that of other durations is less."""
@@ -914,6 +946,23 @@ def test_cuts_run_along_the_motion_of_the_safest_duration(decay):
         assert bound == pytest.approx(area(0.5, slope, sign * decay * (0.4, 0.6)[end]), rel=1e-10)
         for h in (0.4, 0.45, 0.6):
             assert area(0.5, slope, sign * decay * h) <= bound * (1 + 1e-10)
+
+
+def test_decays_are_taken_to_the_safe_side():
+    decay = 0.7
+    sums = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), 9.0)])
+    sums.set_durations(np.array([0.4]), np.array([0.6]))
+    (shortest,), (longest,) = sums.exponents
+    assert decay * 0.4 * (1 - 1e-11) < shortest < decay * 0.4
+    assert decay * 0.6 < -longest < decay * 0.6 * (1 + 1e-11)
+
+
+@pytest.mark.parametrize("x", [1e-6, 1e-3, 4.999e-3, 5.001e-3, 0.1, 3.0])
+def test_a_decaying_ramp_is_exact_where_it_is_a_series_and_where_it_is_none(x):
+    for exponent in (x, -x):
+        with mp.workdps(50):
+            exact = 2 * (1 - (1 - mp.exp(-exponent)) / mp.mpf(exponent)) / mp.mpf(exponent)
+        assert cuts._ramp(np.array([exponent]))[0] == pytest.approx(float(exact), rel=1e-12)
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.7, 5.0])

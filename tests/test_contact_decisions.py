@@ -2,6 +2,7 @@
 
 from functools import cache
 from itertools import product
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -12,7 +13,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from wormopt.model.friction import Coulomb
-from wormopt.model.model import Contact, Model, Signal
+from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.schedule import Schedule
+from wormopt.simulation.layer import Layer, _least_between
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -74,6 +77,47 @@ def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed:
         assert not motion.events  # it began so
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize(("n", "seed"), [(2, 8), (2, 26), (3, 130)])
+def test_what_is_caught_again_does_not_depend_on_the_unit(n: int, seed: int, unit: float):
+    """Here one contact that cannot be held at first can when another has been let go."""
+    G, load = matrices(n, seed)
+    ((_, a, _),) = consistent(load, G)
+    p = {"b": unit * load, "G": unit * G.ravel(order="F")}
+    for route in ROUTES:
+        motion = simulate(rigid(n), 1e-3, p=p, route=route)
+        assert motion.end / unit == pytest.approx(1e-3 * a, abs=1e-14)
+        assert not motion.events
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(("excess", "mode"), [(0.5e-13, 0), (1.5e-13, -1)])
+def test_a_load_too_large_by_rounding_is_borne(route: Route, excess: float, mode: int):
+    """What counts as rounding is 1e-13 of the largest force."""
+    motion = simulate(rigid(1), 1.0, p={"b": -BACKWARD[:1] * (1 + excess)}, route=route)
+    assert motion.modes[:, 1].tolist() == [mode]
+    assert not motion.events
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_modes_are_told_where_they_change_and_nowhere_else(route: Route):
+    """Eleven blocks slide for 1 s, one for 3; nothing comes of the schedule and the switch."""
+    v, f = ca.SX.sym("v", 12), ca.SX.sym("f", 12)
+    t, c, begin = (ca.SX.sym(name) for name in ("t", "c", "begin"))
+    model = Model(
+        "braked",
+        x=[Signal("v", v, value=[*11 * [1.0], 3.0])],
+        ode=f + c,
+        t=t,
+        contacts=[Contact(f"block {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(12)],
+        schedules=[Schedule("c", c, begin, np.array([0.0, 0.3]), np.zeros((1, 1)), True)],
+        switches=[Switch("nothing", ca.sin(7 * t), v)],
+    )
+    motion = simulate(model, 2.0, route=route)
+    assert motion.modes[:, 0] == pytest.approx([0.0, 1.0], abs=1e-12)
+    assert motion.modes[:, 1:].tolist() == [12 * [1], [*11 * [0], 1]]
+
+
 @settings(max_examples=examples(30), deadline=None)
 @given(st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_not(
@@ -117,6 +161,25 @@ def test_a_growing_load_sets_a_body_free_when_a_contact_can_bear_no_more(n: int,
         expected = np.zeros(n)
         expected[first] = pull * late**2 / 2
         assert motion.end == pytest.approx(expected, abs=1e-9 * late)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_what_can_bear_no_more_at_one_instant_lets_go_at_that_instant(route: Route):
+    """Forty blocks of random friction, each pushed with all of it in one second."""
+    t, v, f = ca.SX.sym("t"), ca.SX.sym("v", 40), ca.SX.sym("f", 40)
+    held = np.random.default_rng(0).uniform(0.1, 10.0, 40)
+    model = Model(
+        "blocks",
+        x=[Signal("v", v, value=0.0)],
+        ode=ca.DM(held) * t + f,
+        t=t,
+        contacts=[Contact(f"block {i}", v[i], f[i], Coulomb(h, h)) for i, h in enumerate(held)],
+    )
+    motion = simulate(model, 3.0, route=route, tolerance=Tolerance(max_step=np.inf))
+    times = np.array([event.time for event in motion.events])
+    assert times == pytest.approx(np.ones(len(times)), abs=1e-12)
+    assert motion.modes[-1, 1:].tolist() == 40 * [1.0]
+    assert motion.end == pytest.approx(held * 2.0, rel=1e-10)
 
 
 # -- the layer round velocity 0 ----------------------------------------------------------------
@@ -197,6 +260,45 @@ def test_a_dip_into_the_layer_without_a_turn_is_not_passed_over(
     )  # fmt: skip
     expected = (10.0 - still) ** 2 + least * V_REG + gained
     assert sign * motion.end[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_stop_of_what_is_no_state_is_not_passed_over(route: Route, sign: float):
+    """The block of above stands on a belt that may run, beside a state of another size."""
+    t, v, y, f, belt = (ca.SX.sym(name) for name in ("t", "v", "y", "f", "belt"))
+    model = Model(
+        "on a belt",
+        x=[Signal("v", v, value=sign * (25.0 - 1e-4)), Signal("y", y, value=100.0)],
+        ode=ca.vertcat(sign * (1 + 2 * (t - 5.0)) + f, 0),
+        t=t,
+        p=[Signal("belt", belt, value=0.0)],
+        contacts=[Contact("block", v - belt, f, Coulomb(1.0, 1.0))],
+    )
+    motion = simulate(
+        model, 10.0, contact=Smooth(V_REG), route=route,
+        tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+    )  # fmt: skip
+    assert sign * motion.end[0] == pytest.approx(25.0, abs=5 * V_REG)
+
+
+def test_the_least_between_samples_is_that_of_parabolas():
+    """And of what is constant."""
+    s = np.linspace(0.0, 1.0, 17)[:, None]
+    turns = np.array([[0.03, 0.5, 0.53, 0.97]])
+    curves = np.hstack([0.1 + (s - turns) ** 2, 3.0 + 0.0 * s])
+    assert _least_between(curves) == pytest.approx([*4 * [0.1], 3.0], abs=1e-14)
+
+
+def test_cubics_tell_the_least_speed_whichever_way_it_goes():
+    """Speeds of 1/8 + (s - 1/2)^2 in a step of 2 s, by their values and slopes at its ends."""
+    signs, h = np.array([1.0, -1.0]), 2.0
+    layer = SimpleNamespace(_states=[0, 1])
+    step = SimpleNamespace(
+        h=h, x=signs * 0.375, x_new=signs * 0.375, dx=-signs * 1.0 / h, dx_new=signs * 1.0 / h
+    )
+    least = Layer._least_of_cubics(layer, step, step.x)  # type: ignore[arg-type]
+    assert least == pytest.approx([0.125, 0.125], abs=1e-15)
 
 
 @pytest.mark.parametrize("route", ROUTES)

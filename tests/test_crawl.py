@@ -405,10 +405,11 @@ def test_corners_solved_by_hand(drag: float, mass: float):
     """
     rate, load = 0.8, 3.0
     gait = Gait(
-        np.array([0.0, 1.0, 2.0, 3.0]),
-        np.array([[[1.0, 0.0]], [[1.0, rate]], [[1.0 + rate, -rate]]]),
+        np.array([0.0, 1.0, 1.5, 2.0, 3.0]),
+        np.array([[[1.0, 0.0]], [[1.0, rate]], [[1.0 + rate / 2, rate]], [[1.0 + rate, -rate]]]),
     )
     motion = crawl(gait, [mass, mass], drag, load)
+    assert motion.corners == [0.0, 1.0, 2.0]  # none at 1.5
     w = rate / 2
     if drag:
         stop = mass / drag * math.log1p(drag * w / load)
@@ -423,6 +424,19 @@ def test_corners_solved_by_hand(drag: float, mass: float):
     assert mean_load(motion) == pytest.approx(drag * motion.speed + load, abs=1e-12)
     assert motion.resting_sequence == [[], [0, 1], [1], [0]]
     assert (motion.smallest_load, motion.smallest_period) == (math.inf, math.inf)
+
+
+def test_stretches_follow_each_other_where_a_mass_leads_by_a_rounding_error_at_first():
+    """The rate t (t - 2e-6) is below 0 until 2e-6 s, by 1e-12 at most."""
+    gait = hermite_gait(
+        [1.0, 1.0], np.array([[1.0], [4 / 3 - 1e-6]]), np.array([[0.0], [1 - 2e-6]])
+    )
+    stretches = crawl(gait, [1.0, 1.0], 0.0, 50.0).stretches
+    begins = [gait.breaks[s.piece] + s.start for s in stretches]
+    ends = [gait.breaks[s.piece] + s.stop for s in stretches]
+    assert begins[0] == 0.0
+    assert begins[1:] == pytest.approx(ends[:-1], abs=1e-15)
+    assert ends[-1] == 2.0
 
 
 # --- Limits of the method ----------------------------------------------------------------

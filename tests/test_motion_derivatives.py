@@ -578,6 +578,46 @@ def test_a_velocity_that_touches_0_is_grazing(route: Any):
 
 
 @both
+@pytest.mark.parametrize(
+    ("depth", "expected"),
+    [(1e-7, {"grazing"}), (-8e-8, {"grazing"}), (1e-3, set()), (-1e-6, set())],
+)
+def test_a_guard_that_touches_0_in_a_long_step_is_grazing(
+    route: Any, depth: float, expected: set[str]
+):
+    """Next to nothing is so against what the guard is elsewhere in the step."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    switch = [Switch("hits", depth - (x - 6.3) ** 2, ca.vertcat(x, y + 1))]
+    states = [Signal("x", x, value=0.0), Signal("y", y, value=0.0)]
+    motion = simulate(
+        Model("clock", states, ca.SX([1, 0]), switches=switch), 20.0, sensitivities=["x"],
+        route=route, tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+    )  # fmt: skip
+    assert {d.reason for d in motion.doubts} == expected
+    assert len(motion.events) == (depth > 0)
+
+
+@both
+@pytest.mark.parametrize("step", [3e-4, 7e-4])
+def test_a_velocity_that_goes_on_falling_is_not_grazing_be_the_step_ever_so_short(
+    route: Any, step: float
+):
+    """It falls below 0 by less than counts, as the step ends; friction of 1 stops it."""
+    v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    ground = [Contact("block", v, f, Coulomb(1.0, 1.0), nominal_speed=1e4)]
+    model = Model("block", [Signal("v", v, value=0.1)], f, contacts=ground)
+    motion = simulate(
+        model,
+        0.5,
+        sensitivities=["v"],
+        route=route,
+        tolerance=Tolerance(1e-9, 1e-10, max_step=step),
+    )
+    assert [event.time for event in motion.events] == pytest.approx([0.1], rel=1e-12)
+    assert motion.doubts == ()
+
+
+@both
 def test_what_rests_at_the_edge_of_what_holds_is_told(route: Any):
     pulled = block(lambda t, load: load + 0 * t, speed=0.0, stiction=1.0)
     for load, expected in ((1.5, [("block", "stick", "edge")]), (1.4, []), (1.6, [])):

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from by_text import RANDOM, TRACK, value, write
 from effort import examples
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from test_tracking import point
 
 import wormopt as wo
-from wormopt.control.funnel import Funnel, FunnelLaw, funnel_tracker
+from wormopt.control.funnel import Funnel, FunnelLaw, _check_room, funnel_tracker
 from wormopt.control.lambda_tracker import Feedback, Quadratic, lambda_tracker
 from wormopt.control.reference import Reference, gait_reference
 from wormopt.control.switching import switching_tracker
@@ -64,6 +64,39 @@ def test_the_force_of_backstepping_and_of_switching_at_a_point(seed: int):
     slope = k**2 * (e - xi)
     assert at["input"] == pytest.approx(-(k**2 * xi + k * slope), rel=1e-10)
     assert at["ode"][6:] == pytest.approx([0.0, *slope, 0, 0, 0, 0], rel=1e-10)
+    assert at["gain_rate"].tolist() == [0.0]
+
+
+def test_every_gain_of_switching_is_twice_the_one_before_if_nothing_else_is_said():
+    """The first trial then has 1 - 1/sqrt(2) of the time to settle."""
+    plant = worm(2, position=(4.0, 2.0, 0.0))
+    loop = switching_tracker(plant, following(plant), tube_radius=0.2, settling=3.0, overshoot=0.1)
+    values = {signal.name: signal.value for signal in (*loop.x, *loop.p)}
+    assert values["gain_factor"] == 2.0
+    assert values["trial_end"] == pytest.approx(3.0 * (1 - np.sqrt(0.5)), rel=1e-14)
+
+
+numbers_of_funnels = st.floats(0.1, 5.0)
+
+
+@settings(deadline=None, max_examples=examples(100))
+@given(st.builds(Funnel, *[numbers_of_funnels] * 3), st.builds(Funnel, *[numbers_of_funnels] * 3))
+@example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.2, 0.2))  # too narrow on the way only
+@example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.7, 0.2))  # nowhere too narrow
+def test_an_error_at_the_edge_of_its_funnel_can_follow_it(funnel: Funnel, rate_funnel: Funnel):
+    t = np.linspace(0.0, 60.0, 60_001)
+
+    def width(of: Funnel) -> np.ndarray:
+        start, end, time = map(float, (of.start, of.end, of.time))
+        return end + (start - end) * np.exp(-t / time)
+
+    room = (width(rate_funnel) + np.gradient(width(funnel), t)).min()
+    assume(abs(room) > 1e-2)
+    if room > 0:
+        _check_room(funnel, rate_funnel)
+    else:
+        with pytest.raises(ArgumentError, match="the funnel narrows at"):
+            _check_room(funnel, rate_funnel)
 
 
 @settings(deadline=None, max_examples=examples(20))

@@ -366,6 +366,39 @@ def test_a_jump_of_the_state_fires_other_switches(route: Route):
 
 
 @pytest.mark.parametrize("route", STEPPING)
+def test_a_guard_that_begins_at_zero_and_falls_does_not_fire(route: Route):
+    x = ca.SX.sym("x")
+    model = Model(
+        "leaves",
+        x=[Signal("x", x, value=1.0)],
+        ode=ca.SX(-1),
+        switches=[Switch("up", x - 1, x + 5)],
+    )
+    motion = simulate(model, 2.0, route=route)
+    assert not motion.events
+    assert motion.end == pytest.approx([-1.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("route", STEPPING)
+@pytest.mark.parametrize("levels", [(1.0, 0.99), (0.99, 1.0), (1.0, 0.4), (0.5, 0.5)])
+def test_events_close_to_each_other_keep_their_order(route: Route, levels: tuple[float, float]):
+    """They lie within one step, whichever switch is written first."""
+    x, a, b = ca.SX.sym("x"), ca.SX.sym("a"), ca.SX.sym("b")
+    model = Model(
+        "clock",
+        x=[Signal("x", x, value=0.0), Signal("a", a, value=0.0), Signal("b", b, value=0.0)],
+        ode=ca.SX([1, 0, 0]),
+        switches=[
+            Switch("a", x - levels[0], ca.vertcat(x, x, b)),
+            Switch("b", x - levels[1], ca.vertcat(x, a, x)),
+        ],
+    )
+    motion = simulate(model, 20.0, route=route, tolerance=Tolerance(max_step=np.inf))
+    assert event_times(motion) == pytest.approx(sorted(levels), abs=1e-12)
+    assert motion.end == pytest.approx([20.0, *levels], abs=1e-12)
+
+
+@pytest.mark.parametrize("route", STEPPING)
 def test_a_velocity_made_to_jump_is_an_impact(route: Route):
     """Thrown backward while it slides, a spike stops, and so it does when it has rested."""
     x, v, f, t = (ca.SX.sym(name) for name in ("x", "v", "f", "t"))
@@ -576,6 +609,30 @@ def test_infinitely_many_bounces_are_refused(route: Route):
     times = np.cumsum([1.0, *(2 * 0.8**k for k in range(1, 30))])
     assert event_times(motion)[:30] == pytest.approx(times, abs=1e-9)
     assert abs(motion.end[0]) < 1e-6
+
+
+@pytest.mark.parametrize("route", STEPPING)
+def test_events_that_hardly_let_time_pass_are_refused(route: Route):
+    """A clock that ticks every 1e-12 s, for 1 s."""
+    w = ca.SX.sym("w")
+    tick = Switch("tick", w - 1e-12, ca.SX(0))
+    model = Model("clock", x=[Signal("w", w, value=0.0)], ode=ca.SX(1), switches=[tick])
+    error = refused(model, 1.0, route, tolerance=Tolerance(max_steps=1000))
+    assert error.code == "events_accumulate"
+    assert error.partial.end_time < 1e-9
+
+
+def test_progress_is_the_share_of_the_time_that_has_passed():
+    said: list[float] = []
+    y = ca.SX.sym("y", 2)
+    model = Model("circle", x=[Signal("y", y, value=1.0)], ode=ca.vertcat(y[1], -y[0]))
+    simulate(
+        model, (4.0, 6.0), route="python", tolerance=Tolerance(max_step=1.25e-3),
+        report=lambda text, share: said.append(share or 0.0),
+    )  # fmt: skip
+    assert said == sorted(said)
+    assert said[0] == 0.0
+    assert 0.9 < said[-1] <= 1.0  # of 1600 steps the last time after 1500
 
 
 @pytest.mark.parametrize("route", STEPPING)

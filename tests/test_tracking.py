@@ -641,6 +641,8 @@ WIDE = Funnel(9.0, 1.0, 1.0)
         (lambda: Quadratic(0.0), "growth must be finite and above 0"),
         (lambda: Exponent(0.9), "exponent must be finite and at least 1"),
         (lambda: Exponent(np.nan), "exponent must be"),
+        (lambda: Exponent(2.0, growth=0.0), "growth must be"),
+        (lambda: Decay(1.0, 0.1, growth=0.0), "growth must be"),
         (lambda: Decay(0.0, 0.1), "dwell must be finite and above 0"),
         (lambda: Decay(1.0, -0.1), "decay must be finite and at least 0"),
         (lambda: Funnel(0.0, 1.0, 1.0), "start of a funnel"),
@@ -654,6 +656,14 @@ WIDE = Funnel(9.0, 1.0, 1.0)
 def test_loops_that_make_no_sense_are_refused(build: Callable[[], object], message: str):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+@pytest.mark.parametrize("law", [Quadratic, Exponent, lambda growth: Decay(1.0, 0.1, growth)])
+def test_laws_that_hold_symbols_are_told_apart_by_who_they_are(law: Callable[[ca.SX], object]):
+    """Whether two symbols are equal is an expression, not a yes or no."""
+    one, other = law(ca.SX.sym("one")), law(ca.SX.sym("other"))
+    assert one != other
+    assert len({one, other, one}) == 2
 
 
 def test_a_misspelt_feedback_and_a_reference_of_another_time_are_refused():

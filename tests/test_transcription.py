@@ -199,6 +199,61 @@ def test_pack_is_the_inverse_of_unpack():
     assert program.pack(program.unpack(again), bounds) == pytest.approx(again, abs=1e-14)
 
 
+def sized() -> Transcription:
+    """Of a block whose position, velocity and time have nominal sizes other than 1."""
+    x, v, u, f = (ca.SX.sym(name) for name in ("x", "v", "u", "f"))
+    model = Model(
+        "block",
+        x=[Signal("position", x, nominal=5.0), Signal("velocity", v, nominal=0.2)],
+        ode=ca.vertcat(v, u + f),
+        u=[Signal("drive", u, lower=-3.0, upper=3.0)],
+        contacts=[Contact("sole", v, f, Coulomb(1.0, 2.0))],
+    )
+    problem = replace(fastest(model, (0.0, 0.0), (1.0, 0.0)), duration=(4.0, 6.0))
+    return Transcription(problem, Mesh(2, 2, Collocation(3), shares=(0.3, 0.7, 0.5, 0.5)))
+
+
+def test_a_worm_at_rest_rests_where_it_is_told_and_as_long():
+    program, durations, start = sized(), np.array([1.0, 0.5, 2.0, 1.5]), np.array([7.0, 0.3])
+    arcs = program.unpack(program.rest(durations, start))
+    assert arcs.duration == pytest.approx(durations, rel=1e-14)
+    assert arcs.start == pytest.approx(np.tile(start[:, None], 4), rel=1e-14)
+    assert arcs.points == pytest.approx(np.tile(start[:, None, None], (1, 3, 4)), rel=1e-14)
+    assert not arcs.inputs.any()
+
+
+def test_guarded_durations_are_neither_negative_nor_above_the_longest():
+    program = sized()
+    bounds = program.bounds(ModeSequence(((1,), (-1,))))
+    guarded = program.guarded(bounds)
+    assert program.unpack(bounds.ubw).duration.tolist() == [6.0, np.inf, 6.0, np.inf]
+    assert program.unpack(guarded.lbw).duration.tolist() == [0.0, 0.0, 0.0, 0.0]
+    assert program.unpack(guarded.ubw).duration.tolist() == [6.0, 6.0, 6.0, 6.0]
+    others = np.arange(len(bounds.lbw)) % program.arc.layout.size != 0
+    assert np.array_equal(guarded.lbw[others], bounds.lbw[others])
+    assert np.array_equal(guarded.ubw[others], bounds.ubw[others])
+
+
+def test_a_constant_is_chosen_in_its_own_unit():
+    """x' = c from 0 for a second: (x - 3)² + (c - 5)² is least where x = c = 4."""
+    x, c = ca.SX.sym("x"), ca.SX.sym("c")
+    model = Model("cart", x=[Signal("position", x)], ode=c)
+    ends = Ends.of(model)
+    problem = Problem(
+        model,
+        ends,
+        (ends.end - 3) ** 2 + (c - 5) ** 2,
+        (1.0, 1.0),
+        boundary_constraints=[Constraint("start", ends.start, 0.0, 0.0)],
+        design=[Signal("pace", c, lower=0.0, upper=20.0, nominal=10.0)],
+    )
+    program = Transcription(problem, Mesh(1, 2, Collocation(2)))
+    w = program.rest(np.full(2, 0.5), np.zeros(1))
+    solution = program.nlp.solve(w, program.bounds(ModeSequence(((),))), Ipopt())
+    assert program.unpack(solution.w).design == pytest.approx([4.0], abs=1e-7)
+    assert solution.objective == pytest.approx(2.0, abs=1e-12)
+
+
 def test_an_impossible_problem_is_explained_by_the_limits_in_conflict():
     model = block()
     ends = Ends.of(model)

@@ -93,8 +93,14 @@ class Wave:
 
     def _harmonics(self, symbols: ca.SX, values: np.ndarray) -> np.ndarray:
         """Harmonics as complex numbers, a column for each of the samples."""
-        both = ca.Function("harmonics", [symbols], [ca.horzcat(self.cosines, self.sines)])
-        return np.stack([np.array(both(column)) @ (1, -1j) for column in values.T], axis=1)
+        parts = ca.horzcat(self.cosines, self.sines)
+        both = ca.Function("harmonics", [symbols], [parts, self.mean])
+        found = []
+        for column in values.T:
+            swing, mean = map(np.array, both(column))
+            swing[np.abs(swing) <= _NEGLIGIBLE * np.abs(mean)] = 0.0  # what round-off leaves of 0
+            found.append(swing @ (1, -1j))
+        return np.stack(found, axis=1)
 
     def _there(self, symbols: ca.SX, values: np.ndarray) -> np.ndarray:
         sizes = np.abs(self._harmonics(symbols, values))

@@ -205,7 +205,10 @@ class LinearProgram:
         They must be in the program.
         """
         every = self._row.astype(int) * len(self._cost) + self._column
-        return np.searchsorted(every, rows * len(self._cost) + columns)
+        wanted = rows * len(self._cost) + columns
+        found = np.searchsorted(every, wanted)
+        assert np.array_equal(every.take(found, mode="clip"), wanted)
+        return found
 
     def change(self, places: np.ndarray, values: np.ndarray) -> None:
         """Change the coefficients at `places` (m,), which the method of that name gives."""
