@@ -31,9 +31,6 @@ from wormopt.model.model import Model, Output, Signal
 from wormopt.systems.coils.layer import Layer, Pull
 
 _STOP = 1e3  # stiffness of the walls, in weights of fluid
-# Stiffness rises as this power of the way from a tip on: the surface kinks at the end of a stiff
-# float, which no grid holds, and few powers spread that kink over as much of the end.
-_TAPER = 9
 _RIGID = 0.01  # of the depth: a float that a heap of fluid bends by less counts as rigid
 
 
@@ -78,7 +75,7 @@ class Float:
     def energy(self, layer: Layer, h: ca.SX, X: ca.SX) -> ca.SX:
         """Energy of its weight, bending, and of walls that stop it, in J per metre across."""
         covered = self.coverage(layer, layer.places, X)
-        stiffness = self.stiffness * self.within(layer, layer.places, X) ** _TAPER
+        stiffness = self.stiffness * _tapered(self.within(layer, layer.places, X))
         left, right = layer.beside(h)
         bend = (right - 2 * h + left) / layer.step**2
         load = self.mass / self.length * layer.fluid.gravity
@@ -188,6 +185,15 @@ def _energy(
     found = ca.Function("energy", [h, X], [energy, ca.gradient(energy, h), ca.gradient(energy, X)])
     values: Any = found(thickness, position)
     return values
+
+
+def _tapered(u: Any) -> Any:
+    """Share of the stiffness at a way 0 to 1 from the tip on, up to which B u⁹ is a knife's edge.
+
+    The surface kinks where a stiff float ends to be so, at about B u⁹ = gamma (f u)². Few powers,
+    and few shares that begin as gently, spread that kink over more of the end f.
+    """
+    return u**9 * (55 - 99 * u + 45 * u * u)
 
 
 def rigid(layer: Layer, length: float) -> float:

@@ -255,7 +255,7 @@ def _left_out(setup: Setup, h: np.ndarray, inside: tuple[np.ndarray, np.ndarray]
     taken = field_stiffness(fluid, h.max(), waves, across)
     added = -field_stiffness(fluid, h.min(), waves, 0.0, along)
     restoring = fluid.weight + fluid.surface_tension * waves**2
-    return float(np.max(np.maximum(taken, added) / restoring))
+    return abs(float(np.max(np.maximum(taken, added) / restoring)))  # 0.0, not -0.0, of none
 
 
 def _normal_field_number(setup: Setup, field: RowField) -> float:
