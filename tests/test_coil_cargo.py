@@ -1,5 +1,6 @@
 """A float on a film over coils: what it keeps, its limits, and the kind "coil-film" with it."""
 
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -43,6 +44,13 @@ def state(layer: Layer, h: np.ndarray, X: float, V: float) -> np.ndarray:
     return np.concatenate([layer.volume(h * layer.depth / h.mean()), [X, V, 0.0, 0.0]])
 
 
+@lru_cache
+def waved(ends: Ends, stiffness: float) -> tuple[Layer, ca.Function]:
+    layer = Layer(OIL, 0.05, 1e-3, 0.04, 24, ends=ends)
+    plate = Float(0.012, 3.6e-3, stiffness, edge=4e-3)
+    return layer, numbers_of(floated_film(layer, bent, plate))
+
+
 @given(
     seed=st.integers(0, 2**32 - 1),
     ends=st.sampled_from(["walls", "periodic"]),
@@ -52,9 +60,8 @@ def state(layer: Layer, h: np.ndarray, X: float, V: float) -> np.ndarray:
 def test_energy_falls_by_what_is_dissipated_to_round_off(
     seed: int, ends: Ends, stiffness: float, at: float
 ) -> None:
-    layer = Layer(OIL, 0.05, 1e-3, 0.04, 24, ends=ends)
+    layer, evaluate = waved(ends, stiffness)
     rng = np.random.default_rng(seed)
-    evaluate = numbers_of(floated_film(layer, bent, Float(0.012, 3.6e-3, stiffness, edge=4e-3)))
     x = state(layer, np.exp(rng.normal(0, 0.5, 24)), at, rng.normal(0, 0.02))
     ode, rate, *_ = (np.array(value).ravel() for value in evaluate(x))
     work, lost = ode[-2:]

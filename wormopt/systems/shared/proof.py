@@ -129,9 +129,9 @@ def cross_check(
     until, first = None, motion.end
     try:
         if route == "cvodes" and motion.n_steps > _LONG:
-            motion = _begun(again, motion)
-            until, first = motion.end_time, motion.end
-        second, through = _as_far_as_it_goes(again, route, motion, tolerance)
+            begun = _begun(again, motion)
+            until, first = begun.end_time, begun.end
+        second, through = _as_far_as_it_goes(again, route, motion, until, tolerance)
         if not through:  # what was kept of the first is as exact as its interpolation only
             until = second.end_time
             first = again("auto", until, motion.n_steps + motion.n_rejected + 1).end
@@ -179,9 +179,10 @@ def _as_far_as_it_goes(
     again: Callable[[Route, float, int], Trajectory],
     route: Route,
     motion: Trajectory,
+    until: float | None,
     tolerance: Tolerance,
 ) -> tuple[Trajectory, bool]:
-    """The motion by a second route, and whether it was followed to the end.
+    """The motion by a second route until some time, its end if None, and whether it came so far.
 
     Raises SolveError.
     """
@@ -189,14 +190,15 @@ def _as_far_as_it_goes(
     if route in ("python", "radau"):
         most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if route == "python" else 0)
     try:
-        return again(route, motion.end_time, most), True
+        return again(route, motion.end_time if until is None else until, most), True
     except SolveError as error:
         if error.code == "too_many_steps" and route in ("python", "radau"):
             if error.partial and error.partial.end_time > motion.time[0]:
                 return error.partial, False
         # Newton steps may fail where explicit ones go on, and implicit ones pass a layer unseen
         elif route == "radau" or error.code == "layer_not_resolved":
-            return _as_far_as_it_goes(again, "python", replace(motion, n_steps=0), tolerance)
+            short = replace(motion, n_steps=0)
+            return _as_far_as_it_goes(again, "python", short, until, tolerance)
         raise
 
 

@@ -107,7 +107,7 @@ def warnings_of(
         yield f"the float presses the film down by {share:.2g} of its depth"
     if _stiffness(table) > cargo.stiffness:
         yield (
-            "the float counts as rigid: a heap as high as the film is deep would bend it by less than "
-            "a hundredth of the depth, and it is computed as of cargo.modulus = "
+            "the float counts as rigid: a heap as high as the film is deep would bend it by less "
+            "than a hundredth of the depth, and it is computed as of cargo.modulus = "
             f"{12 * cargo.stiffness / table.thickness**3:.2g} Pa"
         )
