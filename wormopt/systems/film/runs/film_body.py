@@ -168,7 +168,7 @@ def _check_weight(scene: Scene[FilmBodyScene], numbers: _Numbers, wave: Wave) ->
     swings = periods * math.sqrt(numbers.weight * bend / numbers.mass)
     if swings <= _MOST_SWINGS:
         return
-    share = _MOST_SWINGS / swings
+    share = 0.95 * _MOST_SWINGS / swings  # what is written has two digits
     fewer = f"write course.periods = {share * periods:.2g} at most"
     key, given = ("course.periods", periods)
     if scene.table.units != "SI":  # there mass and weight grow alike
