@@ -294,9 +294,9 @@ def test_of_a_heavy_float_what_is_written_instead_is_followed(tmp_path: Path) ->
     path.write_text(text + "mass = 0.2\nweight = 1e9\n")
     with pytest.raises(SceneError, match=r"swing some 2e\+06 times .*periods = 0.95 at most"):
         wo.run(path)
-    result = wo.run(load_scene(path, ["course.periods=0.95", "tolerance.recheck=false"]))
+    result = wo.run(load_scene(path, ["body.weight=5.6e5", "tolerance.recheck=false"]))
     assert result.status == "ok"
-    assert result.scalars["speed_max"].value > 1e4  # it swings in the trough
+    assert result.scalars["held"].value  # by the trough
 
 
 def test_a_body_that_would_rise_does_not_lie_on_the_ground(tmp_path: Path) -> None:
