@@ -143,17 +143,20 @@ def test_it_displaces_what_it_weighs(stiffness: float) -> None:
 
 
 @pytest.mark.slow
-def test_menisci_bear_a_part_of_a_stiff_float() -> None:
-    """Weight = rho g d l + 2 gamma tan(slope), the slopes being d over the capillary length."""
-    found = []
-    for edge in (3e-3, 1.5e-3, 0.75e-3):
-        h = settled(Float(0.012, 3.6e-3, 1e-2, edge=edge), OIL, 240)
-        found.append(h[0] - h[120])
-    known = 3.6e-3 * OIL.gravity / (OIL.weight * 0.012 + 2 * (0.03 * OIL.weight) ** 0.5)
-    # ends that fade are held at first order, the more so the shorter they are
-    coarse, fine = ((known - found[k]) / (known - found[k + 1]) for k in (0, 1))
-    assert 0 < 2 - fine < 0.7 * (2 - coarse) < 0.2
-    assert 2 * found[2] - found[1] == pytest.approx(known, rel=0.006)
+@pytest.mark.parametrize("edge", [6e-3, 3e-3, 1.5e-3])
+def test_menisci_bear_a_part_of_a_stiff_float(edge: float) -> None:
+    """Weight = rho g d l + 2 gamma tan(slope), the slopes being d over the capillary length.
+
+    The float is as long as it is held straight: up to where its bending is surface tension's,
+    B A u^9 = gamma (f u)^2 with A = 55.
+    """
+    stiffness, gamma = 1e-2, OIL.surface_tension
+    h = settled(Float(0.012, 3.6e-3, stiffness, edge=edge), OIL, 240)
+    bent = (gamma * edge**2 / (55 * stiffness)) ** (1 / 7)
+    straight = 0.012 + edge * (1 - 2 * bent)
+    known = 3.6e-3 * OIL.gravity / (OIL.weight * straight + 2 * (gamma * OIL.weight) ** 0.5)
+    # the less exact, the longer the way over which it bends
+    assert 0 < 1 - (h[0] - h[120]) / known < 5 * edge
 
 
 def carried(length: float, cells: int, delta: float, end: float) -> tuple[float, float]:
@@ -268,7 +271,7 @@ def test_the_packaged_scene_carries_foam_and_plate(modulus: float) -> None:
     carried = wo.run(load_scene("coil_cargo", [*short, f"cargo.modulus={modulus}"]))
     assert carried.status == "ok", carried.reason
     assert carried.scalars["float_captured"].value == 1.0
-    rigid = any("counts as rigid" in each for each in carried.trust.warnings)
+    rigid = any("counts as rigid" in each for each in carried.trust["warnings"])
     assert rigid == (modulus == 1e9)
 
 
