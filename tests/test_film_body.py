@@ -273,6 +273,9 @@ def test_si_bodies_have_the_numbers_of_their_scales(tmp_path: Path) -> None:
         ('on = "surface"\nmass = 1.0\ndensity = 900.0', "body.density", 'units = "SI"'),
         ('on = "ground"\nmass = 1.0\nfriction_forward = 1.0\nheight = 0.6', "body.height", "0.5"),
         ('on = "ground"\nmass = 1.0\nfriction_forward = 1.0\nweight = 0.6', "body.weight", "leave"),
+        ('on = "surface"\nmass = 0.2\nweight = 1e9', "body.weight", "write 5.6e+05 at most"),
+        ('on = "surface"\nmass = 0.2\nposition = 1e15', "body.position", "write 0"),
+        ('on = "surface"\nmass = 0.2\nposition = -2000001.25', "body.position", "write -0.25"),
     ],
 )
 def test_bad_bodies_are_refused(tmp_path: Path, body: str, key: str, says: str) -> None:
@@ -282,6 +285,18 @@ def test_bad_bodies_are_refused(tmp_path: Path, body: str, key: str, says: str) 
         wo.run(path)
     assert key in str(caught.value)
     assert says in str(caught.value)
+
+
+@pytest.mark.slow
+def test_of_a_heavy_float_what_is_written_instead_is_followed(tmp_path: Path) -> None:
+    path = tmp_path / "heavy.toml"
+    text = 'schema = 1\nkind = "film-body"\n[film]\ndelta = 0.5\n[body]\non = "surface"\n'
+    path.write_text(text + "mass = 0.2\nweight = 1e9\n")
+    with pytest.raises(SceneError, match=r"swing some 2e\+06 times .*periods = 0.95 at most"):
+        wo.run(path)
+    result = wo.run(load_scene(path, ["body.weight=5.6e5", "tolerance.recheck=false"]))
+    assert result.status == "ok"
+    assert result.scalars["held"].value  # by the trough
 
 
 def test_a_body_that_would_rise_does_not_lie_on_the_ground(tmp_path: Path) -> None:

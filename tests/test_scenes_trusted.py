@@ -74,6 +74,32 @@ def test_a_second_route_that_gives_up_makes_the_result_fail(
     assert any("not rechecked" in text for text in result.trust["warnings"])
 
 
+@pytest.mark.parametrize("unseen", [False, True])
+def test_a_long_swing_is_compared_over_its_first_steps(
+    unseen: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """By CVODES, and by steps in Python where that passes a layer unseen."""
+    monkeypatch.setattr(proof, "_LONG", 30)
+    routes: list[Route] = []
+
+    def followed(*given: Any, route: Route, **options: Any) -> Any:
+        routes.append(route)
+        if unseen and route == "cvodes":
+            raise SolveError("velocities pass unseen", code="layer_not_resolved")
+        return simulate(*given, route=route, **options)
+
+    monkeypatch.setattr(proof, "simulate", followed)
+    smooth = ['contact={treatment="smooth", v_reg=0.1}', "want=[]"]
+    result = wo.run(load_scene(write(tmp_path, TRACK), smooth))
+    assert result.status == "ok"
+    second = result.trust["recheck"]
+    assert second["route"] == ("python" if unseen else "cvodes")
+    assert routes == ["auto", "cvodes", *(["python"] if unseen else [])]
+    assert 0 < second["until"] < 2
+    assert second["error"] < 1e-7
+    assert any("was compared at t = " in text for text in result.trust["warnings"])
+
+
 def test_a_check_that_would_take_for_ever_ends_where_it_is_and_still_sees_what_is_wrong(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -31,6 +31,7 @@ from wormopt.model.model import Model, Output, Signal
 from wormopt.systems.coils.layer import Layer, Pull
 
 _STOP = 1e3  # stiffness of the walls, in weights of fluid
+_RIGID = 0.01  # of the depth: a float that a heap of fluid bends by less counts as rigid
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Float:
     length: float  # m
     mass: float  # kg/m
     stiffness: float = 0.0  # in bending, N m
-    edge: float = 0.0  # length over which its ends fade, m; 0: a fifth of its length
+    edge: float = 0.0  # length over which its ends fade, m; 0: two thirds of its length
 
     def __post_init__(self) -> None:
         for name in ("length", "mass"):
@@ -57,24 +58,29 @@ class Float:
     @property
     def fade(self) -> float:
         """Length over which its ends fade, in m."""
-        return self.edge or self.length / 5
+        return self.edge or 2 * self.length / 3
 
-    def coverage(self, layer: Layer, x: Any, X: Any) -> Any:
-        """Share of the surface at places x (m) that a float with its middle at X covers."""
+    def within(self, layer: Layer, x: Any, X: Any) -> Any:
+        """Way from its tip to where it is whole, 0 to 1, at places x (m), its middle at X."""
         away = ca.DM(x) - X
         if layer.ends == "periodic":
             away = away - layer.length * ca.floor(away / layer.length + 0.5)
-        u = ca.fmin(ca.fmax((self.length / 2 - ca.fabs(away)) / self.fade + 0.5, 0), 1)
+        return ca.fmin(ca.fmax((self.length / 2 - ca.fabs(away)) / self.fade + 0.5, 0), 1)
+
+    def coverage(self, layer: Layer, x: Any, X: Any) -> Any:
+        """Share of the surface at places x (m) that a float with its middle at X covers."""
+        u = self.within(layer, x, X)
         return u**3 * (10 - 15 * u + 6 * u * u)
 
     def energy(self, layer: Layer, h: ca.SX, X: ca.SX) -> ca.SX:
         """Energy of its weight, bending, and of walls that stop it, in J per metre across."""
         covered = self.coverage(layer, layer.places, X)
+        stiffness = self.stiffness * _tapered(self.within(layer, layer.places, X))
         left, right = layer.beside(h)
         bend = (right - 2 * h + left) / layer.step**2
         load = self.mass / self.length * layer.fluid.gravity
-        stored = load * (h - layer.depth) + self.stiffness * bend * bend / 2
-        return layer.step * ca.sum1(covered * stored) + self.stopped(layer, X)
+        stored = load * covered * (h - layer.depth) + stiffness * bend * bend / 2
+        return layer.step * ca.sum1(stored) + self.stopped(layer, X)
 
     def stopped(self, layer: Layer, X: ca.SX) -> Any:
         """Energy of stiff walls that stop it, in J per metre across."""
@@ -179,6 +185,20 @@ def _energy(
     found = ca.Function("energy", [h, X], [energy, ca.gradient(energy, h), ca.gradient(energy, X)])
     values: Any = found(thickness, position)
     return values
+
+
+def _tapered(u: Any) -> Any:
+    """Share of the stiffness at a way 0 to 1 from the tip on, up to which B u⁹ is a knife's edge.
+
+    The surface kinks where a stiff float ends to be so, at about B u⁹ = gamma (f u)². Few powers,
+    and few shares that begin as gently, spread that kink over more of the end f.
+    """
+    return u**9 * (55 - 99 * u + 45 * u * u)
+
+
+def rigid(layer: Layer, length: float) -> float:
+    """Stiffness in N m from which on a float bends by next to nothing, borne at its ends."""
+    return 5 / 384 * _heap(layer, length) * length**4 / (_RIGID * layer.depth)
 
 
 def _heap(layer: Layer, length: float) -> float:

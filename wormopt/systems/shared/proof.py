@@ -37,6 +37,9 @@ _MORE_STEPS = 100
 # A step in Python costs a thousand compiled ones: so many are spent on a check, and of more than so
 # many a motion is stiff, or goes through so many events that a part of it has to do.
 _SPENT_IN_PYTHON, _STIFF = 10_000, 10_000
+# Implicit steps of order 5 are some forty times as many where a motion swings: of one that took
+# more than so many, its first so many have to do.
+_LONG = 30_000
 
 
 @dataclass(frozen=True)
@@ -125,16 +128,31 @@ def cross_check(
 
     until, first = None, motion.end
     try:
-        second, through = _as_far_as_it_goes(again, route, motion, tolerance)
+        if route == "cvodes" and motion.n_steps > _LONG:
+            begun = _begun(again, motion)
+            until, first = begun.end_time, begun.end
+        second, through = _as_far_as_it_goes(again, route, motion, until, tolerance)
         if not through:  # what was kept of the first is as exact as its interpolation only
             until = second.end_time
             first = again("auto", until, motion.n_steps + motion.n_rejected + 1).end
     except SolveError as error:
         return CrossCheck(label, None, accepted, shared, error.reason)
+    if route == "cvodes" and second.route == "python":
+        label, shared = "python", _SHARED["python"]
     sizes = nominal_of(model.x)
     size = np.maximum(sizes, np.abs(second.end))
     error = np.max(np.abs(first[: model.n_x] - second.end) / size)
     return CrossCheck(label, float(error), accepted, shared, until=until)
+
+
+def _begun(again: Callable[[Route, float, int], Trajectory], motion: Trajectory) -> Trajectory:
+    """The first `_LONG` steps of a motion."""
+    try:
+        return again("auto", motion.end_time, _LONG)
+    except SolveError as error:
+        if error.code != "too_many_steps" or error.partial is None:
+            raise
+        return error.partial
 
 
 def _without_events(
@@ -161,9 +179,10 @@ def _as_far_as_it_goes(
     again: Callable[[Route, float, int], Trajectory],
     route: Route,
     motion: Trajectory,
+    until: float | None,
     tolerance: Tolerance,
 ) -> tuple[Trajectory, bool]:
-    """The motion by a second route, and whether it was followed to the end.
+    """The motion by a second route until some time, its end if None, and whether it came so far.
 
     Raises SolveError.
     """
@@ -171,13 +190,15 @@ def _as_far_as_it_goes(
     if route in ("python", "radau"):
         most = max(_SPENT_IN_PYTHON, 2 * motion.n_steps if route == "python" else 0)
     try:
-        return again(route, motion.end_time, most), True
+        return again(route, motion.end_time if until is None else until, most), True
     except SolveError as error:
         if error.code == "too_many_steps" and route in ("python", "radau"):
             if error.partial and error.partial.end_time > motion.time[0]:
                 return error.partial, False
-        elif route == "radau":  # its Newton steps may fail where explicit ones go on
-            return _as_far_as_it_goes(again, "python", replace(motion, n_steps=0), tolerance)
+        # Newton steps may fail where explicit ones go on, and implicit ones pass a layer unseen
+        elif route == "radau" or error.code == "layer_not_resolved":
+            short = replace(motion, n_steps=0)
+            return _as_far_as_it_goes(again, "python", short, until, tolerance)
         raise
 
 

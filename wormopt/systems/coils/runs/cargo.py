@@ -9,7 +9,7 @@ import numpy as np
 
 from wormopt.result import Check
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.coils.cargo import Float
+from wormopt.systems.coils.cargo import Float, rigid
 from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.scenes.coil_film import CargoTable, CoilFilmScene, CoilFilmTable
 
@@ -20,16 +20,18 @@ _AFLOAT = 0.01  # of the depth
 _HEAVY = 0.5  # draught over depth from which on it is told
 
 
-def float_of(table: CargoTable | None) -> Float | None:
-    """Make the float of a scene."""
-    if table is None:
-        return None
+def float_of(table: CargoTable, layer: Layer) -> Float:
+    """Make the float of a scene, no stiffer than what counts as rigid."""
     return Float(
         table.length,
         table.density * table.thickness * table.length,
-        table.modulus * table.thickness**3 / 12,
+        min(_stiffness(table), rigid(layer, table.length)),
         table.edge or 0.0,
     )
+
+
+def _stiffness(table: CargoTable) -> float:
+    return table.modulus * table.thickness**3 / 12
 
 
 def scalars_of(layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory) -> dict[str, Any]:
@@ -37,7 +39,7 @@ def scalars_of(layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory
     X, h = motion["position"][0], motion["thickness"]
     work, lost, energy = (motion[name][0] for name in ("field_work", "dissipated", "energy"))
     push, pressed, shear = (motion[name][0] for name in ("push", "pressed", "shear"))
-    below = np.abs(layer.places[:, None] - X) <= (cargo.length - cargo.fade) / 2
+    below = np.abs(layer.places[:, None] - X) <= max(cargo.length, 1.01 * layer.step) / 2
     # nothing moves yet at time 0
     forces = max(float(np.abs(push).max() + np.abs(shear).max()), 1e-300)
     gap = np.abs(energy - energy[0] - work + lost)
@@ -92,7 +94,9 @@ def checks_of(scalars: dict[str, Any], cargo: Float, layer: Layer) -> Iterator[C
     )  # fmt: skip
 
 
-def warnings_of(film: CoilFilmTable, scalars: dict[str, Any]) -> Iterator[str]:
+def warnings_of(
+    table: CargoTable, film: CoilFilmTable, cargo: Float, scalars: dict[str, Any]
+) -> Iterator[str]:
     """What is assumed of a float, and near its limits."""
     yield (
         "the float spans the trough from side to side, lies on the film with all of its underside, "
@@ -101,3 +105,9 @@ def warnings_of(film: CoilFilmTable, scalars: dict[str, Any]) -> Iterator[str]:
     share = scalars["draught"] / film.depth
     if share > _HEAVY:
         yield f"the float presses the film down by {share:.2g} of its depth"
+    if _stiffness(table) > cargo.stiffness:
+        yield (
+            "the float counts as rigid: a heap as high as the film is deep would bend it by less "
+            "than a hundredth of the depth, and it is computed as of cargo.modulus = "
+            f"{12 * cargo.stiffness / table.thickness**3:.2g} Pa"
+        )

@@ -16,6 +16,7 @@ from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.design.pattern import Copper, Pattern
 from wormopt.systems.coils.design.recheck import travel_by_radau
 from wormopt.systems.coils.design.rides import Rides
@@ -85,7 +86,7 @@ def run(scene: Scene[CoilDesignScene], report: Report) -> Result:
         _variables(task, contest, found.motions),
         checks=[*_checks(task, scalars, off), *cargo.checks_of(scalars, body, layer)],
         facts=_facts(contest, task),
-        warnings=_warnings(table, scalars, contest),
+        warnings=_warnings(table, body, scalars, contest),
         timings={"search": searched - begin, "recheck": done - searched},
         attributes={"float": {"length": table.cargo.length, "thickness": table.cargo.thickness}},
     )
@@ -139,11 +140,12 @@ def _off(
 def task_of(scene: Scene[CoilDesignScene]) -> Task:
     """Make the task of a scene, on the grid of its search."""
     table = scene.table
-    row, body = row_of(table.coils), cargo.float_of(table.cargo)
-    assert body is not None
+    row = row_of(table.coils)
+    layer = layer_of(table, row, table.search.cells)
+    body = cargo.float_of(table.cargo, layer)
     low, high = table.pattern.rate
     rides = Rides(
-        layer_of(table, row, table.search.cells), row, table.film.ground,
+        layer, row, table.film.ground,
         table.film.top * table.film.depth, table.film.own_field, body, table.cargo.start,
         table.course.time,
     )  # fmt: skip
@@ -328,14 +330,16 @@ def _facts(contest: Contest, task: Task) -> dict[str, Any]:
     }
 
 
-def _warnings(table: CoilDesignScene, scalars: dict[str, Any], contest: Contest) -> Iterator[str]:
+def _warnings(
+    table: CoilDesignScene, body: Float, scalars: dict[str, Any], contest: Contest
+) -> Iterator[str]:
     yield "the optimum is local: better currents may exist"
     yield (
         f"power is that of the wire alone, with assumed resistivity {table.copper.resistivity:g} "
         f"ohm m and fill {table.copper.fill:g}"
     )
     yield from warnings_of_coils(table.coils, scalars["currents_max"])
-    yield from cargo.warnings_of(table.film, scalars)
+    yield from cargo.warnings_of(table.cargo, table.film, body, scalars)
     wall = (table.coils.count - 1) * table.coils.pitch + table.film.overhang
     if table.cargo.start + scalars["float_travel"] > wall - table.cargo.length:
         yield "the float comes near to the wall, which stops it: write more coils, or less time"

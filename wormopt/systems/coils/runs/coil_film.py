@@ -125,11 +125,11 @@ def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
         "volume_error": found["volume"],
     }
     checks, warnings = list(_checks(found, scalars, setup)), list(_warnings(table, scalars))
-    if setup.cargo:
+    if setup.cargo and table.cargo:
         scalars |= cargo.scalars_of(setup.layer, setup.cargo, motion, rough)
         scalars["float_captured"] = cargo.captured(table, motion["position"][0])
         checks += cargo.checks_of(scalars, setup.cargo, setup.layer)
-        warnings += cargo.warnings_of(table.film, scalars)
+        warnings += cargo.warnings_of(table.cargo, table.film, setup.cargo, scalars)
     return conclude(
         scene,
         scalars,
@@ -210,7 +210,7 @@ def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
     times = np.linspace(0, end, steps * table.course.samples + 1)
     top = film.top * film.depth
     start = table.cargo.start if table.cargo else 0.0
-    body = cargo.float_of(table.cargo)
+    body = cargo.float_of(table.cargo, layer) if table.cargo else None
     return Setup(layer, row, course, film.ground, top, film.own_field, body, start, end, times)
 
 
@@ -255,7 +255,7 @@ def _left_out(setup: Setup, h: np.ndarray, inside: tuple[np.ndarray, np.ndarray]
     taken = field_stiffness(fluid, h.max(), waves, across)
     added = -field_stiffness(fluid, h.min(), waves, 0.0, along)
     restoring = fluid.weight + fluid.surface_tension * waves**2
-    return float(np.max(np.maximum(taken, added) / restoring))
+    return abs(float(np.max(np.maximum(taken, added) / restoring)))  # 0.0, not -0.0, of none
 
 
 def _normal_field_number(setup: Setup, field: RowField) -> float:

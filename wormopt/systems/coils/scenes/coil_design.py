@@ -208,4 +208,4 @@ class CoilDesignScene(SIScene, frozen=True, kw_only=True):
         if coil_faults:
             return
         yield from self.film.faults(self.coils)
-        yield from self.cargo.faults(self.coils, self.film, self.fluid)
+        yield from self.cargo.faults(self.coils, self.film, self.fluid, self.gravity)

@@ -75,7 +75,9 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
 class CargoTable(Table, frozen=True, kw_only=True):
     """A float on the film, as wide as the trough: a plate of one material, that does not magnetise.
 
-    Refused: a start where the float is not between the walls, next to no mass.
+    Its stiffness tapers to its tips, half of `edge` beyond `length` on each side. Plates that bend
+    by next to nothing count as rigid alike. Refused: a start where the float is not between the
+    walls, next to no mass, more than any film bears.
     """
 
     length: Annotated[Positive, says("length", "along the row")]
@@ -87,11 +89,23 @@ class CargoTable(Table, frozen=True, kw_only=True):
     start: Annotated[Finite, says("length", "place of its middle, the first coil being at 0")] = 0.0
     edge: Annotated[
         Positive | None,
-        says("length", "over which its ends fade, assumed; a fifth of its length by default"),
+        says("length", "over which its ends fade, assumed; two thirds of its length by default"),
     ] = None
 
-    def faults(self, coils: CoilsTable, film: CoilFilmTable, fluid: FluidTable) -> Iterator[Fault]:
-        """Yield faults of a float that does not lie on the film, has no mass, or too long ends."""
+    def faults(
+        self, coils: CoilsTable, film: CoilFilmTable, fluid: FluidTable, gravity: float
+    ) -> Iterator[Fault]:
+        """Yield faults of a float that the film does not bear, has no mass, or too long ends."""
+        # what it displaces at the most, and the pull of upright menisci at its ends
+        borne = fluid.density * film.top * film.depth
+        borne += 2 * fluid.surface_tension / (gravity * self.length)
+        if self.density * self.thickness > borne:
+            yield (
+                "cargo.thickness",
+                f"{self.thickness:g}: so heavy a float lies on the ground, however the film rises "
+                f"beside it (to film.top times film.depth); write {borne / self.density:.2g} at "
+                "most, or a smaller cargo.density",
+            )
         lightest = _LIGHTEST * fluid.density * film.depth / self.thickness
         if self.density < lightest:
             yield (
@@ -223,6 +237,6 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         if not coil_faults:
             yield from self.film.faults(self.coils)
             if self.cargo:
-                yield from self.cargo.faults(self.coils, self.film, self.fluid)
+                yield from self.cargo.faults(self.coils, self.film, self.fluid, self.gravity)
         if self.cargo is None and "cargo" in self.want:
             yield "want", 'the picture "cargo" needs a float: write a table [cargo]'

@@ -23,7 +23,7 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
 from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
 from wormopt.systems.film.scenes.film_body import FilmBodyScene
-from wormopt.systems.film.shapes import grid
+from wormopt.systems.film.shapes import Wave, grid
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check, warnings_of_motion
 from wormopt.systems.shared.settings import tolerance_of
@@ -33,6 +33,7 @@ _TURN = 2 * math.pi
 _PERIODS, _PHASES, _SAMPLES = 40.0, 1 << 16, 2001
 # Velocities this near to the wave's are held by it; two turns this near to each other settled.
 _HELD, _SETTLED = 1e-6, 1e-5
+_MOST_SWINGS = 5e4  # of a float in a trough, without the fluid's drag: some minutes
 _DRAUGHT = 0.1  # above this share of the thickness a float is not told to leave the film alone
 
 
@@ -151,12 +152,30 @@ def _body(
     table = scene.table
     wave, length = wave_of(scene, table.film), _TURN * table.body.length
     if table.body.on == "surface":
+        _check_weight(scene, numbers, wave)
         return HeavyFloat(wave, length, numbers.weight)
     tension = fluid.tension if fluid else table.film.tension or 0.0
     try:
         return LyingBody(wave, table.body.height, length, tension)
     except ArgumentError as error:
         raise SceneError(scene.name, [("body.height", str(error))]) from None
+
+
+def _check_weight(scene: Scene[FilmBodyScene], numbers: _Numbers, wave: Wave) -> None:
+    """Refuse a float that swings in a trough more often than can be followed."""
+    bend = float(np.abs(wave.height(grid(4096), 2)).max())
+    periods = scene.table.course.periods or _PERIODS
+    swings = periods * math.sqrt(numbers.weight * bend / numbers.mass)
+    if swings <= _MOST_SWINGS:
+        return
+    share = 0.95 * _MOST_SWINGS / swings  # what is written has two digits
+    fewer = f"write course.periods = {share * periods:.2g} at most"
+    key, given = ("course.periods", periods)
+    if scene.table.units != "SI":  # there mass and weight grow alike
+        key, given = "body.weight", numbers.weight
+        fewer = f"write {share**2 * given:.2g} at most, or {fewer.removeprefix('write ')}"
+    message = f"{given:g}: the float would swing some {swings:.1g} times in a trough, more often "
+    raise SceneError(scene.name, [(key, message + f"than can be followed; {fewer}")])
 
 
 # -- what is told ----------------------------------------------------------------------------------

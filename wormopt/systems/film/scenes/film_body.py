@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -17,6 +18,7 @@ from wormopt.systems.film.scenes.film import FilmTable, Length, RideTable
 _GROUND = ("friction_forward", "friction_backward", "friction_coefficient")
 _SCALED = ("mass", "weight", "friction_forward", "friction_backward")
 _SI = ("density", "friction_coefficient")
+_FARTHEST = 1e6  # wavelengths: further away, phases have no more than nine digits
 
 
 class BodyTable(Table, frozen=True, kw_only=True):
@@ -70,6 +72,12 @@ class BodyTable(Table, frozen=True, kw_only=True):
         for name in needed:
             if name not in given:
                 yield f"body.{name}", "missing"
+        if abs(self.position) > _FARTHEST:
+            yield (
+                "body.position",
+                f"{self.position:g} wavelengths away no digits are left for the phase; every "
+                f"wavelength is alike: write {math.fmod(self.position, 1.0):g}",
+            )
         if units == "SI" and not self.height:
             yield "body.height", "must be above 0: density times height is the mass"
         if fluid_density is not None and self.density is not None:
