@@ -189,7 +189,7 @@ def _let_go(
 def _followed(dice: Dice) -> Judged:
     """Floats, from such that follow the fluid at once to such that hardly follow."""
     s, length = _surface(dice, float(dice.uniform(0.15, 0.9))), _length(dice)
-    weight, mass = spread(dice, 1e-3, 1.0), spread(dice, 1e-3, 1e3)
+    weight, mass = spread(dice, 1e-3, 1e2), spread(dice, 1e-4, 1e4)
     push, drag = _float_forces(s, length, weight, 6)
     span = float(dice.uniform(5.0, 15.0))
     motion = simulate(carried_body(HeavyFloat(s.wave, length, weight), mass=mass), span)
@@ -203,7 +203,7 @@ def _sticking(dice: Dice) -> Judged:
     """Plates that the ground holds for a part of the time, for all of it, or hardly at all."""
     thinnest = float(dice.uniform(0.2, 0.9))
     s, length = _surface(dice, thinnest), _length(dice)
-    height, mass = thinnest * float(dice.choice([0.0, 0.3, 0.6])), spread(dice, 1e-2, 1e2)
+    height, mass = thinnest * float(dice.choice([0.0, 0.3, 0.6])), spread(dice, 1e-3, 1e3)
     push, drag = _plate_forces(s, height, length, 0.0, 6)
     largest = max(abs(push(xi)) for xi in np.linspace(0, _TURN, 41))
     ahead, behind = (largest * spread(dice, 1e-2, 1.2) for _ in range(2))
