@@ -7,6 +7,8 @@ strokes that go round evenly, none of which may be better.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -23,6 +25,8 @@ from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 _STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 _NONE = (0.0, 0.0)
+
+Course = Callable[[float], tuple[np.ndarray, np.ndarray]]
 
 
 def _connected(
@@ -63,7 +67,8 @@ def _curvature(dice: Dice) -> Judged:
     heading: Heading = ("bisector", "front", "rear")[int(dice.integers(3))]
     lengths = tuple(dice.uniform(0.3, 2.0, n).tolist())
     rods = (1.0, spread(dice, 1.01, 1e4))
-    masses = (spread(dice, 1e-2, 1e2),) * 2 if dice.random() < 0.3 else _NONE
+    each = spread(dice, 1e-2, 1e2) if dice.random() < 0.3 else 0.0
+    masses = (each, each)
     s = dice.uniform(-1, 1, n - 1) * spread(dice, 1e-2, 2.5)
     body = Swimmer(chain_shape(n, lengths=lengths, heading=heading), rods, masses)
     known, A = _curved(Chain(n, lengths, heading), rods, masses, s)
@@ -88,7 +93,7 @@ def _heights(dice: Dice) -> Judged:
 
 
 def _followed(
-    chain: Chain, rods: tuple[float, float], stroke, breaks: np.ndarray
+    chain: Chain, rods: tuple[float, float], stroke: Course, breaks: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """Displacement and work of a stroke in unit time."""
 
@@ -100,7 +105,7 @@ def _followed(
         return np.array([c * v - n * w, n * v + c * w, turn, ds @ G @ ds])
 
     y = np.zeros(4)
-    for a, b in zip(breaks[:-1], breaks[1:], strict=True):
+    for a, b in pairwise(breaks):
         y = solve_ivp(rates, (a, b * (1 - 1e-13)), y, rtol=1e-7, atol=1e-9).y[:, -1]
     return y[:3], float(y[3])
 
@@ -138,7 +143,7 @@ def _best(dice: Dice) -> Judged:
             )
 
         pose, work = _followed(chain, rods, even, np.linspace(0, 1, 3))
-        yield "beaten", above(drag * (pose[:2] @ pose[:2]) / work, found.value, 1e-4)
+        yield "beaten", above(drag * float(pose[:2] @ pose[:2]) / work, found.value, 1e-4)
 
 
 def _no_stroke(dice: Dice) -> Judged:
