@@ -15,7 +15,7 @@ from wormopt.simulation.simulate import simulate
 
 _MEMBERS, _FEW = 200, 32
 _SPAN, _SMOOTH = 10.0, Smooth(1 / 40)
-_TOLERANCES = (1e-5, 1e-7, 1e-9, 1e-11)
+_TOLERANCES = (1e-5, 1e-7, 1e-9, 1e-10, 1e-11)
 
 
 def task(_name: str, quick: bool) -> Task:
