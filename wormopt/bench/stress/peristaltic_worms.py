@@ -186,7 +186,7 @@ def _in_tubes(dice: Dice) -> Judged:
     """Accelerations of rings, and what holds them, in any state: the wall by virtual work."""
     worm = _worm(dice, 6)
     n, s = len(worm.mass), worm.segment
-    tube = Tube(s.radius * (1 + spread(dice, 1e-4, 0.5)), spread(dice, 1e-2, 2.0))
+    tube = Tube(s.radius * (1 + spread(dice, 1e-5, 0.05)), spread(dice, 1e-2, 2.0))
     k = spread(dice, 1e-2, 1e4) * worm.pressure / s.radius
     anchoring = "mid" if dice.random() < 0.5 else "clamp"
     model = peristaltic_worm(worm.body, Bed(tube, k), anchoring)
