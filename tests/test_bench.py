@@ -16,6 +16,7 @@ from wormopt.bench import CASES, LADDERS, run, sweeps, work_precision
 from wormopt.bench.cases import GOAL, WORK_PRECISION, mag2_plant, track
 from wormopt.bench.driven_chain import DrivenChain, Grip, linear_flow
 from wormopt.bench.integrators import Regularised, event_loop
+from wormopt.bench.ladder import task_of
 from wormopt.bench.ocp import PEERS, even, measure_ocp
 from wormopt.bench.peers import (
     SOLVERS,
@@ -25,7 +26,6 @@ from wormopt.bench.peers import (
     track_rates,
     track_traced,
 )
-from wormopt.bench.ladder import task_of
 from wormopt.bench.planar_tasks import TASKS
 from wormopt.bench.sweeps import long_chain
 from wormopt.bench.work_precision import Effort, Point, Record, measure, time_at

@@ -120,10 +120,10 @@ def measured(name: str, quick: bool, report: Report) -> Iterator[Found]:
             continue
         memory = None
         for n, setting in enumerate(settings[: 3 if quick else None]):
-            row = _Row(solver, setting, run, memory)
             try:
                 if n == 0:  # compiles
                     _, memory = growth(partial(run, setting))
+                row = _Row(solver, setting, run, memory)
                 slow = row.ask(task) > (0.5 if quick else _SLOW)
             except Exception as error:
                 missing.append(f"{solver} failed at {setting:.0e}: {why(error)[:150]}")
