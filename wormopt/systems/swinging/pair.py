@@ -85,7 +85,7 @@ def pair_problem(table: PairTable) -> Problem:
             Constraint("stroke", ends.end[1] - ends.end[0], size, size, size),
             Constraint("rest at the end", ends.end[3], 0.0, 0.0, model.x[1].nominal),
         ],
-        design=[Signal("mass_ratio", ratio, "share", high, low, high)],
+        design=[Signal("mass_ratio", ratio, "share", math.sqrt(low * high), low, high)],
         nominal=advance(table, high) / slow,
     )
 
