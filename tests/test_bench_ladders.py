@@ -170,8 +170,8 @@ def test_one_page_shows_every_case_of_a_folder(tmp_path: Path, monkeypatch: Any,
 def test_what_is_no_version_is_refused(tmp_path: Path, capsys: Any):
     with pytest.raises(ArgumentError, match="neither a checkout"):
         against.installed(str(tmp_path / "no.whl"), tmp_path / "older")
-    assert cli.main(["bench", "film", "--against", str(ROOT)]) == 2
-    assert "film: not to be run by turns; there are track13" in capsys.readouterr().err
+    assert cli.main(["bench", "smoothing", "--against", str(ROOT)]) == 2
+    assert "smoothing: not to be run by turns; there are track13" in capsys.readouterr().err
 
 
 def test_a_checkout_is_taken_as_it_is(tmp_path: Path):

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 from wormopt import progress
+from wormopt.__main__ import start
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError, SolveError, interruptible
 from wormopt.kinds import KINDS
@@ -578,3 +579,18 @@ def test_the_report_is_readable(
         "              line of sixty characters",
         "            another",
     ]
+
+
+def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: pytest.MonkeyPatch):
+    names = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    monkeypatch.setattr("wormopt.cli.main", lambda: 7)
+    for name in (*names, "OMP_NUM_THREADS"):
+        monkeypatch.setenv(name, "")  # so that it is as before afterwards
+        monkeypatch.delenv(name)
+    assert start() == 7
+    assert [os.environ[name] for name in names] == ["1", "1"]
+    monkeypatch.delenv(names[0])
+    monkeypatch.setenv(names[1], "5")
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    start()
+    assert [os.environ[name] for name in names] == ["3", "5"]

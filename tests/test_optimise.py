@@ -25,6 +25,9 @@ from wormopt.ocp.switching import optimise_switching_times
 from wormopt.simulation.options import Smooth
 from wormopt.systems.block.block import block
 from wormopt.systems.shared.optimum import cross_check, modes_of, replay
+from wormopt.systems.swinging.capsule import capsule_guess, capsule_problem
+from wormopt.systems.swinging.pair import pair_guess, pair_problem
+from wormopt.systems.swinging.scenes.internal_mass import CapsuleTable, PairTable
 
 SLIDE = math.sqrt(1.5)
 BACK = 0.25 + math.sqrt(0.3)
@@ -416,3 +419,83 @@ def test_arguments_that_cannot_be_used_are_named():
         optimise(problem, mesh, RELAXED, Guess(1.0, lambda t: t[None]))
     with pytest.raises(ArgumentError, match="upper has 3 entries for an expression of 2"):
         Constraint("end", problem.ends.end, upper=[1.0, 2.0, 3.0])
+
+
+# -- sizes far from 1 -----------------------------------------------------------------------------
+
+
+def inner(share: float, friction: float, stroke: float) -> Optimum:
+    table = CapsuleTable(share=share, friction=friction, stroke=stroke)
+    modes = FixedModes(ModeSequence(((-1,), (1,))))
+    mesh = Mesh.even(2, 1, Collocation(2))
+    guess = capsule_guess(table)
+    return optimise(capsule_problem(table), mesh, modes, guess, solver=Ipopt(tolerance=1e-10))
+
+
+@pytest.mark.parametrize(
+    ("share", "friction", "stroke"),
+    [
+        # the same to fewer digits was solved before
+        (0.3738213452815681, 0.004075242831634567, 0.17501499268395324),
+        (0.02, 1e-3, 1e-3),
+        (0.98, 1e3, 1e3),
+        (0.5, 1e3, 1e-3),
+    ],
+)
+def test_the_fastest_capsule_in_any_sizes(share: float, friction: float, stroke: float):
+    """To and fro take sqrt(share stroke / friction) each; the first was told as solved at 1/530."""
+    found = inner(share, friction, stroke)
+    assert -found.objective == pytest.approx(math.sqrt(share * friction * stroke) / 2, rel=1e-8)
+    assert found.gain <= 1e-6 * abs(found.objective)
+    assert found.levels[-1].objective == found.objective
+
+
+@pytest.mark.parametrize(
+    ("mass", "ratio", "friction", "gravity", "stroke"),
+    [
+        (
+            0.02148204480622657,
+            0.0034295940717599996,
+            420.90847674846276,
+            0.07475187098156333,
+            0.0032031663368967643,
+        ),
+        (0.0144, 0.0122, 0.00921, 0.001004, 0.0199),
+        (
+            0.39697361430703537,
+            0.05246236133501573,
+            0.003265088842593969,
+            0.02635500115456286,
+            64.21652362419843,
+        ),
+    ],
+)
+def test_the_fastest_pair_in_any_sizes(
+    mass: float, ratio: float, friction: float, gravity: float, stroke: float
+):
+    """The small mass gets faster and slower as the friction of the big one lets it."""
+    table = PairTable(mass=mass, ratio=ratio, friction=friction, gravity=gravity, stroke=stroke)
+    modes = FixedModes(ModeSequence(((0, 1), (0, 1))))
+    mesh, solver = Mesh.even(2, 1, Collocation(2)), Ipopt(tolerance=1e-10)
+    found = optimise(pair_problem(table), mesh, modes, pair_guess(table), solver=solver)
+    ahead, back = (friction * gravity * (1 / ratio + sign) for sign in (-1, 1))
+    time = math.sqrt(2 * stroke * (1 / ahead + 1 / back))
+    assert -found.objective == pytest.approx(stroke * ratio / (1 + ratio) / time, rel=1e-8)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e6])
+def test_the_nominal_size_of_an_objective_scales_and_does_not_change_it(size: float):
+    cart = block(Coulomb(1.0, 2.0), force=3.0)
+    ends = Ends.of(cart)
+    problem = Problem(
+        cart, ends, size * ends.duration, (0.1, 10.0), nominal=size,
+        boundary_constraints=[
+            Constraint("start", ends.start, 0, 0), Constraint("end", ends.end, [1, 0], [1, 0]),
+        ],
+    )  # fmt: skip
+    guess = Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    slides = FixedModes(ModeSequence(((1,), (1,))))
+    found = optimise(problem, Mesh.even(2, 1, Collocation(2)), slides, guess)
+    assert found.objective == pytest.approx(size * math.sqrt(1.5), rel=1e-9)
+    with pytest.raises(ValueError, match="nominal must be positive"):
+        replace(problem, nominal=0.0)

@@ -272,3 +272,74 @@ def test_vibrations_that_rounding_hides_are_not_told_as_rigid():
     held["along"] = list(range(stiff.count))
     modes = vibration_modes(channel_rod(stiff, 11e-3, 0.5), held, rigid=0)
     assert 0 < modes.rounding < 1e-3 * modes.frequencies[0]
+
+
+# -- many places ----------------------------------------------------------------------------------
+
+MANY = 400
+
+
+def chain(stretch: Callable[[ca.SX], ca.SX], spring: float = 1.0, mass: float = 1.0) -> Model:
+    """Equal masses in a row; the last one's may differ, and all springs' stiffness."""
+    q, v = ca.SX.sym("q", MANY), ca.SX.sym("v", MANY)
+    masses = ca.vertcat(ca.DM.ones(MANY - 1), mass)
+    stored = spring * ca.sumsqr(stretch(q)) / 2
+    energies = [
+        Output("strain_energy", stored),
+        Output("kinetic_energy", ca.dot(masses, v * v) / 2),
+    ]
+    states = [Signal("place", q, value=0.0), Signal("rate", v, value=0.0)]
+    return Model("chain", states, ca.vertcat(v, -ca.gradient(stored, q)), outputs=energies)
+
+
+def row(q: ca.SX) -> ca.SX:
+    """The first mass is tied to a wall."""
+    return q - ca.vertcat(0, q[:-1])
+
+
+def ring(q: ca.SX) -> ca.SX:
+    return q - ca.vertcat(q[-1], q[:-1])
+
+
+def known_ring(count: int) -> np.ndarray:
+    """All but one of a ring's vibrations come in pairs, of one frequency."""
+    waves = (np.arange(count) + 1) // 2
+    return 2 * np.sin(math.pi * waves / MANY) / (2 * math.pi)
+
+
+def test_the_slow_vibrations_of_many_masses():
+    odd = 2 * np.arange(6) + 1
+    known = 2 * np.sin(math.pi * odd / (2 * (2 * MANY + 1))) / (2 * math.pi)
+    modes = vibration_modes(chain(row), count=6, rigid=0)
+    assert modes.frequencies == pytest.approx(known, rel=1e-9)
+    assert modes.residual < 1e-14
+    at = np.arange(1, MANY + 1)
+    sine = np.sin(math.pi * odd[:, None] * at / (2 * MANY + 1))
+    shapes = np.abs(sine @ modes.shapes["place"]) / np.linalg.norm(sine, axis=1)[:, None]
+    assert shapes == pytest.approx(np.eye(6), abs=1e-8)
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 11, 30])
+def test_of_equal_frequencies_none_is_passed_by(count: int):
+    model = chain(ring)
+    modes = vibration_modes(model, count=count, rigid=1)
+    assert modes.frequencies == pytest.approx(known_ring(count), rel=1e-9)
+    shapes = modes.shapes["place"]
+    assert shapes.T @ shapes == pytest.approx(np.eye(count), abs=1e-8)
+
+
+def test_many_places_one_without_mass_or_springs_that_push():
+    with pytest.raises(ArgumentError, match="no mass"):
+        vibration_modes(chain(row, mass=0.0))
+    with pytest.raises(ArgumentError, match="not stable"):
+        vibration_modes(chain(row, spring=-1.0))
+
+
+def test_a_model_may_be_asked_again_about_another_state():
+    q, v = ca.SX.sym("q", 2), ca.SX.sym("v", 2)
+    energies = [Output("strain_energy", -ca.sum1(ca.cos(q))), Output("kinetic_energy", v.T @ v / 2)]
+    states = [Signal("angle", q, value=0.0), Signal("rate", v, value=0.0)]
+    model = Model("pendulums", states, ca.vertcat(v, -ca.sin(q)), outputs=energies)
+    for angle in (0.0, 1.0):
+        found = vibration_modes(model, x0={"angle": [angle, 0.0]}).frequencies
+        assert found == pytest.approx(np.sqrt([math.cos(angle), 1.0]) / (2 * math.pi))

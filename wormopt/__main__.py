@@ -1,16 +1,18 @@
 """``wormopt`` and ``python -m wormopt``."""
 
-import gc
+import os
 import sys
 
-# Commands make few cycles of objects and end soon: to look for them as often as Python does by
-# itself is a twentieth of a short run.
-_OBJECTS_BETWEEN_LOOKS = 50_000
+# Matrices here are small, and work goes side by side in processes: threads of the libraries of
+# linear algebra would wait for each other, on a busy machine for a hundred times as long as the
+# work takes. Who wants them says so.
+_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def start() -> int:
     """Run the command line of the process; also while it is loaded, Ctrl-C is no error."""
-    gc.set_threshold(_OBJECTS_BETWEEN_LOOKS)
+    for name in _THREADS:
+        os.environ.setdefault(name, os.environ.get("OMP_NUM_THREADS", "1"))
     try:
         from wormopt.cli import main
 

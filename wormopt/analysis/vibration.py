@@ -4,18 +4,27 @@ The elastic energy's second derivatives by the places are the stiffness K, the k
 the rates the mass M; frequencies are square roots of the eigenvalues of K s = w² M s. Neither
 damping nor loads nor friction take part: what a wall does is told by coordinates that are held.
 
-Source: L. Meirovitch, Fundamentals of Vibrations (2001), chapter 7.
+Of many places only those near to each other act on each other, and few vibrations are asked for:
+they are found by Lanczos' method of (K + shift M)^-1 M, and counted by the signs of pivots.
+
+Sources: L. Meirovitch, Fundamentals of Vibrations (2001), chapter 7; R. G. Grimes, J. G. Lewis and
+H. D. Simon, SIAM J. Matrix Anal. Appl. 15 (1994) 228 for the shift and the count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.model import Model, Signal, pack
@@ -23,6 +32,10 @@ from wormopt.model.values import by_name, check_names, signal_values
 
 # Eigenvalues below so many roundings of the largest one are those of rigid motions.
 _ROUNDINGS = 100.0
+# Up to so many places, and for a larger share of all vibrations, dense matrices are quicker.
+_DENSE, _FEW = 150, 0.1
+# Stiffness and mass of models that are still in use.
+_built: WeakKeyDictionary[Model, ca.Function] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,31 +125,31 @@ def vibration_modes(
     free = _free(places, held or {})
     if count < 1:
         raise ArgumentError(f"count must be at least 1, not {count}")
-    K, M = (matrix[np.ix_(free, free)] for matrix in _matrices(model, x0, p))
-    if not np.all(np.isfinite(K)) or not np.all(np.isfinite(M)):
+    K, M = (matrix[free][:, free] for matrix in _matrices(model, x0, p))
+    if not np.all(np.isfinite(K.data)) or not np.all(np.isfinite(M.data)):
         raise ArgumentError(f"{model.name}: the energies have no second derivatives at this state")
-    try:
-        squares, vectors = scipy.linalg.eigh(K, M)
-    except np.linalg.LinAlgError:
-        raise ArgumentError(f"{model.name}: some places have no mass of their own") from None
-    smallest = _ROUNDINGS * np.finfo(float).eps * np.abs(squares).max()
-    if squares[0] < -smallest:
-        raise ArgumentError(f"{model.name} is not stable at this state: it would buckle")
-    rounding = float(np.sqrt(smallest)) / (2 * np.pi)
-    if rigid is not None and np.sum(squares <= smallest) > rigid:
+    found = _few(K, M, max(count, rigid or 0)) or _all(K, M, model.name)
+    _check_found(found, rigid, model.name)
+    squares, vectors = found.squares[:count], found.vectors[:, :count]
+    squares = np.where(np.abs(squares) <= found.smallest, 0.0, squares)
+    shapes = np.zeros((sum(s.size for s in places), len(squares)))
+    shapes[free] = vectors
+    residual = _residual(K, M, squares, vectors)
+    frequencies = np.sqrt(squares) / (2 * np.pi)
+    return VibrationModes(frequencies, by_name(places, shapes), residual, found.rounding)
+
+
+def _check_found(found: _Pairs, rigid: int | None, name: str) -> None:
+    """Refuse states that are not stable, and vibrations that rounding hides."""
+    if found.squares[0] < -found.smallest:
+        raise ArgumentError(f"{name} is not stable at this state: it would buckle")
+    if rigid is not None and np.sum(found.squares <= found.smallest) > rigid:
         raise SolveError(
-            f"{model.name}: rounding hides the slowest vibrations, those below {rounding:.3g}, "
+            f"{name}: rounding hides the slowest vibrations, those below {found.rounding:.3g}, "
             f"among the {rigid} motions that nothing resists",
             "take a less slender body, or fewer elements",
             code="hidden",
         )
-    squares, vectors = squares[:count], vectors[:, :count]
-    squares = np.where(np.abs(squares) <= smallest, 0.0, squares)
-    shapes = np.zeros((sum(s.size for s in places), len(squares)))
-    shapes[free] = vectors
-    residual = _residual(K, M, squares, vectors)
-    found = np.sqrt(squares) / (2 * np.pi)
-    return VibrationModes(found, by_name(places, shapes), residual, rounding)
 
 
 def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.ndarray:
@@ -157,20 +170,100 @@ def _free(places: Sequence[Signal], held: Mapping[str, Sequence[int]]) -> np.nda
 
 def _matrices(
     model: Model, x0: Mapping[str, ArrayLike] | None, p: Mapping[str, ArrayLike] | None
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[csc_array, csc_array]:
     """Stiffness and mass."""
-    x, half = pack(model.x), model.n_x // 2
-    stiffness = ca.hessian(model["strain_energy"], x[:half])[0]
-    mass = ca.hessian(model["kinetic_energy"], x[half:])[0]
-    both = [ca.densify(stiffness), ca.densify(mass)]
-    function = ca.Function("matrices", [x, pack(model.p)], both)
+    function = _built.get(model)
+    if function is None:
+        x, half = pack(model.x), model.n_x // 2
+        stiffness = ca.hessian(model["strain_energy"], x[:half])[0]
+        mass = ca.hessian(model["kinetic_energy"], x[half:])[0]
+        function = ca.Function("matrices", [x, pack(model.p)], [stiffness, mass])
+        _built[model] = function
     state = signal_values(model.x, x0, "state", fill=0.0)
-    K, M = (np.array(part) for part in function(state, signal_values(model.p, p, "parameter")))
-    return K, M
+    K, M = function(state, signal_values(model.p, p, "parameter"))
+    return csc_array(K.sparse()), csc_array(M.sparse())
 
 
-def _residual(K: np.ndarray, M: np.ndarray, squares: np.ndarray, vectors: np.ndarray) -> float:
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Least eigenvalues, ascending, their vectors, and what of them is but rounding."""
+
+    squares: np.ndarray
+    vectors: np.ndarray
+    smallest: float
+
+    @property
+    def rounding(self) -> float:
+        """The frequency that belongs to it."""
+        return float(np.sqrt(self.smallest)) / (2 * np.pi)
+
+
+def _all(K: csc_array, M: csc_array, name: str) -> _Pairs:
+    """All of them."""
+    try:
+        squares, vectors = scipy.linalg.eigh(K.toarray(), M.toarray())
+    except np.linalg.LinAlgError:
+        raise ArgumentError(f"{name}: some places have no mass of their own") from None
+    return _Pairs(squares, vectors, _rounded(np.abs(squares).max()))
+
+
+def _few(K: csc_array, M: csc_array, count: int) -> _Pairs | None:
+    """The least `count`; None where that is not the way, or not shown to be all of them.
+
+    A shift far below the wanted ones costs their digits, one far above them steps: it is of the
+    size of their middle, which is looked for first.
+    """
+    n = K.indptr.size - 1
+    if n <= _DENSE or count > _FEW * n:
+        return None
+    begin = np.random.default_rng(0).standard_normal(n)
+    look: Any = partial(eigsh, v0=begin)
+    operator: Any = LinearOperator
+    try:
+        unweigh = operator((n, n), splu(M).solve, dtype=float)
+        top = look(K, 1, M, Minv=unweigh, tol=1e-3, return_eigenvectors=False)
+        smallest = _rounded(abs(float(top[0])))
+        if _negative(M) or _negative(K + smallest * M):
+            return None
+        rough = look(K, count, M, -smallest, tol=1e-2, return_eigenvectors=False)
+        shift = max(float(np.median(rough)), smallest)
+        squares, vectors = look(K, count + 1, M, -shift)
+        order = np.argsort(squares)
+        found = _Pairs(squares[order], vectors[:, order], smallest)
+        return found if _complete(found, K, M) else None
+    except (RuntimeError, np.linalg.LinAlgError):  # ARPACK's errors are of the first kind
+        return None
+
+
+def _complete(found: _Pairs, K: csc_array, M: csc_array) -> bool:
+    """Whether there are no others below the last gap: Lanczos' method may pass by equal ones."""
+    squares = found.squares
+    wide = np.flatnonzero(np.diff(squares) > max(1e-9 * squares[-1], found.smallest))
+    if not len(wide):
+        return False
+    below = wide[-1] + 1
+    return _negative(K - squares[below - 1 : below + 1].mean() * M) == below
+
+
+def _negative(matrix: csc_array) -> int:
+    """How many eigenvalues are negative: as many as pivots, by Sylvester's law of inertia.
+
+    LinAlgError if the pivots are not those of the diagonal.
+    """
+    options = {"SymmetricMode": True}
+    found = splu(matrix, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    if not np.array_equal(found.perm_r, found.perm_c):
+        raise np.linalg.LinAlgError("pivots off the diagonal")
+    return int(np.sum(found.U.diagonal() < 0))
+
+
+def _rounded(largest: float) -> float:
+    """Size of an eigenvalue that is nothing but rounding."""
+    return _ROUNDINGS * np.finfo(float).eps * largest
+
+
+def _residual(K: csc_array, M: csc_array, squares: np.ndarray, vectors: np.ndarray) -> float:
     """How well eigenvalues and their vectors fit the matrices."""
     apart = np.linalg.norm(K @ vectors - (M @ vectors) * squares, axis=0)
-    size = np.linalg.norm(K, 2) * np.linalg.norm(vectors, axis=0)
+    size = abs(K).sum(axis=0).max() * np.linalg.norm(vectors, axis=0)
     return float((apart / np.where(size > 0, size, 1.0)).max())

@@ -6,6 +6,7 @@ CASES = {
     "mag2": "two masses on a spring, dry friction, 369 events",
     "spiked_chain": "a driven chain on spikes, exact contact",
     "stick_chain": "a driven chain that sticks and slips, exact contact",
+    "ensembles": "many worms on springs that differ, in lanes beside one after the other",
     "smoothing": "how the smooth law tends to the exact one as v_reg tends to 0",
     "chain_length": "time of a step for 2 to 1000 links",
     "averaging": "averages of the magneto-elastic pair, and its resonance curve",
@@ -28,6 +29,8 @@ CASES = {
 """Benchmarks and what they are, here so that the command line can tell without loading any."""
 
 LADDERS = {
+    "ensembles": "ensembles",
+    "film": "film",
     "certificate": "certificate",
     "rod_statics": "rod_statics",
     "rod_dynamics": "rod_dynamics",

@@ -17,7 +17,8 @@ from scipy.integrate import IntegrationWarning, quad
 from wormopt.analysis.average import average
 from wormopt.analysis.continuation import continue_branch
 from wormopt.analysis.steady import steady_states
-from wormopt.bench.run import Found, aligned, axes, compared, curve, least, save, seconds, timed
+from wormopt.bench.memory import growth, megabytes
+from wormopt.bench.run import Found, aligned, axes, compared, curves, least, save, seconds, timed
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model, pack
 from wormopt.model.values import signal_values
@@ -56,16 +57,22 @@ def measured(_name: str, quick: bool, report: Report) -> Iterator[Found]:
     rows: list[Found] = []
     for k, (method, effort, build) in enumerate(ways):
         report(f"averaging: {method} {effort:g}", k / len(ways))
-        rates = build()
-        rates(states[0])
+        rates, memory = growth(partial(_begun, build, states[0]))
         found = [timed(rates, x) for x in states]
         off = [np.abs(rate - known).max() for (_, rate), known in zip(found, exact, strict=True)]
         spent = median(time for time, _ in found)
         rows.append({"method": method, "effort": effort, "error": max(map(float, off)) / _EPS,
-                     "seconds": spent})  # fmt: skip
+                     "seconds": spent, "memory": memory})  # fmt: skip
         yield {"averages": rows}
     report("averaging: resonance curve", 0.95)
     yield {"averages": rows, "curve": _curve()}
+
+
+def _begun(build: Callable[[], Rates], x: np.ndarray) -> Rates:
+    """Rates that have been called once."""
+    rates = build()
+    rates(x)
+    return rates
 
 
 def _rates(model: Model) -> Rates:
@@ -151,11 +158,17 @@ def ratios(found: Mapping[str, Any]) -> dict[str, float]:
 def lines(found: Mapping[str, Any]) -> list[str]:
     """The ways in a table, and the curve."""
     rows = [
-        (a["method"], f"{a['effort']:g}", f"{a['error']:.1e}", seconds(a["seconds"]))
+        (
+            a["method"],
+            f"{a['effort']:g}",
+            f"{a['error']:.1e}",
+            seconds(a["seconds"]),
+            megabytes(a["memory"]),
+        )
         for a in found["averages"]
     ]
     told = ["averaging: mean rates of the pair, error over eps against (18)"]
-    told += aligned(("method", "effort", "error", "an evaluation"), *rows)
+    told += aligned(("method", "effort", "error", "an evaluation", "memory"), *rows)
     if "curve" in found:
         c = found["curve"]
         told.append(
@@ -168,7 +181,5 @@ def lines(found: Mapping[str, Any]) -> list[str]:
 def draw(found: Mapping[str, Any], path: Path) -> None:
     """Draw time against error to a PNG file."""
     figure, left = axes("error of the mean rates, over eps", "time of one evaluation (s)")
-    for k, method in enumerate(dict.fromkeys(a["method"] for a in found["averages"])):
-        own = [a for a in found["averages"] if a["method"] == method]
-        curve(left, k, own, "error", "seconds", label=method)
+    curves(left, found["averages"], "method", "error", "seconds")
     save(figure, path)

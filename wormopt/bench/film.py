@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -13,65 +11,49 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.sparse import csc_matrix
 
-from wormopt.bench.run import (
-    OWN,
-    Found,
-    aligned,
-    axes,
-    compared,
-    curve,
-    least,
-    save,
-    seconds,
-    timed,
-)
+from wormopt.bench.ladder import Run, Task, Way
+from wormopt.bench.run import OWN
 from wormopt.errors import SolveError
 from wormopt.model.model import pack
-from wormopt.progress import Report, silent
+from wormopt.progress import silent
 from wormopt.scene import load_scene
 from wormopt.systems.coils.film import coil_film
 from wormopt.systems.coils.runs.coil_film import Setup, setup_of
 
 _SWITCHES, _FEW = 10, 3
 _REFERENCE = 1e-10  # tolerance of SciPy's Radau, in depths times the width of a cell
-_TOLERANCES: dict[str, tuple[float, ...]] = {
-    OWN: (1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
-    "scipy Radau": (1e-3, 1e-4, 1e-5, 1e-6),
-    "scipy BDF": (1e-3, 1e-4, 1e-5, 1e-6),
-}
-
-_GOAL = 1e-4  # error at which times are compared
-
-End = Callable[[float], np.ndarray]
+_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
 
 
-def measured(_name: str, quick: bool, report: Report) -> Iterator[Found]:
-    """Follow the packaged film through its first switches, in all ways and to all tolerances.
+def task(_name: str, quick: bool) -> Task:
+    """Follow the packaged film through its first switches.
 
     An own time has the making of the integrator in it, as users pay it; SciPy is given compiled
-    equations and a compiled sparse Jacobian. `quick`: fewer switches, the looser tolerances.
+    equations and a compiled Jacobian, sparse where the method takes one. `quick`: fewer switches.
     """
     switches = _FEW if quick else _SWITCHES
     setup = setup_of(load_scene("fig24_travelling_wave", [f"course.switches={switches}"]))
-    rates, jacobian = _compiled(setup)
-    ways: dict[str, End] = {OWN: partial(_own, setup)} | {
-        name: partial(_scipy, setup, rates, jacobian, name.removeprefix("scipy "))
-        for name in list(_TOLERANCES)[1:]
-    }
-    report("film: reference", 0.0)
-    known = ways["scipy Radau"](_REFERENCE if not quick else 1e-8)
-    tasks = [(name, each) for name in ways for each in _TOLERANCES[name][: 2 if quick else None]]
-    rows: list[Found] = []
-    for k, (name, tolerance) in enumerate(tasks):
-        report(f"film: {name} {tolerance:g}", (k + 1) / (len(tasks) + 1))
-        spent, end = timed(ways[name], tolerance)
-        error = float(np.abs(end - known).max() / setup.layer.depth)
-        rows.append({"method": name, "tolerance": tolerance, "error": error, "seconds": spent})
-        yield {"cells": setup.layer.cells, "switches": switches, "runs": rows}
+    known = _scipy(setup, "Radau")(1e-8 if quick else _REFERENCE)
+    return Task(
+        f"{switches} switches of the travelling wave, {setup.layer.cells} cells",
+        "SciPy's Radau at its finest",
+        "thickness at the end, over the depth",
+        "relative tolerance",
+        1e-4,
+        known,
+        [
+            Way(OWN, partial(_own, setup), (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)),
+            *(
+                Way(f"SciPy {method}", partial(_scipy, setup, method), _TOLERANCES)
+                for method in ("Radau", "BDF", "LSODA")
+            ),
+        ],
+        setup.layer.depth,
+    )
 
 
-def _own(setup: Setup, tolerance: float) -> np.ndarray:
-    return setup.follow(tolerance, silent)["thickness"][:, -1]
+def _own(setup: Setup) -> Run:
+    return lambda tolerance: setup.follow(tolerance, silent)["thickness"][:, -1]
 
 
 def _compiled(setup: Setup) -> tuple[ca.Function, ca.Function]:
@@ -88,7 +70,12 @@ def _compiled(setup: Setup) -> tuple[ca.Function, ca.Function]:
     )
 
 
-def _scipy(
+def _scipy(setup: Setup, method: str) -> Run:
+    rates, jacobian = _compiled(setup)
+    return partial(_followed, setup, rates, jacobian, method)
+
+
+def _followed(
     setup: Setup, rates: ca.Function, jacobian: ca.Function, method: str, tolerance: float
 ) -> np.ndarray:
     """Thickness at the end, integrated from switch to switch."""
@@ -103,8 +90,9 @@ def _scipy(
         def slope(_t: float, y: np.ndarray, u: np.ndarray = u) -> np.ndarray:
             return np.asarray(rates(y, u)).ravel()
 
-        def matrix(_t: float, y: np.ndarray, u: np.ndarray = u) -> csc_matrix:
-            return csc_matrix((jacobian(y, u).nonzeros(), rows, columns), shape)
+        def matrix(_t: float, y: np.ndarray, u: np.ndarray = u) -> Any:
+            found = csc_matrix((jacobian(y, u).nonzeros(), rows, columns), shape)
+            return found.toarray() if method == "LSODA" else found
 
         given = {"method": method, "jac": matrix, "rtol": tolerance, "atol": tolerance}
         with warnings.catch_warnings():
@@ -114,31 +102,3 @@ def _scipy(
             raise SolveError(found.message, "take another tolerance")
         x = found.y[:, -1]
     return layer.depth * (1 + np.diff(np.concatenate([[0.0], x, [0.0]])))
-
-
-# -- telling ---------------------------------------------------------------------------------------
-
-
-def ratios(found: Mapping[str, Any]) -> dict[str, float]:
-    """Our fastest run over that of every other way, of those that are good enough."""
-    good = (r for r in found["runs"] if r["error"] <= _GOAL)
-    return compared(least((r["method"], r["seconds"]) for r in good))
-
-
-def lines(found: Mapping[str, Any]) -> list[str]:
-    """The runs in a table."""
-    told = [f"film: {found['switches']} switches, {found['cells']} cells, error over the depth"]
-    rows = [
-        (r["method"], f"{r['tolerance']:.0e}", f"{r['error']:.1e}", seconds(r["seconds"]))
-        for r in found["runs"]
-    ]
-    return told + aligned(("method", "tolerance", "error", "time"), *rows)
-
-
-def draw(found: Mapping[str, Any], path: Path) -> None:
-    """Draw time against error to a PNG file."""
-    figure, left = axes("error of the thickness at the end, over the depth", "time (s)")
-    for k, method in enumerate(dict.fromkeys(r["method"] for r in found["runs"])):
-        own: Sequence[Any] = [r for r in found["runs"] if r["method"] == method]
-        curve(left, k, own, "error", "seconds", label=method)
-    save(figure, path)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.bench import planar_crawl
+from wormopt.bench.memory import growth, megabytes
 from wormopt.bench.planar_mujoco import by_mujoco
 from wormopt.bench.planar_rivals import Solver, by_scipy, by_smoothing
 from wormopt.bench.planar_tasks import TASKS, Task
@@ -26,7 +27,7 @@ from wormopt.bench.run import (
     aligned,
     axes,
     compared,
-    curve,
+    curves,
     finite,
     least,
     save,
@@ -54,6 +55,7 @@ class _Row:
     solver: str
     setting: float
     run: Solver
+    memory: float | None  # bytes by which the solver's first run made the process grow
     times: list[float] = field(default_factory=list)
     error: float = math.nan
     stop_error: float = math.nan
@@ -70,7 +72,8 @@ class _Row:
     def told(self) -> Found:
         """Ready for JSON."""
         return {"solver": self.solver, "setting": self.setting, "error": finite(self.error),
-                "stop_error": finite(self.stop_error), "seconds": median(self.times)}  # fmt: skip
+                "stop_error": finite(self.stop_error), "seconds": median(self.times),
+                "memory": self.memory}  # fmt: skip
 
 
 def _wormopt(task: Task) -> Solver:
@@ -115,11 +118,12 @@ def measured(name: str, quick: bool, report: Report) -> Iterator[Found]:
         except ImportError as error:
             missing.append(f"{solver}: not installed: {error.name}")
             continue
+        memory = None
         for n, setting in enumerate(settings[: 3 if quick else None]):
-            row = _Row(solver, setting, run)
             try:
-                if n == 0:
-                    run(setting)  # compiles
+                if n == 0:  # compiles
+                    _, memory = growth(partial(run, setting))
+                row = _Row(solver, setting, run, memory)
                 slow = row.ask(task) > (0.5 if quick else _SLOW)
             except Exception as error:
                 missing.append(f"{solver} failed at {setting:.0e}: {why(error)[:150]}")
@@ -144,12 +148,14 @@ def ratios(found: Mapping[str, Any]) -> dict[str, float]:
 def lines(found: Mapping[str, Any]) -> list[str]:
     """Errors and times in a table."""
     own = [r["seconds"] for r in found["rows"] if r["solver"] == OWN and _good(r)]
-    rows = [("solver", "setting", "error of places", "of the stop", "time", "ours/theirs")]
+    rows = [("solver", "setting", "error of places", "of the stop", "time", "ours/theirs",
+             "memory")]  # fmt: skip
     for r in found["rows"]:
         off = "" if r["stop_error"] is None else f"{r['stop_error']:.0e}"
         error = "not a number" if r["error"] is None else f"{r['error']:.1e}"
         ratio = f"{min(own) / r['seconds']:.3g}" if own and _good(r) else ""
-        rows.append((r["solver"], f"{r['setting']:.4g}", error, off, seconds(r["seconds"]), ratio))
+        rows.append((r["solver"], f"{r['setting']:.4g}", error, off, seconds(r["seconds"]), ratio,
+                     megabytes(r["memory"])))  # fmt: skip
     told = [f"{found['case']}: {found['title']}", f"  reference: {found['source']}"]
     told += aligned(*rows)
     crawls = found["case"] == _PREFIX + _CRAWL
@@ -166,9 +172,6 @@ def _good(row: Mapping[str, Any]) -> bool:
 def draw(found: Mapping[str, Any], path: Path) -> None:
     """Draw error against time of every solver to a PNG file."""
     figure, left = axes("time of a warm run (s)", "error of the places at the end")
-    for k, solver in enumerate(dict.fromkeys(r["solver"] for r in found["rows"])):
-        own = [r for r in found["rows"] if r["solver"] == solver and r["error"]]
-        if own:
-            curve(left, k, own, "seconds", "error", label=solver)
+    curves(left, [r for r in found["rows"] if r["error"]], "solver", "seconds", "error")
     beside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "fontsize": 7.5}
     save(figure, path, f"{found['case']}: {found['title']}", **beside)

@@ -23,7 +23,7 @@ from wormopt.bench import LADDERS
 from wormopt.progress import Report
 
 _MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
-    name: name for name in ("averaging", "film", "ocp", "design")
+    name: name for name in ("averaging", "ocp", "design")
 }
 _MODULES |= {
     f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle", "crawl")
@@ -177,6 +177,14 @@ def curve(
     """Plot column `y` of the rows over column `x` in the style of the k-th curve."""
     chosen = {"color": colour(k), "marker": _MARKS[k % len(_MARKS)], "markersize": 4} | style
     axes.plot([row[x] for row in rows], [row[y] for row in rows], **chosen)
+
+
+def curves(
+    axes: Any, rows: Sequence[Mapping[str, Any]], of: str, x: str, y: str, **style: Any
+) -> None:
+    """Plot a curve for each of the names in column `of`."""
+    for k, name in enumerate(dict.fromkeys(row[of] for row in rows)):
+        curve(axes, k, [row for row in rows if row[of] == name], x, y, label=name, **style)
 
 
 def save(figure: Any, path: Path, title: str = "", **legend: Any) -> None:

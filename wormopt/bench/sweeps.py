@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.bench.driven_chain import DrivenChain, Grip
+from wormopt.bench.memory import growth, megabytes
 from wormopt.bench.run import Found, aligned, axes, colour, curve, exponent, save, seconds, timed
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
@@ -75,13 +77,13 @@ def _cost(links: int, contact: str, rounds: int) -> Found:
             return 0, 0, error.code
         return motion.n_steps + motion.n_rejected, len(motion.events), ""
 
-    ran, (steps, events, failure) = timed(run)
+    (ran, (steps, events, failure)), memory = growth(partial(timed, run))
     times: list[float] = []
     while not failure and len(times) < rounds and sum(times) <= 10.0:
         times.append(timed(run)[0])
     step = median(times) / steps if times else None  # accepted or rejected
     counts = {"steps": steps, "events": events, "failure": failure}
-    return {"first": built + ran, "step": step, **counts}
+    return {"first": built + ran, "memory": memory, "step": step, **counts}
 
 
 def _widths(quick: bool, report: Report) -> Iterator[Found]:
@@ -120,9 +122,9 @@ def lines(found: Mapping[str, Any]) -> list[str]:
         if found["order"] is not None:
             table.append(f"  the difference goes like v_reg^{found['order']:.2f} below 1e-2")
         return ["smoothing: difference of the smooth from the exact motion", *table]
-    rows = [("links", "contact", "first run", "a step", "steps", "events", "")]
+    rows = [("links", "contact", "first run", "memory", "a step", "steps", "events", "")]
     for c in found["lengths"]:
-        times = seconds(c["first"]), seconds(c["step"])
+        times = seconds(c["first"]), megabytes(c["memory"]), seconds(c["step"])
         counts = str(c["steps"]), str(c["events"])
         rows.append((str(c["links"]), c["contact"], *times, *counts, c["failure"]))
     return [

@@ -73,9 +73,11 @@ def _factor(
 
 def _solved(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve each system; NaN where it is singular."""
-    usable = np.array([np.isfinite(matrix).all() for matrix in matrices])
-    sound = np.where(usable[:, None, None], matrices, 0.0)
-    usable &= np.linalg.slogdet(sound)[0] != 0  # the determinant itself may overflow
     found = np.full_like(right, np.nan)
-    found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
+    usable = np.array(np.isfinite(matrices).all(axis=(1, 2)))
+    try:
+        found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:  # some are, and take the others with them
+        usable[usable] = np.linalg.slogdet(matrices[usable])[0] != 0  # det itself may overflow
+        found[usable] = np.linalg.solve(matrices[usable], right[usable, :, None])[:, :, 0]
     return found

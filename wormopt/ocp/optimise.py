@@ -129,7 +129,8 @@ class Optimum:
         """
         radius = np.full(self.solution.w.shape, _NEAR)
         step = self.motion.program.nlp.linear_step(self.solution.w, self.bounds, radius)
-        return np.nan if step is None else max(0.0, -step[1])
+        size = self.motion.program.problem.nominal
+        return np.nan if step is None else size * max(0.0, -step[1])
 
     @cached_property
     def defects(self) -> np.ndarray:
@@ -252,6 +253,7 @@ def optimise(
         if not (solution.violation <= FEASIBLE and _ended_well(solution)):
             raise failure(program, solution, bounds, w, target)
         w = solution.w
+        solution = replace(solution, objective=solution.objective * problem.nominal)
         solutions.append(solution)
         report(f"objective {solution.objective:.6g}", (k + 1) / len(targets))
     motion = Motion.of(program, w, steps[-1])

@@ -139,11 +139,13 @@ class Problem:
         for contacts whose force the motion leaves open.
     impulses : bool, optional
         Whether inputs and sticking contacts may act by impulses at the start of each arc.
+    nominal : float, optional
+        Usual size of what is minimised, positive; solvers scale by it.
 
     Raises
     ------
     ValueError
-        If the range of durations is empty or not positive.
+        If the range of durations is empty or not positive, or the nominal size is not positive.
 
     Examples
     --------
@@ -181,8 +183,11 @@ class Problem:
     design: Sequence[Signal] = ()
     sharing: Callable[[ca.SX], ca.SX] | None = None
     impulses: bool = False
+    nominal: float = 1.0
 
     def __post_init__(self) -> None:
+        if not 0 < self.nominal < float("inf"):
+            raise ValueError(f"nominal must be positive and finite, not {self.nominal}")
         shortest, longest = self.duration
         if not 0 < shortest <= longest:
             raise ValueError(f"duration must be a positive range, not {self.duration}")

@@ -168,7 +168,7 @@ def _weights(program: Transcription) -> np.ndarray:
     """Weights of the integrals in the objective, which has nothing else in it."""
     problem, arc, mesh = program.problem, program.arc, program.mesh
     ends = problem.ends
-    slope = ca.gradient(problem.minimise, ends.integrals)
+    slope = ca.gradient(problem.minimise / problem.nominal, ends.integrals)
     others = ca.vertcat(ends.start, ends.end, ends.duration, problem.model.t)
     plain = not (ca.symvar(slope) or ca.depends_on(problem.minimise, others) or len(problem.design))
     if not (plain and arc.fixed_grid):

@@ -133,7 +133,7 @@ class Transcription:
         finish = ca.Function(
             "finish",
             [*vars(problem.ends).values(), *self.arc.constants[2:]],
-            [problem.minimise, ca.vertcat(ca.SX(0, 1), *bounded)],
+            [problem.minimise / problem.nominal, ca.vertcat(ca.SX(0, 1), *bounded)],
         )
         objective, boundary = finish(
             first * self.arc.x_nominal,

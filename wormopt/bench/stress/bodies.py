@@ -16,6 +16,7 @@ from scipy.integrate import quad, solve_ivp
 
 from wormopt.analysis.vibration import vibration_modes
 from wormopt.bench.stress.means import Judged, refused, zero
+from wormopt.bench.stress.rods import RODS
 from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
 from wormopt.model.model import pack
 from wormopt.systems.channel.closed_forms import STEEPEST, ChannelWorm, Shape
@@ -41,6 +42,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         ("elastica solved", _shape, 12),
         ("vibrations of rods", _vibration, 24),
         ("damping of rods", _damping, 8),
+        *RODS,
         ("no bodies", _no_body, 5),
     )
     for group, compare, count in kinds:

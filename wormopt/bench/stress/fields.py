@@ -12,10 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import quad
-from scipy.special import ellipe, ellipkm1
 
 from wormopt.bench.stress.means import Judged, refused, zero
+from wormopt.bench.stress.rows import ROWS
 from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
+from wormopt.bench.stress.windings import STENCIL, loop_by_integrals, seen, summed
 from wormopt.magnetics import hydrostatics
 from wormopt.magnetics.coils import CoilRow
 from wormopt.magnetics.hydrostatics import Langevin
@@ -40,6 +41,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         ("composites", _composite, 12),
         ("fluids in fields", _fluid, 15),
         ("membranes", _membrane, 6),
+        *ROWS,
         ("no fields", _no_field, 5),
     )
     for group, compare, count in kinds:
@@ -47,16 +49,6 @@ def cases(*, quick: bool) -> Iterable[Case]:
 
 
 # -- coils -----------------------------------------------------------------------------------------
-
-
-def _loop_by_integrals(a: np.ndarray, rho: float, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axial and radial field of loops of one ampere, by K and E; off the axis."""
-    far, near = (a + rho) ** 2 + s**2, (a - rho) ** 2 + s**2
-    K, E = ellipkm1(near / far), ellipe(4 * a * rho / far)
-    unit = 1 / (2 * math.pi * np.sqrt(far))
-    axial = unit * (K + (a**2 - rho**2 - s**2) / near * E)
-    radial = unit * s / rho * (-K + (a**2 + rho**2 + s**2) / near * E)
-    return axial, radial
 
 
 def _loop(dice: Dice) -> Judged:
@@ -67,7 +59,7 @@ def _loop(dice: Dice) -> Judged:
     else:
         rho, s = a * spread(dice, 1e-2, 10.0), a * float(dice.normal()) * 3
     axial, radial = loop_field(a, rho**2, s)
-    known = _loop_by_integrals(np.array(a), rho, np.array(s))
+    known = loop_by_integrals(np.array(a), rho, np.array(s))
     size = float(np.hypot(*known))
     near = math.hypot(rho - a, s) / a
     share = 1e-12 + 1e-15 / near + 1e-14 * (a / rho) ** 2 + 1e-14 * (rho / a) ** 2
@@ -80,26 +72,6 @@ def _loop(dice: Dice) -> Judged:
 def _winding(dice: Dice) -> Coil:
     outer = spread(dice, 1e-4, 1.0)
     return Coil(outer * float(dice.uniform(0.05, 0.99)), outer, outer * spread(dice, 0.02, 20.0))
-
-
-def _summed(coil: Coil, rho: float, s: float, count: int) -> np.ndarray:
-    """Field per ampere-turn: loops over the winding by Gauss' rule, in parts towards the point."""
-    parts = []
-    for low, high, near in (
-        (coil.inner, coil.outer, rho), (-coil.length / 2, coil.length / 2, s),
-    ):  # fmt: skip
-        cut = min(max(near, low), high)
-        edges = np.unique([low, *(cut + (e - cut) * q for e in (low, high) for q in _CUTS), high])
-        nodes, weights = np.polynomial.legendre.leggauss(count)
-        half = np.diff(edges)[:, None] / 2
-        at = edges[:-1, None] + half * (1 + nodes)
-        parts.append((at.ravel(), (half * weights).ravel() / (high - low)))
-    (a, wa), (p, wp) = parts
-    field = _loop_by_integrals(a[:, None], rho, s - p[None, :])
-    return np.array([wa @ part @ wp for part in field])
-
-
-_CUTS = (0.0, 1e-3, 1e-2, 0.05, 0.2, 0.5, 1.0)
 
 
 def _off(dice: Dice, coil: Coil, least: float) -> tuple[float, float]:
@@ -115,7 +87,7 @@ def _off(dice: Dice, coil: Coil, least: float) -> tuple[float, float]:
 def _coil(dice: Dice) -> Judged:
     coil = _winding(dice)
     rho, s = _off(dice, coil, 0.01)
-    known = _summed(coil, rho, s, 16)
+    known = summed(coil, rho, s, 16)
     axial, radial = coil.field(rho**2, s)
     size = float(np.hypot(*known))
     yield "axial", apart(axial, known[0], 1e-9, size=size)
@@ -165,7 +137,7 @@ def _row(dice: Dice) -> Judged:
 
     def field(at: np.ndarray) -> np.ndarray:
         return sum(
-            (currents[k] * _seen(coil, _AXES.index(axis), at - m) for k, m in middles), np.zeros(3)
+            (currents[k] * seen(coil, _AXES.index(axis), at - m) for k, m in middles), np.zeros(3)
         )
 
     known = field(place)
@@ -176,15 +148,12 @@ def _row(dice: Dice) -> Judged:
     step = 1e-3 * coil.outer
     by_steps = np.zeros(3)
     for e in np.eye(3):
-        for k, weight in _STENCIL:
+        for k, weight in STENCIL:
             beside = field(place + k * step * e)
             by_steps += weight / step * (beside @ beside) * e
     told = row.square_gradient([x], z, currents, y)[:, 0]
     largest = float(known @ known) / coil.outer
     yield "gradient of the square", apart(told, by_steps, 1e-7, size=largest)
-
-
-_STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 
 
 def _middles(row: CoilRow) -> list[tuple[int, np.ndarray]]:
@@ -201,15 +170,6 @@ def _middles(row: CoilRow) -> list[tuple[int, np.ndarray]]:
         else:
             found.append((k, place + off if k % 2 == 0 else place - off))
     return found
-
-
-def _seen(coil: Coil, direction: int, away: np.ndarray) -> np.ndarray:
-    """Field of one coil at a point, told from its middle, as a vector."""
-    s, flat = float(away[direction]), away.copy()
-    flat[direction] = 0.0
-    rho = float(np.linalg.norm(flat))
-    axial, radial = _summed(coil, rho, s, 12)
-    return axial * np.eye(3)[direction] + radial * flat / rho
 
 
 def _travelling(dice: Dice) -> Judged:
@@ -233,7 +193,7 @@ def _travelling(dice: Dice) -> Judged:
         for k in range(count):
             if (k - shift) % every < on:
                 place = np.array([x[i] - k * row.pitch, 1e-9 * outer, z])
-                field += 100.0 * _seen(coil, 2, place)
+                field += 100.0 * seen(coil, 2, place)
         known[i, j] = field @ field
     yield "square", apart(profile.square, known, 1e-6)
     n = int(dice.integers(8, 40))

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import quad, solve_ivp
 
+from wormopt.bench.stress.carried import CARRIED
 from wormopt.bench.stress.means import Judged, least, refused, zero
 from wormopt.bench.stress.verdict import Case, Dice, Undecided, apart, many, spread
 from wormopt.model.model import pack
@@ -42,6 +43,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         ("films in fields", _given_field, 15),
         ("scales of films", _scales, 5),
         ("limits of films", _limits, 10),
+        *CARRIED,
         ("no films", _no_film, 5),
     )
     for group, compare, count in kinds:

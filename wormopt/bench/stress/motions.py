@@ -15,6 +15,7 @@ that is not right. A refusal is a SolveError with a code. All else is wrong.
 The second route depends on the cell: the closed form between events for chains that gaits command
 (exact contact), solve_ivp with terminal events for trackers (exact contact), CVODES for smooth
 contact, logarithms of speeds in a slowed time for dry friction in the plane (bench/planar_loop.py).
+Where the closed form gives up solve_ivp takes its place, and where CVODES does LSODA.
 Where `simulate` has used an implicit integrator itself, and where references jump, it is
 LSODA with an analytic Jacobian.
 """
@@ -182,7 +183,11 @@ def _means(
             reach = 1.0 if tolerance == _TIGHT else 0.7
             return linear_flow(worm, span, times, start=start, reach=reach).states
 
-        return worm.start, flow
+        def events(start: np.ndarray, tolerance: float) -> np.ndarray:
+            asked: Any = {"start": start, "relative": tolerance, "max_step": 0.02}
+            return event_loop(worm.plant(), span, times, **asked).states
+
+        return worm.start, _either(flow, events)
     if cell.v_reg is None:
         plant = _plant(cell, model)
 
@@ -192,13 +197,29 @@ def _means(
 
         return plant.start, loop
     smoothed = Regularised(model, cell.v_reg)
+
+    def lsoda(start: np.ndarray, tolerance: float) -> np.ndarray:
+        return by_lsoda(smoothed, times, start, tolerance)
+
     if implicit or cell.group == "jumps":  # CasADi goes on over jumps without a new start
-        return smoothed.start, lambda start, rtol: by_lsoda(smoothed, times, start, rtol)
+        return smoothed.start, lsoda
 
     def cvodes(start: np.ndarray, tolerance: float) -> np.ndarray:
         return by_casadi(smoothed, "cvodes", times, tolerance, max_num_steps=2_000_000)(start)
 
-    return smoothed.start, cvodes
+    return smoothed.start, _either(cvodes, lsoda)
+
+
+def _either(usual: Follow, other: Follow) -> Follow:
+    """Follow by what is usual; where that gives up, by other means."""
+
+    def follow(start: np.ndarray, tolerance: float) -> np.ndarray:
+        try:
+            return usual(start, tolerance)
+        except RuntimeError:
+            return other(start, tolerance)
+
+    return follow
 
 
 def _plant(cell: Cell, model: Model) -> Plant:

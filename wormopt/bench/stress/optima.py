@@ -14,6 +14,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
+from wormopt.bench.stress.optimal_crawls import OPTIMAL_CRAWLS
 from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
 from wormopt.model.friction import Coulomb
 from wormopt.model.modes import ModeSequence
@@ -157,6 +158,7 @@ def cases(*, quick: bool) -> list[Case]:
             ("optima: back, any sizes", partial(_back, 3.0), 10),
             ("optima: effort", partial(_effort, 0.0), 20),
             ("optima: effort, any sizes", partial(_effort, 3.0), 15),
+            *OPTIMAL_CRAWLS,
         )
         for case in many(group, compare, count, quick=quick)
     ]

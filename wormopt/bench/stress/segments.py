@@ -15,6 +15,7 @@ from scipy.optimize import fsolve
 
 from wormopt.bench.stress.means import Judged, least, refused, zero
 from wormopt.bench.stress.peristaltic_gaits import GAITS
+from wormopt.bench.stress.peristaltic_worms import WORMS
 from wormopt.bench.stress.verdict import Case, Dice, Undecided, apart, many, spread
 from wormopt.magnetics.winding import Coil
 from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
@@ -41,6 +42,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         ("membranes at rest", _balloon, 10),
         ("segments in real coils", _wound, 8),
         *GAITS,
+        *WORMS,
         ("no segments", _no_segment, 5),
     )
     for group, compare, count in kinds:

@@ -18,6 +18,7 @@ from scipy.optimize import minimize
 
 from wormopt.bench.stress.means import Judged, least, refused, zero
 from wormopt.bench.stress.resistive import Chain, Heading, connection, resisted, turned
+from wormopt.bench.stress.strokes import STROKES
 from wormopt.bench.stress.verdict import Case, Dice, Undecided, above, apart, many, spread
 from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.body.se2 import circle_of, compose
@@ -47,6 +48,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         ("pins and skids", _held, 8),
         ("turns in place", _turn, 8),
         ("poses", _pose, 6),
+        *STROKES,
         ("no swimmers", _no_swimmer, 5),
     )
     for group, compare, count in kinds:

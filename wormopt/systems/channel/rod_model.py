@@ -93,7 +93,7 @@ def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
     mass, turning = (p["density"].symbol / rod.density * ca.DM(part) for part in rod.inertia)
     inertia = ca.vertcat(mass, mass, turning)
     driven = ca.vertcat(*(signal.symbol for signal in loads), ca.DM.zeros(n))
-    walls = sum((_push(contact, q, speeds) for contact in contacts), ca.SX.zeros(3 * n))
+    walls = ca.densify(_push(contacts, q, speeds))
     forces = driven + walls - ca.gradient(stored, q) - ca.gradient(damped, speeds)
 
     outputs = {
@@ -181,12 +181,12 @@ def _contacts(
     return tuple(found)
 
 
-def _push(contact: Contact, q: ca.SX, speeds: ca.SX) -> ca.SX:
-    """Generalised forces of a contact: by virtual work along its gap and its sliding."""
-    assert contact.gap is not None
-    assert contact.normal_force is not None
-    normal = ca.gradient(contact.gap, q) * contact.normal_force
-    return normal + ca.gradient(contact.velocity, speeds) * contact.force
+def _push(contacts: Sequence[Contact], q: ca.SX, speeds: ca.SX) -> ca.SX:
+    """Generalised forces of contacts: by virtual work along their gaps and their sliding."""
+    gaps, pressed = ([getattr(c, name) for c in contacts] for name in ("gap", "normal_force"))
+    slides, rubbed = ([getattr(c, name) for c in contacts] for name in ("velocity", "force"))
+    normal = ca.jacobian(ca.vertcat(*gaps), q).T @ ca.vertcat(*pressed)
+    return normal + ca.jacobian(ca.vertcat(*slides), speeds).T @ ca.vertcat(*rubbed)
 
 
 # -- coils -----------------------------------------------------------------------------------------

@@ -64,6 +64,7 @@ def capsule_problem(table: CapsuleTable) -> Problem:
             Constraint("momentum", ends.end[1] + table.share * ends.end[3], 0.0, 0.0, sizes[1]),
         ],
         impulses=True,
+        nominal=table.share * table.stroke / slow,
     )
 
 

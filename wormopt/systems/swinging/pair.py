@@ -85,7 +85,8 @@ def pair_problem(table: PairTable) -> Problem:
             Constraint("stroke", ends.end[1] - ends.end[0], size, size, size),
             Constraint("rest at the end", ends.end[3], 0.0, 0.0, model.x[1].nominal),
         ],
-        design=[Signal("mass_ratio", ratio, "share", 0.5, low, high)],
+        design=[Signal("mass_ratio", ratio, "share", math.sqrt(low * high), low, high)],
+        nominal=advance(table, high) / slow,
     )
 
 
@@ -95,8 +96,8 @@ def advance(table: PairTable, ratio: Any) -> Any:
 
 
 def _slow(table: PairTable) -> float:
-    """Usual time of the slow stroke."""
-    return 2 * math.sqrt(table.stroke / (table.friction * table.gravity))
+    """Usual time of the slow stroke, with the heaviest small mass."""
+    return 2 * math.sqrt(table.stroke * table.ratios[1] / (table.friction * table.gravity))
 
 
 def pair_guess(table: PairTable) -> Guess:
