@@ -286,7 +286,7 @@ def test_weak_coils_leave_the_foam_behind() -> None:
 @pytest.mark.slow
 def test_a_float_that_is_too_heavy_is_told() -> None:
     """Its draught is more than the film's depth."""
-    heavy = ["course.switches=8", "coils.count=8", "cargo.density=5000.0", "switching.rate=0.02"]
+    heavy = ["course.switches=8", "coils.count=8", "cargo.density=8000.0", "switching.rate=2e-3"]
     result = wo.run(load_scene("coil_cargo", [*heavy, "switching.ampere_turns=1.0"]))
     assert result.scalars["draught"].value > result.scalars["float_clearance"].value
     assert result.status == "failed"
