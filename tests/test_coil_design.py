@@ -196,7 +196,7 @@ def test_the_packaged_scene_beats_mean_field_and_block_within_limits() -> None:
 def test_least_power_beats_mean_field_and_block_and_may_be_faster_than_asked() -> None:
     short = [
         "coils.count=7", "course.time=3.0", "search.generations=4", "pattern.repeats=[5]",
-        "pattern.per_step=1", "pattern.form=steps", "search.starts=1", "grid.cells=12",
+        "pattern.per_step=2", "pattern.form=steps", "search.starts=1", "grid.cells=12",
         'aim={seek="power", speed=4e-3}',
     ]  # fmt: skip
     result = wo.run(load_scene("coil_cargo_design", short))
