@@ -280,3 +280,30 @@ def test_forces_of_contacts_that_are_alike_are_those_of_each():
         resting = modes[k] == 0
         expected = -pull[i] if resting else float(slip) if ways else 0.0
         assert force[k] == pytest.approx(expected, rel=1e-13, abs=1e-13), (i, law, modes[k])
+
+
+class Wet(Rough):
+    """A law of a user's own with a symbol inside that is not among its fields."""
+
+    def __init__(self, drag: ca.SX) -> None:
+        self.drag = drag
+
+    def slip_force(self, v: ca.SX, direction: int) -> ca.SX:
+        return -direction * 2.0 - self.drag[1] * v
+
+    def smooth(self, v: ca.SX, v_reg: ca.SX) -> ca.SX:
+        return -2.0 * ca.tanh(v / v_reg) - self.drag[0] * v
+
+
+def test_contacts_may_share_a_law_with_symbols_of_its_own():
+    v, f, drag = ca.SX.sym("v", 3), ca.SX.sym("f", 3), ca.SX.sym("drag", 2)
+    law = Wet(drag)
+    contacts = [Contact(f"foot {k}", v[k], f[k], law) for k in range(3)]
+    wet = Signal("drag", drag, value=(0.5, 0.25))
+    feet = Model("feet", [Signal("v", v)], f, p=[wet], contacts=contacts)
+    speed = np.array([0.5, -1.0, 2.0])
+    smooth, exact = System(feet, Smooth(0.3)), System(feet, Exact())
+    found = smooth.rhs(0.0, speed, smooth.parameters(None), []).full().ravel()
+    np.testing.assert_allclose(found, -2 * np.tanh(speed / 0.3) - 0.5 * speed, rtol=1e-14)
+    found = exact.rhs(0.0, speed, exact.parameters(None), np.sign(speed)).full().ravel()
+    np.testing.assert_allclose(found, -2 * np.sign(speed) - 0.25 * speed, rtol=1e-14)

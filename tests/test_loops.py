@@ -124,6 +124,17 @@ def test_rows_that_are_read_and_written_backwards_or_far_apart():
     check(function)
 
 
+def test_a_zero_keeps_its_sign():
+    """What all read is spread over the vectors with it: 1 / -0 is not 1 / 0."""
+    x, y = ca.SX.sym("x", 9), ca.SX.sym("y")
+    function = ca.Function("zeros", [x, y], [ca.atan2(y, x), ca.copysign(x, y), 1 / ca.sign(x * y)])
+    for found in evaluated(function, [np.full(9, -1.0), np.array([-0.0])])[:2]:
+        np.testing.assert_array_equal(found, [found[0]] * 9)
+        assert found[0] < 0.0
+    one_over = evaluated(function, [np.ones(9), np.array([-0.0])])[2]
+    np.testing.assert_array_equal(one_over, -np.inf)
+
+
 def test_tables_where_there_is_no_rule_and_sums_without_end():
     x, order = ca.SX.sym("x", 300), np.random.default_rng(1).permutation(300)
     mixed = ca.sin(x)[order.tolist()] * x

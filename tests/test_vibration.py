@@ -343,3 +343,21 @@ def test_a_model_may_be_asked_again_about_another_state():
     for angle in (0.0, 1.0):
         found = vibration_modes(model, x0={"angle": [angle, 0.0]}).frequencies
         assert found == pytest.approx(np.sqrt([math.cos(angle), 1.0]) / (2 * math.pi))
+
+
+def test_many_rigid_motions_leave_the_others_their_digits():
+    """Loose chains of equal masses on springs: w = 2 sin(pi j / 2 n), of each chain for itself."""
+    chains, n = 5, 50
+    q, v = ca.SX.sym("q", n, chains), ca.SX.sym("v", n, chains)
+    stretch = q[1:, :] - q[:-1, :]
+    energies = [
+        Output("strain_energy", ca.sumsqr(stretch) / 2),
+        Output("kinetic_energy", ca.sumsqr(v) / 2),
+    ]
+    states = [Signal("q", ca.vec(q), value=0.0), Signal("v", ca.vec(v), value=0.0)]
+    loose = Model("loose", states, ca.vertcat(ca.vec(v), ca.vec(q)), outputs=energies)
+    found = vibration_modes(loose, count=8, rigid=chains)
+    np.testing.assert_array_equal(found.frequencies[:chains], 0.0)
+    right = 2 * math.sin(math.pi / (2 * n)) / (2 * math.pi)
+    np.testing.assert_allclose(found.frequencies[chains:], right, rtol=1e-11)
+    assert found.residual < 1e-13

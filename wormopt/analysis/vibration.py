@@ -211,7 +211,7 @@ def _few(K: csc_array, M: csc_array, count: int) -> _Pairs | None:
     """The least `count`; None where that is not the way, or not shown to be all of them.
 
     A shift far below the wanted ones costs their digits, one far above them steps: it is of the
-    size of their middle, which is looked for first.
+    size of the middle of those that are no rigid motions, which is looked for first.
     """
     n = K.indptr.size - 1
     if n <= _DENSE or count > _FEW * n:
@@ -226,7 +226,7 @@ def _few(K: csc_array, M: csc_array, count: int) -> _Pairs | None:
         if _negative(M) or _negative(K + smallest * M):
             return None
         rough = look(K, count, M, -smallest, tol=1e-2, return_eigenvectors=False)
-        shift = max(float(np.median(rough)), smallest)
+        shift = float(np.median(rough[rough > smallest])) if rough.max() > smallest else smallest
         squares, vectors = look(K, count + 1, M, -shift)
         order = np.argsort(squares)
         found = _Pairs(squares[order], vectors[:, order], smallest)

@@ -180,9 +180,13 @@ class _Several:
         return self._each(self.law.smooth(one, width), (one, v), (width, v_reg))
 
     def _each(self, said: Expression, *given: tuple[ca.SX, Expression]) -> ca.SX:
-        """Put in the numbers of each, and what is given for symbols: a column, or one for all."""
-        count = self.numbers.size2()
-        function = ca.Function("law", [self.symbols, *(symbol for symbol, _ in given)], [said])
-        columns = (ca.SX(value) for _, value in given)
+        """Put in the numbers of each, and what is given for symbols: a column, or one for all.
+
+        Other symbols, those of a law that is no dataclass say, are the same for all.
+        """
+        count, symbols = self.numbers.size2(), [self.symbols, *(symbol for symbol, _ in given)]
+        others = ca.Function("law", symbols, [said], {"allow_free": True}).free_sx()
+        function = ca.Function("law", [*symbols, ca.vertcat(*others)], [said])
+        columns = [ca.SX(value) for _, value in given]
         rows = (ca.repmat(v, 1, count) if v.is_scalar() else v.T for v in columns)
-        return function.map(count)(self.numbers, *rows).T
+        return function.map(count)(self.numbers, *rows, ca.repmat(ca.vertcat(*others), 1, count)).T

@@ -22,7 +22,8 @@ static const ivec NO_SIGN = {
 #define INLINE static inline __attribute__((always_inline, unused))
 #define BITS(a) ((ivec)(a))
 #define NUMBER(bits) ((vec)(bits))
-#define ALL(a) ((vec){} + (a))
+/* with the sign of a zero */
+#define ALL(a) ((a) - (vec){})
 /* a where a mask is set, else b */
 #define PICK(mask, a, b) ((vec)(((mask) & (ivec)(a)) | (~(mask) & (ivec)(b))))
 #define WHERE(mask, a) ((vec)((mask) & (ivec)(a)))
@@ -45,7 +46,9 @@ static const ivec NO_SIGN = {
 INLINE vec lane_abs(vec a) { return (vec)((ivec)a & NO_SIGN); }
 INLINE vec lane_max(vec a, vec b) { return PICK((a >= b) | (b != b), a, b); }
 INLINE vec lane_min(vec a, vec b) { return PICK((a <= b) | (b != b), a, b); }
-INLINE vec lane_sign(vec a) { return PICK(a == a, TRUTH(a > 0.0) - TRUTH(a < 0.0), a); }
+INLINE vec lane_sign(vec a) {
+    return PICK((a > 0.0) | (a < 0.0), TRUTH(a > 0.0) - TRUTH(a < 0.0), a);
+}
 INLINE vec lane_square(vec a) { return a * a; }
 INLINE vec lane_sqrt(vec a) { return EACH(sqrt, a); }
 

@@ -93,7 +93,7 @@ def source(function: ca.Function) -> str | None:
         if operation == ca.OP_INPUT:
             value = f"{'txps'[given[0]]}[{given[1]}]"
         elif operation == ca.OP_CONST:
-            value = f"(vec){{}} + {number(function.instruction_constant(k))}"
+            value = f"ALL({number(function.instruction_constant(k))})"
         elif operation in OPERATIONS:
             value = OPERATIONS[operation].format(*(f"a{i}" for i in given))
         else:
