@@ -92,18 +92,22 @@ def test_what_is_caught_again_does_not_depend_on_the_unit(n: int, seed: int, uni
 
 @pytest.mark.parametrize("route", ROUTES)
 def test_what_is_held_stops_by_its_own_impulse_and_then_by_its_own_force(route: Route):
-    """On a body that also slides: its velocities change as one column of G says."""
-    v, f, G = ca.SX.sym("v", 2), ca.SX.sym("f", 2), np.array([[2.0, 0.8], [0.8, 1.0]])
+    """On a body that also slides, when it is kicked: one column of G says by how much."""
+    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    G = np.array([[2.0, 0.8], [0.8, 1.0]])
     grounds = [
         Contact("slides", v[0], f[0], Coulomb(0.5, 0.5)),
         Contact("held", v[1], f[1], Held()),
     ]
-    body = Model("sled", [Signal("v", v, value=[1.0, 0.3])], ca.DM(G) @ f, contacts=grounds)
+    kick = Switch("kick", t - 0.5, v + ca.DM([0.0, 0.3]))
+    states = [Signal("v", v, value=[1.0, 0.0])]
+    body = Model("sled", states, ca.DM(G) @ f, t=t, contacts=grounds, switches=[kick])
     motion = simulate(body, 3.0, route=route)
-    begins = 1.0 - 0.3 * G[0, 1] / G[1, 1]
-    stops = begins / (0.5 * (G[0, 0] - G[0, 1] ** 2 / G[1, 1]))
-    assert [(e.name, e.kind) for e in motion.events] == [("slides", "stick")]
-    assert motion.events[0].time == pytest.approx(stops, rel=1e-12)
+    slows = 0.5 * (G[0, 0] - G[0, 1] ** 2 / G[1, 1])
+    stops = (1.0 - 0.3 * G[0, 1] / G[1, 1]) / slows
+    expected = [("kick", "switch"), ("held", "impact"), ("slides", "stick")]
+    assert [(e.name, e.kind) for e in motion.events] == expected
+    assert motion.events[-1].time == pytest.approx(stops, rel=1e-12)
     assert motion.end == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
