@@ -957,31 +957,111 @@ def test_decays_are_taken_to_the_safe_side():
     assert decay * 0.6 < -longest < decay * 0.6 * (1 + 1e-11)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.8])
+def test_areas_of_decaying_slopes_are_rounded_up(share):
+    """By more than rounding errors, and by little more."""
+    sums = Cuts([Cut(0, np.ones(1), Slope(3.0, 0.7), Slope(2.0, 0.7, True), 9.0)])
+    sums.set_durations(np.array([0.4]), np.array([0.6]))
+    which, none, part = np.zeros(1, int), np.zeros(1), np.array([share])
+    for rate, (x,), shares in zip(
+        (3.0, 2.0), sums.exponents, ((part, none), (none, part)), strict=True
+    ):
+        with mp.workdps(50):
+            run = mp.mpf(float(x)) * share
+            exact = 2 * rate * share**2 * (1 - (1 - mp.exp(-run)) / run) / run
+        above = float(sums.reach(which, *shares)[0] / exact - 1)
+        assert 5e-13 < above < 1.5e-12
+
+
 @pytest.mark.parametrize("x", [1e-6, 1e-3, 4.999e-3, 5.001e-3, 0.1, 3.0])
 def test_a_decaying_ramp_is_exact_where_it_is_a_series_and_where_it_is_none(x):
     for exponent in (x, -x):
         with mp.workdps(50):
             exact = 2 * (1 - (1 - mp.exp(-exponent)) / mp.mpf(exponent)) / mp.mpf(exponent)
-        assert cuts._ramp(np.array([exponent]))[0] == pytest.approx(float(exact), rel=1e-12)
+        assert cuts._ramp(np.array([exponent]))[0] == pytest.approx(float(exact), rel=2e-13, abs=0)
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.7, 5.0])
-@pytest.mark.parametrize("level", [1.0, 9.0])
-def test_shares_of_cuts_are_the_best(decay, level):
+@pytest.mark.parametrize(
+    ("start", "end", "level"), [(0.3, 0.3, 1.0), (0.3, 0.3, 9.0), (2.0, 2.0, 9.0), (2.0, 0.3, 9.0)]
+)
+def test_shares_of_cuts_are_the_best(decay, start, end, level):
+    """Also from above the value that a decaying sum tends to, where every run falls."""
     cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), level)])
     cuts.set_durations(np.array([0.4]), np.array([0.6]))
-    which, value = np.zeros(1, int), np.array([[0.3]])
+    which, values = np.zeros(1, int), (np.array([[start]]), np.array([[end]]))
 
     def bound(before: float, after: float) -> float:
         shares = np.array([before]), np.array([after])
-        run = 0.3 * sum(cuts.holds(which, *shares)) + cuts.reach(which, *shares) / 2
+        held = cuts.holds(which, *shares)
+        run = start * held[0] + end * held[1] + cuts.reach(which, *shares) / 2
         return float(run[0]) + (1.0 - before - after) * level
 
     before, after = (
-        float(v[0, 0]) for v in cuts.shares(value, value, np.array([[level]]), np.ones((1, 1)))
+        float(v[0, 0]) for v in cuts.shares(*values, np.array([[level]]), np.ones((1, 1)))
     )
     tries = [(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)]
     assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-6
+
+
+@pytest.mark.parametrize("rates", [(3.0, 2.0), (np.inf, 2.0), (3.0, np.inf), (0.0, 0.0)])
+def test_shares_of_cuts_are_parts_of_a_cell(rates):
+    """Whatever the ends are, as a relaxed motion may be; where nothing limits a slope, none."""
+    rise, fall = (Slope(rate, 0.0) for rate in rates)
+    cuts = Cuts([Cut(0, np.ones(1), rise, fall, 9.0)])
+    cuts.set_durations(np.array([0.4]), np.array([0.6]))
+    ends = np.meshgrid([0.0, 0.3, 5.0, 9.0], [0.0, 0.3, 5.0, 9.0])
+    start, end = (each.reshape(1, -1) for each in ends)
+    before, after = cuts.shares(start, end, np.full((1, 1), 9.0), np.ones((1, 1)))
+    assert min(before.min(), after.min()) >= 0.0
+    assert np.max(before + after) <= 1.0
+    for shares, rate in ((before, rates[0]), (after, rates[1])):
+        assert np.isfinite(rate) or not shares.any()
+
+
+def test_cuts_are_the_same_when_they_are_drawn_again():
+    """Their numbers for the box of now are those with which they were made."""
+    program = Relaxation(coasting()[0], ((0,), (1,)), 3)
+    box = point((0.4, 0.6))
+    program.solve(box)
+    made = program._program._value.copy()
+    for other in (point((0.3, 0.7)), box):
+        program._set_box(program._tighten(np.array(other)))
+        assert np.array_equal(program._program._value, made) == (other == box)
+
+
+LOW, HIGH, SHORT, LONG, MOST = 0.2, 0.5, 0.6, 0.9, 3.0
+CORNERS = [np.array(corner) for corner in product((LOW, HIGH), (SHORT, LONG), (0.0, MOST))]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "met"),
+    [
+        # columns by their place; met: in how many of the box's corners, plane by plane
+        ("shares", lambda e, t, _: (e**2 * t, e * t, e, t, 1 / t), (6, 6, 6, 6, 8)),
+        ("meetings", lambda e, _, c: (e * c, c, e), (6, 6, 6, 6)),
+        ("drags", lambda e, t, c: (t * e * e * c, e * c, t * e * e, e), (5, 5, 5, 5)),
+    ],
+)
+def test_planes_meet_products_in_the_corners_of_a_box(kind, values, met):
+    """None passes beside a corner; those of least height meet so many of them."""
+    one, (a, b, c, d) = np.zeros(1, int), (np.array([k]) for k in range(4))
+    most = np.full(1, MOST)
+    planes = {
+        "shares": lambda: cuts.of_shares(a, b, c, 3, 4),
+        "meetings": lambda: cuts.of_meetings(one, a, b, c, most),
+        "drags": lambda: cuts.of_drags(one, a, b, c, d, most),
+    }[kind]()
+    sides = cuts.Sides(np.array([LOW]), np.array([HIGH]), SHORT, LONG).of(one)
+    for plane, count in zip(planes, met, strict=True):
+        coefficients, side = plane.of(sides)
+        left = []
+        for corner in CORNERS:
+            x = np.array(values(*corner))[np.concatenate(plane.columns)]
+            terms = [np.ravel(each)[0] * value for each, value in zip(coefficients, x, strict=True)]
+            left.append(float(np.ravel(side)[0]) - sum(terms))
+        assert min(left) >= -1e-15, plane
+        assert np.count_nonzero(np.array(left) < 1e-14) == count
 
 
 # -- the tree ----------------------------------------------------------------------------------

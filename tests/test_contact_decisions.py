@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from wormopt.model.friction import Coulomb
+from wormopt.model.friction import Coulomb, Held
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.layer import Layer, _least_between
@@ -77,7 +77,7 @@ def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed:
         assert not motion.events  # it began so
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@pytest.mark.parametrize("unit", [1e-12, 1e-6, 1e6])
 @pytest.mark.parametrize(("n", "seed"), [(2, 8), (2, 26), (3, 130)])
 def test_what_is_caught_again_does_not_depend_on_the_unit(n: int, seed: int, unit: float):
     """Here one contact that cannot be held at first can when another has been let go."""
@@ -88,6 +88,27 @@ def test_what_is_caught_again_does_not_depend_on_the_unit(n: int, seed: int, uni
         motion = simulate(rigid(n), 1e-3, p=p, route=route)
         assert motion.end / unit == pytest.approx(1e-3 * a, abs=1e-14)
         assert not motion.events
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_what_is_held_stops_by_its_own_impulse_and_then_by_its_own_force(route: Route):
+    """On a body that also slides, when it is kicked: one column of G says by how much."""
+    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    G = np.array([[2.0, 0.8], [0.8, 1.0]])
+    grounds = [
+        Contact("slides", v[0], f[0], Coulomb(0.5, 0.5)),
+        Contact("held", v[1], f[1], Held()),
+    ]
+    kick = Switch("kick", t - 0.5, v + ca.DM([0.0, 0.3]))
+    states = [Signal("v", v, value=[1.0, 0.0])]
+    body = Model("sled", states, ca.DM(G) @ f, t=t, contacts=grounds, switches=[kick])
+    motion = simulate(body, 3.0, route=route)
+    slows = 0.5 * (G[0, 0] - G[0, 1] ** 2 / G[1, 1])
+    stops = (1.0 - 0.3 * G[0, 1] / G[1, 1]) / slows
+    expected = [("kick", "switch"), ("held", "impact"), ("slides", "stick")]
+    assert [(e.name, e.kind) for e in motion.events] == expected
+    assert motion.events[-1].time == pytest.approx(stops, rel=1e-12)
+    assert motion.end == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize("route", ROUTES)

@@ -258,12 +258,14 @@ class Contacts:
         return True
 
     def _catch_again(self, t: float, probe: _Probe) -> bool:
-        """Catch one that was let go but would move against its mode."""
+        """Catch one that was let go but would move against its mode, by more than rounding."""
+        acceleration = probe.acceleration / self._drift  # drift goes with nominal speed
+        rounding = 1e-9 * np.abs(acceleration).max()
         for i, mode in enumerate(self._modes):
             moves = abs(probe.velocity[i]) > self._v_stop[i]
             if moves or mode == 0 or self._released[i] == t:
                 continue
-            if mode * probe.acceleration[i] < -1e-9 * (1 + abs(probe.acceleration[i])):
+            if mode * acceleration[i] < -rounding:
                 self._modes[i] = 0.0
                 self._aim.clear(i)
                 return True

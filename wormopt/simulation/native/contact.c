@@ -130,15 +130,25 @@ static int let_go(Run *run) {
     return 1;
 }
 
-/* Catch again what was let go but would move against its mode; only where contacts act on each
-   other can that be. */
+/* Largest acceleration of all contacts, each in units of its drift, which goes with its nominal
+   speed. */
+static double largest_acceleration(const Run *run) {
+    const long long n = run->in.n_contacts;
+    double most = 0.0;
+    for (long long i = 0; i < n; i++)
+        most = fmax(most, fabs(run->probe[n + i]) / run->in.v_drift[i]);
+    return most;
+}
+
+/* Catch again what was let go but would move against its mode, by more than rounding; only where
+   contacts act on each other can that be. */
 static int catch_again(Run *run) {
     const long long n = run->in.n_contacts;
+    const double rounding = 1e-9 * largest_acceleration(run);
     for (long long i = 0; i < n; i++) {
         int moves = fabs(run->probe[i]) > run->in.v_stop[i];
         if (moves || run->modes[i] == 0.0 || run->released[i] == run->out.t) continue;
-        double pull = run->modes[i] * run->probe[n + i];
-        if (pull < -1e-9 * (1.0 + fabs(run->probe[n + i]))) {
+        if (run->modes[i] * run->probe[n + i] / run->in.v_drift[i] < -rounding) {
             run->modes[i] = 0.0;
             end_onset(run, i);
             return 1;
