@@ -176,8 +176,9 @@ def hand_written(name: str, span: float, relative: float) -> tuple[np.ndarray, i
 
 @cache
 def _by_hand(name: str) -> ctypes.CDLL:
-    text = (files("wormopt.bench") / f"{name}.c").read_text(encoding="utf-8")
-    built = library(name, [(f"{name}.c", text)], "-O3")
+    folder, parts = files("wormopt.bench"), (f"{name}.c", "dop853.h")
+    texts = [(part, (folder / part).read_text(encoding="utf-8")) for part in parts]
+    built = library(name, texts, "-O3")
     run = getattr(built, name)
     run.restype = ctypes.c_longlong
     run.argtypes = [*[ctypes.c_double] * 3, *[ctypes.c_void_p] * 2]

@@ -1,6 +1,5 @@
-/* Benchmark TRACK14 as one would write it by hand in C: DOP853 (Hairer, Norsett, Wanner, Solving
-   Ordinary Differential Equations I, section II.10) with the worm of three masses, tracker (14) and
-   the chapter's data written out. It shares nothing with the package's own driver. */
+/* Benchmark TRACK14 as one would write it by hand in C: DOP853 with the worm of three masses, tracker
+   (14) and the chapter's data written out. It shares nothing with the package's own driver. */
 #include <math.h>
 
 #define PI 3.14159265358979323846
@@ -42,63 +41,8 @@ static inline void rhs(Third *third, double t, const double *y, double *dy) {
     dy[6] = dk, dy[7] = dtheta1, dy[8] = dtheta2;
 }
 
-#define EACH for (int i = 0; i < N; i++)
-#define STAGE(k, c, sum)                \
-    EACH z[i] = y[i] + h * (sum);       \
-    rhs(third, t + (c) * h, z, k);
-
-/* One step from (t, y) with derivative k1; y_new is its end. Gives the error, good if at most 1. */
-static double step(Third *third, double t, double h, const double *restrict y,
-                   const double *restrict k1, double *restrict y_new, double rtol, double atol) {
-    double k2[N], k3[N], k4[N], k5[N], k6[N], k7[N], k8[N], k9[N], k10[N], k11[N], k12[N], z[N];
-    STAGE(k2, 0.05260015195876773, 0.05260015195876773 * k1[i])
-    STAGE(k3, 0.0789002279381516, 0.0197250569845379 * k1[i] + 0.0591751709536137 * k2[i])
-    STAGE(k4, 0.1183503419072274, 0.02958758547680685 * k1[i] + 0.08876275643042054 * k3[i])
-    STAGE(k5, 0.2816496580927726,
-          0.2413651341592667 * k1[i] - 0.8845494793282861 * k3[i] + 0.924834003261792 * k4[i])
-    STAGE(k6, 0.3333333333333333,
-          0.037037037037037035 * k1[i] + 0.17082860872947386 * k4[i] + 0.12546768756682242 * k5[i])
-    STAGE(k7, 0.25,
-          0.037109375 * k1[i] + 0.17025221101954405 * k4[i] + 0.06021653898045596 * k5[i]
-              - 0.017578125 * k6[i])
-    STAGE(k8, 0.3076923076923077,
-          0.03709200011850479 * k1[i] + 0.17038392571223998 * k4[i] + 0.10726203044637328 * k5[i]
-              - 0.015319437748624402 * k6[i] + 0.008273789163814023 * k7[i])
-    STAGE(k9, 0.6512820512820513,
-          0.6241109587160757 * k1[i] - 3.3608926294469414 * k4[i] - 0.868219346841726 * k5[i]
-              + 27.59209969944671 * k6[i] + 20.154067550477894 * k7[i] - 43.48988418106996 * k8[i])
-    STAGE(k10, 0.6,
-          0.47766253643826434 * k1[i] - 2.4881146199716677 * k4[i] - 0.590290826836843 * k5[i]
-              + 21.230051448181193 * k6[i] + 15.279233632882423 * k7[i] - 33.28821096898486 * k8[i]
-              - 0.020331201708508627 * k9[i])
-    STAGE(k11, 0.8571428571428571,
-          -0.9371424300859873 * k1[i] + 5.186372428844064 * k4[i] + 1.0914373489967295 * k5[i]
-              - 8.149787010746927 * k6[i] - 18.52006565999696 * k7[i] + 22.739487099350505 * k8[i]
-              + 2.4936055526796523 * k9[i] - 3.0467644718982196 * k10[i])
-    STAGE(k12, 1.0,
-          2.273310147516538 * k1[i] - 10.53449546673725 * k4[i] - 2.0008720582248625 * k5[i]
-              - 17.9589318631188 * k6[i] + 27.94888452941996 * k7[i] - 2.8589982771350235 * k8[i]
-              - 8.87285693353063 * k9[i] + 12.360567175794303 * k10[i] + 0.6433927460157636 * k11[i])
-    double five = 0.0, three = 0.0;
-    EACH {
-        double b = 0.054293734116568765 * k1[i] + 4.450312892752409 * k6[i]
-                   + 1.8915178993145003 * k7[i] - 5.801203960010585 * k8[i]
-                   + 0.3111643669578199 * k9[i] - 0.1521609496625161 * k10[i]
-                   + 0.20136540080403034 * k11[i] + 0.04471061572777259 * k12[i];
-        double e5 = 0.01312004499419488 * k1[i] - 1.2251564463762044 * k6[i]
-                    - 0.4957589496572502 * k7[i] + 1.6643771824549864 * k8[i]
-                    - 0.35032884874997366 * k9[i] + 0.3341791187130175 * k10[i]
-                    + 0.08192320648511571 * k11[i] - 0.022355307863886294 * k12[i];
-        double e3 = b - 0.2440944881889764 * k1[i] - 0.7338466882816118 * k9[i]
-                    - 0.022058823529411766 * k12[i];
-        y_new[i] = y[i] + h * b;
-        double scale = 1.0 / (atol + rtol * fmax(fabs(y[i]), fabs(y_new[i])));
-        e5 *= scale, e3 *= scale;
-        five += e5 * e5, three += e3 * e3;
-    }
-    double both = five + 0.01 * three;
-    return both > 0.0 ? h * five / sqrt(N * both) : 0.0;
-}
+#define MOTION Third
+#include "dop853.h"
 
 /* From t = 0 to t_end; y (9) is the state at the end. Gives the number of accepted steps, negative
    if the step became too small. counts: rejected steps, evaluations. */
@@ -135,15 +79,4 @@ long long track14(double t_end, double rtol, double atol, double *y, long long *
     EACH y[i] = now[i];
     counts[0] = rejected, counts[1] = third.evaluations;
     return steps;
-}
-
-/* The right-hand side alone, so many times over: what an evaluation costs. */
-double track14_rhs(long long times) {
-    double y[N] = {0.1, 2.1, 4.1, 0.3, -0.2, 0.5, 5.0, 0.3, -0.4}, dy[N];
-    Third third = {0.0, MIDDLE[0], WAVE[0], 0};
-    for (long long i = 0; i < times; i++) {
-        rhs(&third, 1e-7 * i, y, dy);
-        EACH y[i] += 1e-12 * dy[i]; /* so that nothing is the same as before */
-    }
-    return y[0];
 }

@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import quad
 
-from wormopt.bench.stress.means import Judged, refused, zero
+from wormopt.bench.stress.means import STENCIL, Judged, refused, zero
 from wormopt.bench.stress.rows import ROWS
 from wormopt.bench.stress.verdict import Case, Dice, apart, many, spread
-from wormopt.bench.stress.windings import STENCIL, loop_by_integrals, seen, summed
+from wormopt.bench.stress.windings import loop_by_integrals, seen, summed
 from wormopt.magnetics import hydrostatics
 from wormopt.magnetics.coils import CoilRow
 from wormopt.magnetics.hydrostatics import Langevin

@@ -12,6 +12,9 @@ from wormopt.errors import WormoptError
 Judged = Iterator[tuple[str, float]]
 Function = Callable[[float], float]
 
+STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
+"""Where to look for a derivative, and what each look counts, over the step."""
+
 
 def refused(call: Callable[[], object], *words: str) -> float:
     """0 if a call is refused by a reason with all of these words, else infinite."""

@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
-from wormopt.bench.stress.means import Judged, refused
+from wormopt.bench.stress.means import STENCIL, Judged, refused
 from wormopt.bench.stress.verdict import Compare, Dice, above, apart, spread
-from wormopt.bench.stress.windings import STENCIL, seen
+from wormopt.bench.stress.windings import seen
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.systems.coils.row_currents import TravellingTarget, fit_currents

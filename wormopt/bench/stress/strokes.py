@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from wormopt.bench.stress.means import Judged, refused
+from wormopt.bench.stress.means import STENCIL, Judged, refused
 from wormopt.bench.stress.resistive import Chain, Heading, connection, resisted
 from wormopt.bench.stress.verdict import Compare, Dice, above, apart, spread
 from wormopt.numerics.collocation import Collocation
@@ -23,7 +23,6 @@ from wormopt.systems.planar.swimming.best import best_stroke
 from wormopt.systems.planar.swimming.heights import curvature, heights
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
-_STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 _NONE = (0.0, 0.0)
 
 Course = Callable[[float], tuple[np.ndarray, np.ndarray]]
@@ -43,7 +42,7 @@ def _curved(
     A = _connected(chain, rods, masses, s)[0]
     by = np.zeros((n_s, *A.shape))
     for k in range(n_s):
-        for times, weight in _STENCIL:
+        for times, weight in STENCIL:
             moved = s + times * step * np.eye(n_s)[k]
             by[k] += weight / step * _connected(chain, rods, masses, moved)[0]
     pairs = [(i, j) for i in range(n_s) for j in range(i + 1, n_s)]

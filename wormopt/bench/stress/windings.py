@@ -9,9 +9,6 @@ from scipy.special import ellipe, ellipkm1
 
 from wormopt.magnetics.winding import Coil
 
-STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
-"""Where to look for a derivative, and what each look counts, over the step."""
-
 # Parts of the way from a point on, in which a winding is summed.
 _CUTS = (0.0, 1e-3, 1e-2, 0.05, 0.2, 0.5, 1.0)
 
