@@ -114,13 +114,13 @@ def optimal_input(
 
     The grid is measured by `period`, that of the reference. Raises SolveError if none is found.
     """
-    problem = tracking_problem(plant, reference, end, objective, tube)
-    breaks = problem.model.breaks(end)
     if end > _ARCS * period / grid.arcs:
         raise SolveError(
             f"grid.arcs = {grid.arcs} a period of {period:g} makes {end * grid.arcs / period:.3g} "
             f"arcs until time.end, {_ARCS:g} at most; write a smaller time.end or fewer arcs"
         )
+    problem = tracking_problem(plant, reference, end, objective, tube)
+    breaks = problem.model.breaks(end)
     mesh = Mesh.over(breaks, period / grid.arcs, Collocation(grid.degree, "radau"))
     weight = 1 / objective.input_weight if isinstance(objective, LeastError) else _STIFF
     guess = first_guess(plant, reference, end, weight)
