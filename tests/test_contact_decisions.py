@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 from wormopt.model.friction import Coulomb, Held
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
+from wormopt.simulation import routes
 from wormopt.simulation.layer import Layer, _least_between
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
@@ -109,6 +110,47 @@ def test_what_is_held_stops_by_its_own_impulse_and_then_by_its_own_force(route: 
     assert [(e.name, e.kind) for e in motion.events] == expected
     assert motion.events[-1].time == pytest.approx(stops, rel=1e-12)
     assert motion.end == pytest.approx([0.0, 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("held", [(0,), (1,), (0, 1), (0, 2), (1, 2)])
+def test_compiled_steps_stop_what_is_held_themselves(
+    held: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+):
+    """Of three velocities some are held and nothing else touches the ground, in any order.
+
+    What compiled steps refuse where loads may be shared goes to those in Python, unseen.
+    """
+    monkeypatch.setattr(routes, "_in_python", None)
+    v, f, t = ca.SX.sym("v", 3), ca.SX.sym("f", 3), ca.SX.sym("t")
+    G = np.array([[2.0, 0.8, 0.3], [0.8, 1.0, 0.2], [0.3, 0.2, 1.5]])
+    laws = [Held() if i in held else Coulomb(0.0, 0.0) for i in range(3)]
+    among = held if len(held) == 2 else range(3)
+    grounds = [Contact(f"ground {i}", v[i], f[i], laws[i]) for i in among]
+    push = ca.DM(G)[:, list(among)] @ ca.vertcat(*(ground.force for ground in grounds))
+    before, kick = np.ones(3), np.array([0.3, -0.2, 0.1])
+    before[list(held)] = 0.0
+    states = [Signal("v", v, value=before)]
+    switch = Switch("kick", t - 0.5, v + ca.DM(kick))
+    body = Model("body", states, push, t=t, contacts=grounds, switches=[switch])
+    motion = simulate(body, 1.0, route="native")
+    here = list(held)
+    impulse = np.linalg.solve(G[np.ix_(here, here)], -kick[here])
+    assert motion.end == pytest.approx(before + kick + G[:, here] @ impulse, abs=1e-12)
+    hit = [(f"ground {i}", "impact") for i in held]
+    assert [(e.name, e.kind) for e in motion.events] == [("kick", "switch"), *hit]
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_many_that_act_on_each_other_are_let_go_one_by_one(route: Route):
+    """Twelve contacts, each pushed with more than they hold: as many decisions at one instant."""
+    v, f = ca.SX.sym("v", 12), ca.SX.sym("f", 12)
+    G, push = np.eye(12) + 0.01, np.linspace(3.0, 4.0, 12)
+    grounds = [Contact(f"foot {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(12)]
+    states = [Signal("v", v, value=0.0)]
+    model = Model("many", states, ca.DM(push) + ca.DM(G) @ f, contacts=grounds)
+    motion = simulate(model, 1.0, route=route)
+    assert motion.end == pytest.approx(push - G.sum(1), rel=1e-12)
+    assert not motion.events
 
 
 @pytest.mark.parametrize("route", ROUTES)

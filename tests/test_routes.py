@@ -455,6 +455,27 @@ def test_a_guard_left_above_zero_must_come_back_before_it_fires_again(route: Rou
 
 
 @pytest.mark.parametrize("route", STEPPING)
+def test_a_guard_that_a_jump_lifts_and_leaves_above_zero_must_come_back_too(route: Route):
+    """Lifted from -5 to 0.3, it is thrown to 1/2, falls to 3/8 and rises for ever."""
+    v, w, count, t = (ca.SX.sym(name) for name in ("v", "w", "count", "t"))
+    values = {"v": -5.0, "w": 0.5, "count": 0.0}
+    model = Model(
+        "lifted",
+        x=[Signal(str(s), s, value=values[str(s)]) for s in (v, w, count)],
+        ode=ca.vertcat(w - 0.5, 1, 0),
+        t=t,
+        switches=[
+            Switch("lift", t - 0.5, ca.vertcat(0.3, w, count)),
+            Switch("rises", v, ca.vertcat(0.5, 0, count + 1)),
+        ],
+    )
+    motion = simulate(model, 4.0, route=route)
+    assert [event.name for event in motion.events] == ["lift", "rises"]
+    assert motion.end[2] == 1
+    assert motion.end[0] == pytest.approx(0.5 - 3.5 / 2 + 3.5**2 / 2, abs=1e-9)
+
+
+@pytest.mark.parametrize("route", STEPPING)
 @pytest.mark.parametrize("level", [0.1, 0.3, 0.7, 1.1])
 def test_a_motion_stopped_at_its_guard_does_not_fire_it_again(route: Route, level: float):
     """x'' = 1; at x = level the velocity is made zero, and x goes on rising from there."""
