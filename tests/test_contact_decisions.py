@@ -131,7 +131,7 @@ def test_compiled_steps_stop_what_is_held_themselves(
     grounds = [Contact(f"ground {i}", v[i], f[k], Held()) for k, i in enumerate(held)]
     before, kick = np.ones(3), np.array([0.3, -0.2, 0.1])
     before[held] = 0.0
-    states = [Signal("v", v, value=before)]
+    states = [Signal("v", v, value=before.tolist())]
     switch = Switch("kick", t - 0.5, v + ca.DM(kick))
     push = ca.DM(G[:, held]) @ f
     body = Model("body", states, push, t=t, contacts=grounds, switches=[switch])
