@@ -106,7 +106,7 @@ def judge(cell: Cell | PlanarCell) -> Verdict:
         if not error.code or not error.suggestion or error.partial is None:
             missing = "code, suggestion or partial motion"
             return verdict("wrong", f"refused without {missing}: {error}")
-        return verdict("refused", error.code)
+        return verdict("refused", f"{error.code}: {error.suggestion}")
     except _TooLong:
         return verdict("undecided", "simulate takes too long")
     except Exception as error:
