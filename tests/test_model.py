@@ -144,6 +144,13 @@ def test_a_model_without_contacts_has_empty_columns():
     assert ca.is_equal(model["twice"], 2 * v, 2)
 
 
+@pytest.mark.parametrize("law", [None, 3.0, "coulomb"])
+def test_contacts_without_a_law_are_refused(law: Any):
+    v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    with pytest.raises(ArgumentError, match=r"contact sole: law must be a friction law.*not"):
+        Contact("sole", v, f, law)
+
+
 def test_models_that_do_not_fit_together_are_refused():
     v, w = ca.SX.sym("v", 2), ca.SX.sym("w")
     with pytest.raises(ValueError, match="model cart: 1 equations, 2 states"):

@@ -132,7 +132,7 @@ class Contact:
     Raises
     ------
     ArgumentError
-        If velocity, force or walls do not fit the law.
+        If there is no law, or velocity, force or walls do not fit it.
     """
 
     name: str
@@ -145,6 +145,11 @@ class Contact:
     normal_force: ca.SX | None = None
 
     def __post_init__(self) -> None:
+        if not hasattr(self.law, "slip_force"):  # which laws of both kinds have
+            raise ArgumentError(
+                f"contact {self.name}: law must be a friction law, Coulomb(1.0, 10.0) say, "
+                f"not {self.law!r}"
+            )
         shape = (2, 1) if self.planar else (1, 1)
         if self.velocity.shape != shape or self.force.shape != shape:
             be = "columns of 2, its law is one in the plane" if self.planar else "scalars"
