@@ -43,8 +43,13 @@ class Mutant(NamedTuple):
         """By which the reasons in the docs know it."""
         return self.path.rpartition("/")[2], self.old, self.new
 
+    @property
+    def told(self) -> str:
+        """The change as a run prints it, wherever its line has gone since."""
+        return f"\n      - {self.old}\n      + {self.new}\n"
+
     def __str__(self) -> str:
-        return f"    {self.path}:{self.line}\n      - {self.old}\n      + {self.new}"
+        return f"    {self.path}:{self.line}{self.told}".rstrip("\n")
 
 
 def mutants_of(root: Path, path: str) -> list[Mutant]:
