@@ -235,7 +235,7 @@ static void note_fired(Run *run, long long which, double residual) {
     const double value = run->value[which];
     const double rate = run->guard[run->in.n_switches + which - n_exact(run)];
     const int near = value >= -residual; /* left clearly above 0, it must come from below */
-    run->level[which] = rate < 0.0 && near ? fmin(value, -1e-300) : -INFINITY;
+    run->level[which] = rate < 0.0 && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
 }
 
 void apply_event(Run *run, long long which, int jumped) {
