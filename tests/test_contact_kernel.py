@@ -157,12 +157,21 @@ def test_forces_count_as_determined_down_to_a_determinant_of_1e10(
         assert refused(rigid(2), 1.0, **options).code == "no_contact_mode"
 
 
-def test_where_no_choice_fits_the_laws_the_motion_is_refused(route: Route):
-    """A body that to push is to pull: not possible, and not a matter of more trials."""
-    G, load = np.array([[1.0, -2.0], [-2.0, 1.0]]), np.array([1.3, -3.9])
-    assert consistent(load, G) == []
-    p = {"b": load, "G": G.ravel()}
-    assert refused(rigid(2), 1.0, route, p=p).code == "no_contact_mode"
+def test_a_body_that_a_push_may_pull_moves_as_the_laws_allow_or_is_refused(route: Route):
+    """Its matrix is any: letting go and catching may go on for ever, though there is a choice."""
+    random, ends = np.random.default_rng(1), []
+    for n in 30 * [2, 3]:
+        G, load = 2 * random.normal(size=(n, n)), random.uniform(-4, 4, n)
+        p = {"b": load, "G": G.ravel(order="F")}
+        try:
+            motion = simulate(rigid(n), 1e-3, p=p, route=route)
+        except SolveError as error:
+            ends.append((error.code, error.partial.end_time))
+            continue
+        ways = [1e-3 * a for _, a, _ in consistent(load, G)]
+        assert any(np.allclose(motion.end, way, rtol=0, atol=1e-12) for way in ways)
+        ends.append("right")
+    assert set(ends) == {"right", ("no_contact_mode", 0.0)}
 
 
 @SIGNS
