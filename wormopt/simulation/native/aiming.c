@@ -35,15 +35,6 @@ void look_where(Run *run) {
     }
 }
 
-/* Put contact i, just let go, on its way; then `turn_onset` it. */
-void begin_onset(Run *run, long long i) {
-    const long long k = run->in.planar[i];
-    if (k < 0) return;
-    double *d = direction(run, k);
-    memcpy(d, run->toward + 2 * k, 2 * sizeof(double));
-    d[2] = 0.0, d[3] = run->out.t;
-}
-
 static double off(Run *run, long long k, double angle) {
     double *d = direction(run, k);
     d[0] = cos(angle), d[1] = sin(angle);
@@ -52,9 +43,8 @@ static double off(Run *run, long long k, double angle) {
 }
 
 /* Turn the direction of contact i until the force of onset is that of sliding. */
-void turn_onset(Run *run, long long i) {
+static void turn_onset(Run *run, long long i) {
     const long long k = run->in.planar[i];
-    if (k < 0) return;
     const double *d = direction(run, k);
     const double first = atan2(d[1], d[0]), begin = off(run, k, first);
     if (!(fabs(begin) > SMALL * run->in.nominal_force[i])) return;
@@ -80,6 +70,16 @@ void turn_onset(Run *run, long long i) {
         }
     }
     off(run, k, first + b);
+}
+
+/* Put contact i, just let go, on its way. */
+void begin_onset(Run *run, long long i) {
+    const long long k = run->in.planar[i];
+    if (k < 0) return;
+    double *d = direction(run, k);
+    memcpy(d, run->toward + 2 * k, 2 * sizeof(double));
+    d[2] = 0.0, d[3] = run->out.t;
+    turn_onset(run, i);
 }
 
 /* Turn all that begin to slip until they fit each other. */

@@ -8,11 +8,8 @@ static const double AT_ONCE = 1e-10;  /* of the whole time */
 static const double ALIKE = 1e-6;     /* relative; changes that differ by no more are the same */
 
 void doubt(Run *run, double t, long long which, double mode, Reason reason) {
-    double *row = grow(&run->out.doubts);
-    if (!row) {
-        run->out.status = NO_MEMORY;
-        return;
-    }
+    double *row = grow(run, &run->out.doubts);
+    if (!row) return;
     if (!run->in.exact) which += run->in.n_contacts; /* only switches have events then */
     row[0] = t, row[1] = which, row[2] = mode, row[3] = reason;
 }

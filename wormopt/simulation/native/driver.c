@@ -6,12 +6,15 @@
 
 #include "run.h"
 
-/* Next row of a table, NULL if memory is out. */
-double *grow(Table *table) {
+/* Next row of a table, NULL if memory is out: the end of the run. */
+double *grow(Run *run, Table *table) {
     if (table->rows == table->room) {
         long long room = table->room ? 2 * table->room : 64;
         double *data = realloc(table->data, room * table->width * sizeof(double));
-        if (!data) return NULL;
+        if (!data) {
+            run->out.status = NO_MEMORY;
+            return NULL;
+        }
         table->data = data, table->room = room;
     }
     return table->data + table->width * table->rows++;
@@ -79,11 +82,8 @@ static void emit(Run *run, double h, double end) {
     }
     if (!run->in.keep_dense) return;
     fit(run, h);
-    double *row = grow(&run->out.dense);
-    if (!row) {
-        run->out.status = NO_MEMORY;
-        return;
-    }
+    double *row = grow(run, &run->out.dense);
+    if (!row) return;
     row[0] = end;
     memcpy(row + 1, run->dense, N_DENSE * n * sizeof(double));
 }

@@ -110,7 +110,6 @@ int in_onset(const Run *run, long long i);
 void end_onset(Run *run, long long i);
 void look_where(Run *run);
 void begin_onset(Run *run, long long i);
-void turn_onset(Run *run, long long i);
 void sweep_onsets(Run *run);
 void follow_onsets(Run *run);
 
@@ -140,7 +139,7 @@ double next_length(Run *run);
 void judge(Run *run, double h, double error);
 int goes_on(Run *run);
 void emit_end(Run *run);
-double *grow(Table *table);
+double *grow(Run *run, Table *table);
 double floor_of_step(const Run *run);
 
 #endif

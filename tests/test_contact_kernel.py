@@ -1,0 +1,375 @@
+"""Decisions about contacts and switches at their bounds, by closed forms; compiled and in Python.
+
+What compiled steps refuse would be done in Python, unseen: that is forbidden here.
+"""
+
+from functools import cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from test_contact_decisions import BACKWARD, FORWARD, consistent, rigid
+from test_planar_sharing import ROD, body
+
+from wormopt.errors import SolveError
+from wormopt.model.friction import Coulomb, Held, Spike
+from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.planar_friction import Elliptic
+from wormopt.simulation import routes
+from wormopt.simulation.options import Route, Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
+
+USUAL = Tolerance()
+ERRORS = USUAL.relative + USUAL.absolute  # of a step
+DRIFT = 1e3 * (1e-14 + ERRORS)  # speed that a resting velocity may gather, of the nominal one
+STRUCK = 1e-11  # speed that only an impulse stops, of the nominal one
+EDGE = 100 * ERRORS  # share of a force that errors of a motion may bridge
+SIGNS = pytest.mark.parametrize("sign", [1.0, -1.0])
+
+
+@pytest.fixture(params=["native", "python"])
+def route(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Route:
+    if request.param == "native":
+        monkeypatch.setattr(routes, "_in_python", None)
+    return request.param
+
+
+def kinds(motion: Trajectory) -> list[tuple[str, str]]:
+    return [(event.name, event.kind) for event in motion.events]
+
+
+def refused(model: Model, span: float, route: Route, **options: Any) -> SolveError:
+    with pytest.raises(SolveError) as error:
+        simulate(model, span, route=route, **options)
+    return error.value
+
+
+# -- slow is at rest -----------------------------------------------------------------------------
+
+
+@cache
+def kicked(law: Any, nominal: float, pushed: float = 0.0) -> Model:
+    """A block whose velocity is set at t = 1/2."""
+    t, v, f, to = (ca.SX.sym(name) for name in ("t", "v", "f", "to"))
+    return Model(
+        "kicked",
+        [Signal("v", v, value=0.0)],
+        f + pushed,
+        t=t,
+        p=[Signal("to", to, value=0.0)],
+        contacts=[Contact("block", v, f, law, nominal_speed=nominal)],
+        switches=[Switch("kick", t - 0.5, to)],
+    )
+
+
+@pytest.mark.parametrize("nominal", [1e-3, 10.0])
+@pytest.mark.parametrize(
+    ("before", "after", "kind"),
+    [
+        (1.0, 0.7 * STRUCK, "stick"),
+        (1.0, 1.4 * STRUCK, "impact"),
+        (0.0, 0.7 * DRIFT, None),
+        (0.0, 1.4 * DRIFT, "impact"),
+    ],
+)
+def test_a_spike_struck_backward_stops_by_an_impulse_if_it_is_not_slow(
+    before: float, after: float, kind: str | None, nominal: float, route: Route
+):
+    start, to = nominal * np.array([before, -after])
+    motion = simulate(kicked(Spike(), nominal), 1.0, x0={"v": start}, p={"to": to}, route=route)
+    assert kinds(motion) == [("kick", "switch"), *([("block", kind)] if kind else [])]
+    assert motion.end[0] == 0.0
+    assert motion.modes[-1, 1] == 0
+
+
+@SIGNS
+@pytest.mark.parametrize("speed", [0.7 * DRIFT, 1.4 * DRIFT])
+def test_slow_as_drift_only_what_rests_is_at_rest(speed: float, sign: float, route: Route):
+    """What slides goes on to slide down to 0."""
+    block = kicked(Coulomb(1e-8, 1e-8), 1.0)
+    options: Any = {"p": {"to": sign * speed}, "route": route}
+    slid = simulate(block, 2.5, x0={"v": sign}, **options)
+    assert kinds(slid) == [("kick", "switch"), ("block", "stick")]
+    assert slid.events[1].time == pytest.approx(0.5 + speed / 1e-8, rel=1e-9)
+    rested = simulate(block, 2.5, **options)
+    let_go = [("block", "release"), ("block", "stick")] if speed > DRIFT else []
+    assert kinds(rested) == [("kick", "switch"), *let_go]
+
+
+@SIGNS
+def test_what_rests_stays_where_it_is_to_the_last_bit(sign: float, route: Route):
+    """Blocks of many masses, all stopped by friction."""
+    masses = np.linspace(0.7, 9.1, 23)
+    v, f = ca.SX.sym("v", 23), ca.SX.sym("f", 23)
+    grounds = [Contact(f"block {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(23)]
+    start = Signal("v", v, value=(sign / masses).tolist())
+    model = Model("blocks", [start], f / ca.DM(masses), contacts=grounds)
+    motion = simulate(model, 1.5, route=route)
+    assert np.array([event.time for event in motion.events]) == pytest.approx(1.0, rel=1e-12)
+    assert motion.end.tolist() == 23 * [0.0]
+
+
+@SIGNS
+@pytest.mark.parametrize("lacking", [0.5e-13, 1.5e-13])
+def test_one_is_let_go_and_its_neighbour_by_its_own_force(
+    lacking: float, sign: float, route: Route
+):
+    """What counts as rounding is 1e-13 of the largest force."""
+    v, f = ca.SX.sym("v", 2), ca.SX.sym("f", 2)
+    grounds = [Contact(f"block {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(2)]
+    push = ca.DM([2 * sign, sign * (1 + lacking)])
+    model = Model("neighbours", [Signal("v", v, value=0.0)], f + push, contacts=grounds)
+    motion = simulate(model, 1.0, route=route)
+    assert motion.modes[:, 1:].tolist() == [[sign, sign if lacking > 1e-13 else 0.0]]
+    assert not motion.events
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("share", [0.7, 1.4])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_start_near_the_edge_of_what_holds_is_told(
+    side: int, share: float, way: float, route: Route
+):
+    """As near as errors of the motion, on either side."""
+    block = kicked(Coulomb(2.0, 2.0), 1.0, pushed=2.0 * way * (1 + side * share * EDGE))
+    motion = simulate(block, 0.25, sensitivities=["to"], route=route)
+    told = [(doubt.event.name, doubt.reason) for doubt in motion.doubts]
+    assert (("block", "edge") in told) == (share < 1)
+    assert motion.modes[-1, 1] == (way if side > 0 else 0)
+
+
+# -- contacts that act on each other -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.7, False), (1.4, True)])
+def test_forces_count_as_determined_down_to_a_determinant_of_1e10(
+    share: float, fits: bool, route: Route
+):
+    """Of rows of size 1."""
+    near = 1 - share * 1e-10
+    G = np.array([[1.0, near], [near, 1.0]]) / np.hypot(1.0, near)
+    options: Any = {"p": {"G": G.ravel()}, "route": route}
+    if fits:
+        assert simulate(rigid(2), 1.0, **options).modes[:, 1:].tolist() == [[0, 0]]
+    else:
+        assert refused(rigid(2), 1.0, **options).code == "no_contact_mode"
+
+
+def test_a_body_that_a_push_may_pull_moves_as_the_laws_allow_or_is_refused(route: Route):
+    """Its matrix is any: letting go and catching may go on for ever, though there is a choice."""
+    random, ends = np.random.default_rng(1), []
+    for n in 30 * [2, 3]:
+        G, load = 2 * random.normal(size=(n, n)), random.uniform(-4, 4, n)
+        p = {"b": load, "G": G.ravel(order="F")}
+        try:
+            motion = simulate(rigid(n), 1e-3, p=p, route=route)
+        except SolveError as error:
+            ends.append((error.code, error.partial.end_time))
+            continue
+        ways = [1e-3 * a for _, a, _ in consistent(load, G)]
+        assert any(np.allclose(motion.end, way, rtol=0, atol=1e-12) for way in ways)
+        ends.append("right")
+    assert set(ends) == {"right", ("no_contact_mode", 0.0)}
+
+
+@SIGNS
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e6])
+@pytest.mark.parametrize("back", [-0.5e-9, 0.5e-9, 1.5e-9])
+def test_what_is_let_go_is_caught_again_if_it_is_pulled_back_by_more_than_rounding(
+    back: float, unit: float, sign: float, route: Route
+):
+    """Foot 0 goes first; then foot 1, whose force had pulled it: it is left with -`back`."""
+    strong = (BACKWARD if sign < 0 else FORWARD)[:2]
+    own = np.array([0.02, 1.0])  # of strong[0] foot 0 feels next to nothing
+    G = np.array([[own[0], -0.5], [-0.5, 20.0]])
+    pull = 20.0 * 10.0
+    load = sign * np.array([own[0] * strong[0] - 0.5 * strong[1], 20.0 * strong[1] + pull])
+    load[0] -= sign * back * pull
+    p = {"b": unit * load, "G": unit * G.ravel()}
+    motion = simulate(rigid(2), 1e-3, p=p, route=route)
+    assert motion.modes[0, 1:].tolist() == [0.0 if back > 1e-9 else sign, sign]
+    assert not motion.events or back == 0.5e-9  # it stops at once
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_mirrored_sled_is_the_mirror_of_a_sled(order: int, route: Route):
+    """It slides on one contact and is held by another that is kicked; a third one just slides."""
+    v, f, t, kick = ca.SX.sym("v", 3), ca.SX.sym("f", 3), ca.SX.sym("t"), ca.SX.sym("kick", 3)
+    G = np.array([[2.0, 0.8, 0.3], [0.8, 1.0, 0.2], [0.3, 0.2, 1.5]])
+    laws = [Coulomb(0.5, 0.5), Held(), Coulomb(0.3, 0.3)]
+    grounds = [Contact(f"ground {i}", v[i], f[i], law) for i, law in enumerate(laws)]
+    sled = Model(
+        "sled",
+        [Signal("v", v, value=0.0)],
+        ca.DM(G) @ f,
+        t=t,
+        p=[Signal("kick", kick, value=0.0)],
+        contacts=grounds[::order],
+        switches=[Switch("kick", t - 0.5, v + kick)],
+    )
+    start, by = np.array([1.0, 0.0, 2.0]), np.array([0.0, 0.3, 0.0])
+    one, other = (
+        simulate(sled, 3.0, x0={"v": sign * start}, p={"kick": sign * by}, route=route)
+        for sign in (1, -1)
+    )
+    assert kinds(one)[:2] == [("kick", "switch"), ("ground 1", "impact")]
+    assert kinds(one) == kinds(other)
+    assert other.end == pytest.approx(-one.end, abs=1e-13)
+    # until the first stop all forces but that of what is held are known
+    held = -(G[1, 0] * -0.5 + G[1, 2] * -0.3) / G[1, 1]
+    slows = G @ [-0.5, held, -0.3]
+    after = start + 0.5 * slows + by - G[:, 1] * by[1] / G[1, 1]
+    stops = 0.5 + (after / -slows)[[0, 2]]
+    assert one.events[2].name == f"ground {2 * int(np.argmin(stops))}"
+    assert one.events[2].time == pytest.approx(stops.min(), rel=1e-12)
+
+
+@pytest.mark.parametrize("struck", [0, 1])
+def test_one_of_two_that_are_held_is_struck(struck: int, route: Route):
+    """The other has its impulse, too, but nothing stops it."""
+    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    G = np.array([[2.0, 0.8], [0.8, 1.0]])
+    grounds = [Contact(f"ground {i}", v[i], f[i], Held()) for i in range(2)]
+    kick = Switch("kick", t - 0.5, v + ca.DM(np.eye(2)[struck]))
+    states = [Signal("v", v, value=0.0)]
+    sled = Model("sled", states, ca.DM(G) @ f, t=t, contacts=grounds, switches=[kick])
+    motion = simulate(sled, 1.0, route=route)
+    assert kinds(motion) == [("kick", "switch"), (f"ground {struck}", "impact")]
+    assert motion.end == pytest.approx([0.0, 0.0], abs=1e-13)
+
+
+def test_compiled_steps_leave_it_to_others_to_part_a_shared_load(monkeypatch: pytest.MonkeyPatch):
+    """Ends of 1 and 3 let go at 4 in all; how they share less is open, so who goes first."""
+    asked: list[float] = []
+    monkeypatch.setattr(routes, "_in_python", lambda task, report: asked.append(1) or 1 / 0)
+    laws = [Elliptic(F, F, F) for F in (1.0, 3.0)]
+    rod = body(ROD, laws, lambda t: ca.vertcat(t, 0, 0))
+    assert simulate(rod, 1.9, route="native").end[:3] == pytest.approx([0, 0, 0], abs=1e-12)
+    with pytest.raises(ZeroDivisionError):
+        simulate(rod, 5.0, route="native")
+    assert asked == [1]
+
+
+# -- onsets --------------------------------------------------------------------------------------
+
+
+def test_what_stops_as_soon_as_it_has_begun_to_slip_can_be_kicked(route: Route):
+    """A load above 1 from t = 1 to 3, by so little that the block is at rest again at 4.
+
+    Kicked back at 5 it slides for 1/2, as load and friction stop it. Its neighbour does not move.
+    """
+    least = 2e-7
+    t, q, v, f = ca.SX.sym("t"), ca.SX.sym("q", 2), ca.SX.sym("v", 4), ca.SX.sym("f", 4)
+    law = Elliptic(1.0, 1.0, 1.0)
+    pull = 1 + least * (1 - (t - 2) ** 2)
+    model = Model(
+        "slipping",
+        [Signal("q", q, value=0.0), Signal("v", v, value=0.0)],
+        ca.vertcat(v[2:], f + ca.vertcat(0, 0, 0, pull)),
+        t=t,
+        contacts=[Contact(f"block {i}", v[2 * i : 2 * i + 2], f[2 * i : 2 * i + 2], law)
+                  for i in range(2)],
+        switches=[Switch("kick", t - 5, ca.vertcat(q, v[:3], -1))],
+    )  # fmt: skip
+    motion = simulate(model, 7.0, route=route, tolerance=Tolerance(1e-9, 1e-10))
+    moves = [("block 1", kind) for kind in ("release", "stick")]
+    assert kinds(motion) == [*moves, ("kick", "switch"), *moves]
+    times = [event.time for event in motion.events]
+    assert times == pytest.approx([1.0, 4.0, 5.0, 5.0, 5.5], abs=1e-5)
+    assert motion.end[:2] == pytest.approx([0.0, 2.25 * least - 0.25], abs=2e-6)
+    assert motion.end[2:].tolist() == 4 * [0.0]
+    onsets = motion.modes[:, 3:].any(axis=1)
+    assert onsets.tolist() == [False, True, False, False, False]
+
+
+# -- switches ------------------------------------------------------------------------------------
+
+
+def test_switches_are_told_by_their_names_and_derivatives_go_through_each(route: Route):
+    """x is taken 2 a at t = 1, then 3 b at t = 2; y, the block, rests beside it."""
+    t, x, y, v, f, a, b = (ca.SX.sym(name) for name in ("t", "x", "y", "v", "f", "a", "b"))
+    model = Model(
+        "doubled",
+        [Signal("x", x, value=0.5), Signal("y", y, value=1.0), Signal("v", v, value=0.0)],
+        ca.vertcat(1, v, f),
+        t=t,
+        p=[Signal("a", a, value=1.5), Signal("b", b, value=-0.7)],
+        contacts=[Contact("block", v, f, Coulomb(1.0, 1.0))],
+        switches=[
+            Switch("first", t - 1, ca.vertcat(2 * a * x, y, v)),
+            Switch("second", t - 2, ca.vertcat(3 * b * x, b * y, v)),
+        ],
+    )
+    motion = simulate(model, 3.0, sensitivities=["x", "a", "b", "y"], route=route)
+    assert kinds(motion) == [("first", "switch"), ("second", "switch")]
+    assert motion.end == pytest.approx([3 * -0.7 * (3 * 1.5 + 1) + 1, -0.7, 0.0], rel=1e-12)
+    by = [[6 * 1.5 * -0.7, 6 * 1.5 * -0.7, 0][:2], [3 * -0.7 * 3], [3 * 5.5]]
+    expected = [[by[0][0], by[1][0], by[2][0], 0.0], [0.0, 0.0, 1.0, -0.7], [0.0] * 4]
+    np.testing.assert_allclose(motion.end_derivative, expected, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize("law", [Spike(), Held()])
+def test_an_impulse_changes_with_what_carries_it(law: Any, route: Route):
+    """Struck backward, a contact pushes what it is joined to by `share` of its own velocity."""
+    t, v, w, f, share = (ca.SX.sym(name) for name in ("t", "v", "w", "f", "share"))
+    model = Model(
+        "joined",
+        [Signal("v", v, value=0.0), Signal("w", w, value=0.0)],
+        ca.vertcat(f, share * f),
+        t=t,
+        p=[Signal("share", share, value=0.4)],
+        contacts=[Contact("end", v, f, law)],
+        switches=[Switch("kick", t - 0.5, ca.vertcat(v - 3.0, w))],
+    )
+    motion = simulate(model, 1.0, sensitivities=["share"], route=route)
+    assert kinds(motion) == [("kick", "switch"), ("end", "impact")]
+    assert motion.end == pytest.approx([0.0, 1.2], abs=1e-13)
+    np.testing.assert_allclose(motion.end_derivative[:, 0], [0.0, 3.0], atol=1e-13)
+
+
+@pytest.mark.parametrize(("share", "again"), [(0.5, True), (2.0, False)])
+def test_a_guard_left_above_0_by_rounding_may_rise_again(share: float, again: bool, route: Route):
+    """By as much as it rises within 8 roundings of the time; left by more it must come from below.
+
+    At t = 1/2 its rate is 1; then it falls by a tenth of that, and rises for good.
+    """
+    x, w, a, count = (ca.SX.sym(name) for name in ("x", "w", "a", "count"))
+    left = share * 8 * 0.5 * np.finfo(float).eps
+    first, second = ca.vertcat(left, -1e-6, 1e4, 1), ca.vertcat(-1, 0, 0, count + 1)
+    values = {"x": -0.5, "w": 1.0, "a": 0.0, "count": 0.0}
+    model = Model(
+        "touching",
+        [Signal(str(s), s, value=values[str(s)]) for s in (x, w, a, count)],
+        ca.vertcat(w, a, 0, 0),
+        switches=[
+            Switch("never", x - 5, ca.vertcat(x, w, a, count)),
+            Switch("rises", x, ca.if_else(count < 1, first, second)),
+        ],
+    )
+    motion = simulate(model, 4.0, route=route)
+    assert motion.events[0].time == pytest.approx(0.5, rel=1e-14)
+    assert motion.end[3] == (2 if again else 1)
+
+
+@pytest.mark.parametrize("floor", [0.0, 1e6, -3e5])
+@pytest.mark.parametrize("set_down", [False, True])
+def test_a_ball_bounces_as_high_up_as_on_the_ground(set_down: bool, floor: float, route: Route):
+    """It is thrown up with 1 and has half its speed after each bounce, where it is or on the spot.
+
+    The spot is exact to the last digit of the height only, and so are the times.
+    """
+    h, v = ca.SX.sym("h"), ca.SX.sym("v")
+    ball = Model(
+        "ball",
+        [Signal("h", h, value=floor), Signal("v", v, value=1.0)],
+        ca.vertcat(v, -2.0),
+        switches=[Switch("bounce", floor - h, ca.vertcat(floor if set_down else h, -v / 2))],
+    )
+    motion = simulate(ball, 1.98, route=route)
+    times = 2 - 0.5 ** np.arange(6.0)
+    expected = times[times < 1.98]
+    found = [event.time for event in motion.events]
+    assert found == pytest.approx(expected, abs=1e-12 + 1e-14 * abs(floor) * 64)
+    assert motion.end[0] >= floor
