@@ -84,11 +84,11 @@ class Contacts:
         self._aim = Aim(task, modes, shared)
 
     def _look(self, t: float, x: np.ndarray) -> _Probe:
-        found = self._probe(t, x)[0].copy()
-        return _Probe(*found[:-1].reshape(5, -1), determined=float(found[-1]))
+        (found,) = self._probe(t, x)
+        return _Probe(*found[:-1].copy().reshape(5, self._n), determined=float(found[-1]))
 
     def decide(
-        self, t: float, x: np.ndarray, forced: int | None = None, *, at_start: bool = False
+        self, t: float, x: np.ndarray, forced: int | None, at_start: bool
     ) -> tuple[np.ndarray, list[Change], list[int]]:
         """Decide which contacts rest, from velocities and then from forces.
 
@@ -208,7 +208,8 @@ class Contacts:
 
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
         self._columns.carry("project_along", t, x)
-        x = self._project(t, x)[0].copy()
+        (found,) = self._project(t, x)
+        x = found.copy()
         x[self._states[(self._modes[self._rows] == 0) & (self._states >= 0)]] = 0.0
         return x
 
