@@ -16,7 +16,8 @@ from wormopt.model.friction import Coulomb, Held, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import routes
-from wormopt.simulation.layer import Layer, _least_between
+from wormopt.simulation.ensemble import Scenario, simulate_ensemble
+from wormopt.simulation.layer import _cubics, _least_between
 from wormopt.simulation.options import Route, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
@@ -344,22 +345,28 @@ def test_a_dip_into_the_layer_without_a_turn_is_not_passed_over(
 
 @pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_stop_of_what_is_no_state_is_not_passed_over(route: Route, sign: float):
-    """The block of above stands on a belt that may run, beside a state of another size."""
+def test_stops_of_what_is_no_state_are_not_passed_over(route: Route, sign: float):
+    """The block of above stands on a belt that may run, beside a state of another size.
+
+    Where steps end is chance, so that it starts with many speeds.
+    """
     t, v, y, f, belt = (ca.SX.sym(name) for name in ("t", "v", "y", "f", "belt"))
     model = Model(
         "on a belt",
-        x=[Signal("v", v, value=sign * (25.0 - 1e-4)), Signal("y", y, value=100.0)],
+        x=[Signal("v", v), Signal("y", y, value=100.0)],
         ode=ca.vertcat(sign * (1 + 2 * (t - 5.0)) + f, 0),
         t=t,
         p=[Signal("belt", belt, value=0.0)],
         contacts=[Contact("block", v - belt, f, Coulomb(1.0, 1.0))],
     )
-    motion = simulate(
-        model, 10.0, contact=Smooth(V_REG), route=route,
+    passed = np.geomspace(3e-5, *((1e-2, 120) if route == "native" else (2e-3, 3)))
+    blocks = simulate_ensemble(
+        model, 10.0, [Scenario(x0={"v": sign * (25.0 - least)}) for least in passed],
+        contact=Smooth(V_REG), route=route,
         tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
     )  # fmt: skip
-    assert sign * motion.end[0] == pytest.approx(25.0, abs=5 * V_REG)
+    ends = [sign * block.end[0] for block in blocks.motions]
+    assert ends == pytest.approx(np.full(len(passed), 25.0), abs=5 * V_REG)
 
 
 def test_the_least_between_samples_is_that_of_parabolas():
@@ -370,15 +377,16 @@ def test_the_least_between_samples_is_that_of_parabolas():
     assert _least_between(curves) == pytest.approx([*4 * [0.1], 3.0], abs=1e-14)
 
 
-def test_cubics_tell_the_least_speed_whichever_way_it_goes():
-    """Speeds of 1/8 + (s - 1/2)^2 in a step of 2 s, by their values and slopes at its ends."""
-    signs, h = np.array([1.0, -1.0]), 2.0
-    layer = SimpleNamespace(_states=[0, 1])
-    step = SimpleNamespace(
-        h=h, x=signs * 0.375, x_new=signs * 0.375, dx=-signs * 1.0 / h, dx_new=signs * 1.0 / h
+def test_cubics_are_told_by_the_ends_of_a_step():
+    """Cubics in the time of a step of 2 s, by their values and slopes at its ends."""
+    t, span = np.array([3.0, 5.0]), 2.0
+    cubics = [np.polynomial.Polynomial(c) for c in ([1.0, -4.0, 0.5, 0.25], [0.0, 2.0, -1.0, -3.0])]
+    (x, x_new), (dx, dx_new) = (
+        np.array([of(t) for of in parts]).T for parts in (cubics, [c.deriv() for c in cubics])
     )
-    least = Layer._least_of_cubics(layer, step, step.x)  # type: ignore[arg-type]
-    assert least == pytest.approx([0.125, 0.125], abs=1e-15)
+    step = SimpleNamespace(h=span, x=x, x_new=x_new, dx=dx, dx_new=dx_new)
+    inner = np.array([of(np.linspace(3.0, 5.0, 17)) for of in cubics]).T
+    assert _cubics(step) == pytest.approx(inner, rel=1e-13)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("route", ROUTES)

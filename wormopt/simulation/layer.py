@@ -47,28 +47,16 @@ class Layer:
         suspects = self._may_dip(step)
         if not any(suspects):
             return False
-        times, inner = step.t + _SAMPLES * step.h, step.states(_SAMPLES)
-        pairs = zip(times, inner, strict=True)
-        v = np.array([self._velocities(t, x[: self._n_x])[0].copy() for t, x in pairs])
-        cubics = self._least_of_cubics(step, v[0])
-        v *= np.where(v[0] > 0, 1.0, -1.0)
-        least = np.minimum(_least_between(v), cubics)
-        passes = (v[0] > self._layers) & (v[-1] > self._layers) & (least < self._layers)
-        return bool(np.any(passes & suspects))
+        v, plain = self._along(step, step.states(_SAMPLES)), self._along(step, _cubics(step))
+        sign = np.where(v[0] > 0, 1.0, -1.0)
+        least = np.minimum(_least_between(sign * v), _least_between(sign * plain))
+        outside = np.minimum(sign * v[0], sign * v[-1]) > self._layers
+        return bool(np.any(outside & (least < self._layers) & suspects))
 
-    def _least_of_cubics(self, step: Step, start: np.ndarray) -> np.ndarray:
-        """Least velocities by the cubics that know a step's ends only; infinite of no states.
-
-        Stages of the step's own polynomial may lie within a dip and bend it.
-        """
-        states = np.array(self._states)
-        a, da, b, db = (
-            value[states] * np.where(start > 0, 1.0, -1.0)
-            for value in (step.x, step.h * step.dx, step.x_new, step.h * step.dx_new)
-        )
-        s, rise = _SAMPLES[:, None], b - a
-        cubic = a + s * (da + s * (3 * rise - 2 * da - db + s * (da + db - 2 * rise)))
-        return np.where(states < 0, np.inf, _least_between(cubic))
+    def _along(self, step: Step, states: np.ndarray) -> np.ndarray:
+        """Velocities of contacts (17, n) at the samples of a step, of given states."""
+        pairs = zip(step.t + _SAMPLES * step.h, states, strict=True)
+        return np.array([self._velocities(t, x[: self._n_x])[0].copy() for t, x in pairs])
 
     def _goes_over_bend(self, step: Step) -> bool:
         assert self._bends is not None
@@ -89,6 +77,17 @@ class Layer:
             low = min(first, second) <= max(layer, 0.3 * min(a, b))
             found.append(i < 0 or (a > layer and b > layer and low))
         return found
+
+
+def _cubics(step: Step) -> np.ndarray:
+    """States at the samples by the cubics that know a step's ends only.
+
+    Stages of the step's own polynomial may lie within a dip and bend it.
+    """
+    s, rise = _SAMPLES[:, None], step.x_new - step.x
+    first, last = step.h * step.dx, step.h * step.dx_new
+    bend = 3 * rise - 2 * first - last + s * (first + last - 2 * rise)
+    return step.x + s * (first + s * bend)
 
 
 def _least_between(v: np.ndarray) -> np.ndarray:

@@ -26,6 +26,23 @@ static double cubic(const Run *run, long long m, double h, double theta) {
     return a + theta * (first + theta * (square + theta * cube));
 }
 
+/* Velocity of a contact at theta: by the step's own polynomial, and by the cubics. Stages of the
+   polynomial may lie within a dip and bend it, while the cubics know the ends only. */
+static void look(Run *run, long long i, double h, double theta, double *v, double *plain) {
+    const long long m = run->in.velocity_state[i], n_x = run->in.n_x;
+    if (m >= 0) {
+        *v = dense_component(run, m, theta);
+        *plain = cubic(run, m, h, theta);
+        return;
+    }
+    dense_state(run, theta, run->column, n_x);
+    evaluate(run, run->in.velocities, run->out.t + h * theta, run->column, run->probe);
+    *v = run->probe[i];
+    for (long long j = 0; j < n_x; j++) run->column[j] = cubic(run, j, h, theta);
+    evaluate(run, run->in.velocities, run->out.t + h * theta, run->column, run->probe);
+    *plain = run->probe[i];
+}
+
 /* Whether a velocity enters the steep layer of the smooth law and leaves it again within the step:
    the steep part would act between the stages and no error estimate would know. */
 int dips_into_layer(Run *run, double h) {
@@ -42,20 +59,9 @@ int dips_into_layer(Run *run, double h) {
         if (!run->has_dense) fit_dense(run, h);
         run->has_dense = 1;
         double v[N_LOOKS], plain[N_LOOKS];
-        for (int k = 0; k < N_LOOKS; k++) {
-            const double theta = k / (N_LOOKS - 1.0);
-            if (m >= 0) {
-                v[k] = dense_component(run, m, theta);
-                plain[k] = cubic(run, m, h, theta);
-            } else {
-                dense_state(run, theta, run->column, run->in.n_x);
-                evaluate(run, run->in.velocities, run->out.t + h * theta, run->column, run->probe);
-                v[k] = plain[k] = run->probe[i];
-            }
-        }
+        for (int k = 0; k < N_LOOKS; k++) look(run, i, h, k / (N_LOOKS - 1.0), &v[k], &plain[k]);
         const double sign = v[0] > 0.0 ? 1.0 : -1.0;
         const double first = sign * v[0], last = sign * v[N_LOOKS - 1];
-        /* stages of the polynomial may lie within the dip and bend it: the cubic knows the ends only */
         const double least = smaller(least_between(v, sign), least_between(plain, sign));
         if (first > layer && last > layer && least < layer) return 1;
     }
