@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from wormopt.model.friction import Coulomb, Held
+from wormopt.model.friction import Coulomb, Held, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import routes
@@ -163,6 +163,21 @@ def test_a_load_too_large_by_rounding_is_borne(route: Route, excess: float, mode
     motion = simulate(rigid(1), 1.0, p={"b": -BACKWARD[:1] * (1 + excess)}, route=route)
     assert motion.modes[:, 1].tolist() == [mode]
     assert not motion.events
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(("share", "kind"), [(0.9995, "stick"), (1.0005, "impact")])
+def test_what_is_stopped_from_more_than_rounding_is_an_impact(
+    route: Route, share: float, kind: str
+):
+    """What counts as rounding there is 1e-11 of the nominal speed, here of 2."""
+    v, f, t = ca.SX.sym("v"), ca.SX.sym("f"), ca.SX.sym("t")
+    ground = [Contact("spike", v, f, Spike(), nominal_speed=2.0)]
+    kick = [Switch("kick", t - 0.5, ca.SX(-2e-11 * share))]
+    model = Model("kicked", [Signal("v", v, value=1.0)], f, t=t, contacts=ground, switches=kick)
+    motion = simulate(model, 1.0, route=route)
+    assert [(event.name, event.kind) for event in motion.events][1:] == [("spike", kind)]
+    assert motion.end.tolist() == [0.0]
 
 
 @pytest.mark.parametrize("route", ROUTES)

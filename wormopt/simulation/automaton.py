@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.errors import interruptible
 from wormopt.progress import Report
@@ -19,7 +22,6 @@ from wormopt.simulation.steps import GivenUp, Step, Stepper
 
 _SWITCH = KINDS.index("switch")
 _STEPS_PER_REPORT = 500
-_ROUND_OFF = 4 * float(np.finfo(float).eps)
 
 
 def integrate(task: InitialValueProblem, report: Report, *, stiff: bool = False) -> Outcome:
@@ -39,25 +41,25 @@ class _Clock:
     def __init__(self, task: InitialValueProblem, p: np.ndarray) -> None:
         self._p, self._schedules = p, task.schedules
         sizes = [1 + schedule.symbol.numel() for schedule in task.schedules]
-        self._offsets = task.system.n_fixed + np.cumsum([0, *sizes])
+        ends = task.system.n_fixed + np.cumsum([0, *sizes])
+        self._places = [slice(*place) for place in pairwise(ends)]
         self._along = task.directions.schedules if task.directions else ()
-        self._directions = p[len(task.p) :].reshape(len(task.p), -1)
-        self.next = np.inf
+        self._directions = p[len(task.p) :].reshape(len(task.p), task.k)
 
-    def follow(self, t: float) -> None:
-        """Set all values to those at time t; a break within round-off of t counts as passed."""
-        self.next = np.inf
-        for i, schedule in enumerate(self._schedules):
-            begin, piece = schedule.locate(np.array([t]))
-            self._p[self._offsets[i]] = begin[0]
-            self._p[self._offsets[i] + 1 : self._offsets[i + 1]] = schedule.values[piece[0]]
+    def follow(self, t: float) -> float:
+        """Set all values to those at time t, and tell when they change next.
+
+        A break within round-off of t counts as passed.
+        """
+        for i, (schedule, place) in enumerate(zip(self._schedules, self._places, strict=True)):
+            (begin,), (piece,) = schedule.locate(np.array([t]))
+            self._p[place] = np.append(begin, schedule.values[piece])
             if self._along:
-                rows = slice(self._offsets[i] + 1, self._offsets[i + 1])
-                self._directions[rows] = self._along[i][piece[0]]
-            self.next = min(self.next, schedule.next_break(t))
+                self._directions[place][1:] = self._along[i][piece]
+        return min((schedule.next_break(t) for schedule in self._schedules), default=np.inf)
 
 
-@dataclass(eq=False)
+@dataclass
 class _Record:
     """What is kept of a motion."""
 
@@ -65,23 +67,16 @@ class _Record:
     samples: list[np.ndarray] = field(default_factory=list)
     events: list[tuple[float, ...]] = field(default_factory=list)
     modes: list[np.ndarray] = field(default_factory=list)
-    ends: list[float] = field(default_factory=list)
-    rows: list[np.ndarray] = field(default_factory=list)
+    steps: list[tuple[float, np.ndarray]] = field(default_factory=list)  # end and polynomial
 
     def keep(self, step: Step) -> None:
         """Samples within a step, its end left to what comes next."""
         times, sampled = self.task.times, len(self.samples)
         stop = int(np.searchsorted(times, step.end))
         if stop > sampled:
-            theta = np.maximum((times[sampled:stop] - step.t) / step.h, 0.0)
-            self.samples.extend(step.states(theta))
+            self.samples.extend(step.states((times[sampled:stop] - step.t) / step.h))
         if self.task.dense:
-            self.ends.append(step.end)
-            self.rows.append(step.rows)
-
-    def keep_end(self, t: float, x: np.ndarray) -> None:
-        reached = int(np.searchsorted(self.task.times, t, side="right"))
-        self.samples.extend([x] * (reached - len(self.samples)))
+            self.steps.append((step.end, step.rows))
 
 
 def _stepper(task: InitialValueProblem, p: np.ndarray, modes: np.ndarray, stiff: bool) -> Stepper:
@@ -102,7 +97,7 @@ class _Motion:
         modes = system.sliding
         self._task, self._modes, self._record = task, modes, _Record(task)
         self._t, self._x, self._n_steps = task.span[0], task.x0.copy(), 0
-        self._crowd, self._crowd_start = 0, -np.inf  # events since
+        self._crowd: list[float] = []  # times of events of which none was long ago
         self._ended = False  # by a terminal switch
         self._clock = _Clock(task, p)
         self._stepper = _stepper(task, p, modes, stiff)
@@ -110,9 +105,8 @@ class _Motion:
         self._watch, self._layer = Watch(task, p, modes, sharing), Layer(task, p, modes)
         self._columns = columns = Columns(task, p, modes)
         self._contacts = Contacts(task, p, modes, sharing, columns) if system.exact else None
-        self._resets = None
-        if system.model.switches:
-            self._resets = Call(system.resets, ("p", p), ("s", modes))
+        switches = system.model.switches
+        self._resets = Call(system.resets, ("p", p), ("s", modes)) if switches else None
 
     def follow(self, report: Report) -> str:
         """Go to the end, or as far as it goes; gives the status."""
@@ -136,8 +130,8 @@ class _Motion:
         return "done"
 
     def _begin(self) -> None:
-        self._clock.follow(self._t)
-        self._decide(record=False)
+        self._break = self._clock.follow(self._t)
+        self._decide()
         self._watch.start(self._t, self._x)
         self._start_afresh()
 
@@ -145,8 +139,7 @@ class _Motion:
 
     def _go_on(self) -> None:
         """Try one step."""
-        stop = min(self._task.span[1], self._clock.next)
-        step = self._stepper.attempt(stop)
+        step = self._stepper.attempt(min(self._task.span[1], self._break))
         if step is None:
             return
         if self._layer.is_passed_unseen(step):
@@ -159,16 +152,15 @@ class _Motion:
         else:
             self._take(step)
             self._stepper.accept(step)
-        if self._t >= self._clock.next - _ROUND_OFF * abs(self._t):
-            self._clock.follow(self._t)
+        if self._t >= self._break:
+            self._break = self._clock.follow(self._t)
             self._decide()
             self._start_afresh()
 
     def _note_touches(self, step: Step, crossing: Crossing | None) -> None:
         """Doubt derivatives where an event before the first one all but happened."""
-        before = crossing.theta if crossing else 2.0
         for which, theta in self._watch.touched if self._columns.k else ():
-            if theta < before:
+            if not crossing or theta < crossing.theta:
                 mode = self._modes[which] if which < self._watch.n_contacts else 0.0
                 self._columns.doubts.touch(step.t + theta * step.h, which, float(mode))
 
@@ -205,10 +197,10 @@ class _Motion:
     def _count_crowd(self) -> None:
         """Give up where events follow each other with hardly any time passing."""
         start, end = self._task.span
-        if self._t - self._crowd_start > 1e-10 * (end - start):
-            self._crowd, self._crowd_start = 0, self._t
-        self._crowd += 1
-        if self._crowd > 32 + 16 * self._watch.n:
+        if self._crowd and self._t - self._crowd[0] > 1e-10 * (end - start):
+            self._crowd.clear()
+        self._crowd.append(self._t)
+        if len(self._crowd) > 32 + 16 * self._watch.n:
             raise GivenUp("events_accumulate")
 
     # -- what happens without time passing ---------------------------------------------------
@@ -237,29 +229,28 @@ class _Motion:
 
     def _fire(self, k: int, error: tuple[float, float] = (0.0, 0.0)) -> None:
         assert self._resets is not None
-        columns = self._resets(self._t, self._x)[0].reshape(-1, len(self._x))
+        switches = self._task.system.model.switches
+        (states,) = self._resets(self._t, self._x)
         self._columns.carry("resets_along", self._t, self._x, k)
-        self._x = columns[k].copy()
+        self._x = np.split(states, len(switches))[k].copy()
         which = len(self._task.system.contacts) + k
         self._record.events.append((self._t, which, _SWITCH, 0, *self._columns.dt))
         self._decide()
         self._watch.note_fired(k, self._t, self._x, error)
-        self._ended |= self._task.system.model.switches[k].terminal
+        self._ended |= switches[k].terminal
 
-    def _decide(self, forced: int | None = None, *, record: bool = True) -> None:
-        """Decide the contacts' modes anew."""
+    def _decide(self, forced: int | None = None) -> None:
+        """Decide the contacts' modes, for the first time or anew."""
         if self._contacts is None:
             return
-        before = self._modes.copy()
-        self._x, changes, stopped = self._contacts.decide(
-            self._t, self._x, forced, at_start=not record
-        )
+        before, at_start = self._modes.copy(), not self._record.modes
+        self._x, changes, stopped = self._contacts.decide(self._t, self._x, forced, at_start)
         for contact in {*stopped, *(change.which for change in changes)}:
             self._watch.note_change(contact)
-        if record:
+        if not at_start:
             dt = self._columns.dt
             self._record.events += [(self._t, c.which, c.kind, c.mode, *dt) for c in changes]
-        if not record or np.any(before != self._modes):
+        if at_start or np.any(before != self._modes):
             self._record.modes.append(np.array([self._t, *self._modes]))
 
     # -- the end -----------------------------------------------------------------------------
@@ -267,22 +258,27 @@ class _Motion:
     def outcome(self, status: str) -> Outcome:
         """What was found."""
         task, record, x = self._task, self._record, self._all
-        record.keep_end(self._t, x)
         # An interrupted step may have left more behind than it came to.
         reached = int(np.searchsorted(task.times, self._t, side="right"))
-        steps = min(int(np.searchsorted(record.ends, self._t, side="right")), len(record.rows))
+        samples = [*record.samples, *reached * [x]][:reached]
+        steps = [(end, rows) for end, rows in record.steps if end <= self._t]
         return Outcome(
             status=status,
             route="python",
             t=float(self._t),
             x=x,
-            samples=np.array(record.samples[:reached]).reshape(-1, len(x)),
+            samples=_table(samples, len(x)),
             n_steps=self._n_steps,
             n_rejected=self._stepper.n_rejected,
             n_evaluations=self._stepper.n_evaluations,
-            events=np.array(record.events).reshape(-1, 4 + self._columns.k),
-            modes=np.array(record.modes).reshape(-1, 1 + task.system.n_s),
-            doubts=np.array(self._columns.doubts.rows).reshape(-1, 4),
-            dense_time=np.array([task.span[0], *record.ends[:steps]] if task.dense else []),
-            dense=np.array(record.rows[:steps]).reshape(-1, 8, len(x)),
+            events=_table(record.events, 4 + task.k),
+            modes=_table(record.modes, 1 + task.system.n_s),
+            doubts=_table(self._columns.doubts.rows, 4),
+            dense_time=np.array([task.span[0], *(end for end, _ in steps)] if task.dense else []),
+            dense=_table([rows for _, rows in steps], 8, len(x)),
         )
+
+
+def _table(rows: Sequence[ArrayLike], *shape: int) -> np.ndarray:
+    """Rows of a shape as one array, be there any or not."""
+    return np.array(rows, dtype=float).reshape(len(rows), *shape)

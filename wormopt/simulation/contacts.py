@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ _REVERSAL, _STICK, _RELEASE, _IMPACT = (
 )
 
 
-@dataclass(frozen=True)
-class Change:
+class Change(NamedTuple):
     """What happened to a contact."""
 
     which: int  # contact
@@ -27,8 +26,7 @@ class Change:
     mode: int  # from then on
 
 
-@dataclass(frozen=True, eq=False)
-class _Probe:
+class _Probe(NamedTuple):
     """Per contact."""
 
     velocity: np.ndarray
@@ -79,16 +77,16 @@ class Contacts:
         laws = enumerate(contact.law for contact in system.contacts)
         self._directions = [(1,) if i in planar else law.directions for i, law in laws]
         self._held = np.array([not directions for directions in self._directions], dtype=bool)
-        self._released = np.full(self._n, -np.inf)  # when each was last let go
+        self._released = dict[int, float]()  # when each was last let go by an event
         self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
         self._aim = Aim(task, modes, shared)
 
     def _look(self, t: float, x: np.ndarray) -> _Probe:
-        found = self._probe(t, x)[0].copy()
-        return _Probe(*found[:-1].reshape(5, -1), determined=float(found[-1]))
+        (found,) = self._probe(t, x)
+        return _Probe(*found[:-1].copy().reshape(5, self._n), determined=float(found[-1]))
 
     def decide(
-        self, t: float, x: np.ndarray, forced: int | None = None, *, at_start: bool = False
+        self, t: float, x: np.ndarray, forced: int | None, at_start: bool
     ) -> tuple[np.ndarray, list[Change], list[int]]:
         """Decide which contacts rest, from velocities and then from forces.
 
@@ -121,7 +119,7 @@ class Contacts:
                 stopped |= taken
                 x = self._stopped(t, x)
         if leaving:
-            self._released[self._release(t, x, leaving, probe)] = t
+            self._released |= dict.fromkeys(self._release(t, x, leaving, probe), t)
         for _ in range(9 + 8 * self._n):
             probe = self._look(t, x)
             if not (self._sharing or probe.determined > 1e-10):  # they leave forces open
@@ -191,7 +189,7 @@ class Contacts:
                 slides = np.sign(v) in self._directions[i]
                 self._modes[i] = np.sign(v) if slides else 0.0
                 jump |= not slides
-            elif self._released[i] != t:  # else let go this very instant
+            elif self._released.get(i) != t:  # else let go this very instant
                 self._modes[i] = 0.0
                 jump |= bool(v != 0)
         return jump
@@ -208,7 +206,8 @@ class Contacts:
 
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
         self._columns.carry("project_along", t, x)
-        x = self._project(t, x)[0].copy()
+        (found,) = self._project(t, x)
+        x = found.copy()
         x[self._states[(self._modes[self._rows] == 0) & (self._states >= 0)]] = 0.0
         return x
 
@@ -227,7 +226,7 @@ class Contacts:
             assert self._sharing is not None
             slip = self._sharing.slip(t, x, split)
             for i, v in zip(slip.contacts, slip.velocities, strict=True):
-                self._modes[i] = 1.0 if len(v) == 2 else np.sign(v[0])
+                self._modes[i] = 1.0 if len(v) == 2 else np.sign(*v)
             self._aim.set_together(t, slip.contacts, slip.velocities)
             all_ += slip.contacts
         for i in alone:
@@ -242,14 +241,14 @@ class Contacts:
 
     def _let_go(self, t: float, x: np.ndarray, probe: _Probe) -> bool:
         """Let go of what cannot be held, the worst one first where contacts act on each other."""
-        outside = np.where(self._modes == 0, -probe.margin / self._f_rest, 0.0)
+        outside = -probe.margin / self._f_rest
         for split in self._splits(t, x):
             outside[split.contacts] = (split.share - 1) / SHARE_REST
-        gone = np.flatnonzero(outside > 1).tolist()
+        gone = np.flatnonzero((self._modes == 0) & (outside > 1)).tolist()
         if not gone:
             return False
         if self._coupled:
-            gone = [int(np.argmax(outside))]
+            gone = [max(gone, key=outside.tolist().__getitem__)]
         if self._columns.k:
             for i in gone:
                 lacking = float(-probe.margin[i] / self._held_by[i])
@@ -263,7 +262,7 @@ class Contacts:
         rounding = 1e-9 * np.abs(acceleration).max()
         for i, mode in enumerate(self._modes):
             moves = abs(probe.velocity[i]) > self._v_stop[i]
-            if moves or mode == 0 or self._released[i] == t:
+            if moves or mode == 0 or self._released.get(i) == t:
                 continue
             if mode * acceleration[i] < -rounding:
                 self._modes[i] = 0.0
