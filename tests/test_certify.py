@@ -983,10 +983,11 @@ def test_a_decaying_ramp_is_exact_where_it_is_a_series_and_where_it_is_none(x):
 
 @pytest.mark.parametrize("decay", [0.0, 0.7, 5.0])
 @pytest.mark.parametrize(
-    ("start", "end", "level"), [(0.3, 0.3, 1.0), (0.3, 0.3, 9.0), (2.0, 2.0, 9.0), (2.0, 0.3, 9.0)]
+    ("start", "end", "level"),
+    [(0.3, 0.3, 1.0), (0.3, 0.3, 2.0), (0.3, 0.3, 9.0), (2.0, 2.0, 9.0), (2.0, 0.3, 9.0)],
 )
 def test_shares_of_cuts_are_the_best(decay, start, end, level):
-    """Also from above the value that a decaying sum tends to, where every run falls."""
+    """Also where a decaying sum never comes to the level, and from above what it tends to."""
     cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), level)])
     cuts.set_durations(np.array([0.4]), np.array([0.6]))
     which, values = np.zeros(1, int), (np.array([[start]]), np.array([[end]]))
@@ -1001,7 +1002,15 @@ def test_shares_of_cuts_are_the_best(decay, start, end, level):
         float(v[0, 0]) for v in cuts.shares(*values, np.array([[level]]), np.ones((1, 1)))
     )
     tries = [(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)]
-    assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-6
+    assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-12
+    if before + after == pytest.approx(1.0, abs=1e-12) and min(before, after) > 0.0:
+        # the two runs pass the level, if at all, together: they meet
+        ways = ((start, 3.0, 0.4 * decay, before), (end, 2.0, -0.6 * decay, after))
+        up, down = (
+            v * np.exp(-x * s) + rate * (-np.expm1(-x * s) / x if x else s)
+            for v, rate, x, s in ways
+        )
+        assert up == pytest.approx(down, rel=1e-6)  # of which a bound sees the square
 
 
 @pytest.mark.parametrize("rates", [(3.0, 2.0), (np.inf, 2.0), (3.0, np.inf), (0.0, 0.0)])
@@ -1028,6 +1037,30 @@ def test_cuts_are_the_same_when_they_are_drawn_again():
     for other in (point((0.3, 0.7)), box):
         program._set_box(program._tighten(np.array(other)))
         assert np.array_equal(program._program._value, made) == (other == box)
+
+
+@pytest.mark.parametrize("links", [1, 2])
+def test_cuts_are_those_of_the_box_wherever_they_were_made(links, monkeypatch):
+    """Of sums that decay and others, in boxes of one gait and wide ones."""
+    made, add = [], Relaxation._add_cuts
+    monkeypatch.setattr(
+        Relaxation, "_add_cuts", lambda self, *cuts: made.append(cuts) or add(self, *cuts)
+    )
+    worm = Worm(links=links, mass=1.0, drag=2.0, load=4.0)
+    word = ((0,), (1,)) if links == 1 else G1_ORDER
+    program = Relaxation(replace(g1(links=links), worm=worm), word, 3)
+    shares = np.array([0.4, 0.35, 0.25] if links == 2 else [0.4, 0.6])
+    boxes = [point(shares), point(shares[::-1]), (*((h - 0.1, h + 0.1) for h in shares), (0.5, 1))]
+    for box in boxes:
+        program.solve(box)
+    decay = np.concatenate([program._cuts.decaying[which] for which, *_ in made])
+    assert decay.any()
+    lp = program._program
+    for box in boxes:
+        program._set_box(program._tighten(np.array(box)))
+        anew = [add(program, *cuts).assemble(len(lp._cost))[2] for cuts in made]
+        stored = lp._value[lp._starts[-1 - len(decay)] :]
+        assert stored == pytest.approx(np.concatenate(anew), rel=1e-14)
 
 
 LOW, HIGH, SHORT, LONG, MOST = 0.2, 0.5, 0.6, 0.9, 3.0
