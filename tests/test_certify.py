@@ -334,6 +334,79 @@ def test_a_true_motion_is_a_point_of_the_relaxation(making, masses, drag, margin
     assert excess(program, x, box) <= 1e-12
 
 
+def left_by_limits(motion: Motion, program: Relaxation) -> np.ndarray:
+    """What a motion leaves of its limits: at the ends of cells, on average, and over phases.
+
+    Sorted, and times the share, duration or both of the phase, as rows of the program are.
+    """
+    limits, m, period, left = program._limits, program._cells, motion.period, []
+    speed, way = limits.speed, motion.way
+    swing = PPoly(-np.diff(way.c, axis=2), way.x)
+    shortest, longest = np.array(limits.task.limits.length_ranges(limits.links)).T
+    least = [least_of(PPoly(swing.c[:, :, j], swing.x)) for j in range(limits.links)]
+    contraction, extension = limits.task.limits.rate_bounds(limits.links)
+    for resting, start, stop in zip(motion.sequence, motion.edges, motion.edges[1:], strict=False):
+        share, h, t = (stop - start) / period, stop - start, np.linspace(start, stop, m + 1)
+        ends = np.vstack([motion.velocity(t[:-1]), motion.before(stop)])
+        mean, gain = np.diff(way(t), axis=0) * m / h, motion.before(stop) - motion.before(start or period)
+        rates = -np.diff(np.vstack([ends, mean]), axis=1)
+        left += [share * (extension - rates) / speed, share * (contraction + rates) / speed]
+        lengths = swing(t[:-1]) - least + shortest * WIDER
+        left.append((longest - lengths) / period / speed)
+        h, drag = h / limits.time, limits.drag * mean / speed
+        for form in limits.forms(resting):
+            force = np.diff(ends, axis=0) / speed * m / h @ form.alpha + drag @ form.beta
+            left += [share * h * (form.above - force), share * h * (form.below + force)]
+            if program._continuous:
+                fall, rise = limits.slopes(form, resting)
+                change, lost = gain @ form.alpha / speed, h * drag.mean(axis=0) @ form.beta
+                left += [h * rise - change, h * fall + change]
+                if limits.drag and form.beta.any():
+                    left += [h * form.above - change - lost, h * form.below + change + lost]
+    every = np.concatenate([np.ravel(each) for each in left])
+    return np.sort(every[np.isfinite(every)])
+
+
+@pytest.mark.parametrize(("drag", "jumps"), [(0.0, False), (0.7, False), (0.7, True)])
+def test_rows_leave_what_the_motion_leaves_of_its_limits(drag, jumps):
+    """Neither more nor less, of every limit; lengths close and all masses advance alike."""
+    motion = motion_of(Making(shape=(3, 3), degree=2, knots=3, seed=5, jumps=jumps))
+    worm = Worm(links=3, mass=(1.0, 2.0, 3.0, 0.5), drag=drag)
+    task, _ = extremes_as_limits(motion, worm, 1.0, "equal", jumps)
+    program = Relaxation(task, motion.sequence, 4)
+    x = own_values(motion, program)
+    program._set_box(program._tighten(np.array(box_around(motion, task, np.zeros(4)))))
+    lp = program._program
+    value = np.bincount(lp._row, lp._value * x[lp._column], len(lp._row_lower))
+    given_ = np.isin(np.arange(len(value)), np.concatenate(program._plane_rows), invert=True)
+    below, above = value - lp._row_lower, lp._row_upper - value
+    one = given_ & (np.isinf(below) != np.isinf(above))
+    left = np.sort(np.minimum(below, above)[one])
+    assert left == pytest.approx(left_by_limits(motion, program), abs=1e-12)
+    # lengths that close, 3 links; ways, 4 masses; shares and durations
+    both = given_ & np.isfinite(below) & np.isfinite(above)
+    assert np.count_nonzero(both) == 3 * 3 * 4 + 4 + 2
+    assert np.count_nonzero(both | one) == np.count_nonzero(given_)
+    assert np.abs(np.concatenate([below[both], above[both]])).max() <= 3e-14
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+def test_columns_are_there_where_masses_may_move(jumps):
+    """Without jumps a mass that rests before or after a phase rests at its first or last instant."""
+    changed = {"acceleration": None, "impulses": True} if jumps else {}
+    word = ((0,), (1, 3), (2,), (0, 1))
+    program = Relaxation(g1(links=3, **changed), word, 3)
+    for p, resting in enumerate(word):
+        before, after = word[p - 1], word[(p + 1) % 4]
+        for i in range(4):
+            moves = i not in resting
+            starts, stops = (moves and (jumps or i not in other) for other in (before, after))
+            assert (program._y[p, :, i] >= 0).tolist() == [starts, moves, moves, stops]
+            assert (program._q[p, :, i] >= 0).tolist() == [moves] * 3
+            assert (program._c[p, i] >= 0) == (moves and i not in after)
+    assert np.all(program._z < 0)
+
+
 def test_every_limit_of_the_relaxation_is_tight():
     """A motion whose corners are the cells' ends breaks a row as soon as any limit is lowered."""
     making = Making(shape=(2, 4), degree=1, knots=4, seed=8, even=True)
@@ -983,10 +1056,11 @@ def test_a_decaying_ramp_is_exact_where_it_is_a_series_and_where_it_is_none(x):
 
 @pytest.mark.parametrize("decay", [0.0, 0.7, 5.0])
 @pytest.mark.parametrize(
-    ("start", "end", "level"), [(0.3, 0.3, 1.0), (0.3, 0.3, 9.0), (2.0, 2.0, 9.0), (2.0, 0.3, 9.0)]
+    ("start", "end", "level"),
+    [(0.3, 0.3, 1.0), (0.3, 0.3, 2.0), (0.3, 0.3, 9.0), (2.0, 2.0, 9.0), (2.0, 0.3, 9.0)],
 )
 def test_shares_of_cuts_are_the_best(decay, start, end, level):
-    """Also from above the value that a decaying sum tends to, where every run falls."""
+    """Also where a decaying sum never comes to the level, and from above what it tends to."""
     cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), level)])
     cuts.set_durations(np.array([0.4]), np.array([0.6]))
     which, values = np.zeros(1, int), (np.array([[start]]), np.array([[end]]))
@@ -1001,7 +1075,15 @@ def test_shares_of_cuts_are_the_best(decay, start, end, level):
         float(v[0, 0]) for v in cuts.shares(*values, np.array([[level]]), np.ones((1, 1)))
     )
     tries = [(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)]
-    assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-6
+    assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-12
+    if before + after == pytest.approx(1.0, abs=1e-12) and min(before, after) > 0.0:
+        # the two runs pass the level, if at all, together: they meet
+        ways = ((start, 3.0, 0.4 * decay, before), (end, 2.0, -0.6 * decay, after))
+        up, down = (
+            v * np.exp(-x * s) + rate * (-np.expm1(-x * s) / x if x else s)
+            for v, rate, x, s in ways
+        )
+        assert up == pytest.approx(down, rel=1e-6)  # of which a bound sees the square
 
 
 @pytest.mark.parametrize("rates", [(3.0, 2.0), (np.inf, 2.0), (3.0, np.inf), (0.0, 0.0)])
@@ -1028,6 +1110,30 @@ def test_cuts_are_the_same_when_they_are_drawn_again():
     for other in (point((0.3, 0.7)), box):
         program._set_box(program._tighten(np.array(other)))
         assert np.array_equal(program._program._value, made) == (other == box)
+
+
+@pytest.mark.parametrize("links", [1, 2])
+def test_cuts_are_those_of_the_box_wherever_they_were_made(links, monkeypatch):
+    """Of sums that decay and others, in boxes of one gait and wide ones."""
+    made, add = [], Relaxation._add_cuts
+    monkeypatch.setattr(
+        Relaxation, "_add_cuts", lambda self, *cuts: made.append(cuts) or add(self, *cuts)
+    )
+    worm = Worm(links=links, mass=1.0, drag=2.0, load=4.0)
+    word = ((0,), (1,)) if links == 1 else G1_ORDER
+    program = Relaxation(replace(g1(links=links), worm=worm), word, 3)
+    shares = np.array([0.4, 0.35, 0.25] if links == 2 else [0.4, 0.6])
+    boxes = [point(shares), point(shares[::-1]), (*((h - 0.1, h + 0.1) for h in shares), (0.5, 1))]
+    for box in boxes:
+        program.solve(box)
+    decay = np.concatenate([program._cuts.decaying[which] for which, *_ in made])
+    assert decay.any()
+    lp = program._program
+    for box in boxes:
+        program._set_box(program._tighten(np.array(box)))
+        anew = [add(program, *cuts).assemble(len(lp._cost))[2] for cuts in made]
+        stored = lp._value[lp._starts[-1 - len(decay)] :]
+        assert stored == pytest.approx(np.concatenate(anew), rel=1e-14)
 
 
 LOW, HIGH, SHORT, LONG, MOST = 0.2, 0.5, 0.6, 0.9, 3.0

@@ -49,6 +49,8 @@ class Cut:
 class Cuts:
     """Many weighted sums of velocities, handled together."""
 
+    exponents: np.ndarray  # of decay from the start and from the end; follow from durations
+
     def __init__(self, cuts: Sequence[Cut]) -> None:
         self.phase = np.array([cut.phase for cut in cuts], int)
         self.weights = np.array([cut.weights for cut in cuts])
@@ -61,7 +63,6 @@ class Cuts:
         self.decaying = np.asarray(self._decay.any(axis=0))
         self._decays = bool(self.decaying.any())
         self._finite = np.isfinite(self.rise), np.isfinite(self.fall)
-        self.exponents = 0.0 * self._decay
 
     def set_durations(self, shortest: np.ndarray, longest: np.ndarray) -> None:
         """Set how long cells last, by phase; exponents of decay follow from it."""
@@ -109,7 +110,7 @@ class Cuts:
             down = self.fall[:, None] * reach - z * end
             before, after = _time(level - start, up, x), _time(level - end, down, z)
             meet = _share((end - start + down) / (up + down))
-            for _ in range(_STEPS if self._decays else 0):
+            for _ in range(_STEPS * self._decays):
                 rest = 1.0 - meet
                 apart = start - end + up * meet * _mean(x * meet) - down * rest * _mean(z * rest)
                 slope = up * np.exp(-x * meet) + down * np.exp(-z * rest)
@@ -130,7 +131,7 @@ class Drawn:
         self._kinds = np.repeat([0, 1, 2], [1, masses, masses])
         none, wide = np.empty(0), np.empty((0, 2 * masses + 1))
         # sums, shares, weights of coefficients, which there are, and where
-        self._all = [none.astype(int), none, none, wide, wide > 0.0, none.astype(int)]
+        self._all = [none.astype(int), none, none, wide, wide.astype(bool), none.astype(int)]
 
     def add(
         self,
@@ -146,13 +147,11 @@ class Drawn:
         `shares` (m,) of the cell: from its start, to its end.
         """
         own = np.flatnonzero(self._cuts.decaying[which])
-        if not own.size:
-            return
         which, shares = which[own], (shares[0][own], shares[1][own])
         weights = -self._cuts.weights[which]
         ends = [weights * (share > 0.0)[:, None] for share in shares]
         weights = np.hstack([np.full((len(own), 1), -0.5 * self._width), *ends])
-        there = (columns[own] >= 0) & (weights != 0.0)
+        there = (columns[own] != -1) & (weights != 0.0)
         at = program.places(np.repeat(rows[own], there.sum(axis=1)), columns[own][there])
         parts = (which, *shares, weights, there, at)
         self._all = [np.concatenate(pair) for pair in zip(self._all, parts, strict=True)]
@@ -173,7 +172,7 @@ def _share(value: np.ndarray) -> np.ndarray:
 
 def _square(share: np.ndarray, slope: np.ndarray) -> np.ndarray:
     """Slope times a square, in which a share of 0 makes even an unlimited slope vanish."""
-    return share**2 * np.where(share > 0.0, slope, 0.0)
+    return np.multiply(share**2, slope, out=np.zeros_like(share), where=share > 0.0)
 
 
 def _time(way: np.ndarray, slope: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -264,8 +263,8 @@ def of_drags(
     return [
         Plane(phase, (z, q), lambda s: ((1.0, -s.high * s.b), 0.0)),
         Plane(phase, (z, q), lambda s: ((-1.0, s.low * s.a), 0.0)),
-        Plane(phase, columns, lambda s: _left_over(1.0, s.low * s.a, most)),
-        Plane(phase, columns, lambda s: _left_over(-1.0, s.high * s.b, most)),
+        Plane(phase, columns, lambda s: ((1.0, -most, s.low * s.a * most, -s.low * s.a), 0.0)),
+        Plane(phase, columns, lambda s: ((-1.0, most, -s.high * s.b * most, s.high * s.b), 0.0)),
     ]
 
 
@@ -279,8 +278,3 @@ def _square_at_longest(s: Sides) -> tuple[Values, np.ndarray]:
     """Keep g below b times the secant of e², less what shorter periods take at least."""
     ends = s.low + s.high
     return (1.0, -s.b * ends, -(s.low**2)), -s.b * s.low * s.high - s.low**2 * s.b
-
-
-def _left_over(sign: float, h: np.ndarray, most: np.ndarray) -> tuple[Values, float]:
-    """Sign times (z - v_max g + h (v_max e - q)) is not positive."""
-    return (sign, -sign * most, sign * h * most, -sign * h), 0.0

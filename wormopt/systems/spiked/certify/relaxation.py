@@ -107,8 +107,8 @@ class Relaxation:
         before, after = np.roll(rests, 1, axis=0), np.roll(rests, -1, axis=0)
         self._most_room = 1.0 / float(limits.strokes[limits.strokes > 0.0].min(initial=np.inf))
         self._way = int(self._columns(float(fastest.max()), 1)[0])
-        self._period, self._room = self._columns(np.array([1.0, max(self._most_room, 1.0)]), 2)
-        self._e, self._g, self._h = self._columns(1.0, 3, phases)
+        self._period, self._room = self._rows.columns(np.ones(2))  # bounds come with the box
+        self._e, self._g, self._h = self._rows.columns(np.ones((3, phases)))
         at_ends = np.repeat(fastest[:, None], m + 1, axis=1)
         if self._continuous:
             at_ends[:, 0][before] = 0.0
@@ -116,9 +116,9 @@ class Relaxation:
         self._y = self._columns(at_ends, phases, m + 1, links + 1)
         self._q = self._columns(fastest[:, None], phases, m, links + 1)
         self._z = self._columns(fastest[:, None] if limits.drag else 0.0, phases, m, links + 1)
-        self._l = self._columns(np.where(limits.strokes > 0.0, 1.0, 0.0), phases, m, links)
+        self._l = self._rows.columns(np.ones((phases, m, links)))
         c_max = np.minimum(fastest, np.roll(fastest, -1, axis=0))
-        self._c, self._c_max = self._columns(c_max, phases, links + 1), c_max
+        self._c, self._c_max = self._rows.columns(c_max), c_max
 
     def _add_rates(self, phase: int) -> None:
         """Rates of the links at the cells' ends and on average."""

@@ -27,12 +27,16 @@ class Slope(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """A limit -below ≤ alpha a + k beta v ≤ above on accelerations a and velocities v."""
+    """A limit -below ≤ alpha a + k beta v ≤ above on accelerations a and velocities v.
+
+    Drag is in none of its masses or in all: beta is 0, or vanishes where alpha does and else has
+    its sign.
+    """
 
     alpha: np.ndarray  # (n+1,) weights of the masses' accelerations
     beta: np.ndarray  # (n+1,) weights of the masses' drags k v
-    below: float  # left below the value at rest; infinite: no limit
-    above: float  # left above the value at rest; infinite: no limit
+    below: float = np.inf  # left below the value at rest; infinite: no limit
+    above: float = np.inf  # left above the value at rest; infinite: no limit
     shared: float = 0.0  # part of `above` borne by masses that may not rest
 
 
@@ -131,7 +135,7 @@ class ScaledLimits:
 
     def weighted(self, weights: np.ndarray) -> Form:
         """Sum of the forces (n + 1,) m a + k v that must act on the masses, without limits."""
-        return Form(weights * self.mass, weights, 0.0, 0.0)
+        return Form(weights * self.mass, weights)
 
     def fastest(self, resting: Resting) -> np.ndarray:
         """Largest velocity (n + 1,) of each mass that link rates allow from those at rest."""
@@ -158,7 +162,7 @@ class ScaledLimits:
 
     def admits_rest(self, resting: Resting) -> bool:
         """Whether the worm may stand still on the spikes of these masses."""
-        return all(form.below >= 0.0 and form.above >= 0.0 for form in self.forms(resting))
+        return all(min(form.below, form.above) >= 0.0 for form in self.forms(resting))
 
     def _momentum(self, resting: Resting, more: int) -> Form:
         """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
@@ -208,7 +212,7 @@ class ScaledLimits:
         size = abs(high) + abs(low)
         return (high - low + _ROUNDING * size) / self.force if size < np.inf else np.inf
 
-    def bounds(self, resting: Resting, more: int = 0) -> list[Bounds]:
+    def bounds(self, resting: Resting, more: int) -> list[Bounds]:
         """`forms` with what they say of velocities; cached.
 
         `more` others may rest as well.
@@ -251,28 +255,29 @@ class ScaledLimits:
 
         Laws that another one always beats are left out.
         """
-        fall, rise = ([Slope(rate)] for rate in self.slopes(form, resting))
-        v_max = self.fastest(resting)
-        alpha, beta = (np.where(v_max > 0.0, w, 0.0) for w in (form.alpha, form.beta))
-        positive, some = bool(np.all(alpha >= 0.0)), alpha != 0.0
-        one_sign = positive or bool(np.all(alpha <= 0.0))
-        if not (self.drag and one_sign and some.any() and np.all(beta[some] / alpha[some] > 0.0)):
-            return [(fall[0], rise[0])]
-        if beta[~some].any():
-            return [(fall[0], rise[0])]
-        # k beta v lies between the least and the largest ratio times alpha v
-        ratio, top = self.drag * beta[some] / alpha[some], np.max(np.abs(self.span(alpha, resting)))
-        slow, fast = (float(ratio.min()), False), (float(ratio.max()), True)
-        for laws, rate, helped in ((fall, form.below, not positive), (rise, form.above, positive)):
-            decay, longest = slow if helped else fast
-            if rate - helped * decay * top < laws[0].rate:
-                laws.append(Slope(max(rate, 0.0), decay, longest))
-        return list(product(fall, rise))
+        fall, rise = self.slopes(form, resting)
+        falls, rises = [Slope(fall)], [Slope(rise)]
+        some = (form.alpha != 0.0) & (self.fastest(resting) > 0.0)
+        alpha, drags = form.alpha[some], self.drag * form.beta[some]
+        positive, negative = bool(np.all(alpha > 0.0)), bool(np.all(alpha < 0.0))
+        if (positive or negative) and drags.any():
+            # k beta v lies between the least and the largest ratio times alpha v
+            ratio, top = drags / alpha, np.max(np.abs(self.span(form.alpha, resting)))
+            slow, fast = (float(ratio.min()), False), (float(ratio.max()), True)
+            for laws, most, rate, helped in (
+                (falls, fall, max(form.below, 0.0), negative),
+                (rises, rise, max(form.above, 0.0), positive),
+            ):
+                decay, longest = slow if helped else fast
+                if rate - helped * decay * top < most:
+                    laws.append(Slope(rate, decay, longest))
+        return list(product(falls, rises))
 
     def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
         """Least and largest velocity sum weighted by `alpha` (n + 1,), by the link rates."""
         contraction, extension = self.rates
         fastest = self.fastest(resting)
+        alpha = np.where(fastest > 0.0, alpha, 0.0)
         least, largest = [np.minimum(alpha, 0.0) @ fastest], [np.maximum(alpha, 0.0) @ fastest]
         for m in resting:  # velocities are sums of rates v_j - v_{j+1}, counted from this mass
             inner = np.cumsum(alpha)[:-1] - (np.arange(self.links) >= m) * alpha.sum()
