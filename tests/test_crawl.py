@@ -267,6 +267,7 @@ def test_a_slower_clock_with_weaker_forces_gives_the_same_motion(
     two = crawl(slow, mass, drag / factor, load / factor**2)
     assert two.advance == pytest.approx(one.advance, rel=1e-10)
     assert two.speed * factor == pytest.approx(one.speed, rel=1e-10)
+    assert np.array(two.glides) == pytest.approx(factor * np.array(one.glides), abs=1e-8 * factor)
     assert two.energy * factor**2 == pytest.approx(one.energy, rel=1e-9)
     assert two.effort * factor**4 == pytest.approx(one.effort, rel=1e-10)
     assert two.smallest_load * factor**2 == pytest.approx(one.smallest_load, rel=1e-9)

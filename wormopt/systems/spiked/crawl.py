@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -205,15 +206,11 @@ class Crawl(SampledMotion):
     @property
     def glides(self) -> list[tuple[float, float]]:
         """Begin and end of every glide; joined across pieces, but not across the period's end."""
-        found: list[tuple[float, float]] = []
-        for stretch in self.stretches:
-            begin = float(self.gait.breaks[stretch.piece])
-            if stretch.common is None:
-                continue
-            if found and abs(found[-1][1] - begin - stretch.start) < 1e-12 * self.gait.period:
-                found[-1] = (found[-1][0], begin + stretch.stop)
-            else:
-                found.append((begin + stretch.start, begin + stretch.stop))
+        found, breaks = [], self.gait.breaks
+        for held, together in groupby(self.stretches, lambda stretch: stretch.common is None):
+            if not held:
+                ends = [(breaks[s.piece] + s.start, breaks[s.piece] + s.stop) for s in together]
+                found.append((float(ends[0][0]), float(ends[-1][1])))
         return found
 
     @property
