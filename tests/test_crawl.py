@@ -559,4 +559,5 @@ def test_a_gait_that_stands_still_rests_on_all_masses():
     motion = crawl(Gait(np.array([0.0, 1.0]), np.ones((1, 2, 1))), [1.0] * 3, 1.0, 2.0)
     assert (motion.advance, motion.resting_min, motion.energy) == (0.0, 3, 0.0)
     assert motion.resting_sequence == [[0, 1, 2]]
+    assert np.diff(motion.time) == pytest.approx(1 / 600)
     assert (motion.smallest_load, motion.smallest_period) == (0.0, 0.0)

@@ -144,8 +144,8 @@ class Crawl(SampledMotion):
             stretch.stop,
             24 if kinked else degree,
         )
-        tail = np.abs(series.coefficients[:, -2:]).max(axis=1)
-        size = np.abs(series.coefficients).max(axis=1)
+        tail = np.linalg.norm(series.coefficients[:, -2:], axis=1)
+        size = np.linalg.norm(series.coefficients, axis=1)
         if not kinked or np.all(tail <= 1e-12 * np.maximum(size, self.drive.force_scale)):
             yield stretch, series
             return
@@ -195,13 +195,9 @@ class Crawl(SampledMotion):
     @property
     def resting_sequence(self) -> list[list[int]]:
         """Resting masses, phase after phase, over one period."""
-        phases: list[list[int]] = []
-        for stretch in self.stretches:
-            if not phases or phases[-1] != list(stretch.resting):
-                phases.append(list(stretch.resting))
-        if len(phases) > 1 and phases[0] == phases[-1]:
-            phases.pop()
-        return phases
+        phases = [list(resting) for resting, _ in groupby(s.resting for s in self.stretches)]
+        closed = phases[0] == phases[-1]
+        return phases[:-1] or phases if closed else phases
 
     @property
     def glides(self) -> list[tuple[float, float]]:
