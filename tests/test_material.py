@@ -190,7 +190,7 @@ def test_hostile_fields_and_bars_are_refused(bad: Any):
 
 
 def test_the_largest_number_is_allowed_and_the_next_is_not():
-    assert MagnetoElastic(1e30, 1e30).youngs_modulus() == 3e30
+    assert MagnetoElastic(1e30, 1e30).youngs_modulus() == pytest.approx(3e30)
     with pytest.raises(ArgumentError, match="lame_eta"):
         MagnetoElastic(2.0, np.nextafter(1e30, np.inf))
 
@@ -220,6 +220,9 @@ def test_a_permeability_of_one_is_no_magnetic_material():
         (MagnetoElastic(1.1, 1e3, 1e6), 1.5e5, 0.0, ["u0 = 0.499"]),
         (MagnetoElastic(3.0, 1e6, 1e9), 1.5e5, 0.0, ["50% less"]),
         (MagnetoElastic(3.0, 1e6, 1e9), 0.0, 0.0, []),
+        # at the bounds themselves: strains of 0.1, u0 too; 3 eta 1 % above Young's modulus
+        (MagnetoElastic(1.05, 2.6546457922833775, 1e4), 5e3, 0.1, []),
+        (MagnetoElastic(1.05, 3.0, 98.0), 0.0, -0.1, []),
     ],
 )
 def test_what_is_assumed_is_said(bar: MagnetoElastic, field: float, strain: Any, said: list[str]):
