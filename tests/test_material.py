@@ -220,6 +220,8 @@ def test_a_permeability_of_one_is_no_magnetic_material():
         (MagnetoElastic(1.1, 1e3, 1e6), 1.5e5, 0.0, ["u0 = 0.499"]),
         (MagnetoElastic(3.0, 1e6, 1e9), 1.5e5, 0.0, ["50% less"]),
         (MagnetoElastic(3.0, 1e6, 1e9), 0.0, 0.0, []),
+        (MagnetoElastic(1.15, 1e6, 1e9), 1.5e5, 0.0, ["7% less"]),
+        (MagnetoElastic(1.1, 1e6, 1e9), 1.5e5, 0.0, []),
         # at the bounds themselves: strains of 0.1, u0 too; 3 eta 1 % above Young's modulus
         (MagnetoElastic(1.05, 2.6546457922833775, 1e4), 5e3, 0.1, []),
         (MagnetoElastic(1.05, 3.0, 98.0), 0.0, -0.1, []),

@@ -324,7 +324,8 @@ def test_funnels_of_symbols_are_not_judged(law: FunnelLaw, which: str, part: str
     plant = chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=2.0, drag=0.1,
                   position=(2.0, 0.0))  # fmt: skip
     still = Reference(ca.SX([2.0]), ca.SX(1, 1), ca.SX(1, 1))
-    funnels = {"funnel": Funnel(1.0, 0.1, 1.0), "rate_funnel": Funnel(2.0, 1.0, 1.0)}
+    funnels: dict[str, Any] = {"funnel": Funnel(1.0, 0.1, 1.0)}
+    funnels |= {"rate_funnel": Funnel(2.0, 1.0, 1.0)}
     funnels[which] = replace(funnels[which], **{part: plant["stiffness"]})
     loop = funnel_tracker(plant, still, **funnels, law=law)
     assert ca.depends_on(loop[which], plant["stiffness"])
