@@ -189,6 +189,13 @@ def test_hostile_fields_and_bars_are_refused(bad: Any):
         bar.strain("much")
 
 
+def test_a_material_stays_what_it_is():
+    bar = MagnetoElastic(1.5, 1e4)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        bar.mu_r = 2.0  # pyright: ignore[reportAttributeAccessIssue]
+    assert len({bar, MagnetoElastic(1.5, 1e4), MagnetoElastic(1.6, 1e4)}) == 2
+
+
 def test_the_largest_number_is_allowed_and_the_next_is_not():
     assert MagnetoElastic(1e30, 1e30).youngs_modulus() == pytest.approx(3e30)
     with pytest.raises(ArgumentError, match="lame_eta"):
