@@ -10,6 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls, root_scalar
 
+from wormopt.errors import UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.construct import Profile, accordion, block_wave, fast_gait
@@ -266,6 +267,7 @@ def test_a_slower_clock_with_weaker_forces_gives_the_same_motion(
     two = crawl(slow, mass, drag / factor, load / factor**2)
     assert two.advance == pytest.approx(one.advance, rel=1e-10)
     assert two.speed * factor == pytest.approx(one.speed, rel=1e-10)
+    assert np.array(two.glides) == pytest.approx(factor * np.array(one.glides), abs=1e-8 * factor)
     assert two.energy * factor**2 == pytest.approx(one.energy, rel=1e-9)
     assert two.effort * factor**4 == pytest.approx(one.effort, rel=1e-10)
     assert two.smallest_load * factor**2 == pytest.approx(one.smallest_load, rel=1e-9)
@@ -352,6 +354,53 @@ def test_sharing_rules_in_motion():
     assert values[1].mean() < 0.9 * values[0].mean()
 
 
+@pytest.mark.parametrize("profile", ["cosine", "quintic"])
+@pytest.mark.parametrize("drag", [0.0, 3.0])
+def test_series_follow_their_quantities_over_kinks(profile: Profile, drag: float):
+    """Two spikes of four share by least actuation, and one of them is idle for a while."""
+    gait = block_wave(3, 2, 1.0, (0.9, 1.2), profile)
+    motion = crawl(gait, [1.0] * 4, drag, 15.0, "least_actuation")
+    assert len(motion.parts) > len(motion.stretches)
+    for stretch, series in motion.parts:
+        s = np.random.default_rng(1).uniform(stretch.start, stretch.stop, 9)
+        off = np.abs(series(s) - motion.quantities(stretch, s)).max()
+        assert off < 1e-8 * motion.force_scale
+
+
+@pytest.mark.parametrize(("resting", "rule"), [(1, "equal"), (2, "equal"), (1, "least_actuation")])
+def test_no_kinks_are_looked_for_where_there_are_none(resting: int, rule: Sharing):
+    """Quintic lengths: forces have degree 4 at most, and power has 8, besides rounding."""
+    gait = block_wave(3, resting, 1.0, (0.9, 1.2), "quintic")
+    motion = crawl(gait, [1.0] * 4, 1.0, 100.0, rule)
+    assert [stretch for stretch, _ in motion.parts] == list(motion.stretches)
+    assert all(9 <= series.coefficients.shape[1] <= 11 for _, series in motion.parts)
+
+
+# --- Samples -----------------------------------------------------------------------------
+
+
+@settings(max_examples=examples(5), deadline=None)
+@given(gait=smooth_gaits(3), share=st.floats(0.2, 1.1), points=st.integers(1, 300))
+def test_samples_are_as_dense_as_asked_and_no_denser(gait: Gait, share: float, points: int):
+    mass = [1.0] * (gait.links + 1)
+    motion = crawl(gait, mass, 0.5, share * safe_load(gait, mass))
+    sample = motion.sample(points)
+    time = sample["time"]
+    assert np.diff(time).max() <= gait.period / points * (1 + 1e-9)
+    assert points < len(time) <= points + 2 * len(motion.parts)
+    assert (time[0], sample["position"][0, 0]) == (0.0, 0.0)
+    assert len(motion.sample(1)["time"]) == 2 * len(motion.parts)  # only ends
+
+
+def test_a_motion_shows_its_signals_by_name():
+    motion = crawl(fast_gait(1.0), [1.0] * 3, 1.0, 20.0)
+    assert 600 < len(motion.time) <= 600 + 2 * len(motion.parts)
+    dims = motion.to_xarray()["rate"].dims, motion.to_xarray()["velocity"].dims
+    assert dims == (("link", "time"), ("mass", "time"))
+    with pytest.raises(UnknownNameError, match="signal"):
+        motion["speeds"]
+
+
 # --- Work --------------------------------------------------------------------------------
 
 
@@ -426,6 +475,16 @@ def test_corners_solved_by_hand(drag: float, mass: float):
     assert (motion.smallest_load, motion.smallest_period) == (math.inf, math.inf)
 
 
+@pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
+def test_corners_and_the_order_of_rest_are_those_of_the_shape(factor: float):
+    """One of two links grows at rate 1, shrinks at rate 1, grows again: whatever the clock."""
+    course = np.array([[2.0, 1.0], [3.0, -1.0], [1.0, 1.0]])
+    gait = Gait(np.array([0.0, 1.0, 3.0, 4.0]), np.stack([course, 0 * course + [2, 0]], axis=1))
+    motion = crawl(gait.with_period(4 * factor), [1.0] * 3, 0.0, 1e3 / factor**2)
+    assert motion.corners == pytest.approx([factor, 3 * factor])
+    assert [phase for phase in motion.resting_sequence if phase] == [[1, 2], [0]]
+
+
 def test_stretches_follow_each_other_where_a_mass_leads_by_a_rounding_error_at_first():
     """The rate t (t - 2e-6) is below 0 until 2e-6 s, by 1e-12 at most."""
     gait = hermite_gait(
@@ -485,8 +544,20 @@ def test_without_load_drag_holds_a_worm_that_never_stops():
         assert bool(crawl(paced, [mass] * 3, drag, 0.0).glides) is glides
 
 
+@settings(max_examples=examples(10), deadline=None)
+@given(gait=smooth_gaits(3), drag=st.floats(0.1, 50))
+def test_the_smallest_load_is_0_where_drag_alone_holds_the_worm(gait: Gait, drag: float):
+    """Without load kinematics rules where the smallest load is 0, above the smallest period."""
+    motion = crawl(gait, [1.0] * (gait.links + 1), drag, 0.0)
+    assume(not 0 < motion.smallest_load < 1e-6 * motion.force_scale)
+    assert motion.smallest_load >= 0
+    assert (motion.smallest_load == 0) == (not motion.glides)
+    assert (motion.smallest_load == 0) == (motion.smallest_period <= gait.period)
+
+
 def test_a_gait_that_stands_still_rests_on_all_masses():
     motion = crawl(Gait(np.array([0.0, 1.0]), np.ones((1, 2, 1))), [1.0] * 3, 1.0, 2.0)
     assert (motion.advance, motion.resting_min, motion.energy) == (0.0, 3, 0.0)
     assert motion.resting_sequence == [[0, 1, 2]]
+    assert np.diff(motion.time) == pytest.approx(1 / 600)
     assert (motion.smallest_load, motion.smallest_period) == (0.0, 0.0)

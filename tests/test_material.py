@@ -82,7 +82,7 @@ def test_symbolic_derivatives_are_those_of_differences(
 def test_arrays_are_taken_as_they_are():
     fields = np.array([0.0, 1e5, 1.5e5])
     each = [MagnetoElastic(1.1, 5e3).youngs_modulus(H) for H in fields]
-    assert np.asarray(effective_modulus(1.1, 5e3, fields)).tolist() == each  # pyright: ignore
+    assert effective_modulus(1.1, 5e3, fields).tolist() == each
 
 
 shares = st.floats(0.01, 0.99)
@@ -148,6 +148,16 @@ def test_what_the_refusal_names_is_the_border(bar: MagnetoElastic):
         MagnetoElastic(1 + (allowed - 1) * 1.001, bar.lame_eta).softening(limit * 1.25)
 
 
+def test_the_border_itself_is_refused():
+    """Where G is -3/2 to the last digit, and the modulus would be 0."""
+    materials = [(mu_r, MU0 * 0.4 * (mu_r - 1) ** 2 / 3) for mu_r in np.linspace(2.0, 3.0, 50)]
+    border = [numbers for numbers in materials if softening(*numbers, 1.0) == -1.5]
+    assert border
+    for numbers in border:
+        with pytest.raises(ArgumentError, match="fields below 1 A/m"):
+            MagnetoElastic(*numbers).youngs_modulus(1.0)
+
+
 @pytest.mark.parametrize("field", [-1.5e5, 1.5e5])
 def test_a_field_acts_alike_either_way(field: float):
     assert MagnetoElastic(1.1, 5e3).field_strain(field) == pytest.approx(
@@ -179,6 +189,29 @@ def test_hostile_fields_and_bars_are_refused(bad: Any):
         bar.strain("much")
 
 
+def test_a_material_stays_what_it_is():
+    bar = MagnetoElastic(1.5, 1e4)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        bar.mu_r = 2.0  # pyright: ignore[reportAttributeAccessIssue]
+    assert len({bar, MagnetoElastic(1.5, 1e4), MagnetoElastic(1.6, 1e4)}) == 2
+
+
+def test_the_largest_number_is_allowed_and_the_next_is_not():
+    assert MagnetoElastic(1e30, 1e30).youngs_modulus() == pytest.approx(3e30)
+    with pytest.raises(ArgumentError, match="lame_eta"):
+        MagnetoElastic(2.0, np.nextafter(1e30, np.inf))
+
+
+def test_where_no_field_is_named_there_is_none():
+    """For a bar that 1 A/m would soften by half."""
+    bar = MagnetoElastic(10.0, 3e-5)
+    assert bar.softening(1.0) < -0.5
+    assert bar.youngs_modulus() == pytest.approx(9e-5, rel=1e-15)
+    assert bar.stiffness(3.0, 2.0) == pytest.approx(6e-5, rel=1e-15)
+    assert bar.strain(9e-5) == pytest.approx(1.0, rel=1e-15)
+    assert bar.stress(1.0) == pytest.approx(9e-5, rel=1e-15)
+
+
 def test_a_permeability_of_one_is_no_magnetic_material():
     with pytest.raises(ArgumentError, match="above 1"):
         MagnetoElastic(1.0, 1e4)
@@ -194,6 +227,11 @@ def test_a_permeability_of_one_is_no_magnetic_material():
         (MagnetoElastic(1.1, 1e3, 1e6), 1.5e5, 0.0, ["u0 = 0.499"]),
         (MagnetoElastic(3.0, 1e6, 1e9), 1.5e5, 0.0, ["50% less"]),
         (MagnetoElastic(3.0, 1e6, 1e9), 0.0, 0.0, []),
+        (MagnetoElastic(1.15, 1e6, 1e9), 1.5e5, 0.0, ["7% less"]),
+        (MagnetoElastic(1.1, 1e6, 1e9), 1.5e5, 0.0, []),
+        # at the bounds themselves: strains of 0.1, u0 too; 3 eta 1 % above Young's modulus
+        (MagnetoElastic(1.05, 2.6546457922833775, 1e4), 5e3, 0.1, []),
+        (MagnetoElastic(1.05, 3.0, 98.0), 0.0, -0.1, []),
     ],
 )
 def test_what_is_assumed_is_said(bar: MagnetoElastic, field: float, strain: Any, said: list[str]):

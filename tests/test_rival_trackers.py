@@ -1,5 +1,6 @@
 """Backstepping, gains that jump, two funnels: forces by hand, and what each of them promises."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,28 @@ def test_every_gain_of_switching_is_twice_the_one_before_if_nothing_else_is_said
     loop = switching_tracker(plant, following(plant), tube_radius=0.2, settling=3.0, overshoot=0.1)
     values = {signal.name: signal.value for signal in (*loop.x, *loop.p)}
     assert values["gain_factor"] == 2.0
+    assert values["gain"] == 1.0
     assert values["trial_end"] == pytest.approx(3.0 * (1 - np.sqrt(0.5)), rel=1e-14)
+    (factor,) = (signal for signal in loop.p if signal.name == "gain_factor")
+    factor.check(np.array([1.0]))
+    with pytest.raises(ArgumentError, match="gain_factor"):
+        factor.check(np.array([np.nextafter(1.0, 0.0)]))
+
+
+@pytest.mark.parametrize(
+    ("feedback", "usual"),
+    [
+        ("filter", {"gain": 1.0, "filter": (1.0, 1.0), "gain_growth": (1.0,)}),
+        ("difference", {"gain": 1.0, "lag": 0.01, "gain_growth": (1.0,)}),
+        ("backstepping", {"gain": 1.0, "input_filter": 0.0, "gain_growth": (1.0,)}),
+    ],
+)
+def test_trackers_start_and_grow_by_1_if_nothing_else_is_said(feedback: Feedback, usual: dict):
+    plant = worm()
+    loop = lambda_tracker(plant, following(plant), tube_radius=0.2, feedback=feedback)
+    assert not loop.switches
+    values = {signal.name: signal.value for signal in (*loop.x, *loop.p)}
+    assert {name: values[name] for name in usual} == usual
 
 
 numbers_of_funnels = st.floats(0.1, 5.0)
@@ -83,6 +105,8 @@ numbers_of_funnels = st.floats(0.1, 5.0)
 @given(st.builds(Funnel, *[numbers_of_funnels] * 3), st.builds(Funnel, *[numbers_of_funnels] * 3))
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.2, 0.2))  # too narrow on the way only
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.7, 0.2))  # nowhere too narrow
+@example(Funnel(1.0, 1.0, 1.0), Funnel(1.0, 1.0, 2.0))  # neither narrows
+@example(Funnel(2.0, 1.0, 1.0), Funnel(3.0, 2.0, 1.0))  # both at once
 def test_an_error_at_the_edge_of_its_funnel_can_follow_it(funnel: Funnel, rate_funnel: Funnel):
     t = np.linspace(0.0, 60.0, 60_001)
 
@@ -275,6 +299,37 @@ def test_a_rate_funnel_leaves_room_at_all_times_or_is_refused(numbers: list[floa
     else:
         with pytest.raises(ArgumentError, match="the rate funnel lets the error fall at less"):
             build()
+
+
+def test_no_more_room_than_needed_is_too_little():
+    """The funnel narrows by 1 at first; links that part by 0.5 touch a rate funnel of 0.5."""
+    with pytest.raises(ArgumentError, match="narrows at 1, and the rate funnel lets"):
+        _check_room(Funnel(2.0, 1.0, 1.0), Funnel(1.0, 1.0, 1.0))
+    plant = worm(position=(4.0, 2.0, 0.0), velocity=(0.5, 0.0, 0.0))
+    wide, law = Funnel(9.0, 9.0, 1.0), "two gains"
+    for width in (0.5, np.nextafter(0.5, 1.0)):
+        narrow = Funnel(width, 0.5, 1.0)
+        if width > 0.5:
+            funnel_tracker(plant, STILL, funnel=wide, rate_funnel=narrow, law=law)
+        else:
+            with pytest.raises(ArgumentError, match=r"e' starts at 0\.5, outside"):
+                funnel_tracker(plant, STILL, funnel=wide, rate_funnel=narrow, law=law)
+
+
+@pytest.mark.parametrize("law", ["recursive", "two gains"])
+@pytest.mark.parametrize("which", ["funnel", "rate_funnel"])
+@pytest.mark.parametrize("part", ["start", "end", "time"])
+def test_funnels_of_symbols_are_not_judged(law: FunnelLaw, which: str, part: str):
+    """One number that is the plant's own parameter: what is known later is checked later."""
+    plant = chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=2.0, drag=0.1,
+                  position=(2.0, 0.0))  # fmt: skip
+    still = Reference(ca.SX([2.0]), ca.SX(1, 1), ca.SX(1, 1))
+    funnels: dict[str, Any] = {"funnel": Funnel(1.0, 0.1, 1.0)}
+    funnels |= {"rate_funnel": Funnel(2.0, 1.0, 1.0)}
+    funnels[which] = replace(funnels[which], **{part: plant["stiffness"]})
+    loop = funnel_tracker(plant, still, **funnels, law=law)
+    assert ca.depends_on(loop[which], plant["stiffness"])
+    assert f"{which}_{part}" not in {signal.name for signal in loop.p}
 
 
 STILL = Reference(ca.SX([2.0, 2.0]), ca.SX(2, 1), ca.SX(2, 1))

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,12 +20,8 @@ from numpy.typing import ArrayLike
 from wormopt.errors import ArgumentError
 from wormopt.model.values import numbers
 
-if TYPE_CHECKING:
-    import casadi as ca
-
-    Expression = ca.SX | float
-
-
+Expression = Any
+"""A float, an array, or a CasADi expression."""
 MU0 = 4e-7 * math.pi
 """Permeability of vacuum in N/A², as the chapter has it; the measured value is 1e-10 off."""
 SMALL_STRAIN = 0.1
@@ -70,7 +66,7 @@ def _a1(mu_r: Expression) -> Expression:
     return -2 * (mu_r - 1) * (mu_r - 1) / 5
 
 
-def check_number(name: str, value: object, *, above: float = 0.0) -> float:
+def check_number(name: str, value: object, above: float = 0.0) -> float:
     """Return a caller's value as a number that the formulas can be evaluated for.
 
     Raises ArgumentError, naming it, unless it is a number above `above` and at most 1e30.

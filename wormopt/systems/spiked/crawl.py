@@ -8,8 +8,9 @@ solution is one integral. Nothing is stepped through time.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.model.motion import SampledMotion
 from wormopt.numerics.chebyshev import Series, resolve
-from wormopt.numerics.roots import root
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.region import Region
 from wormopt.systems.spiked.sharing import share_load
@@ -25,6 +25,7 @@ from wormopt.systems.spiked.stretches import (
     Drive,
     Stretch,
     at_breaks,
+    exact_degree,
     periodic_stretches,
 )
 
@@ -38,7 +39,7 @@ class Crawl(SampledMotion):
     # (time, size) of spike impulses at corners of the gait
     impulses: tuple[tuple[float, float], ...]
     drops: tuple[float, ...]  # times when W0 jumps down: the worm is thrown forward
-    drive: Drive = field(repr=False)  # the functions of time behind it
+    drive: Drive  # the functions of time behind it
 
     # Rows of a stretch's quantities.
     def _rows(self) -> dict[str, slice]:
@@ -100,7 +101,7 @@ class Crawl(SampledMotion):
         sigma = drive.sigma(v, a)
         w = np.zeros_like(s)
         if stretch.common is not None:
-            w = stretch.common(s)[0]
+            (w,) = stretch.common(s)
             slope = -(drive.drag * w + sigma) / drive.mean_mass
             v, a = v + w, a + slope
         unloaded = -np.cumsum(drive.drag * v + drive.load + drive.mass[:, None] * a, axis=0)
@@ -114,7 +115,7 @@ class Crawl(SampledMotion):
         rate = gait.on_piece(stretch.piece, s, 1)
         return np.vstack(
             [
-                gait.on_piece(stretch.piece, s, 0),
+                gait.on_piece(stretch.piece, s),
                 rate,
                 gait.on_piece(stretch.piece, s, 2),
                 v,
@@ -134,20 +135,18 @@ class Crawl(SampledMotion):
         return tuple(part for stretch in self.stretches for part in self._resolve(stretch))
 
     def _resolve(self, stretch: Stretch) -> Iterator[tuple[Stretch, Series]]:
-        degree = self.gait.degree
         kinked = self.drive.sharing == "least_actuation" and len(stretch.resting) > 1
-        known = degree is not None and stretch.common is None and not kinked
-        # power is the product of a force (degree - 1 at most) and a rate
+        # In mode 2 power has the highest degree: it is the product of a force and a rate.
+        degree = None if stretch.common else exact_degree(self.gait, 2)
         series = resolve(
             lambda s: self.quantities(stretch, s),
             stretch.start,
             stretch.stop,
-            max(2 * (degree or 1) - 1, 1) if known else (24 if kinked else None),
+            24 if kinked else degree,
         )
-        tail = np.abs(series.coefficients[:, -2:]).max(axis=1)
-        size = np.abs(series.coefficients).max(axis=1)
-        rough = kinked and bool(np.any(tail > 1e-12 * np.maximum(size, self.drive.force_scale)))
-        if not rough or stretch.stop - stretch.start < 1e-9 * self.gait.period:
+        tail = np.linalg.norm(series.coefficients[:, -2:], axis=1)
+        size = np.linalg.norm(series.coefficients, axis=1)
+        if not kinked or np.all(tail <= 1e-12 * np.maximum(size, self.drive.force_scale)):
             yield stretch, series
             return
         middle = (stretch.start + stretch.stop) / 2
@@ -160,8 +159,8 @@ class Crawl(SampledMotion):
         ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``, ``sigma``,
         ``reaction_mean``, ``actuator_force``, ``power``, ``glide`` or ``closure``.
         """
-        low, high = zip(*(series.extremes() for series in self._series(signal)), strict=True)
-        return np.min(low, axis=0), np.max(high, axis=0)
+        ends = np.array([series.extremes() for series in self._series(signal)])
+        return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
 
     def _series(self, signal: str) -> Iterator[Series]:
         rows = self._rows()[signal]
@@ -196,26 +195,18 @@ class Crawl(SampledMotion):
     @property
     def resting_sequence(self) -> list[list[int]]:
         """Resting masses, phase after phase, over one period."""
-        phases: list[list[int]] = []
-        for stretch in self.stretches:
-            if not phases or phases[-1] != list(stretch.resting):
-                phases.append(list(stretch.resting))
-        if len(phases) > 1 and phases[0] == phases[-1]:
-            phases.pop()
-        return phases
+        phases = [list(resting) for resting, _ in groupby(s.resting for s in self.stretches)]
+        closed = phases[0] == phases[-1]
+        return phases[:-1] or phases if closed else phases
 
     @property
     def glides(self) -> list[tuple[float, float]]:
         """Begin and end of every glide; joined across pieces, but not across the period's end."""
-        found: list[tuple[float, float]] = []
-        for stretch in self.stretches:
-            begin = float(self.gait.breaks[stretch.piece])
-            if stretch.common is None:
-                continue
-            if found and abs(found[-1][1] - begin - stretch.start) < 1e-12 * self.gait.period:
-                found[-1] = (found[-1][0], begin + stretch.stop)
-            else:
-                found.append((begin + stretch.start, begin + stretch.stop))
+        found, breaks = [], self.gait.breaks
+        for held, together in groupby(self.stretches, lambda stretch: stretch.common is None):
+            if not held:
+                ends = [(breaks[s.piece] + s.start, breaks[s.piece] + s.stop) for s in together]
+                found.append((float(ends[0][0]), float(ends[-1][1])))
         return found
 
     @property
@@ -228,15 +219,12 @@ class Crawl(SampledMotion):
     @cached_property
     def energy(self) -> float:
         """Energy the actuators spend per period, nothing recovered."""
-        rows = self._rows()
-        total = 0.0
+        power, total = self._rows()["power"], 0.0
         for _, series in self.parts:
             primitive = series.primitive()
-            for j in range(self.gait.links):
-                at = [series.roots(rows[k].start + j) for k in ("actuator_force", "rate")]
-                cuts = np.unique(np.concatenate([[series.a, series.b], *at]))
-                work = np.diff(primitive(cuts)[rows["power"].start + j])
-                total += float(work[work > 0].sum())
+            for row in range(power.start, power.stop):
+                cuts = np.array([series.a, *series.roots(row), series.b])
+                total += float(np.maximum(np.diff(primitive(cuts)[row]), 0.0).sum())
         return total
 
     @property
@@ -267,27 +255,7 @@ class Crawl(SampledMotion):
         """Smallest period for which kinematics alone rules this shape of gait; inf if none does."""
         if self.drops:
             return float("inf")
-        if self.drive.drag == 0 < self.drive.load:  # inertia goes with the square of the pace
-            return self.gait.period * float(np.sqrt(self.smallest_load / self.drive.load))
-
-        region = Region(self.drive)
-
-        def least(quickness: float) -> float:
-            return self.drive.load - region.least_load(self.gait.period / quickness)
-
-        fast = 1.0
-        while least(fast) >= 0 and fast < 1e9:
-            fast *= 4
-        if fast >= 1e9:
-            return 0.0
-        slow = fast / 4
-        while least(slow) < 0:
-            slow /= 4
-            # Without load only drag can hold the worm, and where W0 comes to rest no slowness is
-            # enough.
-            if self.drive.load == 0 and slow < 1e-6:
-                return float("inf")
-        return self.gait.period / root(least, slow, fast, xtol=1e-15 * slow)
+        return Region(self.drive).least_period(self.drive.load)
 
     def sample(self, points: int = 600) -> dict[str, np.ndarray]:
         """Signals on a grid of about `points` times in which both sides of every jump appear.
@@ -299,7 +267,7 @@ class Crawl(SampledMotion):
         rows = self._rows()
         for stretch, series in self.parts:
             share = (stretch.stop - stretch.start) / self.gait.period
-            s = np.linspace(stretch.start, stretch.stop, max(2, int(np.ceil(share * points)) + 1))
+            s = np.linspace(stretch.start, stretch.stop, int(np.ceil(share * points)) + 1)
             times.append(self.gait.breaks[stretch.piece] + s)
             values.append(self.quantities(stretch, s))
             rest = np.zeros((len(self.drive.mass), len(s)), dtype=np.int32)
@@ -319,9 +287,8 @@ class Crawl(SampledMotion):
 
 
 def _integral_of_squares(series: Series) -> float:
-    degree = max(2 * (series.coefficients.shape[1] - 1), 1)
-    squares = resolve(lambda s: (series(s) ** 2).sum(axis=0)[None], series.a, series.b, degree)
-    return float(squares.integral()[0])
+    squares = resolve(lambda s: (series(s) ** 2).sum(axis=0)[None], series.a, series.b)
+    return squares.integral().item()
 
 
 def crawl(

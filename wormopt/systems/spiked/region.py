@@ -7,12 +7,14 @@ a spike.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.numerics.roots import root
 from wormopt.systems.spiked.stretches import Drive, Stretch, exact_degree, kinematic_stretches
 
 
@@ -52,6 +54,26 @@ class Region:
     def least_load(self, period: float) -> float:
         """Smallest load with which w = 0 at this period; below 0 where it holds without any."""
         return -float(self._extremes(period)[1].min())
+
+    def least_period(self, load: float) -> float:
+        """Smallest period at which `load` is enough: 0 where every one is, inf where none is."""
+        low, high = zip(*(parts.extremes() for _, parts in self._needs), strict=True)
+        inertia, drag = -min(row[0] for row in low), max(row[1] for row in high)
+        if inertia <= 0:
+            return 0.0
+        if drag == load == 0:
+            return math.inf
+        # Drag only helps: all of it where inertia is largest makes the period short, none long.
+        period = self.drive.gait.period
+        short = 2 * inertia * period / (drag + math.sqrt(drag**2 + 4 * inertia * load))
+        long = period * math.sqrt(inertia / load) if load else 1e9 * short
+
+        def left_over(exponent: float) -> float:
+            return load - self.least_load(math.exp(exponent))
+
+        ends = math.log(short / 2), math.log(2 * long)
+        # Without load nothing holds the worm where W0 comes to rest, however slow the gait.
+        return math.exp(root(left_over, *ends)) if left_over(ends[1]) >= 0 else math.inf
 
     def spike_loads(self, period: float, loads: np.ndarray) -> np.ndarray:
         """Largest load on one spike while w = 0, by loads (m,); resting masses share equally."""
