@@ -76,7 +76,7 @@ static int strike(Run *run, long long forced) {
     int any = 0;
     for (long long i = 0; i < run->in.n_contacts; i++)
         if (run->modes[i] == 0.0 && i != forced && fabs(run->scan[i]) > jump_from(run, i))
-            any = 1, run->struck[i] = 1.0;
+            run->struck[i] = any = 1;
     return any;
 }
 
