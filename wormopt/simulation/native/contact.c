@@ -50,7 +50,7 @@ static int take_along(Run *run) {
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
     for (long long i = 0; i < run->in.n_contacts; i++)
         if (run->modes[i] != 0.0 && run->in.planar[i] >= 0 && !in_onset(run, i)
-            && fabs(run->probe[i]) <= run->in.v_stop[i])
+            && run->probe[i] <= run->in.v_stop[i])
             any = 1, run->modes[i] = 0.0;
     return any;
 }
