@@ -245,6 +245,22 @@ def test_one_of_two_that_are_held_is_struck(struck: int, route: Route):
     assert motion.end == pytest.approx([0.0, 0.0], abs=1e-13)
 
 
+@SIGNS
+@pytest.mark.parametrize("order", [1, -1])
+def test_what_is_let_go_as_another_is_struck_goes_its_way(order: int, sign: float, route: Route):
+    """A load of t pulls one off at 1, when the other, which is held, is kicked."""
+    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    laws = [Coulomb(1.0, 1.0), Held()]
+    grounds = [Contact(f"ground {i}", v[i], f[i], law) for i, law in enumerate(laws)]
+    kick = Switch("kick", t - 1, v + ca.DM([0.0, 0.3]))
+    states, ode = [Signal("v", v, value=0.0)], f + ca.vertcat(sign * t, 0)
+    pair = Model("pair", states, ode, t=t, contacts=grounds[::order], switches=[kick])
+    motion = simulate(pair, 2.0, route=route)
+    expected = {("ground 0", "release"), ("ground 1", "impact"), ("kick", "switch")}
+    assert sorted(kinds(motion)) == sorted(expected)
+    assert motion.end == pytest.approx([sign / 2, 0.0], abs=1e-12)
+
+
 def test_compiled_steps_leave_it_to_others_to_part_a_shared_load(monkeypatch: pytest.MonkeyPatch):
     """Ends of 1 and 3 let go at 4 in all; how they share less is open, so who goes first."""
     asked: list[float] = []
