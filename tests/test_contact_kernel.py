@@ -305,6 +305,31 @@ def test_what_stops_as_soon_as_it_has_begun_to_slip_can_be_kicked(route: Route):
     assert onsets.tolist() == [False, True, False, False, False]
 
 
+@pytest.mark.parametrize("joined", [False, True])
+def test_what_begins_to_slip_goes_on_when_something_else_happens(joined: bool, route: Route):
+    """Pulled by t it slips from 1 on; its twin, joined to it or not, rests.
+
+    At 1.03 it is slower than what counts as stopped, but it has just begun.
+    """
+    t, v, f = ca.SX.sym("t"), ca.SX.sym("v", 4), ca.SX.sym("f", 4)
+    law = Elliptic(1.0, 1.0, 1.0)
+    joint = np.kron([[1.0, 0.25 * joined], [0.25 * joined, 1.0]], np.eye(2))
+    push = f + ca.vertcat(0.5 * t, 0, t, 0)
+    model = Model(
+        "slipping",
+        [Signal("v", v, value=0.0)],
+        ca.DM(joint) @ push,
+        t=t,
+        contacts=[Contact(f"block {i}", v[2 * i : 2 * i + 2], f[2 * i : 2 * i + 2], law)
+                  for i in range(2)],
+        switches=[Switch("nothing", t - 1.03, v)],
+    )  # fmt: skip
+    motion = simulate(model, 1.5, route=route, tolerance=Tolerance(stop=1e-3))
+    assert kinds(motion) == [("block 1", "release"), ("nothing", "switch")]
+    gained = (1 - (0.25 * joined) ** 2) * 0.5**2 / 2
+    assert motion.end == pytest.approx([0, 0, gained, 0], abs=1e-10)
+
+
 # -- switches ------------------------------------------------------------------------------------
 
 
