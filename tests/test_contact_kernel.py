@@ -98,16 +98,6 @@ def test_slow_as_drift_only_what_rests_is_at_rest(speed: float, sign: float, rou
     assert kinds(rested) == [("kick", "switch"), *let_go]
 
 
-def test_what_is_struck_has_no_velocity_to_the_last_bit(route: Route):
-    """Spikes of many masses that move backward in the beginning."""
-    v, f, mass = ca.SX.sym("v"), ca.SX.sym("f"), ca.SX.sym("mass")
-    states, p = [Signal("v", v)], [Signal("mass", mass)]
-    model = Model("heavy", states, f / mass, p=p, contacts=[Contact("spike", v, f, Spike())])
-    for number in np.linspace(0.7, 9.1, 60):
-        options: Any = {"x0": {"v": -1 / number}, "p": {"mass": number**2}, "route": route}
-        assert simulate(model, 0.1, **options).end.tolist() == [0.0]
-
-
 @SIGNS
 @pytest.mark.parametrize("lacking", [0.5e-13, 1.5e-13])
 def test_one_is_let_go_and_its_neighbour_by_its_own_force(

@@ -38,9 +38,6 @@ static double jump_from(const Run *run, long long i) {
 static void stop(Run *run) {
     evaluate(run, run->in.project, run->out.t, run->out.x, run->column);
     memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
-    for (long long r = 0; r < run->in.n_rows; r++)
-        if (run->modes[run->in.row_contact[r]] == 0.0 && run->in.row_state[r] >= 0)
-            run->out.x[run->in.row_state[r]] = 0.0;
 }
 
 /* Let contacts in the plane rest that others have stopped: they have no direction left. Tells
