@@ -113,6 +113,30 @@ def test_one_is_let_go_and_its_neighbour_by_its_own_force(
     assert not motion.events
 
 
+class Ratchet:
+    """A law of a user's own: it slides forward only, and breaks where it is pushed back."""
+
+    directions = (1,)
+    stick_interval = (-0.5, 2.0)
+
+    def slip_force(self, v: ca.SX, direction: int) -> float:
+        return -0.5 * direction
+
+    def smooth(self, v: ca.SX, v_reg: float) -> ca.SX:
+        return -0.5 * ca.tanh(v / v_reg)
+
+
+@pytest.mark.parametrize(("push", "speed"), [(1.5, 1.0), (-1.9, 0.0), (-2.1, None)])
+def test_nothing_is_let_go_where_its_law_does_not_let_it(
+    push: float, speed: float | None, route: Route
+):
+    model = kicked(Ratchet(), 1.0, pushed=push)
+    if speed is None:
+        assert refused(model, 0.4, route).code == "no_contact_mode"
+    else:
+        assert simulate(model, 0.4, route=route).end == pytest.approx([0.4 * speed], abs=1e-13)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.7, 1.4])
 @pytest.mark.parametrize("side", [1, -1])
