@@ -340,8 +340,21 @@ def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: A
     model = block(pull, speed=0.0)
     motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
     assert [d.reason for d in motion.doubts] == ["edge"] * told
+    assert simulate(model, 2.0, sensitivities=["load"], route=route).doubts == ()
     pushed = simulate(model, 2.0, x0={"velocity": math.copysign(1e-8, pull)})
     assert (abs(pushed.end[1]) > 0.1) == bool(told)
+
+
+@both
+def test_a_push_at_what_rests_on_a_sledge_is_shared_with_it(route: Any):
+    """Masses 1 and 3, without a jump of velocity: momentum says how both move."""
+    v, f = ca.SX.sym("v", 2), ca.SX.sym("f")
+    ground = [Contact("block", v[0] - v[1], f, Coulomb(1.0, 1.0))]
+    states = [Signal("velocity", v, value=[2.0, 2.0])]
+    model = Model("sledge", states, ca.vertcat(f, -f / 3), contacts=ground)
+    motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
+    assert not motion.events
+    np.testing.assert_allclose(motion.end_derivative, [[0.25, 0.75]] * 2, rtol=1e-12)
 
 
 @both
