@@ -181,6 +181,25 @@ def test_what_is_stopped_from_more_than_rounding_is_an_impact(
 
 
 @pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(("way", "friction"), [(1.0, 4.0), (-1.0, 2.0)])
+def test_a_belt_that_starts_at_once_takes_what_rests_on_it_along(
+    route: Route, way: float, friction: float
+):
+    """Its velocity is scheduled: 0, from t = 1/2 on `way`."""
+    t, v, f, belt, begin = (ca.SX.sym(name) for name in ("t", "v", "f", "belt", "begin"))
+    speeds = Schedule("belt", belt, begin, np.array([0.0, 0.5, 2.0]), np.array([[0.0], [way]]))
+    ground = [Contact("block", v - belt, f, Coulomb(2.0, 4.0))]
+    states = [Signal("v", v, value=0.0)]
+    model = Model("belt", states, f, t=t, schedules=[speeds], contacts=ground)
+    motion = simulate(model, 2.0, route=route)
+    told = [(event.kind, event.mode) for event in motion.events]
+    assert told == [("release", -way), ("stick", 0)]
+    times = [event.time for event in motion.events]
+    assert times == pytest.approx([0.5, 0.5 + 1 / friction], abs=1e-12)
+    assert motion.end == pytest.approx([way], abs=1e-12)
+
+
+@pytest.mark.parametrize("route", ROUTES)
 def test_modes_are_told_where_they_change_and_nowhere_else(route: Route):
     """Eleven blocks slide for 1 s, one for 3; nothing comes of the schedule and the switch."""
     v, f = ca.SX.sym("v", 12), ca.SX.sym("f", 12)

@@ -340,8 +340,21 @@ def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: A
     model = block(pull, speed=0.0)
     motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
     assert [d.reason for d in motion.doubts] == ["edge"] * told
+    assert simulate(model, 2.0, sensitivities=["load"], route=route).doubts == ()
     pushed = simulate(model, 2.0, x0={"velocity": math.copysign(1e-8, pull)})
     assert (abs(pushed.end[1]) > 0.1) == bool(told)
+
+
+@both
+def test_a_push_at_what_rests_on_a_sledge_is_shared_with_it(route: Any):
+    """Masses 1 and 3, without a jump of velocity: momentum says how both move."""
+    v, f = ca.SX.sym("v", 2), ca.SX.sym("f")
+    ground = [Contact("block", v[0] - v[1], f, Coulomb(1.0, 1.0))]
+    states = [Signal("velocity", v, value=[2.0, 2.0])]
+    model = Model("sledge", states, ca.vertcat(f, -f / 3), contacts=ground)
+    motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
+    assert not motion.events
+    np.testing.assert_allclose(motion.end_derivative, [[0.25, 0.75]] * 2, rtol=1e-12)
 
 
 @both
@@ -642,13 +655,14 @@ def test_a_start_at_rest_that_slides_at_once_is_one_sided(route: Any):
 
 
 @both
-def test_two_events_at_once_are_told_where_their_order_counts(route: Any):
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_two_events_at_once_are_told_where_their_order_counts(way: float, route: Any):
     """Two masses on a stiff joint stop together; moved alike they go on doing so."""
     t, x, v, f = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
     inertia = ca.DM([[2.0, 0.5], [0.5, 2.0]])
     model = Model(
         "twins",
-        [Signal("position", x, value=0.0), Signal("velocity", v, value=1.0)],
+        [Signal("position", x, value=0.0), Signal("velocity", v, value=way)],
         ca.vertcat(v, ca.solve(ca.SX(inertia), f)),
         t=t,
         contacts=[Contact(f"twin {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in (0, 1)],
@@ -658,7 +672,7 @@ def test_two_events_at_once_are_told_where_their_order_counts(route: Any):
     assert one.doubts[0].event in one.events
     alike = simulate(model, 4.0, sensitivities={"both": {"velocity": 1.0}}, route=route)
     assert alike.doubts == ()
-    np.testing.assert_allclose(changes(alike.events[0]), 2.5, rtol=1e-12)
+    np.testing.assert_allclose(changes(alike.events[0]), 2.5 * way, rtol=1e-12)
     # alone on the ground either may stop first
     apart = replace(model, ode=ca.vertcat(v, f / 2))
     free = simulate(apart, 4.0, sensitivities=["velocity[0]"], route=route)

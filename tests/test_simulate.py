@@ -295,14 +295,15 @@ def test_contacts_that_do_not_determine_their_forces_are_refused_even_nearly():
     assert refused(model, 1.0).code == "no_contact_mode"
 
 
-def test_impacts_of_contacts_that_act_on_each_other_are_refused():
+@pytest.mark.parametrize("route", ["native", "python"])
+def test_impacts_of_contacts_that_act_on_each_other_are_refused(route: Route):
     x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
     laws = (Spike(), Coulomb(1.0, 1.0))
     contacts = [Contact(f"foot {i}", v[i], f[i], laws[i]) for i in range(2)]
     states = [Signal("x", x, value=0.0), Signal("v", v, value=(-1.0, 0.1))]
     inverse = ca.DM(np.linalg.inv([[2.0, 1.0], [1.0, 2.0]]))
     model = Model("pair", x=states, ode=ca.vertcat(v, inverse @ f), contacts=contacts)
-    assert refused(model, 1.0).code == "no_contact_mode"
+    assert refused(model, 1.0, route=route).code == "no_contact_mode"
 
 
 class AirDrag:

@@ -13,9 +13,8 @@ has no level at all.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -31,8 +30,7 @@ from wormopt.simulation.steps import GivenUp, Step, Stepper, floor_of_step
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 
 
-@dataclass(frozen=True)
-class Crossing:
+class Crossing(NamedTuple):
     """Where an event function falls through its level."""
 
     which: int  # event function; switches count on from the contacts
@@ -40,8 +38,7 @@ class Crossing:
     level: float
 
 
-@dataclass(frozen=True, eq=False)
-class Located:
+class Located(NamedTuple):
     """Way to an event."""
 
     step: Step | None  # that leads there; None if it is at the start already
@@ -84,7 +81,8 @@ class Watch:
 
     def _all(self, t: float, x: np.ndarray) -> np.ndarray:
         """Values of all event functions."""
-        return self._shared(self._values(t, x)[0], t, x)
+        (values,) = self._values(t, x)
+        return self._shared(values, t, x)
 
     def _shared(self, values: np.ndarray, t: float, x: np.ndarray) -> np.ndarray:
         """Distance from what holds, for contacts whose forces are open, of the best split."""
@@ -98,7 +96,7 @@ class Watch:
         return step.rows[:, : self._n_x].ravel()
 
     def _within(self, which: int, step: Step, theta: float) -> float:
-        values = self._inside(theta, step.t, step.h, self._rows(step))[0]
+        (values,) = self._inside(theta, step.t, step.h, self._rows(step))
         if self._sharing and self._sharing.active:
             self._shared(values, step.t + theta * step.h, step.states(theta))
         return float(values[which])
@@ -135,9 +133,14 @@ class Watch:
 
         Gives how far from 0 its guard may be by rounding, and the guard's time derivative.
         """
-        rate = abs(float(self._rates(t, x)[0][k]))
+        rate = abs(self._rate(k, t, x))
         off = abs(self.value(self.n_contacts + k, t, x))
         return 2 * off + rate * floor_of_step(self._task, t), rate
+
+    def _rate(self, k: int, t: float, x: np.ndarray) -> float:
+        """Time derivative of the guard of switch `k`."""
+        (rates,) = self._rates(t, x)
+        return float(rates[k])
 
     def note_fired(
         self, k: int, t: float, x: np.ndarray, error: tuple[float, float] = (0.0, 0.0)
@@ -149,7 +152,7 @@ class Watch:
         """
         which, residual, rate = self.n_contacts + k, *error
         value = self.value(which, t, x)
-        if self._rates(t, x)[0][k] < -1e-9 * rate and value >= -residual:
+        if self._rate(k, t, x) < -1e-9 * rate and value >= -residual:
             self._levels[which], self._passed[k] = 2 * min(value, 0.0) - 1e-300, 0.0
         else:
             self._levels[which], self._passed[k] = -np.inf, residual
@@ -158,13 +161,14 @@ class Watch:
         """Index of the first switch whose guard has jumped above 0."""
         if self.n == self.n_contacts:
             return None
-        jumped = self._values(t, x)[0] < self._levels
-        found = np.flatnonzero(jumped[self.n_contacts :])
-        return int(found[0]) if len(found) else None
+        (values,) = self._values(t, x)
+        jumped = values < self._levels
+        return next(iter(np.flatnonzero(jumped[self.n_contacts :]).tolist()), None)
 
     def guards(self, t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Guards of the switches, and whether they fire as soon as they are above 0."""
-        return self._values(t, x)[0][self.n_contacts :], self._levels[self.n_contacts :] == 0
+        (values,) = self._values(t, x)
+        return values[self.n_contacts :], self._levels[self.n_contacts :] == 0
 
     # -- location --------------------------------------------------------------------------
 
@@ -173,7 +177,8 @@ class Watch:
 
         Raises GivenUp if an event function is not a number.
         """
-        values = self._scan(step.t, step.h, self._rows(step))[0].reshape(len(_SAMPLES), self.n)
+        (scan,) = self._scan(step.t, step.h, self._rows(step))
+        values = scan.reshape(len(_SAMPLES), self.n)
         if self._sharing and self._sharing.active:
             for theta, row in zip(_SAMPLES, values, strict=True):
                 self._shared(row, step.t + theta * step.h, step.states(theta))

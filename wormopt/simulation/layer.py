@@ -59,11 +59,16 @@ class Layer:
         return np.array([self._velocities(t, x[: self._n_x])[0].copy() for t, x in pairs])
 
     def _goes_over_bend(self, step: Step) -> bool:
-        assert self._bends is not None
-        before, speed = self._bends(step.t, step.x)[0].reshape(-1, 2).T.copy()
-        after, later = self._bends(step.end, step.x_new)[0].reshape(-1, 2).T
+        before, speed = self._bend(step.t, step.x)
+        after, later = self._bend(step.end, step.x_new)
         allowed = _BEND * np.maximum(speed, later) + self._least
         return bool(np.any((before * after < 0) & (np.abs(after - before) > allowed)))
+
+    def _bend(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Velocities along the headings, and speeds."""
+        assert self._bends is not None
+        (found,) = self._bends(t, x)
+        return found.copy().reshape(len(self._least), 2).T
 
     def _may_dip(self, step: Step) -> list[bool]:
         """Which velocities may dip, judged by the cubic through both ends where they are states."""
