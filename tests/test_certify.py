@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from mpmath import mp
 from scipy.integrate import simpson
 from scipy.interpolate import BPoly, PPoly
-from scipy.optimize import root_scalar
+from scipy.optimize import linprog, root_scalar
 
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
@@ -388,6 +388,8 @@ def test_rows_leave_what_the_motion_leaves_of_its_limits(drag, jumps):
     assert np.count_nonzero(both) == 3 * 3 * 4 + 4 + 2
     assert np.count_nonzero(both | one) == np.count_nonzero(given_)
     assert np.abs(np.concatenate([below[both], above[both]])).max() <= 3e-14
+    rounding = (lp._row_upper - lp._row_lower)[both]
+    assert rounding[rounding != 0.0] == pytest.approx([2e-14] * 2, rel=0.1)
 
 
 @pytest.mark.parametrize("jumps", [False, True])
@@ -967,6 +969,96 @@ def test_sides_of_a_box_are_taken_to_the_safe_side():
             exact = np.array([h, 1 - h]) ** power
             assert np.all(lower[columns] < exact)
             assert np.all(exact < upper[columns])
+
+
+@settings(max_examples=examples(25), deadline=None, derandomize=True)
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=3, max_size=3))
+def test_boxes_are_drawn_in_to_shares_that_add_up_to_the_period(ends):
+    """As far as linear programs say, and by a rounding less."""
+    box = np.sort(np.array([*ends, (0.4, 0.7)]), axis=1)
+    sides = Relaxation(g1(), G1_ORDER, 1)._tighten(box)
+    assert (sides.a, sides.b) == (0.4, 0.7)
+    if not box[:-1, 0].sum() + 1e-6 < 1.0 < box[:-1, 1].sum() - 1e-6:
+        return
+    for k, unit in enumerate(np.eye(3)):
+        low, high = (
+            sign * linprog(sign * unit, A_eq=np.ones((1, 3)), b_eq=[1.0], bounds=box[:-1]).fun
+            for sign in (1, -1)
+        )
+        assert (sides.low[k], sides.high[k]) == pytest.approx((low, high), abs=1e-9)
+        assert sides.low[k] == box[k, 0] or -2e-14 < sides.low[k] - exactly_left(box, k, 1) < -5e-15
+        assert sides.high[k] == box[k, 1] or 5e-15 < sides.high[k] - exactly_left(box, k, 0) < 2e-14
+
+
+def exactly_left(box: np.ndarray, k: int, end: int) -> float:
+    """What others leave of 1 at one of their ends."""
+    with mp.workdps(40):
+        return float(1 - mp.fsum(mp.mpf(v) for v in np.delete(box[:-1, end], k)))
+
+
+@pytest.mark.parametrize(("swing", "a", "room"), [(0.2, 0.6, 1 / 0.6), (0.2, 0.0, 5.0), (1.9, 0.6, 1 / 1.9)])
+def test_bounds_of_columns_are_those_of_the_box(swing, a, room):
+    """In a box of which no side is beyond what the others allow."""
+    program = Relaxation(g1(links=1, length=(0.1, 0.1 + swing)), ((0,), (1,)), 2)
+    sides = program._tighten(np.array([(0.2, 0.5), (0.5, 0.8), (a, 0.9)]))
+    program._set_box(sides)
+    low, high = np.array([0.2, 0.5]), np.array([0.5, 0.8])
+    lp, of = program._program, (program._e, program._h, program._g)
+    for columns, least, most in zip(
+        of, (low, low * a, low**2 * a), (high, high * 0.9, high**2 * 0.9), strict=True
+    ):
+        assert lp._lower[columns] == pytest.approx(least, abs=5e-14)
+        assert lp._upper[columns] == pytest.approx(most, abs=5e-14)
+    ends = [(lp._lower[k], lp._upper[k]) for k in (program._period, program._room)]
+    assert np.array(ends) == pytest.approx(np.array([(a, 0.9), (0.0, room)]), rel=1e-13)
+    assert min(lp._lower) >= 0.0
+    for rows, plane in zip(program._plane_rows, program._planes, strict=True):
+        side = np.broadcast_to(plane.of(sides.of(plane.phase))[1], rows.shape)
+        assert np.all(np.abs(lp._row_upper[rows] - side - 1e-14) < 5e-15)
+
+
+def test_cells_last_from_the_shortest_to_the_longest_of_the_box(monkeypatch):
+    program, told = Relaxation(coasting()[0], ((0,), (1,)), 4), []
+    monkeypatch.setattr(Cuts, "set_durations", lambda _, *durations: told.append(durations))
+    program._set_box(program._tighten(np.array([(0.2, 0.5), (0.5, 0.8), (0.6, 0.9)])))
+    (shortest, longest), = told
+    assert shortest == pytest.approx(np.array([0.2, 0.5]) * 0.6 / 4, rel=1e-12)
+    assert longest == pytest.approx(np.array([0.5, 0.8]) * 0.9 / 4, rel=1e-12)
+
+
+@pytest.mark.parametrize("drag", [0.0, 1.0])
+def test_cuts_are_made_where_they_are_missed_and_until_none_is(drag, monkeypatch):
+    """Rows are broken by more than is asked, at first; in the end no shares of a cell are."""
+    task = g1()
+    task = replace(task, worm=replace(task.worm, drag=drag))
+    program, cut_off, told = Relaxation(task, G1_ORDER, 3), Relaxation._cut_off, []
+
+    def told_of(self: Relaxation, x: np.ndarray, missed: float) -> bool:
+        lp, before = self._program, len(self._program._row_lower)
+        more = cut_off(self, x, missed)
+        value = np.bincount(lp._row, lp._value * x[lp._column], len(lp._row_lower))
+        broken = (value - lp._row_upper)[before:]
+        told.append(len(broken))
+        assert more == bool(len(broken))
+        assert np.all(broken > 0.9 * missed * x[self._way])
+        return more
+
+    monkeypatch.setattr(Relaxation, "_cut_off", told_of)
+    program.solve((*((h - 0.02, h + 0.02) for h in G1_DURATIONS), ONE_CYCLE))
+    assert told[0] > told[-1] == 0
+    x = np.append(program._program.maximise().x, 0.0)
+    own, width = program._cuts, 1.0 / 3
+    grid = [(a, b) for a in np.linspace(0, 1, 11) for b in np.linspace(0, 1, 11) if a + b <= 1]
+    before, after = np.array(grid).T
+    for k, (p, weights) in enumerate(zip(own.phase, own.weights, strict=True)):
+        if not np.isfinite(own.rise[k] + own.fall[k]):
+            continue
+        y, q, which = x[program._y[p]] @ weights, x[program._q[p]] @ weights, np.full(len(before), k)
+        held, reach = own.holds(which, before, after), own.reach(which, before, after)
+        level = (1 - before - after) * x[program._e[p]] * own.most[k]
+        for cell in range(3):
+            run = held[0] * y[cell] + held[1] * y[cell + 1] + reach * x[program._g[p]] * width / 2
+            assert q[cell] <= np.min(run + level) + 2e-9
 
 
 @pytest.mark.slow
