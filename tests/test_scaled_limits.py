@@ -72,7 +72,11 @@ def test_what_is_not_limited_has_no_form_and_no_share():
     *links, whole = ScaledLimits(replace(limits.task, limits=free)).forms((0, 2), 1)
     assert [whole.above, whole.shared] == [np.inf, 0.0]
     assert len(links) == 3
-    assert len(ScaledLimits(replace(limits.task, limits=free)).forms((0, 2))) == 4
+    free = replace(free, acceleration=None, impulses=True)
+    nothing = ScaledLimits(replace(limits.task, limits=free))
+    *links, _ = nothing.forms((0, 2))
+    assert [(f.below, f.above) for f in links] == [(np.inf, np.inf)] * 3
+    assert [*nothing.spikes, *nothing.actuator_most] == [np.inf] * 7
 
 
 def test_limits_are_widened_by_a_rounding_of_what_they_are_the_difference_of():
@@ -180,6 +184,7 @@ def test_units_are_the_largest_rate_the_longest_period_and_the_mean_mass():
     assert limits.force == pytest.approx(1.25 * 3 / 4, rel=1e-12)
     assert limits.drag == pytest.approx(0.3 * 4 / 1.25, rel=1e-12)
     assert limits.spikes * limits.force == pytest.approx(STRENGTHS, rel=1e-12)
+    assert limits.actuator_most * limits.force == pytest.approx([15.0, 25.0, 18.0], rel=1e-12)
     double = replace(limits.task.limits, period=8.0, rate=6.0)
     other = ScaledLimits(replace(limits.task, limits=double), like=limits)
     assert (other.speed, other.time, other.longest_period) == (3.0, 4.0, 2.0)
@@ -318,7 +323,7 @@ def test_decays_are_the_best_that_hold_and_left_out_where_they_never_help():
         slopes = case.limits.slopes(case.form, case.resting)
         sides = (case.form.below, case.form.above)
         for sign, laws, slope, side in zip((-1, 1), (falls, rises), slopes, sides, strict=True):
-            assert laws[0] == Slope(slope), seed
+            assert laws[0] == (slope, 0.0, False), seed
             for law in laws[1:]:
                 assert case.largest(sign, law.decay) <= law.rate + 1e-9, seed
                 assert law.rate == max(side, 0.0), seed
