@@ -362,7 +362,7 @@ class Relaxation:
         losses = np.append(np.maximum(excess, 0.0) * (weights[0] + weights[1]), 0.0)
         rest = np.abs(x[self._g] - t * e**2 - excess) * (weights[0] + weights[1])
         rest += np.abs(x[self._h] - t * e) * (weights[2] + weights[3])
-        losses[-1] += rest.sum() + float(weights[4][0]) * abs(x[self._room] * t - 1.0)
+        losses[-1] += rest.sum() + float(weights[4][0]) * t * abs(x[self._room] * t - 1.0)
         p, y, c, _ = self._meeting
         np.add.at(losses, p, sum(weights[5:9]) * np.abs(x[y] - e[p] * x[c]))
         p, z, q, _ = self._drag

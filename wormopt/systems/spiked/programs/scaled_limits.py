@@ -209,8 +209,7 @@ class ScaledLimits:
 
     def _apart(self, high: float, low: float) -> float:
         """Difference of two forces, rounded up, in units of force."""
-        size = abs(high) + abs(low)
-        return (high - low + _ROUNDING * size) / self.force if size < np.inf else np.inf
+        return (high - low + _ROUNDING * (abs(high) + abs(low))) / self.force
 
     def bounds(self, resting: Resting, more: int) -> list[Bounds]:
         """`forms` with what they say of velocities; cached.
