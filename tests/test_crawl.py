@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls, root_scalar
 
-from wormopt.errors import UnknownNameError
+from wormopt.errors import SolveError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.construct import Profile, accordion, block_wave, fast_gait
@@ -512,6 +512,17 @@ def test_without_load_and_drag_the_worm_glides_on_at_the_top_of_w0():
     motion = crawl(fast_gait(1.0), [1.0] * 3, 0.0, 0.0)
     assert motion.speed == pytest.approx(0.6 * math.pi, rel=1e-8)
     assert motion.smallest_period == math.inf
+
+
+def test_downhill_the_worm_glides_at_the_pace_that_drag_bears_or_never_settles():
+    """No spike holds, and in the end k W = 1."""
+    gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1, -0.5]], [[1.0, -1, 0.5]]]))
+    motion = crawl(gait, [1.0, 1.0], 0.5, -1.0)
+    assert motion.speed == pytest.approx(2.0, rel=1e-10)
+    assert motion.resting_sequence == [[]]
+    assert motion.glides == [(0.0, 4.0)]
+    with pytest.raises(SolveError, match="never settles"):
+        crawl(gait, [1.0, 1.0], 0.0, -1.0)
 
 
 def test_without_load_only_drag_can_hold_the_worm_and_gait_15_always_glides():
