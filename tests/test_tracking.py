@@ -1,7 +1,7 @@
 """References, lambda-trackers and funnel control against the theory's numbers and hand formulas."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, fields, replace
 from typing import Any
 
 import casadi as ca
@@ -664,6 +664,14 @@ def test_laws_that_hold_symbols_are_told_apart_by_who_they_are(law: Callable[[ca
     one, other = law(ca.SX.sym("one")), law(ca.SX.sym("other"))
     assert one != other
     assert len({one, other, one}) == 2
+
+
+@pytest.mark.parametrize("law", [Quadratic(), Exponent(2.0), Decay(1.0, 0.1), WIDE])
+def test_laws_stay_what_they_are(law: Any):
+    """What was checked once stays in range."""
+    for field in fields(law):
+        with pytest.raises(FrozenInstanceError):
+            setattr(law, field.name, -1.0)
 
 
 def test_a_misspelt_feedback_and_a_reference_of_another_time_are_refused():
