@@ -13,7 +13,13 @@ from scipy.optimize import nnls, root_scalar
 from wormopt.errors import SolveError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.bimodal import integrate
-from wormopt.systems.spiked.construct import Profile, accordion, block_wave, fast_gait
+from wormopt.systems.spiked.construct import (
+    Profile,
+    accordion,
+    block_wave,
+    fast_gait,
+    travelling_sine,
+)
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.sharing import share_load
@@ -252,6 +258,21 @@ def test_time_stepping_over_events_finds_the_same_motion(
     long = [g for g in closed_glides(motion) if abs(g[1] - g[0]) > 1e-3]
     expected = [g for g in stepped.glides if abs(g[1] - g[0]) > 1e-3]
     assert np.array(long) == pytest.approx(np.array(expected), abs=1e-7)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 1.1])
+@pytest.mark.parametrize(("links", "lag"), [(4, 0.2), (5, 0.13)])
+def test_a_wave_of_one_piece_moves_as_stepped_over_events(links: int, lag: float, share: float):
+    """Whose resting masses change many times within the piece."""
+    gait = travelling_sine(links, 0.9, 1.0, 0.2, lag=lag)
+    mass, load = np.linspace(1.0, 2.0, links + 1).tolist(), share * safe_load(gait, [1.5])
+    motion, stepped = crawl(gait, mass, 0.8, load), integrate(gait, mass, 0.8, load)
+    assert motion.advance == pytest.approx(stepped.advance, abs=1e-9)
+    assert len(motion.resting_sequence) >= links
+    low, high = (float(end[0]) for end in motion.extremes("reaction_mean"))
+    size = stepped.lambda_max
+    assert (low, high) == pytest.approx((stepped.lambda_min, size), abs=1e-8 * size)
+    assert np.array(closed_glides(motion)) == pytest.approx(np.array(stepped.glides), abs=1e-7)
 
 
 @settings(max_examples=examples(15), deadline=None)
