@@ -732,6 +732,21 @@ REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     "corners": (
         lambda: block(velocity=lambda v, t: v + ca.fabs(ca.sin(t))), 2 * np.pi, "at most 31"
     ),
+    "harmonics above 31": (
+        lambda: block(velocity=lambda v, t: v + ca.cos(32 * t)), 2 * np.pi, "at most 31"
+    ),
+    "harmonics that pass for lower ones": (
+        lambda: block(velocity=lambda v, t: v + ca.cos(33 * t)), 2 * np.pi, "at most 31"
+    ),
+    "harmonics that pass for a mean": (
+        lambda: block(velocity=lambda v, t: v + ca.cos(64 * t)), 2 * np.pi, "at most 31"
+    ),
+    "harmonics that pass for one there is": (
+        lambda: block(velocity=lambda v, t: v + ca.cos(t) + ca.cos(65 * t) / 2), 2 * np.pi,
+        "at most 31",
+    ),
+    "zero": (block, 0.0, "period must be a positive number"),
+    "no single number": (block, ca.SX.sym("T", 2), "period must be a positive number"),
     "period of a state": (
         lambda: MODEL_OF_A_STATE, 2 * np.pi / MODEL_OF_A_STATE.x[0].symbol, "expression of param"
     ),
@@ -751,11 +766,37 @@ def test_what_has_no_average_is_refused(case: str):
 @pytest.mark.parametrize(
     ("options", "message"),
     [({"order": 3}, "order must be 1 or 2, not 3"), ({"order": "1"}, "order must be"),
-     ({"nodes": 0}, "nodes must be"), ({"nodes": 2.5}, "nodes must be")],
+     ({"nodes": 0}, "nodes must be"), ({"nodes": 2.5}, "nodes must be"),
+     ({"nodes": True}, "nodes must be")],
 )  # fmt: skip
 def test_options_that_cannot_be_are_refused(options: Any, message: str):
     with pytest.raises(ArgumentError, match=message):
         average(block(), 2 * np.pi, **options)
+
+
+def test_thirty_one_harmonics_are_allowed():
+    """cos(31 t) > -1/2 for two thirds of the time."""
+    model = block(Coulomb(0.0, EPS), velocity=lambda v, t: v + ca.cos(31 * t))
+    assert rates_of(average(model, 2 * np.pi))([0.5]) == pytest.approx(EPS / 3, rel=1e-12)
+
+
+def test_one_node_on_every_eighth_of_the_period_sees_eight_middles():
+    """There cos(8 t) is -1, and cos(k t) of another k adds up to 0; by 16 nodes its mean is 0."""
+    for k in range(1, 16):
+        model = smooth(lambda x, t, m, k=k: [m.cos(k * t)], "x", eps=1.0)
+        found = rates_of(average(model, 2 * np.pi, nodes=1))([0.0])
+        assert found == pytest.approx(-1.0 if k == 8 else 0.0, abs=1e-14)
+        assert rates_of(average(model, 2 * np.pi))([0.0]) == pytest.approx(0.0, abs=1e-14)
+
+
+def test_sixteen_nodes_are_taken_if_nothing_is_said():
+    model = smooth(lambda x, t, m: [1 / (1.01 + m.cos(t))], "x", eps=1.0)
+    usual = rates_of(average(model, 2 * np.pi))([0.0])
+    fewer, asked, more = (
+        rates_of(average(model, 2 * np.pi, nodes=nodes))([0.0]) for nodes in (15, 16, 17)
+    )
+    assert usual == asked
+    assert fewer != asked != more
 
 
 def test_only_outputs_without_time_are_kept():

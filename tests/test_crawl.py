@@ -10,10 +10,16 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls, root_scalar
 
-from wormopt.errors import UnknownNameError
+from wormopt.errors import SolveError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.bimodal import integrate
-from wormopt.systems.spiked.construct import Profile, accordion, block_wave, fast_gait
+from wormopt.systems.spiked.construct import (
+    Profile,
+    accordion,
+    block_wave,
+    fast_gait,
+    travelling_sine,
+)
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.limits import Sharing
 from wormopt.systems.spiked.sharing import share_load
@@ -252,6 +258,21 @@ def test_time_stepping_over_events_finds_the_same_motion(
     long = [g for g in closed_glides(motion) if abs(g[1] - g[0]) > 1e-3]
     expected = [g for g in stepped.glides if abs(g[1] - g[0]) > 1e-3]
     assert np.array(long) == pytest.approx(np.array(expected), abs=1e-7)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.7, 1.1])
+@pytest.mark.parametrize(("links", "lag"), [(4, 0.2), (5, 0.13)])
+def test_a_wave_of_one_piece_moves_as_stepped_over_events(links: int, lag: float, share: float):
+    """Whose resting masses change many times within the piece."""
+    gait = travelling_sine(links, 0.9, 1.0, 0.2, lag=lag)
+    mass, load = np.linspace(1.0, 2.0, links + 1).tolist(), share * safe_load(gait, [1.5])
+    motion, stepped = crawl(gait, mass, 0.8, load), integrate(gait, mass, 0.8, load)
+    assert motion.advance == pytest.approx(stepped.advance, abs=1e-9)
+    assert len(motion.resting_sequence) >= links
+    low, high = (float(end[0]) for end in motion.extremes("reaction_mean"))
+    size = stepped.lambda_max
+    assert (low, high) == pytest.approx((stepped.lambda_min, size), abs=1e-8 * size)
+    assert np.array(closed_glides(motion)) == pytest.approx(np.array(stepped.glides), abs=1e-7)
 
 
 @settings(max_examples=examples(15), deadline=None)
@@ -512,6 +533,17 @@ def test_without_load_and_drag_the_worm_glides_on_at_the_top_of_w0():
     motion = crawl(fast_gait(1.0), [1.0] * 3, 0.0, 0.0)
     assert motion.speed == pytest.approx(0.6 * math.pi, rel=1e-8)
     assert motion.smallest_period == math.inf
+
+
+def test_downhill_the_worm_glides_at_the_pace_that_drag_bears_or_never_settles():
+    """No spike holds, and in the end k W = 1."""
+    gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[[1.0, 1, -0.5]], [[1.0, -1, 0.5]]]))
+    motion = crawl(gait, [1.0, 1.0], 0.5, -1.0)
+    assert motion.speed == pytest.approx(2.0, rel=1e-10)
+    assert motion.resting_sequence == [[]]
+    assert motion.glides == [(0.0, 4.0)]
+    with pytest.raises(SolveError, match="never settles"):
+        crawl(gait, [1.0, 1.0], 0.0, -1.0)
 
 
 def test_without_load_only_drag_can_hold_the_worm_and_gait_15_always_glides():

@@ -26,8 +26,15 @@ from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.swinging import steady as steadies
-from wormopt.systems.swinging.harmonic_masses import harmonic_masses, imbalance, steady_masses
+from wormopt.systems.swinging.harmonic_masses import (
+    extremes_of,
+    harmonic_masses,
+    imbalance,
+    smallness_of,
+    steady_masses,
+)
 from wormopt.systems.swinging.runs import harmonic_masses as study
+from wormopt.systems.swinging.scenes.harmonic_masses import SwingingTable
 from wormopt.systems.swinging.steady import Runner, SlowVelocity, Steady, measured, sign_changes
 
 SCENE = "three_masses_harmonic"
@@ -344,6 +351,53 @@ def test_the_exact_motion_against_one_by_hand(forward: float):
     mean = by_hand(cosines, sines, law, start)[1] / PERIOD
     assert value(result, "velocity_exact_mean") == pytest.approx(mean, abs=1e-10)
     assert result.trust["exact"]["start"] == pytest.approx(start, abs=1e-9)
+
+
+# -- what a scene says of itself -------------------------------------------------------------------
+
+
+def worm_of(changes: Sequence[str]) -> SwingingTable:
+    table: Any = load_scene(SCENE, changes).table
+    return table.worm
+
+
+UNEQUAL = [
+    "worm.masses=2", "worm.mass=[1, 2]", "worm.frequency=4",
+    "worm.harmonic.0.amplitude=[1, 0.5]", "worm.harmonic.0.phase=[30, 210]",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("law", "largest"),
+    [
+        ('{kind="coulomb", forward=0.006, backward=0.02}', 2 * 0.02),
+        ('{kind="coulomb", forward=0.02, backward=0.006}', 2 * 0.02),
+        ('{kind="viscous", drag=0.01}', 0.01 * 1.0 + 0.01 * 0.5),
+        ('{kind="stribeck", forward=0.001, backward=0.002, stick_forward=0.03, '
+         'stick_backward=0.04, v_stribeck=0.8}', 2 * 0.04),
+    ],
+)  # fmt: skip
+def test_smallness_is_the_friction_of_a_period_beside_the_least_swing(law: str, largest: float):
+    """Forces of both masses over 2 pi / 4; the whole mass 3 times the smaller speed 0.5."""
+    worm = worm_of([*UNEQUAL, f"worm.friction={law}"])
+    assert smallness_of(worm) == pytest.approx(math.pi / 2 * largest / (3 * 0.5), rel=1e-4)
+
+
+def test_masses_begin_to_reverse_at_the_extremes_of_their_swings():
+    """For one harmonic plus and minus the amplitudes; for two cos t + a cos 2t has four, at
+    sin t = 0 and cos t = -1/(4a)."""
+    worm = worm_of(UNEQUAL)
+    found = np.sort(extremes_of(worm))
+    assert found == pytest.approx([-1.0, -0.5, 0.5, 1.0], abs=1e-12)
+    a = 0.8
+    second = f"{{order=2, amplitude={a}, phase=[0, 180]}}"
+    first = "{amplitude=1, phase=[0, 180]}"
+    worm = worm_of(["worm.masses=2", f"worm.harmonic=[{first}, {second}]"])
+    own = [1 + a, -1 + a, -1 / (4 * a) + a * (2 / (4 * a) ** 2 - 1)]
+    own.append(own[-1])
+    assert np.sort(extremes_of(worm)) == pytest.approx(
+        np.sort(np.concatenate([own, -np.array(own)])), abs=1e-9
+    )
 
 
 # -- scenes ----------------------------------------------------------------------------------------

@@ -77,10 +77,13 @@ def test_spikes_that_cannot_carry_it_all_are_overloaded_alike():
 
 
 def test_where_there_is_no_load_no_spike_carries_any():
-    """Beside an instant with a load, which goes where it brings the force between down to 0."""
-    unloaded = np.array([[-1.0, -1.0], [0.0, -3.0]])
-    loads = share_load(np.array([0.0, 4.0]), unloaded, [0, 1], "least_actuation")
-    assert loads == pytest.approx(np.array([[0.0, 1.0], [0.0, 3.0]]), abs=0.0)
+    """Beside an instant with a load, which goes where it brings the force between down to 0.
+
+    What rounding leaves of no load, below 0, is the last one's.
+    """
+    unloaded = np.array([[-1.0, -1.0, -1.0], [0.0, -3.0, 0.0]])
+    loads = share_load(np.array([0.0, 4.0, -1e-15]), unloaded, [0, 1], "least_actuation")
+    assert loads == pytest.approx(np.array([[0.0, 1.0, 0.0], [0.0, 3.0, -1e-15]]), abs=0.0)
 
 
 def test_capped_loads_in_motion():

@@ -1,7 +1,7 @@
 """References, lambda-trackers and funnel control against the theory's numbers and hand formulas."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, fields, replace
 from typing import Any
 
 import casadi as ca
@@ -421,6 +421,13 @@ def test_an_error_that_starts_in_the_tube_has_entered_it_at_the_start():
     assert run.end[2] == pytest.approx(np.exp(-0.5 * 2.0), abs=1e-10)
 
 
+def test_an_error_just_outside_of_the_tube_lets_no_gain_decay():
+    """|e| = 0.3 beside lambda = 0.2: the gain grows by sqrt(0.1) all the time."""
+    run = Run(puppet(Decay(dwell=1.0, decay=0.5), [(0.0, 0.3), (3.0, 0.3)]), 3.0)
+    assert run.events == [("dwell time passes", pytest.approx(1.0))]
+    assert run.end[2] == pytest.approx(1 + 3 * np.sqrt(0.1), abs=1e-10)
+
+
 def test_watching_the_tube_locates_crossings_and_changes_nothing():
     """On the real worm with a small gain: the error enters and leaves the tube many times."""
     plant = worm()
@@ -664,6 +671,14 @@ def test_laws_that_hold_symbols_are_told_apart_by_who_they_are(law: Callable[[ca
     one, other = law(ca.SX.sym("one")), law(ca.SX.sym("other"))
     assert one != other
     assert len({one, other, one}) == 2
+
+
+@pytest.mark.parametrize("law", [Quadratic(), Exponent(2.0), Decay(1.0, 0.1), WIDE])
+def test_laws_stay_what_they_are(law: Any):
+    """What was checked once stays in range."""
+    for field in fields(law):
+        with pytest.raises(FrozenInstanceError):
+            setattr(law, field.name, -1.0)
 
 
 def test_a_misspelt_feedback_and_a_reference_of_another_time_are_refused():

@@ -234,6 +234,122 @@ def test_guarded_durations_are_neither_negative_nor_above_the_longest():
     assert np.array_equal(guarded.ubw[others], bounds.ubw[others])
 
 
+def drifting(shares: tuple[float, ...] | None) -> Transcription:
+    """Two blocks that go at their own constant pace times 1 + t; both shall go as far."""
+    x, v, t = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("t")
+    states = [Signal("position", x, nominal=5.0), Signal("velocity", v, nominal=0.2)]
+    model = Model("blocks", x=states, ode=ca.vertcat(v * (1 + t), ca.SX(2, 1)), t=t)
+    ends = Ends.of(model, 2)
+    problem = Problem(
+        model,
+        ends,
+        ends.duration + ends.integrals[0] + 10 * ends.integrals[1],
+        (1.0, 3.0),
+        periodic=["velocity"],
+        displaced=["position"],
+        integrands=ca.vertcat(t, v[0]),
+    )
+    return Transcription(problem, Mesh(2, (2, 3), Collocation(2), shares=shares))
+
+
+@pytest.mark.parametrize("shares", [None, (0.3, 0.7, 0.5, 0.25, 0.25)])
+def test_arcs_join_in_what_moves_and_nothing_else_fits(shares: tuple[float, ...] | None):
+    program = drifting(shares)
+    durations, pace = np.array([0.3, 0.7, 0.4, 0.2, 0.2]), 0.5
+    begins = np.cumsum(durations) - durations
+
+    def way(t: np.ndarray) -> np.ndarray:
+        return pace * (t + t**2 / 2)
+
+    rest = program.unpack(program.rest(durations, np.zeros(4)))
+    places = begins + program.mesh.collocation.tau[:, None] * durations
+    arcs = replace(
+        rest,
+        start=np.vstack([way(begins), 7 + way(begins), np.full((2, 5), pace)]),
+        points=np.stack([way(places), 7 + way(places), *np.full((2, 2, 5), pace)]),
+    )
+    bounds = program.bounds(ModeSequence(((), ())))
+    w = program.pack(arcs, bounds)
+    assert program.nlp.violation(w, bounds) < 1e-14
+    total = durations.sum()
+    found = program.nlp.start(w, bounds).objective
+    assert found == pytest.approx(total + total**2 / 2 + 10 * pace * total, rel=1e-14)
+    # without the integrals, ends and total duration are written all the same
+    ends = slice(-(4 + 1 + 2 * 5), -2 * 5)
+    assert program.pack(arcs)[ends] == pytest.approx(w[ends], rel=1e-14)
+
+    def wrong(**changed: np.ndarray) -> float:
+        return program.nlp.violation(program.pack(replace(arcs, **changed), bounds), bounds)
+
+    for state in (1, 3):  # one block goes farther, or its pace is not that of its way
+        start, points = arcs.start.copy(), arcs.points.copy()
+        start[state] *= 1.1
+        points[state] *= 1.1
+        assert wrong(start=start, points=points) > 1e-3
+    for k in range(5):
+        start = arcs.start.copy()
+        start[:, k] += 0.1
+        assert wrong(start=start) > 1e-3
+        stretched = durations * np.where(np.arange(5) == k, 1.2, 1.0)
+        assert wrong(duration=stretched) > 1e-3
+
+
+def test_a_phase_keeps_the_shares_of_its_arcs():
+    """A worm at rest in a model that knows no time: only the durations have to fit."""
+    x = ca.SX.sym("x")
+    model = Model("stone", x=[Signal("x", x)], ode=0 * x)
+    problem = Problem(model, Ends.of(model), ca.SX(0), (1.0, 6.0))
+    shares = (0.3, 0.7, 0.5, 0.25, 0.25)
+    program = Transcription(problem, Mesh(2, (2, 3), Collocation(1), shares=shares))
+    bounds = program.bounds(ModeSequence(((), ())))
+
+    def violation(durations: np.ndarray) -> float:
+        arcs = program.unpack(program.rest(durations, np.ones(1)))
+        return program.nlp.violation(program.pack(arcs, bounds), bounds)
+
+    fitting = np.array([0.3, 0.7, 1.0, 0.5, 0.5])
+    assert violation(fitting) < 1e-15
+    assert violation(fitting * [2, 2, 1, 1, 1]) < 1e-15  # each phase has its own duration
+    assert violation(fitting * 3) > 0.1  # 9 are more than 6
+    for k in range(5):
+        assert violation(fitting * np.where(np.arange(5) == k, 1.2, 1.0)) > 1e-3
+
+
+def test_what_is_held_are_durations_alone():
+    program = drifting(None)
+    for free in (2.0, np.inf):
+        radius = program.hold_durations(free)
+        assert not program.unpack(radius).duration.any()
+        assert np.count_nonzero(radius == free) == len(radius) - program.mesh.total
+    assert np.array_equal(program.hold_durations(), radius)
+
+
+def test_nominal_sizes_are_what_a_variable_of_1_means():
+    s = ca.SX.sym("s")
+    problem = sized().problem
+    more = replace(
+        problem,
+        slacks=[Signal("worst", s, nominal=3.0)],
+        design=[Signal("pace", ca.SX.sym("c"), lower=0.0, upper=20.0, nominal=10.0)],
+    )
+    program = Transcription(more, Mesh(1, 4, Collocation(3)))
+    ones = program.unpack(np.ones(len(program.hold_durations())))
+    extras = program.nominal_extras()
+    assert np.array_equal(extras["slacks"], np.full((1, 3, 4), 3.0))
+    assert np.array_equal(extras["slacks"], ones.slacks)
+    assert extras["design"].tolist() == ones.design.tolist() == [10.0]
+    extras["design"][0] = 0.0
+    assert program.nominal_extras()["design"].tolist() == [10.0]
+    assert ones.start.tolist() == [[5.0] * 4, [0.2] * 4]
+
+
+def test_states_have_their_rows():
+    program = drifting(None)
+    assert (program.rows_of("position"), program.rows_of("velocity")) == ([0, 1], [2, 3])
+    with pytest.raises(ValueError, match="blocks has no state 'speed'"):
+        program.rows_of("speed")
+
+
 def test_a_constant_is_chosen_in_its_own_unit():
     """x' = c from 0 for a second: (x - 3)² + (c - 5)² is least where x = c = 4."""
     x, c = ca.SX.sym("x"), ca.SX.sym("c")

@@ -47,7 +47,7 @@ class Series:
         """Integral of every row over [a, b], shape (rows,)."""
         return self.primitive()(np.array([self.b]))[:, 0]
 
-    def roots(self, row: int, zero: float = 0.0) -> np.ndarray:
+    def roots(self, row: int = 0, zero: float = 0.0) -> np.ndarray:
         """Roots of one row in [a, b], ascending; none if all its coefficients are below `zero`.
 
         A multiple root appears at most as often as its multiplicity, at least once where the

@@ -50,8 +50,8 @@ def _wanted(sums: np.ndarray, counts: Sequence[int], caps: np.ndarray) -> Iterat
     piecewise linear, given by knots. One more spike, which takes 0 to its cap, parts the slope
     at its root and moves what is behind by the cap.
     """
-    place, slope = np.zeros((1, sums.shape[1])), np.zeros((1, sums.shape[1]))
-    zero = place[0]
+    zero = np.zeros(sums.shape[1])
+    place = slope = np.zeros((0, len(zero)))
     for total, count, cap in zip(sums, counts, caps[:-1], strict=True):
         place = np.vstack([place + np.where(slope > 0, cap, 0.0), zero, zero + cap])
         slope = np.vstack([slope, np.zeros((2, len(zero)))])
@@ -68,7 +68,7 @@ def _zero_of(place: np.ndarray, slope: np.ndarray) -> np.ndarray:
     above = np.minimum((slope < 0).sum(axis=0), last)
     below = np.maximum(above - 1, 0)
     x0, x1, y0, y1 = (
-        np.take_along_axis(knots, at[None], axis=0)[0]
+        np.take_along_axis(knots, at[None], axis=0).ravel()
         for knots in (place, slope)
         for at in (below, above)
     )

@@ -118,8 +118,8 @@ def _cells(drive: Drive, piece: int) -> list[Stretch]:
             alike[i].add(j)
             alike[j].add(i)
             continue
-        for root in gap.roots(0):
-            values = spans(np.array([root]))[:, 0]
+        for root in gap.roots():
+            values = spans(np.array([root])).ravel()
             if values[i] >= values.max() - 1e3 * tie:
                 cuts.append(float(root))
     cells: list[Stretch] = []
@@ -162,7 +162,7 @@ def _one_period(
 
     def momentum(cell: Stretch, s: float) -> float:
         v, _ = drive.kinematic(cell.piece, cell.leader, np.array([s]))
-        return float(drive.mass @ v[:, 0]) / total
+        return (drive.mass @ v).item() / total
 
     stretches: list[Stretch] = []
     impulses: list[tuple[float, float]] = []
@@ -180,8 +180,7 @@ def _one_period(
                 w = 0.0
         for stretch in _glide_or_hold(drive, cell, w if w > still else 0.0):
             stretches.append(stretch)
-            held = stretch.common is None
-            w = 0.0 if held else float(stretch.common(np.array([stretch.stop]))[0, 0])  # type: ignore[misc]
+            w = stretch.common(np.array([stretch.stop])).item() if stretch.common else 0.0
             w = w if w > still else 0.0
     return stretches, impulses, drops, w
 
@@ -193,7 +192,7 @@ def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
         return drive.sigma(*drive.kinematic(cell.piece, cell.leader, s))[None]
 
     sigma = resolve(driving, cell.start, cell.stop, exact_degree(drive.gait))
-    edges = np.concatenate([[cell.start], sigma.roots(0), [cell.stop]])
+    edges = np.concatenate([[cell.start], sigma.roots(), [cell.stop]])
     now, end = cell.start, cell.stop
     touch = 1e-9 * drive.force_scale
     while now < end:
@@ -207,7 +206,7 @@ def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
             now = begin
         common = _free_motion(drive, sigma, now, end, w)
         # A glide ends where w falls through 0; at its start w is 0 too, but rising.
-        falls = [r for r in common.roots(0) if r > now and sigma(np.array([r]))[0, 0] > 0]
+        falls = [r for r in common.roots() if r > now and sigma(np.array([r])).item() > 0]
         stop = float(falls[0]) if falls else end
         if stop > now:
             yield replace(cell, start=now, stop=stop, resting=(), common=common)
@@ -220,8 +219,7 @@ def _first_dip(sigma: Series, edges: np.ndarray, now: float, touch: float) -> fl
         low = max(float(a), now)
         if b <= low:
             continue
-        part = sigma(np.linspace(low, float(b), 11))[0]
-        if part.min() < -touch:
+        if sigma(np.linspace(low, float(b), 11)).min() < -touch:
             return low
     return None
 
@@ -249,6 +247,6 @@ def exact_degree(gait: Gait, power: int = 1) -> int | None:
 def at_breaks(gait: Gait, derivative: int) -> tuple[np.ndarray, np.ndarray]:
     """Values right after and right before every piece's begin, (pieces, n) each, periodically."""
     widths = np.diff(gait.breaks)
-    begins = [gait.on_piece(q, np.zeros(1), derivative)[:, 0] for q in range(gait.pieces)]
-    ends = [gait.on_piece(q, widths[q : q + 1], derivative)[:, 0] for q in range(gait.pieces)]
+    begins = [gait.on_piece(q, np.zeros(1), derivative).ravel() for q in range(gait.pieces)]
+    ends = [gait.on_piece(q, widths[q : q + 1], derivative).ravel() for q in range(gait.pieces)]
     return np.array(begins), np.roll(ends, 1, axis=0)
