@@ -209,8 +209,7 @@ def test_the_scene_finds_the_same_by_collocation_and_simulation():
     assert places[0, -1] - places[0, 0] == pytest.approx(found.scalars["distance"].value)
 
 
-def test_arcs_of_many_time_constants_are_graded():
-    # as far as the shortest period is, most of it is spent at rest
+def test_arcs_of_many_time_constants_are_resolved():
     found = solved("worm.segments=2", "limits.period=[24.0, 1e12]")
     assert found.status == "ok"
     assert found.scalars["time"].value == pytest.approx(24.0)

@@ -16,8 +16,6 @@ from wormopt.progress import Report, silent
 from wormopt.systems.peristaltic.switching.switching import (
     ANCHORED,
     OFF,
-    ON,
-    RELAXED,
     Aim,
     Switched,
     SwitchedWorm,
@@ -84,7 +82,7 @@ def polish(
     order, durations = found.lasting
     given = _inputs(worm, order)
     active = tuple(tuple((2 * state - 1).tolist()) for state in given)
-    phases = _graded(worm, order, durations, mesh)
+    phases = Mesh.even(len(order), mesh.total, mesh.collocation)
     best = optimise(
         switching_problem(worm, aim, limits, np.flatnonzero((order == ANCHORED).any(axis=0))),
         phases,
@@ -94,29 +92,6 @@ def polish(
         report=report,
     )
     return refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
-
-
-def _graded(worm: SwitchedWorm, order: np.ndarray, durations: np.ndarray, mesh: Mesh) -> Mesh:
-    """As many arcs in each phase as `mesh` has, or more where lengths relax early in it.
-
-    An arc is as long as one time constant of what moves fastest, longer as that dies away; one arc
-    takes what is left once all rests, however long that lasts.
-    """
-    counts, shares = [], []
-    order_of_error = mesh.collocation.degree + 1
-    for state, duration in zip(order, durations, strict=True):
-        taus = np.array([t for s, t in ((ON, worm.tau_on), (OFF, worm.tau_off)) if s in state])
-        breaks = [0.0]
-        while (moving := taus[breaks[-1] < RELAXED * taus]).size:
-            then = breaks[-1] + np.min(moving * np.exp(breaks[-1] / moving / order_of_error))
-            if then >= duration:
-                break
-            breaks.append(float(then))
-        if len(breaks) <= mesh.total:
-            breaks = np.arange(mesh.total) / mesh.total * duration
-        counts.append(len(breaks))
-        shares.extend(np.diff(breaks, append=duration) / duration)
-    return Mesh(len(order), tuple(counts), mesh.collocation, shares=tuple(map(float, shares)))
 
 
 def guess_of(

@@ -29,7 +29,7 @@ _VIOLATED, _PENALTY = 1e-8, 100.0
 # Arcs shorter than this part of the period last no time.
 _NOTHING = 1e-7
 # After so many time constants a length has come to its target, to round-off.
-RELAXED = 37.0
+_RELAXED = 37.0
 
 OFF, ON, ANCHORED = 0, 1, 2
 """States of a segment: its coil off; on; on while it rests on the wall."""
@@ -171,7 +171,7 @@ class SwitchLimits:
         ones add no way; without this a longest period far away leaves programs badly scaled.
         """
         arcs = 3 * worm.segments if worm.ground.contact is not None else 2 * worm.segments
-        arc = max(RELAXED * max(worm.tau_on, worm.tau_off), self.dwell)
+        arc = max(_RELAXED * max(worm.tau_on, worm.tau_off), self.dwell)
         least, most = self.period
         return replace(self, period=(least, min(most, max(least, arcs * arc / self.duty))))
 
