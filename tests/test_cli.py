@@ -594,3 +594,20 @@ def test_libraries_of_linear_algebra_take_one_thread_unless_told(monkeypatch: py
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     start()
     assert [os.environ[name] for name in names] == ["3", "5"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("sweep fast_gait worm.load=1,2,3", "write --over 'worm.load=[1,2,3]'"),
+        ("sweep fast_gait worm.load=1:2:3", "write --over 'worm.load=1:2:3'"),
+        ("run fast_gait worm.load=1", "write --set 'worm.load=1'"),
+        ("run fast_gait --load=1", "unrecognized arguments: --load=1\n"),
+        ("list worm.load=1 --jso", "unrecognized arguments: --jso\n"),
+    ],
+)
+def test_words_that_no_command_takes(words: str, told: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        main(words.split())
+    assert ended.value.code == 2
+    assert told in capsys.readouterr().err

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Spike, Viscous
+from wormopt.model.friction import Coulomb, Spike, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
 from wormopt.systems.spiked.construct import block_wave, fast_gait
@@ -149,6 +149,19 @@ def test_contacts_without_a_law_are_refused(law: Any):
     v, f = ca.SX.sym("v"), ca.SX.sym("f")
     with pytest.raises(ArgumentError, match=r"contact sole: law must be a friction law.*not"):
         Contact("sole", v, f, law)
+
+
+@pytest.mark.parametrize("given", ["v", 1.0, ca.MX.sym("v"), [ca.SX.sym("v")]])
+def test_names_and_numbers_are_no_expressions(given: Any):
+    v, f = ca.SX.sym("v"), ca.SX.sym("f")
+    for make, whose in (
+        (lambda: Contact("sole", given, f, Coulomb(1.0, 2.0)), "contact sole: velocity"),
+        (lambda: Contact("sole", v, given, Coulomb(1.0, 2.0)), "contact sole: force"),
+        (lambda: Signal("speed", given), "signal speed: symbol"),
+        (lambda: Model("cart", [Signal("speed", v)], given), "model cart: ode"),
+    ):
+        with pytest.raises(ArgumentError, match=f"{whose} must be an expression of CasADi's SX"):
+            make()
 
 
 def test_models_that_do_not_fit_together_are_refused():

@@ -16,6 +16,7 @@ from wormopt.scene import load_scene
 from wormopt.systems.peristaltic.switching import orders
 from wormopt.systems.peristaltic.switching.orders import all_rings, exchanged, search, states_of
 from wormopt.systems.peristaltic.switching.switching import (
+    Aim,
     Drag,
     Switched,
     SwitchedWorm,
@@ -173,6 +174,17 @@ def test_worms_that_are_none_are_refused():
         replace(TWO, on=-1.0)
 
 
+@pytest.mark.parametrize("aim", ["speed", "thrift"])
+def test_periods_that_are_longer_than_any_use_change_nothing(aim: Aim):
+    far = SwitchLimits((0.5, 2.0**63)).that_count(TWO)
+    assert far.period[0] == 0.5
+    assert far.that_count(TWO) == far
+    longer = replace(far, period=(0.5, 2 * far.period[1]))
+    found, same = (search(TWO, aim, limits).best for limits in (far, longer))
+    assert same.worth == pytest.approx(found.worth, rel=1e-12)
+    assert FREE.that_count(TWO) == FREE
+
+
 # -- the scene -------------------------------------------------------------------------------------
 
 
@@ -197,6 +209,14 @@ def test_the_scene_finds_the_same_by_collocation_and_simulation():
     assert places[0, -1] - places[0, 0] == pytest.approx(found.scalars["distance"].value)
 
 
+def test_arcs_of_many_time_constants_are_resolved():
+    found = solved("worm.segments=2", "limits.period=[24.0, 1e12]")
+    assert found.status == "ok"
+    assert found.scalars["time"].value == pytest.approx(24.0)
+    best = search(TWO, "speed", SwitchLimits((24.0, 24.0))).best
+    assert found.scalars["speed"].value == pytest.approx(best.worth, rel=1e-9)
+
+
 @pytest.mark.slow
 def test_the_packaged_scene_in_its_own_units_and_in_si():
     plain = solved()
@@ -219,6 +239,10 @@ def test_the_packaged_scene_in_its_own_units_and_in_si():
         ("worm.length_on=1.4", r"worm\.length_on: is length_off"),
         ("limits.period=[3.0, 1.0]", r"limits\.period: .*smaller number first"),
         ("limits={period=[1.0, 10.0], dwell=4.0, duty=0.3}", r"limits\.duty: .*at least 0\.4"),
+        ("worm.time_on=1e-3", r"limits\.period: .*0\.001 rest long before.*at most 0\.036"),
+        ("limits={period=[1.0, 99.0], dwell=19.0}", r"limits\.dwell: .*rest long.*at most 18$"),
+        ("worm.time_off=1e3", r"worm\.time_on: is a part of 0\.001 .*at least 33\.33"),
+        ("worm.time_off=0.02", r"worm\.time_off: is a part of 0\.02 .*at least 0\.03333"),
     ],
 )
 def test_what_is_refused(change: str, told: str):

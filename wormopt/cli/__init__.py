@@ -36,7 +36,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = None
     try:
         with _asked_to_end(), interruptible():
-            options = parser().parse_args(arguments)
+            options, stray = parser().parse_known_args(arguments)
+            if stray:
+                options.parser.error(_stray(options, stray))
             return options.command(options)
     except SceneError as error:
         typed = getattr(options, "scene", "")  # by its file, not by its name
@@ -54,6 +56,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:  # a name too long, a full disk
         say(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return BAD_INPUT
+
+
+def _stray(options: argparse.Namespace, words: list[str]) -> str:
+    """What words are that no command takes, and where keys of a scene go."""
+    told = f"unrecognized arguments: {' '.join(words)}"
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or word.startswith("-"):
+            continue
+        if hasattr(options, "over"):
+            values = f"[{value}]" if "," in value and not value.startswith("[") else value
+            return f"{told}; values to sweep go with --over: write --over '{key}={values}'"
+        if hasattr(options, "set"):
+            return f"{told}; keys are changed with --set: write --set '{word}'"
+    return told
 
 
 @contextmanager

@@ -77,9 +77,9 @@ columns of the table:
   memory         by how much the first run made the process grow at most
   failed         runs that failed, or ended with success on a wrong answer"""
 _STRESS = """\
-Put some 1,500 seeded questions to the package, many of them extreme, and compare each
-answer with a second route that shares no code with it. All take about twenty minutes on
-two processors; with --quick a few cases of each group, a minute or two.
+Put some 2,000 seeded questions to the package, many of them extreme, and compare each
+answer with a second route that shares no code with it. All take about seven minutes on
+two processors with little else to do; --quick asks a few of each group.
 
 groups, and what judges them:"""
 _STRESS_COLUMNS = """\

@@ -21,6 +21,15 @@ TINY = math.ulp(0.0)
 """Smallest number above 0: the lower bound of what must be positive."""
 
 
+def _symbolic(whose: str, what: str, given: object) -> None:
+    """Refuse names and numbers where expressions belong."""
+    if not isinstance(given, ca.SX):
+        raise ArgumentError(
+            f"{whose}: {what} must be an expression of CasADi's SX symbols, ca.SX.sym({what!r}) "
+            f"say, not {given!r}"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Signal:
     """A named vector of symbols: a state, an input, an algebraic variable or a parameter.
@@ -42,6 +51,11 @@ class Signal:
         What a state starts from and what a parameter or input is, unless a solver is told
         otherwise.
 
+    Raises
+    ------
+    ArgumentError
+        If the symbol is no casadi.SX.
+
     Examples
     --------
     >>> import casadi as ca
@@ -56,6 +70,9 @@ class Signal:
     lower: float = -math.inf
     upper: float = math.inf
     value: float | Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        _symbolic(f"signal {self.name}", "symbol", self.symbol)
 
     @cached_property
     def size(self) -> int:
@@ -132,7 +149,7 @@ class Contact:
     Raises
     ------
     ArgumentError
-        If there is no law, or velocity, force or walls do not fit it.
+        If there is no law, or velocity, force or walls do not fit it or are no casadi.SX.
     """
 
     name: str
@@ -150,6 +167,8 @@ class Contact:
                 f"contact {self.name}: law must be a friction law, Coulomb(1.0, 10.0) say, "
                 f"not {self.law!r}"
             )
+        for what in ("velocity", "force"):
+            _symbolic(f"contact {self.name}", what, getattr(self, what))
         shape = (2, 1) if self.planar else (1, 1)
         if self.velocity.shape != shape or self.force.shape != shape:
             be = "columns of 2, its law is one in the plane" if self.planar else "scalars"
@@ -220,8 +239,8 @@ class Model:
     Raises
     ------
     ArgumentError
-        If the ode's length is not the number of states, a switch has not the right size, or two
-        signals share a name.
+        If equations are no casadi.SX, the ode's length is not the number of states, a switch has
+        not the right size, or two signals share a name.
 
     Examples
     --------
@@ -247,6 +266,8 @@ class Model:
     delays: Sequence[Delay] = ()
 
     def __post_init__(self) -> None:
+        for what in ("ode", "alg"):
+            _symbolic(f"model {self.name}", what, getattr(self, what))
         if self.ode.numel() != self.n_x:
             raise ArgumentError(
                 f"model {self.name}: {self.ode.numel()} equations, {self.n_x} states"

@@ -52,7 +52,8 @@ def run(scene: Scene[PeristalticSwitchingScene], report: Report) -> Result:
     Raises SolveError if none are found.
     """
     table, begin = scene.table, time.perf_counter()
-    worm, limits, given = worm_of(table), _limits(table), table.mesh
+    worm, given = worm_of(table), table.mesh
+    limits = _limits(table).that_count(worm)
     aim: Aim = "speed" if table.aim.maximise else "thrift"
     mesh = Mesh.even(1, given.arcs, Collocation(given.degree, given.scheme))
     try:
@@ -76,7 +77,7 @@ def run(scene: Scene[PeristalticSwitchingScene], report: Report) -> Result:
             "search": {"orders_tried": found.tried, "all_orders": found.complete},
             "assumptions": ["each coil goes on once in a period, and off once"],
         },
-        warnings=_warnings(table, best, found, given.tolerance),
+        warnings=_warnings(table, limits, best, found),
         timings={
             "search": searched - begin,
             "optimise": solved - searched,
@@ -164,16 +165,19 @@ def _variables(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def _warnings(
-    table: PeristalticSwitchingScene, best: Optimum, found: Search, tolerance: float
+    table: PeristalticSwitchingScene, limits: SwitchLimits, best: Optimum, found: Search
 ) -> Iterator[str]:
-    yield from warnings_of_optimum(best, tolerance)
+    yield from warnings_of_optimum(best, table.mesh.tolerance)
     if not found.complete:
         yield (
             f"{found.tried} orders of switching were tried, not all; search.starts and search.seed "
             "try others"
         )
-    low, high = table.limits.period
+    low, high = limits.period
     if low < high and best.motion.duration > high * (1 - _REACHED):
-        yield "the best period is the longest one allowed; limits.period may be too narrow"
+        if high < table.limits.period[1]:
+            yield f"periods above {high:.4g} were not tried: all lengths rest before they end"
+        else:
+            yield "the best period is the longest one allowed; limits.period may be too narrow"
     if low < high and best.motion.duration < low * (1 + _REACHED):
         yield "the best period is the shortest one allowed; limits.period may be too narrow"

@@ -25,6 +25,9 @@ from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 # Fewer segments than the kind of scene without switches takes: orders grow with (2 N - 1)!
 Coils = Annotated[int, Meta(ge=2, le=10, description="a whole number from 2 to 10")]
+# Beyond these the best times are not determined: an order of N segments is resolved on periods of
+# so many of the longer time constant, and with so large a ratio of both.
+_LONGEST_PER_SEGMENT, _LARGEST_RATIO = 12.0, 30.0
 Share = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most 1")]
 
 
@@ -170,6 +173,7 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
         if self.worm.length_on == self.worm.length_off:
             yield "worm.length_on", "is length_off: coils change nothing; write another length"
         yield from self._faults_of_ground()
+        yield from self._faults_of_times()
         yield from self._faults_of_limits()
         yield from self._faults_of_aim()
 
@@ -191,6 +195,33 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
             )
         if worm.segments < 3:
             yield "worm.segments", "two that are anchored in turn go nowhere in a tube; write 3"
+
+    def _faults_of_times(self) -> Iterator[Fault]:
+        """Yield what lets lengths rest so long that nothing hangs on when coils are switched."""
+        worm, limits = self.worm, self.limits
+        on, off = worm.time_on, worm.time_on if worm.time_off is None else worm.time_off
+        slow, fast = max(on, off), min(on, off)
+        if slow > _LARGEST_RATIO * fast:
+            key = "worm.time_on" if on < off else "worm.time_off"
+            yield (
+                key,
+                f"is a part of {fast / slow:.3g} of the other time constant; lengths that relax so "
+                f"fast are not resolved: write at least {slow / _LARGEST_RATIO:.4g}",
+            )
+            return
+        longest = _LONGEST_PER_SEGMENT * worm.segments * slow
+        for key, least, most in (
+            ("limits.period", limits.period[0], longest),
+            ("limits.dwell", 2 * limits.dwell, longest / 2),
+        ):
+            if least > longest:
+                shortest = "a shortest period of " if key == "limits.period" else ""
+                yield (
+                    key,
+                    f"lengths with a time constant of {slow:g} rest long before so long a period "
+                    "ends, and nothing hangs on when coils are switched; write "
+                    f"{shortest}at most {most:.4g}",
+                )
 
     def _faults_of_limits(self) -> Iterator[Fault]:
         limits = self.limits

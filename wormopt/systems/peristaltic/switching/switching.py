@@ -8,7 +8,7 @@ rates make the worm move is the ground's business (`Ground`): drag, or anchors i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, Protocol
 
@@ -28,6 +28,8 @@ _SOLVER = Ipopt(tolerance=1e-12, iterations=150, mu_init=1e-2)
 _VIOLATED, _PENALTY = 1e-8, 100.0
 # Arcs shorter than this part of the period last no time.
 _NOTHING = 1e-7
+# After so many time constants a length has come to its target, to round-off.
+_RELAXED = 37.0
 
 OFF, ON, ANCHORED = 0, 1, 2
 """States of a segment: its coil off; on; on while it rests on the wall."""
@@ -161,6 +163,17 @@ class SwitchLimits:
     dwell: float = 0.0  # shortest time on, and off
     together: int | None = None  # most coils on at a time
     speed: float | None = None  # least mean speed
+
+    def that_count(self, worm: SwitchedWorm) -> SwitchLimits:
+        """With no longer periods than a worm can use.
+
+        Where all arcs last until all lengths rest, and as long as coils must dwell, still longer
+        ones add no way; without this a longest period far away leaves programs badly scaled.
+        """
+        arcs = 3 * worm.segments if worm.ground.contact is not None else 2 * worm.segments
+        arc = max(_RELAXED * max(worm.tau_on, worm.tau_off), self.dwell)
+        least, most = self.period
+        return replace(self, period=(least, min(most, max(least, arcs * arc / self.duty))))
 
 
 @dataclass(frozen=True, eq=False)
