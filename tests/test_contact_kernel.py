@@ -275,7 +275,7 @@ def test_compiled_steps_leave_it_to_others_to_part_a_shared_load(monkeypatch: py
     rod = body(ROD, laws, lambda t: ca.vertcat(t, 0, 0))
     assert simulate(rod, 1.9, route="native").end[:3] == pytest.approx([0, 0, 0], abs=1e-12)
     with pytest.raises(ZeroDivisionError):
-        simulate(rod, 5.0, route="native")
+        simulate(rod, 3.0, route="native")
     assert asked == [1]
 
 
@@ -356,6 +356,7 @@ def test_switches_are_told_by_their_names_and_derivatives_go_through_each(route:
     )
     motion = simulate(model, 3.0, sensitivities=["x", "a", "b", "y"], route=route)
     assert kinds(motion) == [("first", "switch"), ("second", "switch")]
+    assert [event.mode for event in motion.events] == [0, 0]
     assert motion.end == pytest.approx([3 * -0.7 * (3 * 1.5 + 1) + 1, -0.7, 0.0], rel=1e-12)
     by = [[6 * 1.5 * -0.7, 6 * 1.5 * -0.7, 0][:2], [3 * -0.7 * 3], [3 * 5.5]]
     expected = [[by[0][0], by[1][0], by[2][0], 0.0], [0.0, 0.0, 1.0, -0.7], [0.0] * 4]
@@ -385,24 +386,40 @@ def test_an_impulse_changes_with_what_carries_it(law: Any, route: Route):
 def test_a_guard_left_above_0_by_rounding_may_rise_again(share: float, again: bool, route: Route):
     """By as much as it rises within 8 roundings of the time; left by more it must come from below.
 
-    At t = 1/2 its rate is 1; then it falls by a tenth of that, and rises for good.
+    It is exp t - exp 1/2 at first; then it falls by a tenth of that, and rises for good.
     """
-    x, w, a, count = (ca.SX.sym(name) for name in ("x", "w", "a", "count"))
-    left = share * 8 * 0.5 * np.finfo(float).eps
-    first, second = ca.vertcat(left, -1e-6, 1e4, 1), ca.vertcat(-1, 0, 0, count + 1)
-    values = {"x": -0.5, "w": 1.0, "a": 0.0, "count": 0.0}
+    x, w, a, grows, count = (ca.SX.sym(name) for name in ("x", "w", "a", "grows", "count"))
+    rate = np.exp(0.5)
+    left = share * 8 * 0.5 * np.finfo(float).eps * rate
+    first, second = ca.vertcat(left, -1e-6, 1e4, 0, 1), ca.vertcat(-1, 0, 0, 0, count + 1)
+    values = {"x": 1 - rate, "w": 1.0, "a": 0.0, "grows": 1.0, "count": 0.0}
     model = Model(
         "touching",
-        [Signal(str(s), s, value=values[str(s)]) for s in (x, w, a, count)],
-        ca.vertcat(w, a, 0, 0),
+        [Signal(str(s), s, value=values[str(s)]) for s in (x, w, a, grows, count)],
+        ca.vertcat(w, a + grows * w, 0, 0, 0),
         switches=[
-            Switch("never", x - 5, ca.vertcat(x, w, a, count)),
+            Switch("never", x - 1e6, ca.vertcat(x, w, a, grows, count)),
             Switch("rises", x, ca.if_else(count < 1, first, second)),
         ],
     )
     motion = simulate(model, 4.0, route=route)
     assert motion.events[0].time == pytest.approx(0.5, rel=1e-14)
-    assert motion.end[3] == (2 if again else 1)
+    assert motion.end[4] == (2 if again else 1)
+
+
+def test_switches_that_set_off_each_other_are_given_up_after_ten_times_each(route: Route):
+    x, y, t = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("t")
+    switches = [
+        Switch("there", x, ca.vertcat(-1, 1)),
+        Switch("back", y, ca.vertcat(1, -1)),
+        Switch("begin", t - 0.5, ca.vertcat(1, -1)),
+    ]
+    states = [Signal("x", x, value=-1.0), Signal("y", y, value=-1.0)]
+    error = refused(Model("chatter", states, ca.SX(2, 1), t=t, switches=switches), 1.0, route)
+    assert (error.code, error.partial.end_time) == ("events_accumulate", pytest.approx(0.5))
+    fired = [event.name for event in error.partial.events]
+    assert fired[:4] == ["begin", "there", "back", "there"]
+    assert len(fired) == pytest.approx(1 + 3 * 10, abs=1)
 
 
 @pytest.mark.parametrize("floor", [0.0, 1e6, -3e5])

@@ -55,12 +55,12 @@ static int take_along(Run *run) {
 /* Stop what is held, and moves as after a jump, by impulses on nothing else. */
 static void hold(Run *run) {
     const long long n = run->in.n_contacts;
-    int any = 0;
+    int hit = 0;
     for (long long i = 0; i < n; i++) {
         run->struck[i] = run->in.directions[i] == 0 && fabs(run->probe[i]) > jump_from(run, i);
-        any |= run->struck[i] != 0.0;
+        hit |= run->struck[i] != 0.0;
     }
-    if (!any) return;
+    if (!hit) return;
     for (long long i = 0; i < n; i++) run->modes[i] = run->in.directions[i] != 0;
     carry(run, run->in.project_along, 0);
     stop(run);
