@@ -260,6 +260,21 @@ def test_feet_begin_to_slip_the_way_they_go_on(route: Route, monkeypatch: pytest
     assert set(slipping) == {0, 2, 4}
 
 
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("turning", [0.6, -2.0])
+def test_an_onset_turns_as_its_load_does(route: Route, turning: float):
+    """Load (2, b t) against a force of 1: v = (t, b t^2 / 3) to second order, turning by b / 3."""
+    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    foot = [Contact("foot", v, f, Elliptic(1.0, 1.0, 1.0))]
+    load = ca.vertcat(2, turning * t)
+    model = Model("foot", [Signal("v", v, value=0.0)], f + load, t=t, contacts=foot)
+    motion = simulate(model, 0.01, route=route)
+    (_, _, *direction, half, begun), (end, *_) = motion.modes
+    assert [*direction, half, begun] == pytest.approx([1.0, 0.0, turning / 6, 0.0], rel=1e-6)
+    assert end > 1e-3  # as the direction is right until then
+    assert motion.end == pytest.approx([0.01, turning * 1e-4 / 3], rel=1e-3)
+
+
 @settings(max_examples=examples(30), deadline=None)
 @given(st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_not(
