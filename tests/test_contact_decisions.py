@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 
 from wormopt.model.friction import Coulomb, Held, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
+from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import routes
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
@@ -216,6 +217,62 @@ def test_modes_are_told_where_they_change_and_nowhere_else(route: Route):
     motion = simulate(model, 2.0, route=route)
     assert motion.modes[:, 0] == pytest.approx([0.0, 1.0], abs=1e-12)
     assert motion.modes[:, 1:].tolist() == [12 * [1], [*11 * [0], 1]]
+
+
+@cache
+def feet() -> Model:
+    """Two feet in the plane whose forces act on each other: v' = b + G f."""
+    v, f, b, G = (
+        ca.SX.sym(name, *size) for name, *size in (("v", 4), ("f", 4), ("b", 4), ("G", 4, 4))
+    )
+    even = Elliptic(1.0, 1.0, 1.0)
+    grounds = [
+        Contact(f"foot {i}", v[2 * i : 2 * i + 2], f[2 * i : 2 * i + 2], even) for i in (0, 1)
+    ]
+    numbers = [Signal("b", b), Signal("G", ca.vec(G))]
+    return Model("feet", [Signal("v", v, value=0.0)], b + G @ f, p=numbers, contacts=grounds)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_feet_begin_to_slip_the_way_they_go_on(route: Route, monkeypatch: pytest.MonkeyPatch):
+    """Set free they go straight on, each against a force of 1, or held by less.
+
+    What one motion has come to is nothing to the next.
+    """
+    if route == "native":
+        monkeypatch.setattr(routes, "_in_python", None)
+    slipping = []
+    for seed in (*range(1, 13), *range(12, 0, -1)):
+        random = np.random.default_rng(seed)
+        A, load = random.normal(size=(4, 4)), seed * random.normal(size=4) / 2
+        G, span = A @ A.T + 0.5 * np.eye(4), 1e-3
+        motion = simulate(feet(), span, p={"b": load, "G": G.ravel(order="F")}, route=route)
+        a = motion.end / span
+        moves = np.repeat(motion.modes[0, 1:3] != 0, 2)
+        speeds = np.repeat(np.linalg.norm(a.reshape(2, 2), axis=1), 2)
+        force = -a / np.where(moves, speeds, 1.0)
+        rest = ~moves
+        force[rest] = np.linalg.solve(G[np.ix_(rest, rest)], -(load + G @ (force * moves))[rest])
+        assert a == pytest.approx(load + G @ force, abs=1e-9 * np.abs(load).max())
+        assert np.linalg.norm(force.reshape(2, 2), axis=1).max() < 1 + 1e-9
+        assert not motion.events
+        slipping.append(int(moves.sum()))
+    assert set(slipping) == {0, 2, 4}
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("turning", [0.6, -2.0])
+def test_an_onset_turns_as_its_load_does(route: Route, turning: float):
+    """Load (2, b t) against a force of 1: v = (t, b t^2 / 3) to second order, turning by b / 3."""
+    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    foot = [Contact("foot", v, f, Elliptic(1.0, 1.0, 1.0))]
+    load = ca.vertcat(2, turning * t)
+    model = Model("foot", [Signal("v", v, value=0.0)], f + load, t=t, contacts=foot)
+    motion = simulate(model, 0.01, route=route)
+    (_, _, *direction, half, begun), (end, *_) = motion.modes
+    assert [*direction, half, begun] == pytest.approx([1.0, 0.0, turning / 6, 0.0], rel=1e-6)
+    assert end > 1e-3  # as the direction is right until then
+    assert motion.end == pytest.approx([0.01, turning * 1e-4 / 3], rel=1e-3)
 
 
 @settings(max_examples=examples(30), deadline=None)

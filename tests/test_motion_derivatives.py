@@ -340,6 +340,7 @@ def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: A
     model = block(pull, speed=0.0)
     motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
     assert [d.reason for d in motion.doubts] == ["edge"] * told
+    assert motion.end.tolist() == [0.0, 0.0]
     assert simulate(model, 2.0, sensitivities=["load"], route=route).doubts == ()
     pushed = simulate(model, 2.0, x0={"velocity": math.copysign(1e-8, pull)})
     assert (abs(pushed.end[1]) > 0.1) == bool(told)

@@ -151,9 +151,9 @@ class Contacts:
     def _slides_on(self, t: float, x: np.ndarray, i: int, toward: float) -> bool:
         """Whether a resting contact would slide on if it moved the way it is pulled."""
         self._modes[i] = toward
-        pull = toward * self._look(t, x).acceleration[i]
+        goes = np.sign(self._look(t, x).acceleration[i])
         self._modes[i] = 0.0
-        return bool(pull > 0)
+        return bool(goes == toward)
 
     def _has_begun(self, i: int, probe: _Probe) -> bool:
         """End a contact's onset where it is fast enough for a direction of its own."""

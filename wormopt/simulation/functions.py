@@ -120,9 +120,9 @@ class System:
             for name in names
         )
 
-    @cached_property
+    @property
     def sliding(self) -> np.ndarray:
-        """Modes s of a motion of which nothing has been decided."""
+        """Modes s of a motion of which nothing has been decided: new ones, to be rewritten."""
         return np.repeat([1.0, 0.0], [len(self.contacts), ENTRIES * len(self.planar)])[: self.n_s]
 
     @cached_property
