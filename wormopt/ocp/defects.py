@@ -49,10 +49,7 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
         raise ValueError("arcs of free duration are not split; use Mesh.even")
     # an arc's own error falls with one power more than the sum over all arcs
     order = mesh.collocation.degree + 1
-    parts = [
-        min(most, max(1, math.ceil((error / tolerance) ** (1 / order)))) if error > 0 else 1
-        for error in defect
-    ]
+    parts = [min(most, max(1, math.ceil((error / tolerance) ** (1 / order)))) for error in defect]
     shares = tuple(share / n for share, n in zip(mesh.shares, parts, strict=True) for _ in range(n))
     counts = np.bincount(mesh.phase, weights=parts).astype(int).tolist()
     return replace(mesh, arcs=tuple(counts), shares=shares)
