@@ -1,5 +1,7 @@
 """Backstepping, gains that jump, two funnels: forces by hand, and what each of them promises."""
 
+import inspect
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -350,6 +352,22 @@ SWITCHING: dict[str, Any] = {"tube_radius": 0.2, "settling": 1.0, "overshoot": 0
 def test_switching_that_makes_no_sense_is_refused(change: dict[str, Any], message: str):
     with pytest.raises(ArgumentError, match=message):
         switching_tracker(worm(), STILL, **(SWITCHING | change))
+
+
+def test_switching_needs_a_start_and_a_funnel_does_not():
+    plant = worm()
+    unknown = replace(plant, x=[replace(signal, value=None) for signal in plant.x])
+    with pytest.raises(ArgumentError, match="must say where it starts"):
+        switching_tracker(unknown, STILL, **SWITCHING)
+    loop = funnel_tracker(unknown, STILL, funnel=Funnel(9, 8, 1), rate_funnel=Funnel(9, 8, 1))
+    assert [signal.value for signal in loop.x] == [None, None]
+
+
+@pytest.mark.parametrize("make", [lambda_tracker, switching_tracker, funnel_tracker])
+def test_plant_and_reference_come_first_and_all_else_by_name(make: Callable[..., Model]):
+    first, second, *others = inspect.signature(make).parameters.values()
+    assert first.kind == second.kind == inspect.Parameter.POSITIONAL_OR_KEYWORD
+    assert {other.kind for other in others} == {inspect.Parameter.KEYWORD_ONLY}
 
 
 def test_more_that_makes_no_sense_is_refused():

@@ -11,21 +11,21 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 
 
-def defects(motion: Motion, places: int = 12) -> np.ndarray:
+def defects(motion: Motion) -> np.ndarray:
     """Local error (N,) of every arc: the integral of |x' - f(x, u, ...)| over it, scaled.
 
     Largest over the states. With prescribed modes a sliding force follows its law; others
     are interpolated. J. T. Betts, Practical Methods for Optimal Control, 4.7 (SIAM 2010).
     """
     arc, mesh = motion.program.arc, motion.mesh
-    nodes, weights = np.polynomial.legendre.leggauss(places)
+    nodes, weights = np.polynomial.legendre.leggauss(12)
     s, weights = (nodes + 1) / 2, weights / 2
     values = motion.arcs.states
     slopes = np.einsum("sk,rkn->rsn", _slopes(mesh.collocation.nodes, s), values)
     t = motion.breaks[:-1] + np.multiply.outer(s, motion.arcs.duration)
     # just inside the arcs, so that each place belongs to its own
     rates = motion.observe(arc.lawful_ode, t.ravel(order="F"))
-    rates = rates.reshape(len(values), places, mesh.total, order="F")
+    rates = rates.reshape(len(values), len(s), mesh.total, order="F")
     wrong = np.abs(slopes - rates * motion.arcs.duration)
     return np.max(np.einsum("s,rsn->rn", weights, wrong) / arc.x_nominal[:, None], axis=0)
 
@@ -49,10 +49,7 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
         raise ValueError("arcs of free duration are not split; use Mesh.even")
     # an arc's own error falls with one power more than the sum over all arcs
     order = mesh.collocation.degree + 1
-    parts = [
-        min(most, max(1, math.ceil((error / tolerance) ** (1 / order)))) if error > 0 else 1
-        for error in defect
-    ]
+    parts = [min(most, max(1, math.ceil((error / tolerance) ** (1 / order)))) for error in defect]
     shares = tuple(share / n for share, n in zip(mesh.shares, parts, strict=True) for _ in range(n))
     counts = np.bincount(mesh.phase, weights=parts).astype(int).tolist()
     return replace(mesh, arcs=tuple(counts), shares=shares)

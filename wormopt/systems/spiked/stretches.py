@@ -177,7 +177,6 @@ def _one_period(
                 drops.append(time)
             if w < 0:
                 impulses.append((time, -w * total))
-                w = 0.0
         for stretch in _glide_or_hold(drive, cell, w if w > still else 0.0):
             stretches.append(stretch)
             w = stretch.common(np.array([stretch.stop])).item() if stretch.common else 0.0
@@ -241,7 +240,7 @@ def _free_motion(drive: Drive, sigma: Series, now: float, end: float, w: float) 
 
 def exact_degree(gait: Gait, power: int = 1) -> int | None:
     """Degree that resolves a power of a gait's pieces without error; None for harmonics."""
-    return gait.degree and max(power * gait.degree, 1)
+    return gait.degree and power * gait.degree
 
 
 def at_breaks(gait: Gait, derivative: int) -> tuple[np.ndarray, np.ndarray]:
