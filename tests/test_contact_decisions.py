@@ -275,6 +275,29 @@ def test_an_onset_turns_as_its_load_does(route: Route, turning: float):
     assert motion.end == pytest.approx([0.01, turning * 1e-4 / 3], rel=1e-3)
 
 
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("order", [1, -1])
+def test_one_stops_while_another_begins_to_slip(route: Route, order: int):
+    """Block 0 is let go by a load t at t = 1, block 1 has slowed down from 1.2 at 1.2."""
+    v, f, t = ca.SX.sym("v", 4), ca.SX.sym("f", 4), ca.SX.sym("t")
+    even = Elliptic(1.0, 1.0, 1.0)
+    grounds = [
+        Contact(f"block {i}", v[2 * i : 2 * i + 2], f[2 * i : 2 * i + 2], even) for i in (0, 1)
+    ]
+    states = [Signal("v", v, value=[0.0, 0.0, 0.0, 1.2])]
+    ode = f + ca.vertcat(t, 0, 0, 0)
+    model = Model("blocks", states, ode, t=t, contacts=grounds[::order])
+    motion = simulate(model, 1.3, route=route)
+    assert [(e.name, e.kind) for e in motion.events] == [
+        ("block 0", "release"),
+        ("block 1", "stick"),
+    ]
+    assert [e.time for e in motion.events] == pytest.approx([1.0, 1.2], abs=1e-6)
+    assert motion.end == pytest.approx([0.045, 0, 0, 0], abs=1e-6)
+    assert motion.modes[-1, 1:3].tolist() == [1, 0][::order]
+    assert motion.modes[-1, 3:].any()  # the onset of block 0 goes on
+
+
 @settings(max_examples=examples(30), deadline=None)
 @given(st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_not(
