@@ -264,15 +264,41 @@ def test_feet_begin_to_slip_the_way_they_go_on(route: Route, monkeypatch: pytest
 @pytest.mark.parametrize("turning", [0.6, -2.0])
 def test_an_onset_turns_as_its_load_does(route: Route, turning: float):
     """Load (2, b t) against a force of 1: v = (t, b t^2 / 3) to second order, turning by b / 3."""
-    v, f, t = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t")
+    v, f, t, b = ca.SX.sym("v", 2), ca.SX.sym("f", 2), ca.SX.sym("t"), ca.SX.sym("b")
     foot = [Contact("foot", v, f, Elliptic(1.0, 1.0, 1.0))]
-    load = ca.vertcat(2, turning * t)
-    model = Model("foot", [Signal("v", v, value=0.0)], f + load, t=t, contacts=foot)
+    numbers, states = [Signal("b", b, value=turning)], [Signal("v", v, value=0.0)]
+    model = Model("foot", states, f + ca.vertcat(2, b * t), t=t, p=numbers, contacts=foot)
     motion = simulate(model, 0.01, route=route)
     (_, _, *direction, half, begun), (end, *_) = motion.modes
     assert [*direction, half, begun] == pytest.approx([1.0, 0.0, turning / 6, 0.0], rel=1e-6)
     assert end > 1e-3  # as the direction is right until then
     assert motion.end == pytest.approx([0.01, turning * 1e-4 / 3], rel=1e-3)
+    too_fast = simulate(model, 1e-5, p={"b": 1e8 * turning}, route=route)
+    assert len(too_fast.modes) == 2  # it ends while the foot is slow, and that is no stop
+    assert not too_fast.events
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("order", [1, -1])
+def test_one_stops_while_another_begins_to_slip(route: Route, order: int):
+    """Block 0 is let go by a load t at t = 1, block 1 has slowed down from 1.2 at 1.2."""
+    v, f, t = ca.SX.sym("v", 4), ca.SX.sym("f", 4), ca.SX.sym("t")
+    even = Elliptic(1.0, 1.0, 1.0)
+    grounds = [
+        Contact(f"block {i}", v[2 * i : 2 * i + 2], f[2 * i : 2 * i + 2], even) for i in (0, 1)
+    ]
+    states = [Signal("v", v, value=[0.0, 0.0, 0.0, 1.2])]
+    ode = f + ca.vertcat(t, 0, 0, 0)
+    model = Model("blocks", states, ode, t=t, contacts=grounds[::order])
+    motion = simulate(model, 1.3, route=route)
+    assert [(e.name, e.kind) for e in motion.events] == [
+        ("block 0", "release"),
+        ("block 1", "stick"),
+    ]
+    assert [e.time for e in motion.events] == pytest.approx([1.0, 1.2], abs=1e-6)
+    assert motion.end == pytest.approx([0.045, 0, 0, 0], abs=1e-6)
+    assert motion.modes[-1, 1:3].tolist() == [1, 0][::order]
+    assert motion.modes[-1, 3:].any()  # the onset of block 0 goes on
 
 
 @settings(max_examples=examples(30), deadline=None)

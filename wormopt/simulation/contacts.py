@@ -196,8 +196,6 @@ class Contacts:
 
     def _taken_along(self, t: float, x: np.ndarray) -> np.ndarray:
         """Let contacts in the plane rest that others have stopped: they have no direction left."""
-        if not self._in_plane.any():
-            return self._in_plane
         speed = np.abs(self._look(t, x).velocity)
         slow = self._in_plane & (self._modes != 0) & (speed <= self._v_stop)
         found = np.array([bool(slow[i]) and not self._aim.is_set(i) for i in range(self._n)])
