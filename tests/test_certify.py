@@ -1024,6 +1024,7 @@ def test_shares_of_cuts_are_parts_of_a_cell(rates):
     before, after = cuts.shares(start, end, np.full((1, 1), 9.0), np.ones((1, 1)))
     assert min(before.min(), after.min()) >= 0.0
     assert np.max(before + after) <= 1.0
+    assert np.isfinite(cuts.reach(np.zeros_like(before, int), before, after)).all()
     for shares, rate in ((before, rates[0]), (after, rates[1])):
         assert np.isfinite(rate) or not shares.any()
 

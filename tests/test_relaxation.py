@@ -242,6 +242,10 @@ def test_the_loss_of_a_range_of_periods_is_what_it_costs_to_first_order():
     t = found.point[2]
     assert found.slack == pytest.approx([0.0, 0.0, (t - 0.665) * (0.685 - t)], abs=1e-12)
     assert found.slack[2] > 9e-5
+    wide = program.solve(((0.4, 0.55), (0.45, 0.6), (0.665, 0.685)))
+    e, away = wide.point[:2], (np.array([0.4, 0.45]), np.array([0.55, 0.6]))
+    assert wide.slack[:2] == pytest.approx((e - away[0]) * (away[1] - e), abs=1e-12)
+    assert min(wide.slack[:2]) > 1e-4
 
 
 @pytest.mark.parametrize("narrow", ["shares", "period"])

@@ -106,7 +106,7 @@ class Relaxation:
         rests = fastest == 0.0
         before, after = np.roll(rests, 1, axis=0), np.roll(rests, -1, axis=0)
         self._most_room = 1.0 / float(limits.strokes[limits.strokes > 0.0].min(initial=np.inf))
-        self._way = int(self._columns(float(fastest.max()), 1)[0])
+        self._way = self._rows.columns(np.array([fastest.max()])).item()
         self._period, self._room = self._rows.columns(np.ones(2))  # bounds come with the box
         self._e, self._g, self._h = self._rows.columns(np.ones((3, phases)))
         at_ends = np.repeat(fastest[:, None], m + 1, axis=1)
@@ -177,7 +177,7 @@ class Relaxation:
         """Bound averages of sums over cells by what is run along from their ends."""
         cuts, p, width, rows = self._cuts, self._cuts.phase[which], 1.0 / self._cells, Rows()
         reach = cuts.reach(which, before, after) * width / 2
-        level = (np.maximum(1.0 - before - after, 0.0) + _ROUNDING) * cuts.most[which]
+        level = (1.0 - before - after + _ROUNDING) * cuts.most[which]
         terms: list[Term] = [(self._g[p], -reach), (self._e[p], -level)]
         held = cuts.holds(which, before, after)
         for i, weight in enumerate(cuts.weights[which].T):
