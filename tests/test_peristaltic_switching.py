@@ -58,11 +58,12 @@ def way_by_ode(worm: SwitchedWorm, found: Switched, exponent: float) -> np.ndarr
     return y
 
 
-def test_arcs_in_closed_form_are_those_of_the_ode():
+@pytest.mark.parametrize("longest", [2.0, 70.0])
+def test_arcs_in_closed_form_are_those_of_the_ode(longest: float):
     worm = SwitchedWorm(3, 0.5, 1.3, 0.7, 1.6, Drag(1.4))
     ring = (0, 4, 1, 5, 2, 3)
     found = SwitchingProgram(worm, 6, "speed").at(
-        states_of(ring, len(ring) // 2), np.array([0.3, 0.9, 0.2, 1.1, 0.6, 2.0])
+        states_of(ring, len(ring) // 2), np.array([0.3, 0.9, 0.2, 1.1, 0.6, longest])
     )
     end = way_by_ode(worm, found, 1.4)
     assert end[:3] == pytest.approx(found.start, abs=1e-9)

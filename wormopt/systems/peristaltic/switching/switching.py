@@ -24,6 +24,8 @@ Aim = Literal["speed", "thrift"]
 """What is most: way per time, or way per time that coils are on, all coils taken together."""
 
 _POINTS = 16
+# Points are even over what a length with so many times the longest time constant has still to go.
+_SLOWER = 2.0
 _SOLVER = Ipopt(tolerance=1e-12, iterations=150, mu_init=1e-2)
 _VIOLATED, _PENALTY = 1e-8, 100.0
 # Arcs shorter than this part of the period last no time.
@@ -297,6 +299,7 @@ def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca
     """Lengths (N, 1) that return after all arcs, those as coils go off, and the way."""
     n, arcs = coils.shape
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
+    slow = _SLOWER * max(worm.tau_on, worm.tau_off)
     target = worm.off + (worm.on - worm.off) * coils
     pace = (1 - rest) / (worm.tau_off + (worm.tau_on - worm.tau_off) * coils)
     offset, whole = ca.SX.zeros(n), ca.SX.zeros(n)
@@ -314,10 +317,12 @@ def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca
         if worm.ground.contact is not None:  # velocity hangs on rates alone: way on what they add
             way += worm.ground.velocity(begin, lengths - begin, rest[:, i])
             continue
+        span = -ca.expm1(-d[i] / slow)
         for s, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
-            now = apart * ca.exp(-s * d[i] * pace[:, i])
+            left = 1 - s * span
+            now = apart * left ** (slow * pace[:, i])
             moving = worm.ground.velocity(target[:, i] + now, -now * pace[:, i], rest[:, i])
-            way += weight * d[i] * moving
+            way += weight * span * slow / left * moving
     return start, shortest, way
 
 
