@@ -110,6 +110,10 @@ def test_columns_are_there_where_masses_may_move(jumps):
             assert (program._y[p, :, i] >= 0).tolist() == [starts, moves, moves, stops]
             assert (program._q[p, :, i] >= 0).tolist() == [moves] * 3
             assert (program._c[p, i] >= 0) == (moves and i not in after)
+        fastest, lp = program._limits.fastest(resting), program._program
+        for columns in (program._q[p, 0], program._y[p, 1]):
+            above = lp._upper[columns[columns >= 0]] / fastest[columns >= 0] - 1
+            assert np.all((above > 1e-14) & (above < 1e-13))
     assert np.all(program._z < 0)
 
 
@@ -256,7 +260,7 @@ def test_products_cost_what_they_are_off_times_the_multipliers_of_their_planes(n
     task, _ = extremes_as_limits(motion, worm, 1.0, "equal", jumps=False)
     program = Relaxation(task, motion.sequence, 2)
     x, random = own_values(motion, program), np.random.default_rng(0)
-    duals, (e, t) = random.normal(size=program._rows.count), (x[program._e], x[program._period])
+    duals, e, t = random.normal(size=program._rows.count), x[program._e], float(x[program._period])
     by, wide = (0.03, 0.0) if narrow == "period" else (0.0, 0.03), np.array([0.5, 1.0, 1.5])
     sides = cuts.Sides(e - by[0] * wide, e + by[0] * wide, t - by[1], t + by[1])
 
@@ -321,7 +325,7 @@ def test_loads_are_the_multipliers_of_forces_times_what_others_bear(monkeypatch)
     )
     found = program._loads(Maximum(0.0, x, duals))
     assert found == pytest.approx(1e6 * gains.sum() * 10.0, rel=1e-6)
-    assert min(shared for *_, shared in program._borne) < 1.0
+    assert 0.0 < min(shared for *_, shared in program._borne) < 1.0
 
 
 def test_cuts_are_worth_a_row_by_what_the_bound_is_above_the_cutoff():

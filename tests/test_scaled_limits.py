@@ -270,7 +270,8 @@ class Drawn:
 def drawn(seed: int) -> Drawn:
     random = np.random.default_rng(seed)
     links = int(random.integers(1, 5))
-    resting = random.permutation(links + 1)[: random.choice([1, 1, random.integers(1, links + 1)])]
+    few = random.integers(3) < 2
+    resting = random.permutation(links + 1)[: 1 if few else random.integers(1, links + 1)]
     jumps = random.random() < 0.25
     limits = Limits(
         period=2.0,

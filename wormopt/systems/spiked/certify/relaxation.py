@@ -134,7 +134,6 @@ class Relaxation:
         limits, resting, width = self._limits, self._sequence[phase], 1.0 / self._cells
         y, z = self._y[phase], self._z[phase]
         h, g = int(self._h[phase]), int(self._g[phase])
-        above = np.empty(0, int)
         c, before = self._c[phase], self._c[phase - 1]
         for bounds in limits.bounds(resting, self._more[phase]):
             form = bounds.form
@@ -145,8 +144,8 @@ class Relaxation:
                 self._rows.add([*force, (g, form.below)], 0.0, np.inf)
             if form.above < np.inf:
                 above = self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
-            if form.shared > 0.0:
-                self._borne.append((phase, above, form.shared))
+                if form.shared > 0.0:
+                    self._borne.append((phase, above, form.shared))
             for down, up in bounds.courses:
                 self._sums += [
                     Cut(phase, form.alpha, up, down, bounds.largest),
@@ -161,15 +160,15 @@ class Relaxation:
 
     def _add_balance(self, phase: int, form: Form, gain: list[Term]) -> None:
         """Momentum over the whole phase: drag takes k times the way, which is T times that of y."""
-        drags = self._limits.drag / self._cells * form.beta
-        q = np.where(drags != 0.0, self._q[phase], -1)
+        drags, q = self._limits.drag / self._cells * form.beta, self._q[phase]
+        kept = (drags != 0.0) & (q != -1)
+        drags, q = np.broadcast_to(drags, q.shape)[kept], q[kept]
         for sign, most in ((1.0, form.above), (-1.0, form.below)):
-            if most < np.inf and np.any(q >= 0):
-                terms = [*gain, *((int(column), 1.0) for column in q[q >= 0])]
-                terms = _times(terms, sign)
-                row = self._rows.add([*terms, (int(self._h[phase]), -most)], -np.inf, 0.0)
-                weights = sign * np.broadcast_to(drags, q.shape)[q >= 0]
-                self._balance.append((np.full(weights.shape, row[0]), q[q >= 0], weights))
+            if most < np.inf:
+                terms = [*gain, *zip(q.tolist(), drags.tolist(), strict=True)]
+                terms = [*_times(terms, sign), (int(self._h[phase]), -most)]
+                row = self._rows.add(terms, -np.inf, 0.0)
+                self._balance.append((np.full(q.shape, row), q, sign * drags))
 
     def _add_cuts(
         self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
@@ -214,7 +213,7 @@ class Relaxation:
 
     def _drags(self) -> Iterator[tuple[int, int, int, float]]:
         """List z = h q, by which velocities enter the drag."""
-        for p, k, i in zip(*np.nonzero(self._z >= 0), strict=True):
+        for p, k, i in zip(*np.nonzero(self._z != -1), strict=True):
             q = int(self._q[p, k, i])
             yield p, int(self._z[p, k, i]), q, self._rows.upper[q]
 
@@ -229,7 +228,9 @@ class Relaxation:
             *of_drags(d, z, q, self._g[d], e[d], top),
         ]
         self._plane_rows = [
-            self._rows.add([(column, 1.0) for column in plane.columns], -np.inf, np.inf)
+            self._rows.add(
+                [(column, np.ones(len(column))) for column in plane.columns], -np.inf, np.inf
+            )
             for plane in self._planes
         ]
 
