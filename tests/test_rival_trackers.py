@@ -70,6 +70,16 @@ def test_the_force_of_backstepping_and_of_switching_at_a_point(seed: int):
     assert at["gain_rate"].tolist() == [0.0]
 
 
+def test_the_first_bound_of_switching_is_above_the_error_and_the_tube():
+    """Links of 2.4 and 2.2 are to be 2 long; the first trial may use a share of the overshoot."""
+    plant, share = worm(2, position=(4.6, 2.2, 0.0)), 1 - np.sqrt(0.5)
+    for radius, widest in ((0.2, np.hypot(0.4, 0.2)), (0.6, 0.6)):
+        loop = switching_tracker(plant, STILL, **(SWITCHING | {"tube_radius": radius}))
+        values = {signal.name: signal.value for signal in loop.x}
+        assert values["trial_bound"] == pytest.approx(widest + share * 0.1, rel=1e-14)
+        assert values["trial_margin"] == pytest.approx(share * 0.1, rel=1e-14)
+
+
 def test_every_gain_of_switching_is_twice_the_one_before_if_nothing_else_is_said():
     """The first trial then has 1 - 1/sqrt(2) of the time to settle."""
     plant = worm(2, position=(4.0, 2.0, 0.0))
@@ -345,7 +355,9 @@ SWITCHING: dict[str, Any] = {"tube_radius": 0.2, "settling": 1.0, "overshoot": 0
         ({"overshoot": -1.0}, "overshoot must be finite and above 0"),
         ({"factor": 1.0}, "factor must be finite and above 1"),
         ({"gain_start": float("nan")}, "gain_start must be finite"),
+        ({"gain_start": 0.0}, "gain_start must be finite and above 0"),
         ({"tube_radius": "wide"}, "tube_radius must be finite"),
+        ({"tube_radius": 0.0}, "tube_radius must be finite and above 0"),
         ({"filter_start": [1.0, 2.0, 3.0]}, "filter_start must be one number or 2"),
     ],
 )

@@ -315,6 +315,43 @@ def test_a_phase_keeps_the_shares_of_its_arcs():
         assert violation(fitting * np.where(np.arange(5) == k, 1.2, 1.0)) > 1e-3
 
 
+def test_what_rests_knows_the_time():
+    """A worm at rest in a model that knows time: its clock has to fit as well."""
+    x, v, t = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("t")
+    states = [Signal("position", x), Signal("velocity", v)]
+    model = Model("stone", x=states, ode=ca.vertcat(v * t, 0 * v), t=t)
+    mesh = Mesh(2, (2, 3), Collocation(2))
+    program = Transcription(Problem(model, Ends.of(model), ca.SX(0), (1.0, 6.0)), mesh)
+    w = program.rest(np.array([0.3, 0.7, 0.4, 0.2, 0.9]), np.array([3.0, 0.0]))
+    assert program.nlp.violation(w, program.bounds(level=ModeSequence(((), ())))) < 1e-15
+
+
+@pytest.mark.parametrize("pace", [(1, 1, 1), (1, 1, 2), (1, 2, 1), (2, 1, 1), (2, 2, 1)])
+def test_what_shall_move_as_far_moves_as_far(pace: tuple[float, ...]):
+    """Three bodies, each at its own pace, and a fourth that has none to keep up with."""
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
+    states = [Signal("position", x, nominal=2.0), Signal("other", y)]
+    model = Model("bodies", x=states, ode=ca.SX([*pace, 7.0]))
+    problem = Problem(model, Ends.of(model), ca.SX(0), (1.0, 6.0))
+    slopes, durations, rows = np.array([*pace, 7.0]), np.array([0.5, 0.7, 0.8]), []
+    begins = np.cumsum(durations) - durations
+    apart = np.ptp(pace) * durations.sum() / 2.0
+    for displaced, violation in (((), 0.0), (("position", "other"), apart)):
+        tied = replace(problem, displaced=displaced)
+        program = Transcription(tied, Mesh(1, 3, Collocation(2)))
+        places = begins + program.mesh.collocation.tau[:, None] * durations
+        arcs = replace(
+            program.unpack(program.rest(durations, np.zeros(4))),
+            start=np.outer(slopes, begins),
+            points=slopes[:, None, None] * places,
+        )
+        bounds = program.bounds(ModeSequence(((),)))
+        found = program.nlp.violation(program.pack(arcs, bounds), bounds)
+        assert found == pytest.approx(violation, abs=1e-13)
+        rows.append(len(bounds.lbg))
+    assert rows[1] == rows[0] + 2
+
+
 def test_what_is_held_are_durations_alone():
     program = drifting(None)
     for free in (2.0, np.inf):
@@ -341,6 +378,9 @@ def test_nominal_sizes_are_what_a_variable_of_1_means():
     extras["design"][0] = 0.0
     assert program.nominal_extras()["design"].tolist() == [10.0]
     assert ones.start.tolist() == [[5.0] * 4, [0.2] * 4]
+    w = program.pack(ones)
+    assert program.unpack(w).design.tolist() == [10.0]
+    assert len(w) == len(program.hold_durations())
 
 
 def test_states_have_their_rows():

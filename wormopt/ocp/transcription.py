@@ -49,19 +49,13 @@ class Transcription:
         sizes = [at.size * n, n_x, 1, n_integrals * n, n_design]
         w = ca.MX.sym("w", sum(sizes))
         arcs, last, total, tallies, design = ca.vertsplit(w, np.cumsum([0, *sizes]).tolist())
-        levels, schedules, _, p = (
-            ca.MX.sym(name, c.numel() * (n if k < 2 else 1))
-            for k, (name, c) in enumerate(
-                zip(("levels", "schedules", "design", "p"), self.arc.constants, strict=True)
-            )
-        )
+        own_levels, own_schedules, _, own_p = self.arc.constants
+        levels = ca.MX.sym("levels", own_levels.numel(), n)
+        schedules = ca.MX.sym("schedules", own_schedules.numel(), n)
+        p = ca.MX.sym("p", own_p.numel())
         y = ca.reshape(arcs, at.size, n)
         equal, small, following, rows, before, end, integrals = arc.map(n)(
-            y,
-            ca.reshape(levels, -1, n),
-            ca.reshape(schedules, -1, n),
-            ca.repmat(design, 1, n),
-            ca.repmat(p, 1, n),
+            y, levels, schedules, ca.repmat(design, 1, n), ca.repmat(p, 1, n)
         )
         # Ends, duration and integrals are variables of their own: an objective that couples them
         # would otherwise couple all arcs, and fill the Hessian. Integrals are summed arc by arc:
@@ -90,8 +84,8 @@ class Transcription:
             joints,
         )
         objective, boundary = self._finish(before[:, 0], last, total, tally[:, n - 1], design, p)
-        parameters = ca.vertcat(levels, schedules, p)
-        sums = [ca.sum2(integrals[:, : k + 1]) for k in range(n if n_integrals else 0)]
+        parameters = ca.vertcat(ca.vec(levels), ca.vec(schedules), p)
+        sums = [ca.sum2(integrals[:, : k + 1]) for k in range(n)]
         self._totals = ca.Function("totals", [w, parameters], [ca.vertcat(ends, *sums)])
         return NonlinearProgram(w, parameters, objective, ca.vertcat(constraints, boundary))
 
@@ -101,10 +95,7 @@ class Transcription:
             return ca.sum2(y[0, :])
         first = np.searchsorted(self.mesh.phase, np.arange(self.mesh.phases))
         whole = np.bincount(self.mesh.phase, weights=self.mesh.shares)
-        parts = [
-            y[0, int(k)] * (w / self.mesh.shares[k]) for k, w in zip(first, whole, strict=True)
-        ]
-        return ca.sum1(ca.vertcat(*parts))
+        return y[0, first.tolist()] @ (whole / np.array(self.mesh.shares)[first])
 
     def _joints(self, y: ca.MX, before: ca.MX, end: ca.MX, last: ca.MX) -> ca.MX:
         """What vanishes where arcs join: states, clocks, shares of durations, the period."""
@@ -120,7 +111,7 @@ class Transcription:
         change = last - before[:, 0]
         if self._periodic_rows:
             parts.append(change[self._periodic_rows])
-        for rows in self._displaced_rows:
+        for rows in map(self.rows_of, self.problem.displaced):
             parts.append(change[rows[1:]] - change[rows[0]])
         return ca.vertcat(*parts)
 
@@ -133,7 +124,7 @@ class Transcription:
         finish = ca.Function(
             "finish",
             [*vars(problem.ends).values(), *self.arc.constants[2:]],
-            [problem.minimise / problem.nominal, ca.vertcat(ca.SX(0, 1), *bounded)],
+            [problem.minimise / problem.nominal, ca.vertcat(*bounded)],
         )
         objective, boundary = finish(
             first * self.arc.x_nominal,
@@ -158,16 +149,11 @@ class Transcription:
     def _periodic_rows(self) -> list[int]:
         return [row for name in self.problem.periodic for row in self.rows_of(name)]
 
-    @cached_property
-    def _displaced_rows(self) -> list[list[int]]:
-        rows = [self.rows_of(name) for name in self.problem.displaced]
-        return [r for r in rows if len(r) > 1]
-
     # -- bounds ----------------------------------------------------------------------------
 
     def bounds(
         self,
-        level: ModeSequence | float = 0.0,
+        level: ModeSequence | float,
         *,
         p: Mapping[str, ArrayLike] | None = None,
         pins: Mapping[int, float] | None = None,
@@ -256,10 +242,11 @@ class Transcription:
         if bounds is not None:
             w[totals] = np.asarray(self._totals(w, bounds.p)).ravel()
             return w
-        points = y[self.arc.layout.points, -1].reshape((n_x, -1), order="F")
-        values = np.column_stack([y[self.arc.layout.start, -1], points])
-        nodes = self.mesh.collocation.nodes
-        w[totals.start : totals.start + n_x] = values @ interpolation(nodes, np.ones(1))[0]
+        nodes, at = self.mesh.collocation.nodes, self.arc.layout
+        points = y[at.points, -1].reshape((n_x, self.mesh.collocation.degree), order="F")
+        values = np.column_stack([y[at.start, -1], points])
+        ends = values @ interpolation(nodes, np.ones(1)).T
+        w[totals.start : totals.start + n_x] = ends.ravel()
         w[totals.start + n_x] = y[0].sum()
         return w
 
