@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import wormopt as wo
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.construct import block_wave, fast_gait
@@ -33,6 +33,19 @@ def test_gait_15_by_hand(mass: float, drag: float):
     if drag == 0:  # both borders meet where 2 least = strength / 3
         meets = 6 * np.pi * np.sqrt(E_L0 * mass / 150.0)
         assert region.most_load(meets, 150.0) == pytest.approx(region.least_load(meets))
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.7])
+def test_the_least_period_of_gait_15_by_hand(drag: float):
+    """Sigma is least where W0 = 0: there drag does nothing, and a load of 0 holds nothing."""
+    region = region_of(fast_gait(1.0, 2.0, 0.15), [2.5] * 3, drag)
+    for load in (1e-3, 20.0, 1e6):
+        by_hand = np.pi * np.sqrt(6 * E_L0 * 2.5 / load)
+        assert region.least_period(load) == pytest.approx(by_hand, rel=1e-10)
+    assert region.least_period(0.0) == np.inf
+    for wrong in (-1e-300, -20.0, np.nan, np.inf):
+        with pytest.raises(ArgumentError, match="load must be finite and at least 0"):
+            region.least_period(wrong)
 
 
 def test_corners_leave_no_region():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -49,7 +48,7 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
         raise ValueError("arcs of free duration are not split; use Mesh.even")
     # an arc's own error falls with one power more than the sum over all arcs
     order = mesh.collocation.degree + 1
-    parts = [min(most, max(1, math.ceil((error / tolerance) ** (1 / order)))) for error in defect]
-    shares = tuple(share / n for share, n in zip(mesh.shares, parts, strict=True) for _ in range(n))
-    counts = np.bincount(mesh.phase, weights=parts).astype(int).tolist()
-    return replace(mesh, arcs=tuple(counts), shares=shares)
+    parts = np.clip(np.ceil((defect / tolerance) ** (1 / order)), 1, most).astype(int)
+    shares = np.repeat(np.array(mesh.shares) / parts, parts)
+    counts = np.bincount(mesh.phase, weights=parts).astype(int)
+    return replace(mesh, arcs=tuple(counts.tolist()), shares=tuple(shares.tolist()))

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from wormopt.model.given import check_number
 from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.numerics.roots import root
 from wormopt.systems.spiked.stretches import Drive, Stretch, exact_degree, kinematic_stretches
@@ -56,7 +57,11 @@ class Region:
         return -float(self._extremes(period)[1].min())
 
     def least_period(self, load: float) -> float:
-        """Smallest period at which `load` is enough: 0 where every one is, inf where none is."""
+        """Smallest period at which `load` is enough: 0 where every one is, inf where none is.
+
+        ArgumentError if the load is below 0: it would be enough for gaits that are quick, not slow.
+        """
+        check_number("load", load, least=0.0)
         low, high = zip(*(parts.extremes() for _, parts in self._needs), strict=True)
         inertia, drag = -min(row[0] for row in low), max(row[1] for row in high)
         if inertia <= 0:
