@@ -726,6 +726,9 @@ REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     "schedule of another period": (
         lambda: scheduled(False, True, 5.0), 2 * np.pi, "push does not repeat with the period"
     ),
+    "none of a schedule's periods": (
+        lambda: scheduled(False), 1e-12, "push does not repeat with the period"
+    ),
     "shape of states": (of_two_factors, 2 * np.pi, "ratios depend on the states"),
     "shape of parameters": (of_a_hidden_harmonic, 2 * np.pi, "ratios depend on the states"),
     "no swing": (lambda: block(velocity=lambda v, t: v), 2 * np.pi, "block does not swing"),

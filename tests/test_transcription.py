@@ -323,7 +323,12 @@ def test_what_rests_knows_the_time():
     mesh = Mesh(2, (2, 3), Collocation(2))
     program = Transcription(Problem(model, Ends.of(model), ca.SX(0), (1.0, 6.0)), mesh)
     w = program.rest(np.array([0.3, 0.7, 0.4, 0.2, 0.9]), np.array([3.0, 0.0]))
-    assert program.nlp.violation(w, program.bounds(level=ModeSequence(((), ())))) < 1e-15
+    bounds = program.bounds(level=ModeSequence(((), ())))
+    assert program.nlp.violation(w, bounds) < 1e-15
+    for arc in range(5):
+        late = w.copy()
+        late[program.arc.layout.size * arc + program.arc.layout.clock.start] += 0.1
+        assert program.nlp.violation(late, bounds) == pytest.approx(0.1, rel=1e-12)
 
 
 @pytest.mark.parametrize("pace", [(1, 1, 1), (1, 1, 2), (1, 2, 1), (2, 1, 1), (2, 2, 1)])
@@ -336,8 +341,9 @@ def test_what_shall_move_as_far_moves_as_far(pace: tuple[float, ...]):
     slopes, durations, rows = np.array([*pace, 7.0]), np.array([0.5, 0.7, 0.8]), []
     begins = np.cumsum(durations) - durations
     apart = np.ptp(pace) * durations.sum() / 2.0
-    for displaced, violation in (((), 0.0), (("position", "other"), apart)):
-        tied = replace(problem, displaced=displaced)
+    back = {"periodic": ["position"]}, max(pace) * durations.sum() / 2.0
+    for ties, violation in (({}, 0.0), ({"displaced": ["position", "other"]}, apart), back):
+        tied = replace(problem, **ties)
         program = Transcription(tied, Mesh(1, 3, Collocation(2)))
         places = begins + program.mesh.collocation.tau[:, None] * durations
         arcs = replace(
@@ -349,7 +355,35 @@ def test_what_shall_move_as_far_moves_as_far(pace: tuple[float, ...]):
         found = program.nlp.violation(program.pack(arcs, bounds), bounds)
         assert found == pytest.approx(violation, abs=1e-13)
         rows.append(len(bounds.lbg))
-    assert rows[1] == rows[0] + 2
+    assert rows == [rows[0], rows[0] + 2, rows[0] + 3]
+
+
+def test_limits_of_the_whole_count_in_nominal_sizes_of_their_own():
+    """x' = q from 7 for 1.5, with q = 2: every limit is missed by a quarter of its nominal size."""
+    x, q = ca.SX.sym("x"), ca.SX.sym("q")
+    states, numbers = [Signal("x", x, nominal=5.0)], [Signal("q", q, value=9.0)]
+    model = Model("cart", x=states, ode=q, p=numbers)
+    ends, durations = Ends.of(model, 1), np.array([0.5, 1.0])
+    start, end, duration, integral = ends.start, ends.end, ends.duration, ends.integrals[0]
+    found = {start: 7.0, end: 10.0, duration: 1.5, integral: 12.75, q: 2.0}
+    minimise = start + 10 * end + 100 * duration + 1000 * integral + 1e5 * q
+    plain = Problem(model, ends, minimise, (1.0, 6.0), integrands=x, nominal=4.0)
+    for expression, value in (*found.items(), (start * q, 14.0)):
+        for nominal in (0.5, 8.0):
+            limit = Constraint("limit", expression, upper=value - nominal / 4, nominal=nominal)
+            limited = replace(plain, boundary_constraints=[limit])
+            program = Transcription(limited, Mesh(1, 2, Collocation(2)))
+            bounds = program.bounds(ModeSequence(((),)), p={"q": 2.0})
+            places = np.array([0.0, 0.5]) + program.mesh.collocation.tau[:, None] * durations
+            arcs = replace(
+                program.unpack(program.rest(durations, np.zeros(1))),
+                start=np.array([[7.0, 8.0]]),
+                points=7.0 + 2.0 * places[None],
+            )
+            w = program.pack(arcs, bounds)
+            assert program.nlp.violation(w, bounds) == pytest.approx(0.25, rel=1e-12)
+    total = (7 + 100 + 150 + 12750 + 2e5) / 4.0
+    assert program.nlp.start(w, bounds).objective == pytest.approx(total, rel=1e-14)
 
 
 def test_what_is_held_are_durations_alone():

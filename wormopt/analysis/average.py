@@ -258,8 +258,8 @@ class _Course:
         for low, high in pairwise(self.model.breaks(period)):
             values = []
             for schedule in self.model.schedules:
-                begin, piece = schedule.locate(np.array([(low + high) / 2]))
-                values += [begin, schedule.values[piece[0]]]
+                begin, (piece,) = schedule.locate(np.array([(low + high) / 2]))
+                values += [begin, schedule.values[piece]]
             yield low / period, high / period, np.concatenate(values)
 
     def _check_period(self) -> None:
