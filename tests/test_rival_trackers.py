@@ -116,6 +116,7 @@ numbers_of_funnels = st.floats(0.1, 5.0)
 @settings(deadline=None, max_examples=examples(100))
 @given(st.builds(Funnel, *[numbers_of_funnels] * 3), st.builds(Funnel, *[numbers_of_funnels] * 3))
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.2, 0.2))  # too narrow on the way only
+@example(Funnel(2.0, 1.0, 1.0), Funnel(1.5, 0.5, 0.1))  # early on the way only
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.7, 0.2))  # nowhere too narrow
 @example(Funnel(1.0, 1.0, 1.0), Funnel(1.0, 1.0, 2.0))  # neither narrows
 @example(Funnel(2.0, 1.0, 1.0), Funnel(3.0, 2.0, 1.0))  # both at once

@@ -424,6 +424,17 @@ def test_states_have_their_rows():
         program.rows_of("speed")
 
 
+def test_rows_have_names_to_the_last():
+    program = Transcription(fastest(block(), (0.0, 0.0), (1.0, 0.0)), Mesh(2, 4, Collocation(2)))
+    bounds = program.bounds(ModeSequence(((1,), (-1,))))
+    names = [program.name_of(row) for row in range(len(bounds.lbg))]
+    assert names[-4:] == ["start", "start", "end", "end"]
+    assert [names.count("start"), names.count("end")] == [2, 2]
+    # seven joints, and what ends and duration amount to
+    assert names.count("continuity or the period") == 2 * 7 + 2 + 1
+    assert names.count("a contact's mode") % 8 == 0
+
+
 def test_a_constant_is_chosen_in_its_own_unit():
     """x' = c from 0 for a second: (x - 3)² + (c - 5)² is least where x = c = 4."""
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
