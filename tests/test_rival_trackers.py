@@ -74,7 +74,8 @@ def test_the_first_bound_of_switching_is_above_the_error_and_the_tube():
     """Links of 2.4 and 2.2 are to be 2 long; the first trial may use a share of the overshoot."""
     plant, share = worm(2, position=(4.6, 2.2, 0.0)), 1 - np.sqrt(0.5)
     for radius, widest in ((0.2, np.hypot(0.4, 0.2)), (0.6, 0.6)):
-        loop = switching_tracker(plant, STILL, **(SWITCHING | {"tube_radius": radius}))
+        trials: dict[str, Any] = SWITCHING | {"tube_radius": radius}
+        loop = switching_tracker(plant, STILL, **trials)
         values = {signal.name: signal.value for signal in loop.x}
         assert values["trial_bound"] == pytest.approx(widest + share * 0.1, rel=1e-14)
         assert values["trial_margin"] == pytest.approx(share * 0.1, rel=1e-14)
@@ -117,6 +118,8 @@ numbers_of_funnels = st.floats(0.1, 5.0)
 @given(st.builds(Funnel, *[numbers_of_funnels] * 3), st.builds(Funnel, *[numbers_of_funnels] * 3))
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.2, 0.2))  # too narrow on the way only
 @example(Funnel(2.0, 1.0, 1.0), Funnel(1.5, 0.5, 0.1))  # early on the way only
+@example(Funnel(2.0, 1.0, 10.0), Funnel(0.15, 0.05, 1.0))  # the same, slower and smaller
+@example(Funnel(2.0, 1.0, 1.0), Funnel(1.23, 0.23, 0.5))  # for a short while
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.7, 0.2))  # nowhere too narrow
 @example(Funnel(1.0, 1.0, 1.0), Funnel(1.0, 1.0, 2.0))  # neither narrows
 @example(Funnel(2.0, 1.0, 1.0), Funnel(3.0, 2.0, 1.0))  # both at once
@@ -312,6 +315,16 @@ def test_a_rate_funnel_leaves_room_at_all_times_or_is_refused(numbers: list[floa
     else:
         with pytest.raises(ArgumentError, match="the rate funnel lets the error fall at less"):
             build()
+
+
+def test_an_error_that_starts_at_the_edge_of_its_funnel_is_refused():
+    plant, wide = worm(position=(4.5, 2.0, 0.0)), Funnel(9.0, 9.0, 1.0)
+    with pytest.raises(ArgumentError, match=r"starts at 0\.5, outside"):
+        funnel_tracker(
+            plant, STILL, funnel=Funnel(0.5, 0.5, 1.0), rate_funnel=wide, law="two gains"
+        )
+    least = Funnel(np.nextafter(0.5, 1.0), 0.5, 1.0)
+    assert funnel_tracker(plant, STILL, funnel=least, rate_funnel=wide, law="two gains")
 
 
 def test_no_more_room_than_needed_is_too_little():

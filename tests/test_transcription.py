@@ -368,6 +368,7 @@ def test_limits_of_the_whole_count_in_nominal_sizes_of_their_own():
     found = {start: 7.0, end: 10.0, duration: 1.5, integral: 12.75, q: 2.0}
     minimise = start + 10 * end + 100 * duration + 1000 * integral + 1e5 * q
     plain = Problem(model, ends, minimise, (1.0, 6.0), integrands=x, nominal=4.0)
+    total = (7 + 100 + 150 + 12750 + 2e5) / 4.0
     for expression, value in (*found.items(), (start * q, 14.0)):
         for nominal in (0.5, 8.0):
             limit = Constraint("limit", expression, upper=value - nominal / 4, nominal=nominal)
@@ -382,8 +383,7 @@ def test_limits_of_the_whole_count_in_nominal_sizes_of_their_own():
             )
             w = program.pack(arcs, bounds)
             assert program.nlp.violation(w, bounds) == pytest.approx(0.25, rel=1e-12)
-    total = (7 + 100 + 150 + 12750 + 2e5) / 4.0
-    assert program.nlp.start(w, bounds).objective == pytest.approx(total, rel=1e-14)
+            assert program.nlp.start(w, bounds).objective == pytest.approx(total, rel=1e-14)
 
 
 def test_what_is_held_are_durations_alone():

@@ -214,7 +214,7 @@ class Transcription:
 
         def block(values: np.ndarray, nominal: np.ndarray) -> np.ndarray:
             scaled = values / nominal[:, None, None]
-            return scaled.reshape((scaled[..., 0].size, self.mesh.total), order="F")
+            return scaled.reshape((len(nominal) * values.shape[1], self.mesh.total), order="F")
 
         arc = self.arc
         duration = arcs.duration / arc.time_nominal
