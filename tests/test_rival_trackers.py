@@ -324,7 +324,8 @@ def test_an_error_that_starts_at_the_edge_of_its_funnel_is_refused():
             plant, STILL, funnel=Funnel(0.5, 0.5, 1.0), rate_funnel=wide, law="two gains"
         )
     least = Funnel(np.nextafter(0.5, 1.0), 0.5, 1.0)
-    assert funnel_tracker(plant, STILL, funnel=least, rate_funnel=wide, law="two gains")
+    loop = funnel_tracker(plant, STILL, funnel=least, rate_funnel=wide, law="two gains")
+    assert [signal.value for signal in loop.p if signal.name == "gain"] == [1.0]  # as none is said
 
 
 def test_no_more_room_than_needed_is_too_little():
