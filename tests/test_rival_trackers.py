@@ -120,6 +120,7 @@ numbers_of_funnels = st.floats(0.1, 5.0)
 @example(Funnel(2.0, 1.0, 1.0), Funnel(1.5, 0.5, 0.1))  # early on the way only
 @example(Funnel(2.0, 1.0, 10.0), Funnel(0.15, 0.05, 1.0))  # the same, slower and smaller
 @example(Funnel(2.0, 1.0, 1.0), Funnel(1.23, 0.23, 0.5))  # for a short while
+@example(Funnel(2.0, 1.0, 1.0), Funnel(1.053, 0.75, 0.5))  # it would have been before
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.7, 0.2))  # nowhere too narrow
 @example(Funnel(1.0, 1.0, 1.0), Funnel(1.0, 1.0, 2.0))  # neither narrows
 @example(Funnel(2.0, 1.0, 1.0), Funnel(3.0, 2.0, 1.0))  # both at once
