@@ -329,6 +329,14 @@ def test_an_error_that_starts_at_the_edge_of_its_funnel_is_refused():
     assert [signal.value for signal in loop.p if signal.name == "gain"] == [1.0]  # as none is said
 
 
+def test_the_sum_of_both_errors_counts_at_the_start():
+    """Links at rest, 0.5 and 0 off in a funnel of 2: k_0 = 1/(1 - 1/16), and k_0 e is 8/15."""
+    plant, funnel = worm(position=(4.5, 2.0, 0.0)), Funnel(2.0, 2.0, 1.0)
+    with pytest.raises(ArgumentError, match=r"e' \+ k_0 e starts at 0\.533333, outside"):
+        funnel_tracker(plant, STILL, funnel=funnel, rate_funnel=Funnel(0.53, 0.5, 1.0))
+    assert funnel_tracker(plant, STILL, funnel=funnel, rate_funnel=Funnel(0.54, 0.5, 1.0))
+
+
 def test_no_more_room_than_needed_is_too_little():
     """The funnel narrows by 1 at first; links that part by 0.5 touch a rate funnel of 0.5."""
     with pytest.raises(ArgumentError, match="narrows at 1, and the rate funnel lets"):

@@ -665,7 +665,15 @@ def test_loops_that_make_no_sense_are_refused(build: Callable[[], object], messa
         build()
 
 
-@pytest.mark.parametrize("law", [Quadratic, Exponent, lambda growth: Decay(1.0, 0.1, growth)])
+@pytest.mark.parametrize(
+    "law",
+    [
+        Quadratic,
+        Exponent,
+        lambda growth: Decay(1.0, 0.1, growth),
+        lambda start: Funnel(start, 1.0, 1.0),
+    ],
+)
 def test_laws_that_hold_symbols_are_told_apart_by_who_they_are(law: Callable[[ca.SX], object]):
     """Whether two symbols are equal is an expression, not a yes or no."""
     one, other = law(ca.SX.sym("one")), law(ca.SX.sym("other"))
