@@ -315,9 +315,8 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
         Relaxation, "_add_cuts", lambda self, *cuts: made.append(cuts) or add(self, *cuts)
     )
     lp, random = program._program, np.random.default_rng(0)
-    for _ in range(3):
-        x = random.uniform(size=len(lp._cost))
-        assert program._cut_off(x, 1e-9)
+    xs = random.uniform(size=(3, len(lp._cost)))
+    assert all(program._cut_off(x, 1e-9) for x in xs)
 
     def less(*given_):
         return [replace(f, above=f.above - 1e-6 * f.shared) for f in forms(*given_)]
@@ -328,9 +327,9 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
     for drawn in made:
         other._program.extend(add(other, *drawn))
     duals = random.normal(size=len(lp._row_lower))
-    per_row = np.abs(duals[lp._row]) * x[lp._column]
+    per_row = np.abs(duals[lp._row]) * xs[0, lp._column]
     gains = 1e6 * (other._program._value - lp._value) * per_row
-    found = program._loads(Maximum(0.0, x, duals))
+    found = program._loads(Maximum(0.0, xs[0], duals))
     assert found == pytest.approx(gains.sum() * 10.0, rel=1e-6)
     # cells' forces, gains of phases with and without drag, cuts of sums up and down
     changed = np.unique(lp._row[gains != 0.0])
