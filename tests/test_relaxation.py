@@ -296,35 +296,48 @@ def test_products_cost_what_they_are_off_times_the_multipliers_of_their_planes(n
             assert losses(column, off) - at_first == pytest.approx(expected, abs=1e-12), column
 
 
-def test_loads_are_the_multipliers_of_forces_times_what_others_bear(monkeypatch):
-    """Found again as what a millionth less of those loads takes from the cells' rows."""
+@pytest.mark.parametrize("drag", [0.0, 1.0])
+def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, monkeypatch):
+    """Found again as what a millionth less of those loads takes from rows, cuts among them."""
     monkeypatch.setattr(relaxation, "scaled", ScaledLimits)
     task = g1(
         links=1, rate=10.0, acceleration=2e3, spike_load=(30.0, 9.0), sharing="least_actuation"
     )
     task, word, forms = (
-        replace(task, worm=Worm(links=1, mass=20.0)),
+        replace(task, worm=Worm(links=1, mass=20.0, drag=drag)),
         ((0,), (1,)),
         ScaledLimits.forms,
     )
+    box, made, add = ((0.2, 0.5), (0.5, 0.8), (0.6, 0.9)), [], Relaxation._add_cuts
     program = Relaxation(task, word, 3, (1, 1))
+    program._set_box(program._tighten(np.array(box)))
+    monkeypatch.setattr(
+        Relaxation, "_add_cuts", lambda self, *cuts: made.append(cuts) or add(self, *cuts)
+    )
+    lp, random = program._program, np.random.default_rng(0)
+    xs = random.uniform(size=(3, len(lp._cost)))
+    assert all(program._cut_off(x, 1e-9) for x in xs)
 
     def less(*given_):
         return [replace(f, above=f.above - 1e-6 * f.shared) for f in forms(*given_)]
 
     monkeypatch.setattr(ScaledLimits, "forms", less)
-    lp, other = program._program, Relaxation(task, word, 3, (1, 1))._program
-    changed = np.flatnonzero((lp._value != other._value) & np.isin(lp._column, program._g))
-    assert len(changed) == 2 * 3
-    random = np.random.default_rng(0)
-    x, duals = random.uniform(size=len(lp._cost)), random.normal(size=len(lp._row_lower))
-    gains = (
-        (other._value - lp._value)[changed]
-        * x[lp._column[changed]]
-        * np.abs(duals[lp._row[changed]])
-    )
-    found = program._loads(Maximum(0.0, x, duals))
-    assert found == pytest.approx(1e6 * gains.sum() * 10.0, rel=1e-6)
+    other = Relaxation(task, word, 3, (1, 1))
+    other._set_box(other._tighten(np.array(box)))
+    for drawn in made:
+        other._program.extend(add(other, *drawn))
+    duals = random.normal(size=len(lp._row_lower))
+    per_row = np.abs(duals[lp._row]) * xs[0, lp._column]
+    gains = 1e6 * (other._program._value - lp._value) * per_row
+    found = program._loads(Maximum(0.0, xs[0], duals))
+    assert found == pytest.approx(gains.sum() * 10.0, rel=1e-6)
+    # cells' forces, gains of phases with and without drag, cuts of sums up and down
+    changed = np.unique(lp._row[gains != 0.0])
+    first = len(lp._row_lower) - sum(len(which) for which, *_ in made)
+    assert np.count_nonzero(changed < first) == 2 * (3 + 1 + (drag > 0.0))
+    up = np.concatenate([program._cuts.weights[which].sum(axis=1) > 0.0 for which, *_ in made])
+    assert {True, False} <= set(up[changed[changed >= first] - first].tolist())
+    assert bool(program._cuts.decaying.any()) == (drag > 0.0)
     assert 0.0 < min(shared for *_, shared in program._borne) < 1.0
 
 

@@ -44,6 +44,7 @@ class Cut:
     rise: Slope  # largest slope upward
     fall: Slope  # largest slope downward
     most: float  # largest value
+    shared: tuple[float, float] = (0.0, 0.0)  # of both rates, due to masses that may not rest
 
 
 class Cuts:
@@ -57,6 +58,7 @@ class Cuts:
         self.rise, self.fall, self.most = np.array(
             [[cut.rise.rate, cut.fall.rate, cut.most] for cut in cuts]
         ).T
+        self.shared = np.array([cut.shared for cut in cuts]).T
         slopes = [(cut.rise, cut.fall) for cut in cuts]
         self._decay = np.array([[s.decay for s in pair] for pair in slopes]).T
         self._longest = np.array([[s.longest for s in pair] for pair in slopes]).T
@@ -94,6 +96,11 @@ class Cuts:
             return up + down
         x, z = self.exponents[:, which]
         return (up * _ramp(x * before) + down * _ramp(z * after)) * (1 + _ROUNDING)
+
+    def borne(self, which: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Say how much of `reach` is due to masses that may not rest."""
+        (up, down), (x, z) = self.shared[:, which], self.exponents[:, which]
+        return up * before**2 * _ramp(x * before) + down * after**2 * _ramp(z * after)
 
     def shares(
         self, start: np.ndarray, end: np.ndarray, level: np.ndarray, reach: np.ndarray

@@ -74,6 +74,7 @@ class Relaxation:
         self._sequence, self._cells = sequence, cells
         self._more = more or (0,) * len(sequence)
         self._borne: list[tuple[int, np.ndarray, float]] = []
+        self._bearing: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         self._balance: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         self._rows = Rows()
         self._sums: list[Cut] = []
@@ -144,19 +145,26 @@ class Relaxation:
                 self._rows.add([*force, (g, form.below)], 0.0, np.inf)
             if form.above < np.inf:
                 above = self._rows.add([*force, (g, -form.above)], -np.inf, 0.0)
-                if form.shared > 0.0:
-                    self._borne.append((phase, above, form.shared))
+                self._bear(g, above, form.shared)
             for down, up in bounds.courses:
+                shared = form.shared if up.rate == form.above else 0.0
                 self._sums += [
-                    Cut(phase, form.alpha, up, down, bounds.largest),
-                    Cut(phase, -form.alpha, down, up, -bounds.least),
+                    Cut(phase, form.alpha, up, down, bounds.largest, (shared, 0.0)),
+                    Cut(phase, -form.alpha, down, up, -bounds.least, (0.0, shared)),
                 ]
             if self._continuous:
                 gain = [*_sum(form.alpha, c[None]), *_sum(-form.alpha, before[None])]
-                self._rows.add([*gain, (h, -bounds.rise)], -np.inf, 0.0)
+                rise = self._rows.add([*gain, (h, -bounds.rise)], -np.inf, 0.0)
+                if bounds.rise == form.above:
+                    self._bear(h, rise, form.shared)
                 self._rows.add([*gain, (h, bounds.fall)], 0.0, np.inf)
                 if np.any(limits.drag * form.beta):
                     self._add_balance(phase, form, gain)
+
+    def _bear(self, column: int, rows: np.ndarray, shared: float) -> None:
+        """Remember rows that allow so much of a column for masses that may not rest."""
+        if shared:
+            self._borne.append((column, rows, shared))
 
     def _add_balance(self, phase: int, form: Form, gain: list[Term]) -> None:
         """Momentum over the whole phase: drag takes k times the way, which is T times that of y."""
@@ -169,6 +177,8 @@ class Relaxation:
                 terms = [*_times(terms, sign), (int(self._h[phase]), -most)]
                 row = self._rows.add(terms, -np.inf, 0.0)
                 self._balance.append((np.full(q.shape, row), q, sign * drags))
+                if sign > 0.0:
+                    self._bear(int(self._h[phase]), row, form.shared)
 
     def _add_cuts(
         self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
@@ -345,12 +355,20 @@ class Relaxation:
             p = self._cuts.phase[which]
             columns = self._g[p, None], self._y[p, cells], self._y[p, cells + 1]
             self._drawn.add(self._program, rows, np.hstack(columns), which, (before, after))
+            if cuts.shared[:, which].any():
+                self._bearing.append((rows, which, before, after))
         return which.size > 0
 
     def _loads(self, found: Maximum) -> float:
+        """Gain from loads on masses that may not rest, to first order, from all rows with them."""
+        cuts, half = self._cuts, 0.5 / self._cells
+        drawn = [
+            (self._g[cuts.phase[which]], rows, half * cuts.borne(which, before, after))
+            for rows, which, before, after in self._bearing
+        ]
         gains = [
-            np.abs(found.row_duals[rows]).sum() * found.x[self._g[p]] * shared
-            for p, rows, shared in self._borne
+            np.sum(np.abs(found.row_duals[rows]) * found.x[columns] * shared)
+            for columns, rows, shared in (*self._borne, *drawn)
         ]
         return float(sum(gains)) * self._limits.speed
 
