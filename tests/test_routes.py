@@ -491,6 +491,25 @@ def test_a_motion_stopped_at_its_guard_does_not_fire_it_again(route: Route, leve
     assert motion.end[1] == pytest.approx(5 - time, abs=1e-11)
 
 
+@pytest.mark.parametrize("route", STEPPING)
+def test_what_is_stopped_just_below_its_guard_by_rounding_does_not_fire_it_again(route: Route):
+    """x'' = 1 + cos(5 t); with derivatives the place of an event is not shifted to the last bit."""
+    x, v, t, level = (ca.SX.sym(name) for name in ("x", "v", "t", "level"))
+    model = Model(
+        "stopped",
+        [Signal("x", x, value=0.0), Signal("v", v, value=0.2)],
+        ca.vertcat(v, 1 + ca.cos(5 * t)),
+        t=t,
+        p=[Signal("level", level, value=0.0)],
+        switches=[Switch("stop", x - level, ca.vertcat(x, 0))],
+    )
+    for place in np.linspace(0.5, 1.1, 13):
+        motion = simulate(model, 3.0, p={"level": place}, route=route, sensitivities=["level"])
+        (time,) = event_times(motion)
+        left = np.array([3 - time, (np.sin(15) - np.sin(5 * time)) / 5])
+        assert motion.end[1] == pytest.approx(left.sum(), abs=1e-9)
+
+
 # -- without a compiler ----------------------------------------------------------------------
 
 

@@ -226,13 +226,16 @@ void decide_modes(Run *run, long long forced, int record) {
 }
 
 /* A switch that has fired may do so again at once if its guard falls now, be it from a rounding
-   error above 0: a ball that bounces lower and lower must not fall through the floor. */
-static void note_fired(Run *run, long long which, double residual) {
+   error above 0: a ball that bounces lower and lower must not fall through the floor. Else it does
+   once its guard was below 0 by more than that error. `rate` is that of the guard as it fired. */
+static void note_fired(Run *run, long long which, double residual, double rate) {
     event_values(run, run->out.t, run->out.x, run->value);
     const double value = run->value[which];
-    const double rate = run->guard[run->in.n_switches + which - n_exact(run)];
+    const long long k = which - n_exact(run);
+    const int falls = run->guard[run->in.n_switches + k] < -1e-9 * rate;
     const int near = value >= -residual; /* left clearly above 0, it must come from below */
-    run->level[which] = rate < 0.0 && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
+    run->level[which] = falls && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
+    run->passed[k] = falls && near ? 0.0 : residual;
 }
 
 void apply_event(Run *run, long long which, int jumped) {
@@ -241,18 +244,18 @@ void apply_event(Run *run, long long which, int jumped) {
         decide_modes(run, which, 1);
         return;
     }
-    double residual = 0.0; /* how far above 0 the guard may be by rounding */
+    double residual = 0.0, rate = 0.0; /* how far from 0 the guard may be by rounding */
     if (!jumped) {
         event_values(run, run->out.t, run->out.x, run->value);
-        const double rate = run->guard[run->in.n_switches + k];
-        residual = fabs(run->value[which]) + rate * floor_of_step(run);
+        rate = fabs(run->guard[run->in.n_switches + k]);
+        residual = 2.0 * fabs(run->value[which]) + rate * floor_of_step(run);
     }
     evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);
     carry(run, run->in.resets_along, k * run->in.n_x);
     memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
     note_event(run, run->in.n_contacts + k, SWITCH, 0.0);
     decide_modes(run, -1, 1);
-    note_fired(run, which, residual);
+    note_fired(run, which, residual, rate);
     if (run->in.terminal[k] && run->out.status == RUNNING) run->out.status = DONE;
 }
 

@@ -24,7 +24,7 @@ long long n_functions(const Run *run) { return n_exact(run) + run->in.n_switches
 
 /* Size below which event function j is nothing but rounding. */
 double small(const Run *run, long long j) {
-    if (j >= n_exact(run)) return 0.0;
+    if (j >= n_exact(run)) return run->passed[j - n_exact(run)];
     return run->modes[j] ? run->in.v_rest[j] : run->in.f_rest[j];
 }
 
@@ -274,7 +274,7 @@ double polish_event(Run *run, double h, double theta, long long which) {
 static double clearly_above(const Run *run, long long j) {
     if (j < n_exact(run)) return small(run, j);
     double rate = run->guard[run->in.n_switches + j - n_exact(run)];
-    return rate > 0.0 ? 1e3 * floor_of_step(run) * rate : 0.0;
+    return larger(small(run, j), 1e3 * floor_of_step(run) * rate);
 }
 
 /* Raise levels of what is well above 0; at the start of a run those of all guards not above 0. */

@@ -241,6 +241,7 @@ EXPORT void wormopt_free(Run *run) {
         run->modes,  run->before, run->aims,        run->toward,          run->bend,
         run->fresh,  run->struck, run->released,    run->probe,           run->guard,
         run->reset,  run->value,  run->level,       run->scan,            run->column,
+        run->passed,
         run->w,      run->event_along,          run->slope,           run->slopes_x,
         run->slopes_p, run->column_x,           run->column_p,        run->change,
         run->column_error,        run->last_along,  run->suspect,         run->touch,
@@ -276,6 +277,7 @@ static int allocate(Run *run) {
     ROOM(run->reset, n * (in->n_switches + 1));
     ROOM(run->value, f);
     ROOM(run->level, f);
+    ROOM(run->passed, in->n_switches);
     ROOM(run->scan, 13 * f + 2 * c);
     ROOM(run->column, n);
     ROOM(run->event_along, in->k);

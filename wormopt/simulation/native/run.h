@@ -34,6 +34,7 @@ typedef struct {
     double *probe;         /* velocities, accelerations, forces, least, largest force */
     double *guard, *reset; /* guards and their rates; states after switches */
     double *value, *level; /* per event function: value, and what it falls below at an event */
+    double *passed;        /* per switch: how far above 0 is nothing but rounding since it fired */
     double *scan;          /* values at the samples of a step, at the first event, levels */
     double *column;        /* a state in between */
     double *event_along;   /* derivatives of the time of the event that is under way; else 0 */
