@@ -467,7 +467,11 @@ def test_a_ball_bounces_as_high_up_as_on_the_ground(set_down: bool, floor: float
 )
 @example(kept=0.5, floor=0.0, rounds=1.5)
 @example(kept=0.8, floor=0.0, rounds=1.5)
-@settings(max_examples=examples(15), deadline=None, suppress_health_check=list(HealthCheck))
+@settings(
+    max_examples=examples(15),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 def test_a_ball_never_falls_through_the_floor(
     set_down: bool, route: Route, kept: float, floor: float, rounds: float
 ):
