@@ -181,8 +181,8 @@ class _Motion:
         if located.step is not None:
             self._take(located.step)
             self._watch.raise_levels(self._t, self._x)
-        elif crossing.which >= self._watch.n_contacts and crossing.level != 0:
-            raise GivenUp("events_accumulate")  # it has fired at this very instant
+        if crossing.which >= self._watch.n_contacts and crossing.level != 0 and located.arrived:
+            raise GivenUp("events_accumulate")  # it has fired and not been above 0 since
         self._stepper.h = step.h
         if located.arrived:
             self._count_crowd()

@@ -66,7 +66,7 @@ class Watch:
         self.n_contacts = len(system.contacts) if system.exact else 0
         self.n = self.n_contacts + len(system.model.switches)
         self._levels = np.zeros(self.n)
-        # a switch that has fired has a level again once its guard has fallen by more than this
+        # a switch that has fired has level 0 again once its guard has fallen by more than this
         self._passed = np.zeros(len(system.model.switches))
         if self.n:
             reach = ("reach", task.reach[:, : self.n_contacts].ravel())
@@ -153,9 +153,10 @@ class Watch:
         which, residual, rate = self.n_contacts + k, *error
         value = self.value(which, t, x)
         if self._rate(k, t, x) < -1e-9 * rate and value >= -residual:
-            self._levels[which], self._passed[k] = 2 * min(value, 0.0) - 1e-300, 0.0
+            self._levels[which] = 2 * min(value, 0.0) - 1e-300
         else:
-            self._levels[which], self._passed[k] = -np.inf, residual
+            self._levels[which] = -np.inf
+        self._passed[k] = residual
 
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
         """Index of the first switch whose guard has jumped above 0."""
@@ -208,18 +209,30 @@ class Watch:
         for k, here in enumerate(value):
             if here < level:
                 theta = _root(above, _SAMPLES[max(k - 1, 0)], _SAMPLES[k])
-                return Crossing(j, theta, level)
+                return self._since(step, Crossing(j, theta, level))
             if k >= 2 and self._dips(value[k - 2 : k + 1] - level):
                 ends = _SAMPLES[k - 2], _SAMPLES[k]
                 near = {"bounds": ends, "method": "bounded", "options": {"xatol": 1e-7}}
                 low: Any = minimize_scalar(above, **near)
                 if low.fun < 0:
-                    return Crossing(j, _root(above, ends[0], low.x), level)
+                    return self._since(step, Crossing(j, _root(above, ends[0], low.x), level))
                 if low.fun + level <= self._next_to_nothing(j, max(value[k - 2], here)):
                     self.touched.append((j, float(low.x)))
             if here > small:
                 level = 0.0
         return None
+
+    def _since(self, step: Step, crossing: Crossing) -> Crossing:
+        """Crossing of 0 by a switch that has fired and been above 0 since, between samples."""
+        j, theta, level = crossing
+        if j < self.n_contacts or level == 0:
+            return crossing
+        for at in theta * 0.5 ** np.arange(1, 10):
+            if self._within(j, step, at) > self._passed[j - self.n_contacts]:
+                theta = _root(lambda s: self._within(j, step, s), at, theta)
+                at_once = theta * step.h <= floor_of_step(self._task, step.t)
+                return Crossing(j, theta, level if at_once else 0.0)
+        return crossing
 
     def _grazes(self, step: Step, crossing: Crossing, value: np.ndarray) -> bool:
         """Whether a function would fall next to nothing below 0, and rise again in the step."""

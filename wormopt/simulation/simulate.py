@@ -46,7 +46,8 @@ _REFUSALS = {
     ),
     "events_accumulate": (
         "events follow each other without time passing at t = {t:.6g}",
-        "treat contact as smooth, or change the law that makes it chatter",
+        "treat contact as smooth, or change what chatters: a law, or a switch, by one that is "
+        "terminal, or a state of rest",
     ),
     "no_contact_mode": (
         "no choice of resting and sliding contacts fits the forces at t = {t:.6g}, or several "

@@ -192,6 +192,25 @@ static double first_crossing(Run *run, long long j, double h, const double *valu
     return 2.0;
 }
 
+/* Where function j, found to cross at theta, falls through its level, which is noted. That of a
+   switch that has fired is 0 if it has been above 0 since, be it between samples. */
+static double crossing_since(Run *run, long long j, double h, double theta) {
+    const long long n = n_functions(run);
+    double *level = run->scan + (N_SAMPLES + 1) * n + j;
+    *level = run->level[j];
+    if (j < n_exact(run) || *level == 0.0 || theta * h <= floor_of_step(run)) return theta;
+    for (int k = 1; k < N_SAMPLES && SAMPLES[k] < theta; k++)
+        if (run->scan[k * n + j] > 0.0) *level = 0.0;
+    for (double at = 0.5 * theta; *level != 0.0 && at > 1e-3 * theta; at *= 0.5) {
+        const double up = value_within(run, j, at, h);
+        if (!(up > 0.0)) continue;
+        theta = crossing(run, j, h, at, theta, up, value_within(run, j, theta, h), 0.0);
+        if (theta * h > floor_of_step(run)) *level = 0.0;
+        break;
+    }
+    return theta;
+}
+
 /* First event of the step of length h, as a fraction of it; 2 if there is none. */
 double find_event(Run *run, double h, long long *which) {
     const long long n = n_functions(run);
@@ -203,10 +222,11 @@ double find_event(Run *run, double h, long long *which) {
     for (long long j = 0; j < n; j++) {
         double theta = first_crossing(run, j, h, run->scan, first);
         if (theta >= first) continue;
-        first = theta, *which = j;
+        first = crossing_since(run, j, h, theta), *which = j;
         values_within(run, first, h, run->scan + N_SAMPLES * n);
     }
     if (first > 1.0) memcpy(run->level, run->scan + (N_SAMPLES + 1) * n, n * sizeof(double));
+    else run->level[*which] = run->scan[(N_SAMPLES + 1) * n + *which];
     /* what has been well above 0 before the event is armed, whoever has it */
     for (int k = 1; k < N_SAMPLES && SAMPLES[k] < first && first <= 1.0; k++)
         for (long long j = 0; j < n; j++)
@@ -269,12 +289,12 @@ double polish_event(Run *run, double h, double theta, long long which) {
     return best;
 }
 
-/* Value above which an event function counts as well above 0: for a switch more than it loses in
+/* Value above which an event function counts as well above 0: for a switch more than it changes in
    a time that is nothing but rounding. */
 static double clearly_above(const Run *run, long long j) {
     if (j < n_exact(run)) return small(run, j);
-    double rate = run->guard[run->in.n_switches + j - n_exact(run)];
-    return larger(small(run, j), 1e3 * floor_of_step(run) * rate);
+    const double rate = run->guard[run->in.n_switches + j - n_exact(run)];
+    return larger(small(run, j), 1e3 * floor_of_step(run) * fabs(rate));
 }
 
 /* Raise levels of what is well above 0; at the start of a run those of all guards not above 0. */

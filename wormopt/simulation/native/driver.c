@@ -137,9 +137,9 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
         if (wants_dense(run, run->out.t + length)) close_step(run, length);
         emit(run, length, run->out.t + length);
         take_over(run, run->out.t + length);
-    } else if (which >= n_functions(run) - run->in.n_switches && run->level[which] != 0.0) {
-        run->out.status = EVENTS_ACCUMULATE; /* it has fired at this very instant */
     }
+    if (which >= n_exact(run) && run->level[which] != 0.0)
+        run->out.status = EVENTS_ACCUMULATE; /* it has fired and not been above 0 since */
     if (run->out.t - run->crowd_start > 1e-10 * (run->in.t_end - run->in.t_start))
         run->crowd = 0, run->crowd_start = run->out.t;
     if (++run->crowd > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
