@@ -246,7 +246,7 @@ HOSTILE_MODELS = [
     (OWN.replace('"x", x', '"time", x'), "model", "'time' is taken"),
     (OWN.replace('"x", x', '"x 1", x'), "model", "is no name"),
     (OWN.replace("ode=-rate * x", 'ode=-ca.SX.sym("c") * x'), "model", ": c; give them"),
-    (OWN.replace("ca.SX", "ca.MX"), "model", "no casadi.SX"),
+    (OWN.replace("ca.SX", "ca.MX"), "model", "of CasADi's SX symbols"),
     (
         OWN.replace("value=1.0", 'value=1.0, unit="lenght"'),
         "model",
