@@ -266,6 +266,10 @@ def _twigs(
         return _cut(branch, len(branch.sequence), at, shortest)
     tight = _TIGHT * (branch.bound - aim)
     exact = relaxed.losses.sum() < tight
+    period = min(max(float(relaxed.point[-1]), least), most)
+    fastest, slowest = periods(shortest, period, period)
+    if exact and fastest > slowest and most - least >= _NARROWEST:  # no cycle lasts so long
+        return _cut(branch, len(branch.sequence), period, shortest)
     narrow = bool(np.all(relaxed.slack < _NARROW * relaxed.point**2 + _NARROWEST))
     vain = branch.refined and before - branch.bound < tight
     few = len(branch.family) <= _FEW
