@@ -493,10 +493,10 @@ def test_one_link_by_hand():
 @settings(max_examples=examples(15), deadline=None, derandomize=True)
 @given(one_links)
 @example(  # between cycles of a third and a half of the period there are none
-    dict(
-        masses=(1.0, 0.5), load=2.0, room=0.125, contraction=1.0, extension=1.0, acceleration=5.0,
-        spike=1.5, margin=0.0, period=1.75,
-    )
+    {
+        "masses": (1.0, 0.5), "load": 2.0, "room": 0.125, "contraction": 1.0, "extension": 1.0,
+        "acceleration": 5.0, "spike": 1.5, "margin": 0.0, "period": 1.75,
+    }
 )  # fmt: skip
 def test_one_link_is_certified_at_its_closed_form(given_):
     load = given_["load"]
