@@ -430,6 +430,44 @@ def test_switches_that_set_off_each_other_are_given_up_after_ten_times_each(rout
 
 
 @cache
+def meeting() -> Model:
+    """Two bodies meet and go on as one; the second has `m` times the mass of the first."""
+    x, y, v, w, m = (ca.SX.sym(name) for name in ("x", "y", "v", "w", "m"))
+    lost = (v - w) / (1 + m)
+    return Model(
+        "meeting",
+        [Signal(str(s), s, value=value) for s, value in ((x, 0.0), (y, 1.0), (v, 1.0), (w, 0.0))],
+        ca.vertcat(v, w, 0, 0),
+        p=[Signal("m", m, value=0.3)],
+        switches=[Switch("meet", x - y, ca.vertcat(x, y, v - m * lost, w + lost))],
+    )
+
+
+def test_bodies_that_go_on_as_one_do_not_meet_again_by_rounding(route: Route):
+    """Their velocities differ by the last digit or not at all, and so do their places
+    after a while: what comes then is not asked.
+    """
+    drawn = np.random.default_rng(0).uniform([0.1, 1, -1], [3, 3, 0.5], (40, 3))
+    for m, v, w in drawn:
+        motion = simulate(
+            meeting(), 1 / (v - w) + 0.2, route=route, p={"m": m}, x0={"v": v, "w": w}
+        )
+        assert [event.time for event in motion.events] == [pytest.approx(1 / (v - w), rel=1e-12)]
+        assert motion.end[2:] == pytest.approx((v + m * w) / (1 + m), rel=1e-12)
+
+
+def test_a_guard_left_at_0_without_a_rate_must_fall_before_it_rises_again(route: Route):
+    """A counter is put up to 2, taken back to 1 where its guard is 0, and put up once more."""
+    t, n = ca.SX.sym("t"), ca.SX.sym("n")
+    switches = [Switch("back", n - 1, ca.SX(1))]
+    switches += [Switch(f"up at {at}", t - at, ca.SX(2)) for at in (0.5, 1.5)]
+    counter = Model("counter", [Signal("n", n, value=0.0)], ca.SX(0), t=t, switches=switches)
+    motion = simulate(counter, 2.0, route=route)
+    assert [event.name for event in motion.events] == ["up at 0.5", "back", "up at 1.5"]
+    assert motion.end == [2.0]
+
+
+@cache
 def falling_ball(set_down: bool) -> Model:
     """Thrown up from the floor with 1; `kept` is its restitution."""
     h, v, kept, floor = (ca.SX.sym(name) for name in ("h", "v", "kept", "floor"))

@@ -104,38 +104,27 @@ class Contacts:
         velocity = probe.velocity
         forced_mode = None if forced is None else float(before[forced])
         leaving = [i for i in [forced] if i is not None and before[i] == 0]
-        jump = self._by_velocity(t, velocity, forced)
-        stopped = self._modes == 0
-        others = stopped & (before != 0) & (np.arange(self._n) != forced)
+        self._by_velocity(t, velocity, forced)
+        rests = self._modes == 0
+        others = rests & (before != 0) & (np.arange(self._n) != forced)
         suspects = self._columns.suspects(t, x, others)
-        hit = stopped & (np.abs(velocity) > rest)
+        hit = rests & (np.abs(velocity) > rest)
         if forced is not None:
             hit[forced] = False
-        if self._coupled and hit.any():  # velocities alone do not determine the impulses
-            raise GivenUp("no_contact_mode")
-        if jump:
+        if hit.any():
+            if self._coupled:  # velocities alone do not determine the impulses
+                raise GivenUp("no_contact_mode")
+            self._columns.carry("project_along", t, x)
+        x = self._stopped(t, x)
+        if self._sharing:
+            self._take_along(t, x)
             x = self._stopped(t, x)
-            while self._coupled and (taken := self._taken_along(t, x)).any():
-                stopped |= taken
-                x = self._stopped(t, x)
+        stopped = np.flatnonzero(self._modes == 0).tolist()
         if leaving:
             self._released |= dict.fromkeys(self._release(t, x, leaving, probe), t)
-        for _ in range(9 + 8 * self._n):
-            probe = self._look(t, x)
-            if not (self._sharing or probe.determined > 1e-10):  # they leave forces open
-                raise GivenUp("no_contact_mode")
-            if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
-                break
-        else:
-            raise GivenUp("no_contact_mode")
+        probe = self._settle(t, x)
         if self._columns.k:
-            shares = probe.margin / self._held_by
-            self._columns.doubts.decision(
-                t, self._modes, shares, suspects, forced_mode, at_start=at_start
-            )
-            for i in np.flatnonzero(suspects & (self._modes == 0)).tolist() if at_start else []:
-                if self._slides_on(t, x, i, float(probe.toward[i])):
-                    self._columns.doubts.slides_on(t, i)
+            self._note_doubts(t, x, probe, suspects, forced_mode, at_start)
         self._columns.carry_rest(t, x)
         if self._coupled:
             self._aim.sweep(t, x)
@@ -146,7 +135,33 @@ class Contacts:
             for i in range(self._n)
             if before[i] != self._modes[i] or i == forced or hit[i]
         ]
-        return x, changes, np.flatnonzero(stopped).tolist()
+        return x, changes, stopped
+
+    def _settle(self, t: float, x: np.ndarray) -> _Probe:
+        """Let go of what has to be and catch what has to be, until nothing has."""
+        for _ in range(9 + 8 * self._n):
+            probe = self._look(t, x)
+            if not (self._sharing or probe.determined > 1e-10):  # they leave forces open
+                break
+            if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
+                return probe
+        raise GivenUp("no_contact_mode")
+
+    def _note_doubts(
+        self,
+        t: float,
+        x: np.ndarray,
+        probe: _Probe,
+        suspects: np.ndarray,
+        forced_mode: float | None,
+        at_start: bool,
+    ) -> None:
+        """Doubt derivatives where a little would have led to another decision."""
+        doubts, shares = self._columns.doubts, probe.margin / self._held_by
+        doubts.decision(t, self._modes, shares, suspects, forced_mode, at_start=at_start)
+        for i in np.flatnonzero(suspects & (self._modes == 0)).tolist() if at_start else []:
+            if self._slides_on(t, x, i, float(probe.toward[i])):
+                doubts.slides_on(t, i)
 
     def _slides_on(self, t: float, x: np.ndarray, i: int, toward: float) -> bool:
         """Whether a resting contact would slide on if it moved the way it is pulled."""
@@ -167,6 +182,7 @@ class Contacts:
         before = self._s.copy()
         self._s[:] = self._sliding
         self._modes[self._held] = 0.0
+        self._columns.carry("project_along", t, x)
         x = self._stopped(t, x)
         self._s[:] = before
         return x
@@ -176,9 +192,8 @@ class Contacts:
         kind = _RELEASE if before == 0 else _STICK if now == 0 else _REVERSAL
         return Change(i, _IMPACT if hit else kind, now)
 
-    def _by_velocity(self, t: float, velocity: np.ndarray, forced: int | None) -> bool:
-        """Set modes by velocity alone; tells whether a velocity must jump."""
-        jump = False
+    def _by_velocity(self, t: float, velocity: np.ndarray, forced: int | None) -> None:
+        """Set modes by velocity alone."""
         for i, v in enumerate(velocity):
             begins = self._aim.is_set(i)
             if begins and i != forced:
@@ -186,24 +201,18 @@ class Contacts:
             self._aim.clear(i)
             slow = self._drift[i] if self._modes[i] == 0 else self._v_stop[i]
             if i != forced and abs(v) > slow:
-                slides = np.sign(v) in self._directions[i]
-                self._modes[i] = np.sign(v) if slides else 0.0
-                jump |= not slides
+                self._modes[i] = np.sign(v) if np.sign(v) in self._directions[i] else 0.0
             elif self._released.get(i) != t:  # else let go this very instant
                 self._modes[i] = 0.0
-                jump |= bool(v != 0)
-        return jump
 
-    def _taken_along(self, t: float, x: np.ndarray) -> np.ndarray:
+    def _take_along(self, t: float, x: np.ndarray) -> None:
         """Let contacts in the plane rest that others have stopped: they have no direction left."""
-        speed = np.abs(self._look(t, x).velocity)
-        slow = self._in_plane & (self._modes != 0) & (speed <= self._v_stop)
-        found = np.array([bool(slow[i]) and not self._aim.is_set(i) for i in range(self._n)])
-        self._modes[found] = 0.0
-        return found
+        slow = self._in_plane & (np.abs(self._look(t, x).velocity) <= self._v_stop)
+        for i in np.flatnonzero(slow & (self._modes != 0)).tolist():
+            if not self._aim.is_set(i):
+                self._modes[i] = 0.0
 
     def _stopped(self, t: float, x: np.ndarray) -> np.ndarray:
-        self._columns.carry("project_along", t, x)
         (found,) = self._project(t, x)
         x = found.copy()
         x[self._states[(self._modes[self._rows] == 0) & (self._states >= 0)]] = 0.0

@@ -40,16 +40,13 @@ static void stop(Run *run) {
     memcpy(run->out.x, run->column, run->in.n_x * sizeof(double));
 }
 
-/* Let contacts in the plane rest that others have stopped: they have no direction left. Tells
-   whether there was one. */
-static int take_along(Run *run) {
-    int any = 0;
+/* Let contacts in the plane rest that others have stopped: they have no direction left. */
+static void take_along(Run *run) {
     evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
     for (long long i = 0; i < run->in.n_contacts; i++)
         if (run->modes[i] != 0.0 && run->in.planar[i] >= 0 && !in_onset(run, i)
             && run->probe[i] <= run->in.v_stop[i])
-            any = 1, run->modes[i] = 0.0;
-    return any;
+            run->modes[i] = 0.0;
 }
 
 /* Stop what is held, and moves as after a jump, by impulses on nothing else. */
@@ -203,8 +200,8 @@ void decide_modes(Run *run, long long forced, int record) {
         if (run->in.coupled) run->out.status = NO_CONTACT_MODE;
         carry(run, run->in.project_along, 0);
     }
-    do stop(run);
-    while (run->in.shares && take_along(run));
+    stop(run);
+    if (run->in.shares) take_along(run), stop(run);
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
     if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */
         if (is_open(run)) run->out.status = NO_CONTACT_MODE;

@@ -106,7 +106,7 @@ class Relaxation:
         fastest = np.array([limits.fastest(resting) for resting in self._sequence])
         rests = fastest == 0.0
         before, after = np.roll(rests, 1, axis=0), np.roll(rests, -1, axis=0)
-        self._most_room = 1.0 / float(limits.strokes[limits.strokes > 0.0].min(initial=np.inf))
+        self._most_room = 1.0 / float(limits.strokes.min())
         self._way = self._rows.columns(np.array([fastest.max()])).item()
         self._period, self._room = self._rows.columns(np.ones(2))  # bounds come with the box
         self._e, self._g, self._h = self._rows.columns(np.ones((3, phases)))
@@ -169,7 +169,7 @@ class Relaxation:
     def _add_balance(self, phase: int, form: Form, gain: list[Term]) -> None:
         """Momentum over the whole phase: drag takes k times the way, which is T times that of y."""
         drags, q = self._limits.drag / self._cells * form.beta, self._q[phase]
-        kept = (drags != 0.0) & (q != -1)
+        kept = q != -1
         drags, q = np.broadcast_to(drags, q.shape)[kept], q[kept]
         for sign, most in ((1.0, form.above), (-1.0, form.below)):
             if most < np.inf:
@@ -207,10 +207,10 @@ class Relaxation:
         for i in range(self._limits.links + 1):
             ways = [(int(column), width) for column in self._q[:, :, i].ravel()]
             self._rows.add([*ways, (self._way, -1.0)], 0.0, 0.0)
-        for columns, whole in ((self._e, -1), (self._h, int(self._period))):
+        for columns, whole in ((self._e, ()), (self._h, ((int(self._period), -1.0),))):
             parts = [(int(column), 1.0) for column in columns]
-            side = 1.0 if whole < 0 else 0.0
-            self._rows.add([*parts, (whole, -1.0)], side - _ROUNDING, side + _ROUNDING)
+            side = 0.0 if whole else 1.0
+            self._rows.add([*parts, *whole], side - _ROUNDING, side + _ROUNDING)
 
     def _meetings(self) -> Iterator[tuple[int, int, int, float]]:
         """List y = e c on both sides of the instants where phases meet."""
@@ -248,7 +248,7 @@ class Relaxation:
         cost = np.zeros(len(self._rows.upper))
         upper = np.array(self._rows.upper) * (1 + 4 * _ROUNDING)
         cost[self._way] = 1.0
-        program = LinearProgram(cost, self._rows, 0.0 * upper, upper)
+        program = LinearProgram(cost, self._rows, np.zeros_like(upper), upper)
         pairs = zip(self._planes, self._plane_rows, strict=True)
         self._places = np.concatenate(
             [program.places(rows, column) for plane, rows in pairs for column in plane.columns]
@@ -381,7 +381,7 @@ class Relaxation:
         losses = np.append(np.maximum(excess, 0.0) * (weights[0] + weights[1]), 0.0)
         rest = np.abs(x[self._g] - t * e**2 - excess) * (weights[0] + weights[1])
         rest += np.abs(x[self._h] - t * e) * (weights[2] + weights[3])
-        losses[-1] += rest.sum() + float(weights[4][0]) * t * abs(x[self._room] * t - 1.0)
+        losses[-1] += rest.sum() + weights[4].item() * t * abs(x[self._room] * t - 1.0)
         p, y, c, _ = self._meeting
         np.add.at(losses, p, sum(weights[5:9]) * np.abs(x[y] - e[p] * x[c]))
         p, z, q, _ = self._drag
