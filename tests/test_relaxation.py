@@ -350,6 +350,17 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
     assert 0.0 < min(shared for *_, shared in program._borne) < (np.inf if slow else 1.0)
 
 
+def test_a_single_cut_is_worth_another_round():
+    """Averages are asked to be missed by less and less of the speed; one is the first."""
+    program, made = Relaxation(g1(links=2), ((0,), (1,), (2,)), 2), []
+    program._set_box(program._tighten(np.array(point((0.3, 0.3, 0.4)))))
+    add, x = program._add_cuts, np.random.default_rng(0).uniform(size=len(program._program._cost))
+    program._add_cuts = lambda *cuts: made.append(len(cuts[0])) or add(*cuts)  # type: ignore[method-assign]
+    told = [program._cut_off(x, missed) for missed in np.geomspace(1e3, 1e-6, 200)]
+    assert made[0] == 1
+    assert told == [False] * (200 - len(made)) + [True] * len(made)
+
+
 def test_cuts_are_worth_a_row_by_what_the_bound_is_above_the_cutoff():
     """Half of it, within a range of the speed; all of them without a cutoff, none below it."""
     program, told = Relaxation(g1(links=1), ((0,), (1,)), 2), []

@@ -200,7 +200,7 @@ class Relaxation:
         """Lengths follow the ways and close, all masses advance alike, the period is allowed."""
         width = 1.0 / self._cells
         for j in range(self._limits.links):
-            length, q = self._l[:, :, j].ravel(), self._q.reshape(-1, self._limits.links + 1)
+            length, q = self._l[:, :, j].ravel(), np.concatenate(self._q)
             change = [(q[:, j], -width), (q[:, j + 1], width)]
             self._rows.add([(np.roll(length, -1), 1.0), (length, -1.0), *change], 0.0, 0.0)
             self._rows.add([(length, 1.0), (self._room, -self._limits.strokes[j])], -np.inf, 0.0)
