@@ -1,6 +1,7 @@
 """The relaxation row by row: what limits leave, boxes, cuts, and what a bound owes to what."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -348,6 +349,20 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
     assert ways == (set() if slow else {True, False})
     assert bool(program._cuts.decaying.any()) == (drag > 0.0)
     assert 0.0 < min(shared for *_, shared in program._borne) < (np.inf if slow else 1.0)
+
+
+def test_what_cuts_leave_to_the_largest_value_is_rounded_up():
+    """By exact fractions of the shares that are no more than what they are as numbers."""
+    program, random = Relaxation(g1(links=2), ((0,), (1,), (2,)), 2), np.random.default_rng(0)
+    lp, cuts = program._program, program._cuts
+    which = np.repeat(np.arange(len(cuts.most)), 20)
+    before, after, _ = random.dirichlet((1, 1, 1), len(which)).T
+    rows = lp.extend(program._add_cuts(which, 0 * which, before, after))
+    for row, cut, b, a in zip(rows, which, before, after, strict=True):
+        here = (lp._row == row) & (lp._column == program._e[cuts.phase[cut]])
+        most = Fraction(cuts.most[cut])
+        spare = Fraction(-lp._value[here].item()) - (1 - Fraction(b) - Fraction(a)) * most
+        assert 0 <= spare <= Fraction(2e-14) * most
 
 
 def test_a_single_cut_is_worth_another_round():
