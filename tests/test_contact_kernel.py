@@ -469,14 +469,17 @@ def test_a_guard_left_at_0_without_a_rate_must_fall_before_it_rises_again(route:
 
 @cache
 def falling_ball(set_down: bool) -> Model:
-    """Thrown up from the floor with 1; `kept` is its restitution."""
-    h, v, kept, floor = (ca.SX.sym(name) for name in ("h", "v", "kept", "floor"))
+    """Thrown up from the floor with 1; `kept` is its restitution, `above` where it bounces."""
+    names = ("h", "v", "kept", "floor", "above")
+    h, v, kept, floor, above = (ca.SX.sym(name) for name in names)
     return Model(
         "ball",
         [Signal("h", h, value=0.0), Signal("v", v, value=1.0)],
         ca.vertcat(v, -2.0),
-        p=[Signal("kept", kept, value=0.5), Signal("floor", floor, value=0.0)],
-        switches=[Switch("bounce", floor - h, ca.vertcat(floor if set_down else h, -kept * v))],
+        p=[Signal(str(p), p, value=0.5 if p is kept else 0.0) for p in (kept, floor, above)],
+        switches=[
+            Switch("bounce", floor - h + above, ca.vertcat(floor if set_down else h, -kept * v))
+        ],
     )
 
 
@@ -534,3 +537,34 @@ def test_a_ball_never_falls_through_the_floor(
         assert motion.end_time == pytest.approx(last, rel=1e-5)
     else:
         assert rounds <= 1 + 1e-5
+
+
+@pytest.mark.parametrize("set_down", [False, True])
+@given(
+    kept=st.floats(0.2, 0.9),
+    size=st.floats(0, 8),
+    share=st.sampled_from([-0.45, -0.2, 0.2, 0.45]),
+)
+@example(kept=0.5, size=19 / 3, share=-0.2)
+@settings(
+    max_examples=examples(15),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_nor_through_one_that_it_cannot_hit_exactly(
+    set_down: bool, route: Route, kept: float, size: float, share: float
+):
+    """It lies between two numbers for heights: the guard is never 0."""
+    floor = 10.0**size
+    last, digit = 1 / (1 - kept), np.spacing(floor)
+    motion, code = attempted(
+        falling_ball(set_down),
+        1.5 * last,
+        route=route,
+        x0={"h": floor + 4 * digit},
+        p={"kept": kept, "floor": floor, "above": share * digit},
+        tolerance=Tolerance(max_steps=2000),
+    )
+    assert code in ("events_accumulate", "too_many_steps")
+    assert motion.end[0] >= floor - 4 * digit
+    assert motion.end_time >= last * (1 - 1e-3)

@@ -131,11 +131,14 @@ class Watch:
     def error_of(self, k: int, t: float, x: np.ndarray) -> tuple[float, float]:
         """How exactly the event of switch `k` has been found.
 
-        Gives how far from 0 its guard may be by rounding, and the guard's time derivative.
+        Gives how far from 0 its guard may be by rounding, and the guard's time derivative. Raises
+        GivenUp if it falls, and fires again by rounding.
         """
-        rate = abs(self._rate(k, t, x))
+        rate = self._rate(k, t, x)
+        if self._passed[k] > 0 and rate < 0:
+            raise GivenUp("events_accumulate")
         off = abs(self.value(self.n_contacts + k, t, x))
-        return 2 * off + rate * floor_of_step(self._task, t), rate
+        return 2 * off + abs(rate) * floor_of_step(self._task, t), abs(rate)
 
     def _rate(self, k: int, t: float, x: np.ndarray) -> float:
         """Time derivative of the guard of switch `k`."""

@@ -245,6 +245,10 @@ void apply_event(Run *run, long long which, int jumped) {
     if (!jumped) {
         event_values(run, run->out.t, run->out.x, run->value);
         rate = fabs(run->guard[run->in.n_switches + k]);
+        if (run->passed[k] > 0.0 && run->guard[run->in.n_switches + k] < 0.0) {
+            run->out.status = EVENTS_ACCUMULATE; /* it falls, and fires again by rounding */
+            return;
+        }
         residual = 2.0 * fabs(run->value[which]) + rate * floor_of_step(run);
     }
     evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);

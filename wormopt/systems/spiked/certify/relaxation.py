@@ -290,7 +290,7 @@ class Relaxation:
         if cutoff is None:
             return _ALL_MISSED
         above = _MISSED * (bound - cutoff) / bound if bound > cutoff else 0.0
-        return min(max(above, _LEAST_MISSED), _MOST_MISSED) if above else 0.0
+        return above and min(max(above, _LEAST_MISSED), _MOST_MISSED)
 
     def _bound_of(self, found: Maximum) -> float:
         return found.bound * self._limits.speed * (1 + 4 * _ROUNDING)
