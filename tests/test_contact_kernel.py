@@ -539,6 +539,19 @@ def test_a_ball_never_falls_through_the_floor(
         assert rounds <= 1 + 1e-5
 
 
+@pytest.mark.parametrize("speed", [1e-6, 1e-10, 1e-14])
+def test_nor_where_it_has_been_put_on_the_floor(speed: float, route: Route):
+    """Pushed below the floor it is lifted onto it, and thrown up with next to nothing."""
+    t, h, v = (ca.SX.sym(name) for name in ("t", "h", "v"))
+    push, lift = Switch("push", t - 0.5, ca.SX([-1, 0])), Switch("lift", -h, ca.SX([0, speed]))
+    states = [Signal("h", h, value=1.0), Signal("v", v, value=0.0)]
+    model = Model("pushed", states, ca.vertcat(v, -1), t=t, switches=[push, lift])
+    motion, code = attempted(model, 1.0, route=route, tolerance=Tolerance(max_steps=300))
+    assert [event.name for event in motion.events[:2]] == ["push", "lift"]
+    assert code in ("events_accumulate", "too_many_steps")
+    assert motion.end[0] >= -1e-15
+
+
 @pytest.mark.parametrize("set_down", [False, True])
 @given(
     kept=st.floats(0.2, 0.9),

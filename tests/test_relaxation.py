@@ -351,6 +351,15 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
     assert 0.0 < min(shared for *_, shared in program._borne) < (np.inf if slow else 1.0)
 
 
+def test_bounds_are_rounded_up():
+    """What is made of the linear program's is no less than the exact product."""
+    program = Relaxation(g1(links=2, rate=0.7), ((0,), (1,), (2,)), 2)
+    for bound in np.random.default_rng(0).uniform(size=200).tolist():
+        found = program._bound_of(Maximum(bound, np.empty(0), np.empty(0)))
+        exact = Fraction(bound) * Fraction(float(program._limits.speed))
+        assert exact <= Fraction(float(found)) <= exact * Fraction(1 + 1e-13)
+
+
 def test_what_cuts_leave_to_the_largest_value_is_rounded_up():
     """By exact fractions of the shares that are no more than what they are as numbers."""
     program, random = Relaxation(g1(links=2), ((0,), (1,), (2,)), 2), np.random.default_rng(0)

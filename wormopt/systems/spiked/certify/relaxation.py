@@ -171,14 +171,13 @@ class Relaxation:
         drags, q = self._limits.drag / self._cells * form.beta, self._q[phase]
         kept = q != -1
         drags, q = np.broadcast_to(drags, q.shape)[kept], q[kept]
-        for sign, most in ((1.0, form.above), (-1.0, form.below)):
+        for sign, most, shared in ((1.0, form.above, form.shared), (-1.0, form.below, 0.0)):
             if most < np.inf:
                 terms = [*gain, *zip(q.tolist(), drags.tolist(), strict=True)]
                 terms = [*_times(terms, sign), (int(self._h[phase]), -most)]
                 row = self._rows.add(terms, -np.inf, 0.0)
                 self._balance.append((np.full(q.shape, row), q, sign * drags))
-                if sign > 0.0:
-                    self._bear(int(self._h[phase]), row, form.shared)
+                self._bear(int(self._h[phase]), row, shared)
 
     def _add_cuts(
         self, which: np.ndarray, cells: np.ndarray, before: np.ndarray, after: np.ndarray
@@ -387,7 +386,7 @@ class Relaxation:
         p, z, q, _ = self._drag
         periods_fault = sides.b * low < sides.a * high  # the relative width of the period is less
         side = np.where(periods_fault, np.arange(len(e)), len(e))[p]
-        np.add.at(losses, side, sum(weights[9:13]) * np.abs(x[z] - t * e[p] * x[q]))
+        np.add.at(losses, side, sum(weights[9:]) * np.abs(x[z] - t * e[p] * x[q]))
         return losses
 
 
