@@ -20,6 +20,7 @@ from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Held, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.planar_friction import Elliptic
+from wormopt.model.schedule import Schedule
 from wormopt.simulation import routes
 from wormopt.simulation.options import Route, Tolerance
 from wormopt.simulation.simulate import simulate
@@ -411,6 +412,20 @@ def test_a_guard_left_above_0_by_rounding_may_rise_again(share: float, again: bo
     assert motion.events[0].time == pytest.approx(0.5, rel=1e-14)
     assert motion.end_time == (pytest.approx(0.5, abs=1e-9) if again else 4.0)
     assert (motion.end[4], code) == (1, "events_accumulate" if again else "")
+
+
+def test_a_guard_that_jumps_at_the_very_end_fires(route: Route):
+    """By a schedule, whose break is the end; a motion that ends before has no event."""
+    x, u, begin = (ca.SX.sym(name) for name in ("x", "u", "begin"))
+    steps = Schedule("u", u, begin, np.array([0.0, 1.0, 2.0]), np.array([[-1.0], [1.0]]))
+    switches = [Switch("on", u, x + 1)]
+    model = Model(
+        "late", [Signal("x", x, value=0.0)], ca.SX(1), switches=switches, schedules=[steps]
+    )
+    for span, fired in ((1.0, 1), (0.999, 0)):
+        motion = simulate(model, span, route=route)
+        assert kinds(motion) == fired * [("on", "switch")]
+        assert motion.end == pytest.approx([span + fired], abs=1e-12)
 
 
 def test_switches_that_set_off_each_other_are_given_up_after_ten_times_each(route: Route):
