@@ -375,14 +375,20 @@ def test_what_cuts_leave_to_the_largest_value_is_rounded_up():
 
 
 def test_a_single_cut_is_worth_another_round():
-    """Averages are asked to be missed by less and less of the speed; one is the first."""
-    program, made = Relaxation(g1(links=2), ((0,), (1,), (2,)), 2), []
-    program._set_box(program._tighten(np.array(point((0.3, 0.3, 0.4)))))
-    add, x = program._add_cuts, np.random.default_rng(0).uniform(size=len(program._program._cost))
-    program._add_cuts = lambda *cuts: made.append(len(cuts[0])) or add(*cuts)  # type: ignore[method-assign]
-    told = [program._cut_off(x, missed) for missed in np.geomspace(1e3, 1e-6, 200)]
-    assert made[0] == 1
-    assert told == [False] * (200 - len(made)) + [True] * len(made)
+    """One is the first where averages are asked to be missed by less and less of any speed."""
+
+    def told(speed: float) -> list[bool]:
+        program, made = Relaxation(g1(links=2), ((0,), (1,), (2,)), 2), []
+        program._set_box(program._tighten(np.array(point((0.3, 0.3, 0.4)))))
+        add, lp = program._add_cuts, program._program
+        x = speed * np.random.default_rng(0).uniform(size=len(lp._cost))
+        program._add_cuts = lambda *cuts: made.append(len(cuts[0])) or add(*cuts)  # type: ignore[method-assign]
+        found = [program._cut_off(x, missed) for missed in np.geomspace(1e3, 1e-6, 200)]
+        assert made[0] == 1
+        assert found == [False] * (200 - len(made)) + [True] * len(made)
+        return found
+
+    assert told(1.0) == told(3.0)
 
 
 def test_cuts_are_worth_a_row_by_what_the_bound_is_above_the_cutoff():
