@@ -554,6 +554,21 @@ def test_a_ball_never_falls_through_the_floor(
         assert rounds <= 1 + 1e-5
 
 
+def test_a_height_that_a_ball_just_about_reaches_is_reached_once_or_not(route: Route):
+    """Within some digits: found where it falls again already, by rounding, it is not refused."""
+    h, v, top = (ca.SX.sym(name) for name in ("h", "v", "top"))
+    states = [Signal("h", h, value=0.0), Signal("v", v, value=1.0)]
+    reached = Switch("reached", h - top, ca.vertcat(h, v))
+    model = Model(
+        "thrown", states, ca.vertcat(v, -2), p=[Signal("top", top, value=1.0)], switches=[reached]
+    )
+    for speed in np.linspace(1, 2, 40 if route == "native" else 3):
+        for digits in range(-40, 40, 2 if route == "native" else 8):
+            top_ = speed**2 / 4 + digits * 2.77e-17
+            motion = simulate(model, 20.0, route=route, x0={"v": speed}, p={"top": top_})
+            assert len(motion.events) <= 1
+
+
 @pytest.mark.parametrize("speed", [1e-6, 1e-10, 1e-14])
 def test_nor_where_it_has_been_put_on_the_floor(speed: float, route: Route):
     """Pushed below the floor it is lifted onto it, and thrown up with next to nothing."""
