@@ -506,6 +506,17 @@ def test_corners_and_the_order_of_rest_are_those_of_the_shape(factor: float):
     assert motion.resting_sequence == [[1, 2], [0], []]  # W0 falls at the end
 
 
+def test_a_mass_that_only_comes_up_to_those_at_rest_parts_no_stretch():
+    """The rates s - 1/4 and -(s - 3/4)^2: mass 1 rests from 1/4 on, mass 2 all but does at 3/4."""
+    there = [[1.0, -1 / 4, 1 / 2, 0.0], [1.0, -9 / 16, 3 / 4, -1 / 3]]
+    ends = np.sum(there, axis=1)
+    back = np.column_stack([ends, 1 - ends, np.zeros((2, 2))])
+    gait = Gait(np.array([0.0, 1.0, 2.0]), np.array([there, back]))
+    first, second, *_ = crawl(gait, [1.0] * 3, 0.0, 1e3).stretches
+    assert (first.resting, second.resting) == ((0,), (1,))
+    assert [first.start, first.stop, second.start, second.stop] == pytest.approx([0, 0.25, 0.25, 1])
+
+
 def test_stretches_follow_each_other_where_a_mass_leads_by_a_rounding_error_at_first():
     """The rate t (t - 2e-6) is below 0 until 2e-6 s, by 1e-12 at most."""
     gait = hermite_gait(
