@@ -133,7 +133,7 @@ def _kind(law: Any) -> Hashable:
 
 
 def _scalar(value: Any) -> bool:
-    return isinstance(value, ca.SX) and value.is_scalar()
+    return isinstance(value, ca.SX) and value.numel() == 1
 
 
 @dataclass(frozen=True, eq=False)

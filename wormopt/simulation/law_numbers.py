@@ -96,7 +96,7 @@ class LawNumbers:
 
 
 def _is_scalar(value: object) -> bool:
-    return isinstance(value, ca.SX) and value.is_scalar()
+    return isinstance(value, ca.SX) and value.numel() == 1
 
 
 def _kind(law: Any, decided: list[str]) -> tuple[object, ...]:

@@ -124,8 +124,10 @@ def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
     taken[ends] = np.column_stack([places[ends, 2], np.full(ends.sum(), -1)])
     k = np.arange(n)
     made = np.sort((places[:, 0] * n + k)[~ends])  # by entry of CasADi's work array, then by time
-    last = np.searchsorted(made, taken * n + k[:, None]) - 1
-    return np.where(taken < 0, -1, made[last] % n)
+    there = taken >= 0
+    last = np.searchsorted(made, (taken * n + k[:, None])[there]) - 1
+    taken[there] = made[last] % n
+    return taken
 
 
 def _placed(
