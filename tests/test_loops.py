@@ -91,6 +91,10 @@ def test_work_before_a_first_run_grows_in_proportion(contact: Smooth | Exact):
     assert counts[2] - counts[1] <= 2.05 * (counts[1] - counts[0])
 
 
+def test_smooth_chains_need_no_function_for_velocities_that_are_states():
+    assert [*system_of(long_chain(3), Smooth(1 / 40)).functions] == ["rhs"]
+
+
 def test_instructions_are_those_that_casadi_tells_one_by_one():
     x, y = ca.SX.sym("x", 12), ca.SX.sym("y")
     numbers = ca.SX([np.pi, -1e-300, 2.0, np.inf, -np.inf, np.nan, 1e22, 123456789.0])

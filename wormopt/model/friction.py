@@ -7,13 +7,14 @@ is symbolic is not checked.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import fields_of
 
 Expression = ca.SX | float
 
@@ -124,11 +125,10 @@ class _TwoWay:
 
 def check_numbers(law: Any) -> None:
     """Refuse fields that are neither numbers nor symbols, a list for instance."""
-    for item in fields(law):
-        value = getattr(law, item.name)
+    for name, value in fields_of(law).items():
         if value is not None and not isinstance(value, (float, ca.SX, Real)):  # the usual first
             raise ArgumentError(
-                f"{item.name} must be a number, not {value!r}; for masses that differ, write a "
+                f"{name} must be a number, not {value!r}; for masses that differ, write a "
                 "list of laws"
             )
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, is_dataclass
+from functools import cache
 from numbers import Integral, Real
 from typing import Any
 
@@ -16,6 +18,16 @@ Numbers = float | Sequence[float]
 def per(value: Numbers, count: int) -> tuple[float, ...]:
     """One number for each of `count` things, from one number or a list, which stays as it is."""
     return tuple(value) if isinstance(value, Iterable) else (value,) * count
+
+
+def fields_of(given: object) -> dict[str, Any]:
+    """Fields of a dataclass, names and values; none of anything else."""
+    return {name: getattr(given, name) for name in _names(type(given))}
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
 
 
 def _frozen(value: Any) -> Any:

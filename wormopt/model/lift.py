@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from numbers import Real
 from typing import Any, TypeVar
 
 import casadi as ca
 
+from wormopt.model.given import fields_of
 from wormopt.model.model import TINY, Signal
 
 T = TypeVar("T")
@@ -65,10 +66,8 @@ def lift(
 
 
 def _numbers(law: object) -> dict[str, float]:
-    if not is_dataclass(law):
-        return {}
-    values = {item.name: getattr(law, item.name) for item in fields(law)}
-    return {name: float(value) for name, value in values.items() if isinstance(value, Real)}
+    values = fields_of(law).items()
+    return {name: float(value) for name, value in values if isinstance(value, Real)}
 
 
 def _replaced(law: Any, symbols: dict[str, ca.SX]) -> Any:

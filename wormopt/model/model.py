@@ -170,7 +170,7 @@ class Contact:
         for what in ("velocity", "force"):
             _symbolic(f"contact {self.name}", what, getattr(self, what))
         shape = (2, 1) if self.planar else (1, 1)
-        if self.velocity.shape != shape or self.force.shape != shape:
+        if self.velocity.size() != shape or self.force.size() != shape:
             be = "columns of 2, its law is one in the plane" if self.planar else "scalars"
             raise ArgumentError(f"contact {self.name}: velocity and force must be {be}")
         if self.planar and (self.gap is not None or self.normal_force is not None):

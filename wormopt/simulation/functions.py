@@ -271,7 +271,7 @@ class System:
             ca.vertsplit(ca.densify(column)) for column in (pack(self.model.x), self._velocity)
         )
         rows = {state.element_hash(): i for i, state in enumerate(x)}
-        found = [rows.get(v.element_hash(), -1) if v.is_symbolic() else -1 for v in velocity]
+        found = [rows.get(v.element_hash(), -1) for v in velocity]
         return np.array(found, dtype=np.int64)
 
     @cached_property
@@ -401,8 +401,10 @@ class System:
     def functions(self) -> dict[str, ca.Function]:
         """Those that this model and treatment need, by name."""
         names = ["rhs"]
-        if self.contacts:
-            names += ["probe", "project"] if self.exact else ["velocities"]
+        if self.exact:
+            names += ["probe", "project"]
+        elif np.any(self.velocity_state < 0):
+            names += ["velocities"]
         if self.exact and len(self.planar):
             names += ["aims", "bends"]
         if self.model.switches:

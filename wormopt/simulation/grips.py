@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Hashable, Iterable, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.model.friction import Expression, Law
+from wormopt.model.given import fields_of
 from wormopt.model.model import Contact
 from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip
 
@@ -125,14 +126,14 @@ def _kind(law: Any) -> Hashable:
     """What laws have in common that differ in nothing but scalar symbols."""
     if not is_dataclass(law):
         return id(law)
-    values = (getattr(law, item.name) for item in fields(law))
     return type(law), *(
-        ca.SX if _scalar(v) else v if v is None or isinstance(v, Real) else id(v) for v in values
+        ca.SX if _scalar(v) else v if v is None or isinstance(v, Real) else id(v)
+        for v in fields_of(law).values()
     )
 
 
 def _scalar(value: Any) -> bool:
-    return isinstance(value, ca.SX) and value.is_scalar()
+    return isinstance(value, ca.SX) and value.numel() == 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +150,7 @@ class _Several:
         first: Any = laws[0]
         if len(laws) == 1:
             return first
-        items = [item.name for item in fields(first)] if is_dataclass(first) else []
-        names = [name for name in items if _scalar(getattr(first, name))]
+        names = [name for name, value in fields_of(first).items() if _scalar(value)]
         symbols = ca.SX.sym("number", len(names))
         own = dict(zip(names, ca.vertsplit(symbols), strict=True)) if names else {}
         rows = [ca.horzcat(*(getattr(law, name) for law in laws)) for name in names]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import fields_of
 from wormopt.model.model import Model
 
 
@@ -77,10 +78,9 @@ class LawNumbers:
     def _decided(self) -> tuple[list[tuple[int, str]], ca.Function]:
         """Contacts and fields, and their values by parameters and inputs."""
         laws = enumerate(contact.law for contact in self.model.contacts)
-        named = [
-            (i, law, item.name) for i, law in laws if is_dataclass(law) for item in fields(law)
+        places = [
+            (i, name) for i, law in laws for name, v in fields_of(law).items() if _is_scalar(v)
         ]
-        places = [(i, name) for i, law, name in named if _is_scalar(getattr(law, name))]
         column, function = self._column(places)
         others = function.free_sx()
         if others:
@@ -96,10 +96,10 @@ class LawNumbers:
 
 
 def _is_scalar(value: object) -> bool:
-    return isinstance(value, ca.SX) and value.is_scalar()
+    return isinstance(value, ca.SX) and value.numel() == 1
 
 
 def _kind(law: Any, decided: list[str]) -> tuple[object, ...]:
     """What laws have in common that differ in the fields `decided` alone."""
-    others = (item.name for item in fields(law) if item.name not in decided)
-    return type(law), *decided, *((name, id(getattr(law, name))) for name in others)
+    others = [(name, id(v)) for name, v in fields_of(law).items() if name not in decided]
+    return type(law), *decided, *others

@@ -21,8 +21,8 @@ def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     listing = function.str(True).encode().partition(b"Algorithm:\n")[2]
     kinds = listing.translate(None, _DIGITS).splitlines()
     numbers = np.fromstring(listing.translate(_NUMBERS_ALONE), dtype=np.int64, sep=" ")
-    known = {kind: i for i, kind in enumerate(dict.fromkeys(kinds))}
-    kind = np.array([known[k] for k in kinds], dtype=np.int64)
+    known = dict[bytes, int]()
+    kind = np.array([known.setdefault(k, len(known)) for k in kinds], dtype=np.int64)
     examples = [kinds.index(k) for k in known]
     lines = listing.split(b"\n", max(examples, default=0) + 1)
     tokens = [_PLACE.findall(lines[k]) for k in examples]

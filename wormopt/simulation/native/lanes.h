@@ -2,8 +2,6 @@
 #ifndef WORMOPT_LANES_H
 #define WORMOPT_LANES_H
 
-#include <math.h>
-
 /* a product and a sum in one: nothing here wants them rounded apart, and lanes gain a fifth */
 #pragma GCC optimize("fp-contract=fast")
 
@@ -30,17 +28,17 @@ static const ivec NO_SIGN = {
 #define TRUTH(mask) ((vec)((mask) & (ivec)((vec){} + 1.0)))
 /* any function of the C library, run by run */
 #define EACH(f, a)                                                     \
-    ({ vec each_ = (a); for (int l = 0; l < LANES; l++) each_[l] = f(each_[l]); each_; })
+    ({ vec each_ = (a); for (int l = 0; l < LANES; l++) each_[l] = __builtin_##f(each_[l]); each_; })
 #define EACH_2(f, a, b)                                                \
     ({ vec each_ = (a), with_ = (b);                                   \
-       for (int l = 0; l < LANES; l++) each_[l] = f(each_[l], with_[l]); each_; })
+       for (int l = 0; l < LANES; l++) each_[l] = __builtin_##f(each_[l], with_[l]); each_; })
 
 /* found, and where a mask is not set what the C library finds: whatever the other runs are at */
 #define ELSE_EACH(f, a, mask, found)                                                            \
     ({ const vec at_ = (a); const ivec good_ = (mask); vec found_ = (found);                    \
        long long all_ = -1;                                                                     \
        for (int l = 0; l < LANES; l++) all_ &= good_[l];                                        \
-       if (!all_) for (int l = 0; l < LANES; l++) if (!good_[l]) found_[l] = f(at_[l]);         \
+       if (!all_) for (int l = 0; l < LANES; l++) if (!good_[l]) found_[l] = __builtin_##f(at_[l]);         \
        found_; })
 
 INLINE vec lane_abs(vec a) { return (vec)((ivec)a & NO_SIGN); }

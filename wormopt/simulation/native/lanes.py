@@ -106,5 +106,5 @@ def source(function: ca.Function) -> str | None:
 
 def number(value: float) -> str:
     """Give a number as C writes it, to the last bit."""
-    known = {"inf": "INFINITY", "-inf": "-INFINITY", "nan": "NAN"}
+    known = {"inf": "__builtin_inf()", "-inf": "-__builtin_inf()", "nan": '__builtin_nan("")'}
     return known.get(str(value), value.hex())

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -31,11 +33,17 @@ FUSED = '__attribute__((optimize("fp-contract=fast")))'
 """Products and sums in one, as in lanes.h."""
 ARGUMENTS = "const double **arg, double **res, long long *iw, double *work, int mem"
 
-# By loops before them, array and shape of what is put there: instruction, entry written and entries
-# read, row by row.
-# A shape is an expression in C, with $array; where an entry stands.
-_Groups = dict[tuple[int, str, str], list[tuple[int, ...]]]
+# By loops before them, array and shape of what is put there: the instructions that put it.
+_Groups = dict[tuple[int, str, str], list[int]]
 _PLACE = re.compile(r"\$(\w+);")
+
+
+class _Expression(NamedTuple):
+    """What is done alike with other numbers elsewhere."""
+
+    shape: str  # in C, with $array; where an entry stands
+    size: int = 0  # operations
+    level: int = 0  # loops before it
 
 
 def source(function: ca.Function) -> tuple[str, int] | None:
@@ -48,7 +56,8 @@ def source(function: ca.Function) -> tuple[str, int] | None:
         return None
     if not set(operations.tolist()) <= {*OPERATIONS, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}:
         return None
-    groups, n_w = _moved_up(_grouped(function, operations, places), len(operations))
+    given = _writers(operations, places)
+    groups, n_w = _placed(_grouped(function, operations, places, given), operations, places, given)
     vectors = any(len(rows) >= LANES for _, _, rows in groups)
     lines = [
         *([FUSED] if vectors else []),
@@ -71,43 +80,39 @@ def source(function: ca.Function) -> tuple[str, int] | None:
     return "\n".join([*lines, "  return 0;", "}", ""]), n_w
 
 
-def _grouped(function: ca.Function, operations: np.ndarray, places: np.ndarray) -> _Groups:
-    """Expressions by shape; those that are used more than once go to w, by their instruction."""
-    given = _writers(operations, places)
-    shared = np.bincount(given[given >= 0], minlength=len(given)) > 1
-    # Of each instruction the expression so far, in lists of their own, for there are many: shape,
-    # entries, operations and loops before it. The last are those of what is not there.
-    size = len(given) + 1
-    shapes: list[str] = [""] * size
-    entries: list[tuple[int, ...]] = [()] * size
-    sizes, levels = [0] * size, [0] * size
-    inputs, constants = (np.flatnonzero(operations == op) for op in (ca.OP_INPUT, ca.OP_CONST))
-    arrays = [f"$a{i};" for i in range(function.n_in())]
-    for k, array, entry in zip(*(c.tolist() for c in (inputs, *places[inputs, 1:].T)), strict=True):
-        shapes[k], entries[k] = arrays[array], (entry,)
-    for k in constants.tolist():
-        shapes[k] = f"ALL({number(function.instruction_constant(k))})"
-    joined = dict[tuple[int, str, str], str]()
+def _grouped(
+    function: ca.Function, operations: np.ndarray, places: np.ndarray, given: np.ndarray
+) -> _Groups:
+    """Expressions by shape; those that are used more than once go to w."""
     groups: _Groups = defaultdict(list)
-    ends = iter(places[operations == ca.OP_OUTPUT, :2].tolist())
-    todo = np.flatnonzero((operations != ca.OP_INPUT) & (operations != ca.OP_CONST))
-    columns = (todo, operations[todo], *given[todo].T, shared[todo])
-    for k, op, a, b, often in zip(*(column.tolist() for column in columns), strict=True):
+
+    @cache
+    def joined(op: int, a: _Expression, b: _Expression, put: int) -> tuple[_Expression, list[int]]:
+        """What an operation makes of expressions, and its group, or a list that nobody reads.
+
+        `put`: which output it is, else whether it goes to w.
+        """
         if op == ca.OP_OUTPUT:
-            output, entry = next(ends)
-            groups[levels[a], f"r{output}", shapes[a]].append((k, entry, *entries[a]))
-            continue
-        key = op, shapes[a], shapes[b]
-        shape = joined.get(key)
-        if shape is None:
-            shape = joined[key] = f"({OPERATIONS[op].format(shapes[a], shapes[b])})"
-        size, level = sizes[a] + sizes[b] + 1, max(levels[a], levels[b])
-        if often or size >= _LARGEST:
-            groups[level, "w", shape].append((k, k, *entries[a], *entries[b]))
-            shapes[k], entries[k], levels[k] = "$w;", (k,), level + 1
-        else:
-            shapes[k], entries[k] = shape, entries[a] + entries[b]
-            sizes[k], levels[k] = size, level
+            return a, groups[a.level, f"r{put}", a.shape]
+        shape = f"({OPERATIONS[op].format(a.shape, b.shape)})"
+        size, level = a.size + b.size + 1, max(a.level, b.level)
+        if put or size >= _LARGEST:
+            return _Expression("$w;", 0, level + 1), groups[level, "w", shape]
+        return _Expression(shape, size, level), []
+
+    inputs, constants, ends = (operations == op for op in (ca.OP_INPUT, ca.OP_CONST, ca.OP_OUTPUT))
+    # the last stands for what is not there
+    arrays = [*(_Expression(f"$a{i};") for i in range(function.n_in())), _Expression("")]
+    found = [arrays[i] for i in np.append(np.where(inputs, places[:, 1], -1), -1).tolist()]
+    for k in np.flatnonzero(constants).tolist():
+        found[k] = _Expression(f"ALL({number(function.instruction_constant(k))})")
+    shared = np.bincount(given[given >= 0], minlength=len(given)) > 1
+    put = np.where(ends, places[:, 0], shared)
+    todo = np.flatnonzero(~(inputs | constants))
+    columns = (todo, operations[todo], *given[todo].T, put[todo])
+    for k, op, a, b, to in zip(*(column.tolist() for column in columns), strict=True):
+        found[k], group = joined(op, found[a], found[b], to)
+        group.append(k)
     return groups
 
 
@@ -119,22 +124,37 @@ def _writers(operations: np.ndarray, places: np.ndarray) -> np.ndarray:
     taken[ends] = np.column_stack([places[ends, 2], np.full(ends.sum(), -1)])
     k = np.arange(n)
     made = np.sort((places[:, 0] * n + k)[~ends])  # by entry of CasADi's work array, then by time
-    last = np.searchsorted(made, taken * n + k[:, None]) - 1
-    return np.where(taken < 0, -1, made[last] % n)
+    there = taken >= 0
+    last = np.searchsorted(made, (taken * n + k[:, None])[there]) - 1
+    taken[there] = made[last] % n
+    return taken
 
 
-def _moved_up(groups: _Groups, count: int) -> tuple[list[tuple[str, str, np.ndarray]], int]:
-    """Arrays, shapes and rows, level by level, with w filled without gaps; how many it holds."""
-    place, n_w, found = np.zeros(count, dtype=np.int64), 0, []
+def _placed(
+    groups: _Groups, operations: np.ndarray, places: np.ndarray, given: np.ndarray
+) -> tuple[list[tuple[str, str, np.ndarray]], int]:
+    """Arrays, shapes and rows, level by level, with w filled without gaps; how many it holds.
+
+    A row is an instruction, the entry that it writes and those that it reads.
+    """
+    # of inputs, outputs and what is in w
+    entry = np.full(len(operations), -1)
+    for op, column in ((ca.OP_INPUT, 2), (ca.OP_OUTPUT, 1)):
+        entry[operations == op] = places[operations == op, column]
+
+    def read(k: np.ndarray) -> Iterator[np.ndarray]:
+        for column in given.T:
+            a = column[k]
+            if a[0] >= 0:
+                yield from (entry[a],) if entry[a[0]] >= 0 else read(a)
+
+    n_w, found = 0, []
     for (_, array, shape), listed in sorted(groups.items(), key=lambda group: group[0][0]):
-        rows = np.array(listed)
-        for k, read_from in enumerate(_PLACE.findall(shape), 2):
-            if read_from == "w":
-                rows[:, k] = place[rows[:, k]]
+        k = np.array(listed)
         if array == "w":
-            place[rows[:, 0]] = rows[:, 1] = np.arange(n_w, n_w + len(rows))
-            n_w += len(rows)
-        found.append((array, shape, rows))
+            entry[k] = np.arange(n_w, n_w + len(k))
+            n_w += len(k)
+        found.append((array, shape, np.array([k, entry[k], *read(k)]).T))
     return found, n_w
 
 

@@ -50,8 +50,10 @@ def source(functions: Sequence[ca.Function]) -> tuple[str, int]:
     others = [function for function, one in zip(functions, told, strict=True) if one is None]
     if told[0]:
         texts[0] = _right_hand_side(functions[0], texts[0])
-    text = "\n".join([head(texts), *texts, *([_generated(others)] if others else [])])
-    return text, max(one[1] if one else 0 for one in told)
+    texts = [head(texts), *texts]
+    if others:  # whose math.h must come before names of it stand for functions of our own
+        texts = ["#include <math.h>", *texts, _generated(others)]
+    return "\n".join(texts), max(one[1] if one else 0 for one in told)
 
 
 def _right_hand_side(rhs: ca.Function, text: str) -> str:

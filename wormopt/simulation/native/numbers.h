@@ -2,9 +2,6 @@
 #ifndef WORMOPT_NUMBERS_H
 #define WORMOPT_NUMBERS_H
 
-#include <math.h>
-#include <string.h>
-
 typedef double vec;
 typedef unsigned long long ivec;
 
@@ -15,25 +12,25 @@ static const ivec NO_SIGN = 0x7fffffffffffffff;
 #define PICK(condition, a, b) ((condition) ? (a) : (b))
 #define WHERE(condition, a) ((condition) ? (a) : 0.0)
 #define TRUTH(condition) ((double)(condition))
-#define EACH(f, a) f(a)
-#define EACH_2(f, a, b) f(a, b)
-#define ELSE_EACH(f, a, condition, found) ((condition) ? (found) : f(a))
+#define EACH(f, a) __builtin_##f(a)
+#define EACH_2(f, a, b) __builtin_##f(a, b)
+#define ELSE_EACH(f, a, condition, found) ((condition) ? (found) : __builtin_##f(a))
 
 INLINE ivec BITS(double a) {
     ivec bits;
-    memcpy(&bits, &a, sizeof bits);
+    __builtin_memcpy(&bits, &a, sizeof bits);
     return bits;
 }
 
 INLINE double NUMBER(ivec bits) {
     double a;
-    memcpy(&a, &bits, sizeof a);
+    __builtin_memcpy(&a, &bits, sizeof a);
     return a;
 }
 
-#define lane_sqrt sqrt
-#define lane_abs fabs
-/* those of math.h are calls */
+#define lane_sqrt __builtin_sqrt
+#define lane_abs __builtin_fabs
+/* those of the C library are calls */
 INLINE double lane_max(double a, double b) { return a >= b || b != b ? a : b; }
 INLINE double lane_min(double a, double b) { return a <= b || b != b ? a : b; }
 INLINE double lane_square(double a) { return a * a; }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, cast
 
 import casadi as ca
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
+from wormopt.model.given import fields_of
 from wormopt.model.model import Contact, Model, Output, pack
 from wormopt.model.values import signal_values
 
@@ -97,8 +98,8 @@ def _copy(model: Model, draw: Mapping[str, ArrayLike], k: int) -> Model:
 
 def _numbered(law: Law, put: Callable[[ca.SX], ca.SX]) -> Law:
     """The same law, its symbols replaced by numbers."""
-    values: dict[str, Any] = {f.name: getattr(law, f.name) for f in fields(cast(Any, law))}
-    numbers = {k: float(ca.DM(put(v))) for k, v in values.items() if isinstance(v, ca.SX)}
+    values = fields_of(law).items()
+    numbers = {name: float(ca.DM(put(v))) for name, v in values if isinstance(v, ca.SX)}
     return replace(cast(Any, law), **numbers)
 
 

@@ -8,7 +8,7 @@ that is weaker forward than backward is what moves them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -16,6 +16,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
+from wormopt.model.given import fields_of
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.values import numbers
@@ -199,8 +200,8 @@ def _laws(law: Any) -> list[Law]:
 def scaled_law(law: Law, push: float) -> Law:
     """Law whose forces are told over the push in units of force; a Stribeck width stays."""
     forces = {
-        item.name: push * getattr(law, item.name)
-        for item in fields(law)  # type: ignore[arg-type]
-        if item.name != "v_stribeck" and getattr(law, item.name) is not None
+        name: push * value
+        for name, value in fields_of(law).items()
+        if name != "v_stribeck" and value is not None
     }
     return replace(law, **forces)  # type: ignore[type-var]

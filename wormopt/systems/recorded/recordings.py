@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -16,6 +16,7 @@ from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording
 from wormopt.kinds import KINDS
 from wormopt.model.gait import Gait
+from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
 from wormopt.quantities import UNITS, unit_of
 from wormopt.scene.scene import Scene
@@ -315,8 +316,7 @@ def _driven(
 
 def _numbers_of_laws(model: Model) -> Iterator[ca.SX]:
     for contact in model.contacts:
-        values = (getattr(contact.law, item.name) for item in fields(contact.law))
-        yield from (value for value in values if isinstance(value, ca.SX))
+        yield from (v for v in fields_of(contact.law).values() if isinstance(v, ca.SX))
 
 
 def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) -> np.ndarray:
