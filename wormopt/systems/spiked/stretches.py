@@ -124,8 +124,6 @@ def _cells(drive: Drive, piece: int) -> list[Stretch]:
                 cuts.append(float(root))
     cells: list[Stretch] = []
     for a, b in pairwise(sorted(cuts)):
-        if b - a <= 1e-12 * drive.gait.period and width > b - a:
-            continue
         values = spans(a + (b - a) * np.array([0.1, 0.5, 0.9]))
         ahead = (values >= values.max(axis=0) - tie).all(axis=1)
         # Where curves only touch, round-off may not choose the leader: keep the one before.
