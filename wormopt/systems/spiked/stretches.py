@@ -131,12 +131,10 @@ def _cells(drive: Drive, piece: int) -> list[Stretch]:
             cells[-1].leader if cells and ahead[cells[-1].leader] else int(values[:, 1].argmax())
         )
         resting = tuple(sorted(alike[leader]))
-        if cells and cells[-1].resting == resting:
-            cells[-1] = replace(cells[-1], stop=b)
-        else:
-            begin = cells[-1].stop if cells else 0.0
-            cells.append(Stretch(piece, begin, b, resting, resting[0]))
-    cells[-1] = replace(cells[-1], stop=width)
+        if not cells or cells[-1].resting != resting:
+            cells.append(Stretch(piece, a, width, resting, resting[0]))
+    ends = [*(cell.start for cell in cells[1:]), width]
+    cells = [replace(cell, stop=end) for cell, end in zip(cells, ends, strict=True)]
     return _absorb_touching(cells, spans, tie)
 
 
@@ -205,8 +203,7 @@ def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
         # A glide ends where w falls through 0; at its start w is 0 too, but rising.
         falls = [r for r in common.roots() if r > now and sigma(np.array([r])).item() > 0]
         stop = float(falls[0]) if falls else end
-        if stop > now:
-            yield replace(cell, start=now, stop=stop, resting=(), common=common)
+        yield replace(cell, start=now, stop=stop, resting=(), common=common)
         now, w = stop, 0.0
 
 
