@@ -468,6 +468,25 @@ def test_casadi_swallows_no_interrupt():
             compute(ca.SX.sym("x"), press)
 
 
+def test_casadi_says_nothing_of_an_interrupt(capsys: pytest.CaptureFixture[str]):
+    """Its integrators would write `rhs failed: KeyboardInterrupt`."""
+    x, t = ca.SX.sym("x", 40), ca.SX.sym("t")
+    dae = {"x": x, "t": t, "ode": 1e3 * (ca.sin(1e3 * t) - x)}
+    endless = ca.integrator("endless", "cvodes", dae, 0.0, 1e4, {"max_num_steps": 10**9})
+
+    @interruptible()
+    def compute() -> None:
+        Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        endless(x0=0.1)
+
+    for _ in range(3):
+        with pytest.raises(KeyboardInterrupt):
+            compute()
+    assert capsys.readouterr().err == ""
+    print("still heard", file=sys.stderr)
+    assert capsys.readouterr().err == "still heard\n"
+
+
 def test_bad_input_that_only_the_study_sees(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install
 ):

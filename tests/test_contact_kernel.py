@@ -388,8 +388,10 @@ def test_an_impulse_changes_with_what_carries_it(law: Any, route: Route):
 
 
 @pytest.mark.parametrize(("share", "again"), [(0.5, True), (2.0, False)])
-def test_a_guard_left_above_0_by_rounding_may_rise_again(share: float, again: bool, route: Route):
-    """By as much as it rises within 8 roundings of the time; left by more it must come from below.
+def test_a_guard_left_above_0_fires_again_only_within_rounding_and_is_refused_there(
+    share: float, again: bool, route: Route
+):
+    """Rounding is what it rises by in 8 roundings of the time; above, it must come from below.
 
     It is exp t - exp 1/2 at first; then it falls by a tenth of that, and rises for good: a second
     event that rounding does not tell from the first, and refused.

@@ -164,6 +164,25 @@ def test_names_and_numbers_are_no_expressions(given: Any):
             make()
 
 
+@pytest.mark.parametrize(
+    ("part", "kind"),
+    [
+        *dict.fromkeys("xuzp", "Signal").items(),
+        ("outputs", "Output"),
+        ("contacts", "Contact"),
+        ("switches", "Switch"),
+        ("schedules", "Schedule"),
+        ("delays", "Delay"),
+    ],
+)
+@pytest.mark.parametrize("given", [1.0, [1.0], ca.SX.sym("v"), [ca.SX.sym("v")], {"v": 1.0}])
+def test_numbers_and_symbols_are_no_parts_of_a_model(part: str, kind: str, given: Any):
+    v = ca.SX.sym("v")
+    parts: dict[str, Any] = {"x": [Signal("speed", v)], part: given}
+    with pytest.raises(ArgumentError, match=f"model cart: {part}: not .*; give a list of {kind}$"):
+        Model("cart", ode=v, **parts)
+
+
 def test_models_that_do_not_fit_together_are_refused():
     v, w = ca.SX.sym("v", 2), ca.SX.sym("w")
     with pytest.raises(ValueError, match="model cart: 1 equations, 2 states"):

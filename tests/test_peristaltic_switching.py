@@ -218,6 +218,15 @@ def test_arcs_of_many_time_constants_are_resolved():
     assert found.scalars["speed"].value == pytest.approx(best.worth, rel=1e-9)
 
 
+def test_a_polish_in_vain_names_keys_of_the_scene(monkeypatch: pytest.MonkeyPatch):
+    def in_vain(*_: object) -> None:
+        raise SolveError("not solved", "try another guess", code="not_solved")
+
+    monkeypatch.setattr("wormopt.systems.peristaltic.runs.switching.polish", in_vain)
+    with pytest.raises(SolveError, match=r"^not solved; write limits\.period within \[2, 12\]"):
+        solved("worm.segments=2", "worm.time_on=2.0")
+
+
 @pytest.mark.slow
 def test_the_packaged_scene_in_its_own_units_and_in_si():
     plain = solved()
@@ -243,6 +252,7 @@ def test_the_packaged_scene_in_its_own_units_and_in_si():
         ("worm.time_on=1e-3", r"limits\.period: .*0\.001 rest long before.*at most 0\.036"),
         ("limits={period=[1.0, 99.0], dwell=19.0}", r"limits\.dwell: .*rest long.*at most 18$"),
         ("worm.time_off=1e3", r"worm\.time_on: is a part of 0\.001 .*at least 33\.33"),
+        ("worm.time_on=1e6", r"limits\.period: .*1e\+06 hardly change.*100, better 1e\+06$"),
         ("worm.time_off=0.02", r"worm\.time_off: is a part of 0\.02 .*at least 0\.03333"),
     ],
 )

@@ -150,7 +150,7 @@ def test_limits():
     cheap = search(THREE, "thrift", LIMITS).best
     assert cheap.worth > free.way / (free.durations @ free.coils).sum() * 1.0001
     # one coil cannot hand over to another
-    with pytest.raises(SolveError, match="more coils on"):
+    with pytest.raises(SolveError, match=r"a larger limits\.duty or limits\.together"):
         search(THREE, "speed", replace(LIMITS, together=1), starts=2)
 
 
@@ -168,6 +168,13 @@ def test_the_scene_in_a_tube(longest: str):
     for j, at in enumerate(anchored):
         both = at[1:] & at[:-1] & (np.diff(t) > 0)
         assert np.abs(np.diff(places[j]))[both].max(initial=0.0) < 1e-9
+
+
+def test_periods_too_short_to_be_resolved_name_those_to_write():
+    changes = ["want=[]", "worm.segments=3", "search.starts=1", "worm.time_on=2e3"]
+    found = wo.run(load_scene("peristaltic_tube_switching", changes))
+    assert found.status == "failed"
+    assert "; write limits.period within [2000, 18000], where" in found.reason
 
 
 @pytest.mark.parametrize(

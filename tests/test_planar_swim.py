@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from numpy.typing import ArrayLike
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.mesh import Mesh
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.body.strokes import Harmonics, Polygon
@@ -253,6 +256,19 @@ def test_limits_may_be_half_turns() -> None:
     half = 3.141592653589793
     scene = wo.load_scene("planar_purcell", [f"limits.angle=[-{half},{half}]"])
     assert tuple(scene.table.limits.angle) == (-half, half)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("maximise", "unit"), [("efficiency", 1.0), ("distance", 1e-3)])
+def test_best_strokes_are_alike_in_all_units(maximise: Any, unit: float) -> None:
+    """A body a thousandth as long in a fluid a thousandth as viscous."""
+    mesh = Mesh.even(1, 8, Collocation(4, "legendre"), 3)
+    small = Swimmer(chain_shape(3, lengths=(1e-3, 1e-3, 1e-3)), rods=(1e-3, 2e-3))
+    found, known = (
+        best_stroke(body, -1.0, 1.0, maximise=maximise, starts=1, mesh=mesh, tolerance=1.0)
+        for body in (small, PURCELL)
+    )
+    assert found.value == pytest.approx(unit * known.value, rel=1e-6)
 
 
 @pytest.mark.slow

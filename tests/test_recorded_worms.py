@@ -311,6 +311,14 @@ def test_numbers_at_their_bounds_are_told(tmp_path: Path):
 
 
 @pytest.mark.slow
+def test_a_best_start_that_is_alone_says_what_to_try():
+    """The recording is of a weaker coupling than the model is told."""
+    result = wo.run(load_scene("fit_pair", ["profiles=false", "want=[]", "model.pair.eps=0.36"]))
+    assert result.status == "failed"
+    assert re.search(r"best of 6 starts is alone, .*; begin with other numbers", result.reason)
+
+
+@pytest.mark.slow
 def test_draws_of_the_posterior_are_told(monkeypatch: pytest.MonkeyPatch):
     """Draws by hand in place of the sampler's: three quantiles, one chain that differs."""
     spread = np.linspace(0.0, 1.0, 41)[None, :, None] * np.ones((2, 1, 3))

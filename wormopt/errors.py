@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from _thread import start_new_thread
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from io import StringIO
 from threading import current_thread, main_thread
 from types import FrameType
 from typing import Any
@@ -164,13 +166,19 @@ def interruptible() -> Iterator[None]:
         yield
         return
     heard: list[int] = []
+    told = sys.stderr
 
     def hear(number: int, frame: FrameType | None) -> None:
         if _is_swallowed(frame):
             start_new_thread(_send_again, (number,))
-        else:
-            heard.append(number)
+            return
+        heard.append(number)
+        try:
             before(number, frame)
+        except KeyboardInterrupt:
+            if frame and _is_casadi(frame):
+                sys.stderr = StringIO()  # it tells that its integrators failed
+            raise
 
     signal.signal(signal.SIGINT, hear)
     try:
@@ -181,6 +189,8 @@ def interruptible() -> Iterator[None]:
         raise
     finally:
         signal.signal(signal.SIGINT, before)
+        if heard:
+            sys.stderr = told
 
 
 def _is_swallowed(frame: FrameType | None) -> bool:
@@ -189,12 +199,15 @@ def _is_swallowed(frame: FrameType | None) -> bool:
     Imports of compiled modules lose it, and so does CasADi where it asks in Python what it was
     given, but not where it computes, which may take long.
     """
-    names = [f.f_code.co_filename for f in (frame, frame and frame.f_back) if f]
-    if frame and all(name.endswith("casadi.py") for name in names):
+    if frame and all(_is_casadi(f) for f in (frame, frame.f_back) if f):
         return frame.f_code.co_name != "call"
     while frame and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
         frame = frame.f_back
     return frame is not None
+
+
+def _is_casadi(frame: FrameType) -> bool:
+    return frame.f_code.co_filename.endswith("casadi.py")
 
 
 def _send_again(number: int) -> None:

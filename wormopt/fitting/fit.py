@@ -227,7 +227,10 @@ def _failing(found: Fit, strange: list[str]) -> str:
             "not fit; begin with other numbers, at which it does"
         )
     if strange and len(found.starts) > 1 and same < 2:
-        return f"the best of {len(found.starts)} starts is alone, and {strange[0]}"
+        return (
+            f"the best of {len(found.starts)} starts is alone, and {strange[0]}; begin with other "
+            "numbers or from more starts, or look at what the model is told besides them"
+        )
     return ""
 
 

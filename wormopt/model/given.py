@@ -102,6 +102,12 @@ def check_kind(name: str, value: object, kind: type) -> None:
         raise ArgumentError(f"{name}: not {value!r:.60}; give a {kind.__name__}")
 
 
+def check_kinds(name: str, values: object, kind: type) -> None:
+    """Raise ArgumentError if the argument called `name` is no list of things of this kind."""
+    if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):
+        raise ArgumentError(f"{name}: not {values!r:.60}; give a list of {kind.__name__}")
+
+
 def faults_of_numbers(
     key: str, value: Any, count: int, things: str, least: float | None = None
 ) -> Iterator[Fault]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.delay import Delay
+from wormopt.model.given import check_kinds
 from wormopt.model.schedule import Schedule
 from wormopt.shown import lines, listed
 
@@ -239,8 +240,8 @@ class Model:
     Raises
     ------
     ArgumentError
-        If equations are no casadi.SX, the ode's length is not the number of states, a switch has
-        not the right size, or two signals share a name.
+        If a part is no list of its kind, equations are no casadi.SX, the ode's length is not the
+        number of states, a switch has not the right size, or two signals share a name.
 
     Examples
     --------
@@ -266,6 +267,8 @@ class Model:
     delays: Sequence[Delay] = ()
 
     def __post_init__(self) -> None:
+        for what, kind in _PARTS.items():
+            check_kinds(f"model {self.name}: {what}", getattr(self, what), kind)
         for what in ("ode", "alg"):
             _symbolic(f"model {self.name}", what, getattr(self, what))
         if self.ode.numel() != self.n_x:
@@ -433,6 +436,15 @@ class Model:
         from wormopt.model.explicit import Explicit
 
         return Explicit(self, output).to_control(v_reg, p or {})
+
+
+_PARTS = dict.fromkeys("xuzp", Signal) | {
+    "outputs": Output,
+    "contacts": Contact,
+    "switches": Switch,
+    "schedules": Schedule,
+    "delays": Delay,
+}
 
 
 def pack(signals: Sequence[Signal | Delay]) -> ca.SX:

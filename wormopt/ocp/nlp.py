@@ -199,13 +199,14 @@ class NonlinearProgram:
         if stats["return_status"] in _STOPPED:
             raise KeyboardInterrupt
         w = np.clip(np.asarray(answer["x"]).ravel(), bounds.lbw, bounds.ubw)
+        begun = stats["return_status"] != "Not_Enough_Degrees_Of_Freedom"  # else counts are no data
         return Solution(
             w=w,
             objective=float(self._evaluate(w, bounds.p)[0]),
             violation=self.violation(w, bounds),
             status=str(stats["return_status"]),
             success=bool(stats["success"]),
-            iterations=int(stats["iter_count"]),
+            iterations=int(stats["iter_count"]) if begun else 0,
             seconds=time.perf_counter() - start,
             functions_s={
                 key.removeprefix("t_wall_"): float(value)

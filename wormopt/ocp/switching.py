@@ -83,7 +83,7 @@ def optimise_switching_times(
     if not found:
         raise SolveError(
             "the contact modes read off the relaxed motion do not lead to an exact one",
-            "use more arcs; or nothing can move at all within these limits",
+            "use more arcs (mesh.arcs); or nothing can move at all within these limits",
             None if error is None else error.partial,
             "no_phases",
         )

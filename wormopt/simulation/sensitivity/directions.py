@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,7 +81,7 @@ def directions(
     Raises ArgumentError where a direction is not of its signal's size, no number, or has the
     label of another; UnknownNameError where the model has no such signal.
     """
-    if isinstance(asked, str):
+    if isinstance(asked, str) or not isinstance(asked, Collection | None):
         asked = [asked]
     if asked is None or len(asked) == 0:
         return None

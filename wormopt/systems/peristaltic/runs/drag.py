@@ -110,7 +110,11 @@ def _checks(motion: Motion, again: Stationary | None, reason: str) -> Iterator[C
         advice = f"by the equations of Euler and Lagrange the way is {again.way:.9g}"
         yield Check("equations of Euler and Lagrange", off, _AGREED, advice)
     elif reason.startswith("failed"):
-        advice = f"the equations of Euler and Lagrange were not solved: {reason}"
+        advice = (
+            "the equations of Euler and Lagrange were not solved: "
+            f"{reason.removeprefix('failed: ')}; write a drag.exponent farther from 0, or less "
+            "effort"
+        )
         yield Check("equations of Euler and Lagrange", None, _AGREED, advice)
 
 

@@ -41,6 +41,8 @@ from wormopt.systems.shared.optimum import (
 
 # By how much both ways to the way in a period may differ.
 _AGREED = 1e-8
+# Periods that are used well take so many time constants for each segment at most.
+_USED = 3.0
 # A limit so nearly reached is.
 _REACHED = 1e-6
 
@@ -63,6 +65,8 @@ def run(scene: Scene[PeristalticSwitchingScene], report: Report) -> Result:
         searched = time.perf_counter()
         best = polish(worm, aim, limits, found.best, mesh, given.tolerance, report)
     except SolveError as error:
+        if error.code == "not_solved":
+            error = SolveError(error.reason, _remedy(worm), code=error.code)
         raise refused(scene, error) from None
     order, durations = found.best.lasting[0], np.diff(best.motion.phase_breaks())
     solved = time.perf_counter()
@@ -112,14 +116,26 @@ def _checks(
     """What the times found are worth by closed arcs; in a tube, what coils alone do in them."""
     found = SwitchingProgram(worm, len(durations), aim).at(order, durations)
     worth = found.worth / worm.speed
-    advice = f"by arcs in closed form the objective is {-worth:.9g}"
+    advice = f"by arcs in closed form the objective is {-worth:.9g}; {_remedy(worm)}"
     yield Check("arcs in closed form", abs(worth / best.objective + 1), _AGREED, advice)
     if worm.ground.contact is None:
         return
     walked = walk(worm, order != OFF, durations, found.start)
     wrong = max(abs(walked.way - found.way), walked.slip) / found.way
-    advice = f"the way is {walked.way:.9g}, with a slip of {walked.slip:.3g}"
+    advice = (
+        f"by the coils alone the way is {walked.way:.9g}, with a slip of {walked.slip:.3g}; "
+        f"{_remedy(worm)}"
+    )
     yield Check("walk by the coils alone", max(wrong, walked.loose / found.period), _AGREED, advice)
+
+
+def _remedy(worm: SwitchedWorm) -> str:
+    """What to write where the best times are not determined well enough."""
+    slow = max(worm.tau_on, worm.tau_off)
+    return (
+        f"write limits.period within [{slow:g}, {_USED * worm.segments * slow:g}], where lengths "
+        "change much and do not rest, or another search.seed"
+    )
 
 
 def _scalars(

@@ -26,8 +26,9 @@ from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 # Fewer segments than the kind of scene without switches takes: orders grow with (2 N - 1)!
 Coils = Annotated[int, Meta(ge=2, le=10, description="a whole number from 2 to 10")]
 # Beyond these the best times are not determined: an order of N segments is resolved on periods of
-# so many of the longer time constant, and with so large a ratio of both.
-_LONGEST_PER_SEGMENT, _LARGEST_RATIO = 12.0, 30.0
+# so many of the longer time constant, and with so large a ratio of both. In periods of a smaller
+# part of it lengths hardly change.
+_LONGEST_PER_SEGMENT, _LARGEST_RATIO, _SHORTEST = 12.0, 30.0, 1e-4
 Share = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most 1")]
 
 
@@ -197,7 +198,7 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
             yield "worm.segments", "two that are anchored in turn go nowhere in a tube; write 3"
 
     def _faults_of_times(self) -> Iterator[Fault]:
-        """Yield what lets lengths rest so long that nothing hangs on when coils are switched."""
+        """Yield what lets lengths rest, or all but rest, whenever coils are switched."""
         worm, limits = self.worm, self.limits
         on, off = worm.time_on, worm.time_on if worm.time_off is None else worm.time_off
         slow, fast = max(on, off), min(on, off)
@@ -222,6 +223,12 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
                     "ends, and nothing hangs on when coils are switched; write "
                     f"{shortest}at most {most:.4g}",
                 )
+        if limits.period[1] < _SHORTEST * slow:
+            yield (
+                "limits.period",
+                f"lengths with a time constant of {slow:g} hardly change in so short a period; "
+                f"write a longest period of at least {_SHORTEST * slow:g}, better {slow:g}",
+            )
 
     def _faults_of_limits(self) -> Iterator[Fault]:
         limits = self.limits

@@ -95,7 +95,8 @@ def _nowhere(worm: SwitchedWorm, limits: SwitchLimits, starts: int, seed: int) -
     if limits.speed is None:
         return SolveError(
             "no order of switching goes forward within the limits",
-            "allow longer periods, more coils on at a time, or a larger duty",
+            "write a longer limits.period, a larger limits.duty or limits.together, or a smaller "
+            "limits.dwell",
             code="infeasible",
         )
     free = search(worm, "speed", replace(limits, speed=None), starts=starts, seed=seed)

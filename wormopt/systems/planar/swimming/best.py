@@ -78,12 +78,18 @@ class StrokeAim:
         return self.swimmer.towing_drag(self.lower)
 
     @cached_property
+    def length(self) -> float:
+        """Mean length of the rods in the middle of the limits: the unit of places."""
+        middle = (self.lower + self.upper) / 2
+        return float(np.mean(np.asarray(self.swimmer.lengths(middle))))
+
+    @cached_property
     def model(self) -> Model:
-        """The body, driven by the rates of its shape."""
+        """The body, driven by the rates of its shape; places are over `length`."""
         swimmer = self.seen
         s, rates = swimmer.shape.s, swimmer.shape.rates
         x, y, angle = (ca.SX.sym(name) for name in ("x", "y", "theta"))
-        twist = ca.mtimes(swimmer.connection, rates)
+        twist = ca.mtimes(swimmer.connection, rates) / ca.vertcat(self.length, self.length, 1)
         c, sin = ca.cos(angle), ca.sin(angle)
         moves = ca.vertcat(c * twist[0] - sin * twist[1], sin * twist[0] + c * twist[1], twist[2])
         room = float((self.upper - self.lower).max()) / 2
@@ -113,7 +119,7 @@ def stroke_problem(aim: StrokeAim) -> Problem:
     rates = model["rate"]
     design, along = [], []
     if aim.maximise == "efficiency":
-        cost = -100 * aim.drag * square / work
+        cost = -100 * square / work
     else:  # any pace goes as far: an even one is told
         cost = -square
         size = 2 * np.pi * float((aim.upper - aim.lower).max()) / 2
@@ -125,7 +131,7 @@ def stroke_problem(aim: StrokeAim) -> Problem:
         cost,
         (1.0, 1.0),
         periodic=["shape"],
-        integrands=model["power"],
+        integrands=model["power"] / (aim.drag * aim.length**2),
         path_constraints=[Constraint("limits", model["shape"], aim.lower, aim.upper), *along],
         boundary_constraints=[
             Constraint("start", ends.start[n:], 0.0, 0.0),
@@ -178,6 +184,7 @@ def _guess(aim: StrokeAim, stroke: Harmonics) -> Guess:
 
     def states(t: np.ndarray) -> np.ndarray:
         poses = np.stack([np.interp(t, done.phase, column) for column in done.poses.T])
+        poses[:2] /= aim.length
         return np.vstack([stroke.at(t)[0].T, poses])
 
     return Guess(1.0, states, lambda t: stroke.at(t)[1].T)
@@ -316,7 +323,9 @@ def best_stroke(
 
 def _value(aim: StrokeAim, optimum: Optimum) -> float:
     best = -optimum.objective
-    return best / 100 if aim.maximise == "efficiency" else float(np.sqrt(max(best, 0.0)))
+    if aim.maximise == "efficiency":
+        return best / 100
+    return aim.length * float(np.sqrt(max(best, 0.0)))
 
 
 def harmonics_of(motion: Motion, orders: int = 40, samples: int = 512) -> Harmonics:
