@@ -614,6 +614,26 @@ def test_a_guard_that_touches_0_in_a_long_step_is_grazing(
 
 
 @both
+@pytest.mark.parametrize(("cut", "told"), [(5.0, []), (7.0, ["hits"]), (10.0, ["hits"])])
+def test_what_a_guard_touches_counts_before_the_event_of_the_step_alone(
+    route: Any, cut: float, told: list[str]
+):
+    """From the event on the guard is out of reach."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    switches = [
+        Switch("hits", 1e-9 - (x - 6.3) ** 2 - y, ca.vertcat(x, y)),
+        Switch("cuts", x - cut, ca.vertcat(x, 1)),
+    ]
+    states = [Signal("x", x, value=0.0), Signal("y", y, value=1e-9)]
+    motion = simulate(
+        Model("clock", states, ca.SX([1, 0]), switches=switches), 20.0, sensitivities=["x"],
+        route=route, tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
+    )  # fmt: skip
+    assert [event.name for event in motion.events] == ["cuts"]
+    assert [d.event.name for d in motion.doubts] == told
+
+
+@both
 @pytest.mark.parametrize("step", [3e-4, 7e-4])
 def test_a_velocity_that_goes_on_falling_is_not_grazing_be_the_step_ever_so_short(
     route: Any, step: float
