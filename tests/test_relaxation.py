@@ -352,12 +352,16 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
 
 
 def test_bounds_are_rounded_up():
-    """What is made of the linear program's is no less than the exact product."""
+    """What is made of the linear program's, and one by the period, are no less than exact ones."""
     program = Relaxation(g1(links=2, rate=0.7), ((0,), (1,), (2,)), 2)
     for bound in np.random.default_rng(0).uniform(size=200).tolist():
         found = program._bound_of(Maximum(bound, np.empty(0), np.empty(0)))
         exact = Fraction(bound) * Fraction(float(program._limits.speed))
         assert exact <= Fraction(float(found)) <= exact * Fraction(1 + 1e-13)
+        program._set_box(program._tighten(np.array([*3 * [(0.0, 1.0)], (0.9 + bound / 10, 1.0)])))
+        exact = 1 / Fraction(0.9 + bound / 10)
+        room = Fraction(program._program._upper[program._room].item())
+        assert exact <= room <= exact * Fraction(1 + 1e-13)
 
 
 def test_what_cuts_leave_to_the_largest_value_is_rounded_up():
