@@ -8,7 +8,7 @@ import pytest
 from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import nnls, root_scalar
+from scipy.optimize import brentq, nnls, root_scalar
 
 from wormopt.errors import SolveError, UnknownNameError
 from wormopt.model.gait import Gait
@@ -504,6 +504,39 @@ def test_corners_and_the_order_of_rest_are_those_of_the_shape(factor: float):
     motion = crawl(gait.with_period(4 * factor), [1.0] * 3, 0.0, 1e3 / factor**2)
     assert motion.corners == pytest.approx([factor, 3 * factor])
     assert motion.resting_sequence == [[1, 2], [0], []]  # W0 falls at the end
+
+
+def test_a_worm_glides_twice_while_the_same_mass_leads():
+    """W0 = 1 + sin(4 pi s) / 2 on the way there, 1 on the way back, under a small load.
+
+    Glides begin where 2 pi cos(phi) = -load, phi = 4 pi s, and end where what w has gained is lost;
+    w by the same equation, from the end of the first on, would be above 0 in the second.
+    """
+    omega, there = 4 * np.pi, 1.1
+    longest = 1 + 2 * there - math.cos(omega * there) / omega
+    gait = Gait(
+        np.array([0.0, there, there + (longest - 1 + 1 / omega) / 2]),
+        np.array([[[1.0, 2.0]], [[longest, -2.0]]]),
+        np.full(2, omega),
+        np.array([[-1 / omega], [0.0]]),
+        np.zeros((2, 1)),
+    )
+    motion = crawl(gait, [1.0, 1.0], 0.0, 0.2 * np.pi)
+    begin = math.acos(-0.1)
+    end = brentq(lambda phi: math.sin(begin) - math.sin(phi) - 0.1 * (phi - begin), 5.0, 7.5)
+    first = np.array([begin, end]) / omega
+    assert np.array(motion.glides[:2]) == pytest.approx(np.array([first, first + 0.5]), abs=1e-9)
+
+
+def test_a_mass_that_leads_from_a_tie_on_has_a_stretch_of_its_own():
+    """The rate s (1/2 - s): mass 1 rests first, though all are alike where the piece begins."""
+    gait = Gait(
+        np.array([0.0, 1.0, 2.0]),
+        np.array([[[1.0, 0.0, 1 / 4, -1 / 3]], [[11 / 12, 1 / 12, 0.0, 0.0]]]),
+    )
+    held = [stretch for stretch in crawl(gait, [1.0, 1.0], 0.0, 1e3).stretches if stretch.resting]
+    assert [stretch.resting for stretch in held] == [(1,), (0,), (1,)]
+    assert [stretch.stop for stretch in held] == pytest.approx([0.5, 1, 1])
 
 
 def test_a_mass_that_only_comes_up_to_those_at_rest_parts_no_stretch():

@@ -24,7 +24,7 @@ _SWITCH = KINDS.index("switch")
 _STEPS_PER_REPORT = 500
 
 
-def integrate(task: InitialValueProblem, report: Report, *, stiff: bool = False) -> Outcome:
+def integrate(task: InitialValueProblem, report: Report, *, stiff: bool) -> Outcome:
     """Integrate a task in Python.
 
     Explicit steps of order 8, or if `stiff` implicit ones (Radau IIA of order 5).
