@@ -506,6 +506,12 @@ def test_corners_and_the_order_of_rest_are_those_of_the_shape(factor: float):
     assert motion.resting_sequence == [[1, 2], [0], []]  # W0 falls at the end
 
 
+def test_the_size_of_forces_is_that_of_load_inertia_and_drag():
+    """Of a link with rates up to 3 and accelerations up to 6, masses 1 and 2."""
+    gait = Gait(np.array([0.0, 1.0]), np.array([[[1.0, 3.0, -3.0]]]))
+    assert crawl(gait, [1.0, 2.0], 0.5, 4.0).force_scale == pytest.approx(4 + 1.5 * 6 + 0.5 * 3)
+
+
 def test_a_worm_glides_twice_while_the_same_mass_leads():
     """W0 = 1 + sin(4 pi s) / 2 on the way there, 1 on the way back, under a small load.
 

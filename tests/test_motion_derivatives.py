@@ -579,17 +579,19 @@ def test_a_force_that_touches_what_holds_is_grazing(route: Any):
 
 
 @both
-def test_a_velocity_that_touches_0_is_grazing(route: Any):
-    """v = (t - 1)^2 + depth on ground that hardly resists."""
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_velocity_that_touches_0_is_grazing(way: int, route: Any):
+    """v = (t - 1)^2 + depth, or the mirror image, on ground that hardly resists."""
     t, x, v, f = (ca.SX.sym(name) for name in ("t", "x", "v", "f"))
     states = [Signal("position", x, value=0.0), Signal("velocity", v)]
     ground = [Contact("block", v, f, Coulomb(1e-12, 1e-12))]
-    model = Model("block", states, ca.vertcat(v, f + 2 * (t - 1)), t=t, contacts=ground)
+    model = Model("block", states, ca.vertcat(v, f + 2 * way * (t - 1)), t=t, contacts=ground)
     near = [(1e-10, {"grazing"}), (-1e-10, {"grazing"}), (1e-4, set()), (-1e-4, set())]
     for depth, expected in near:
-        start = {"velocity": 1.0 + depth}
+        start = {"velocity": way * (1.0 + depth)}
         motion = simulate(model, 2.0, x0=start, sensitivities=["velocity"], route=route)
         assert {d.reason for d in motion.doubts} == expected, depth
+        assert depth < 0 or all(d.event.mode == way for d in motion.doubts)
 
 
 @both

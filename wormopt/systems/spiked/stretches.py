@@ -167,7 +167,7 @@ def _one_period(
         before = cells[k - 1]
         jump = momentum(cell, cell.start) - momentum(before, before.stop)
         if abs(jump) > 1e2 * still:
-            time = float(drive.gait.breaks[cell.piece] + cell.start)
+            time = float(drive.gait.breaks[cell.piece])  # it jumps where pieces meet only
             w -= jump
             if jump < 0:
                 drops.append(time)
