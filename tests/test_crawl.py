@@ -507,9 +507,9 @@ def test_corners_and_the_order_of_rest_are_those_of_the_shape(factor: float):
 
 
 def test_the_size_of_forces_is_that_of_load_inertia_and_drag():
-    """Of a link with rates up to 3 and accelerations up to 6, masses 1 and 2."""
-    gait = Gait(np.array([0.0, 1.0]), np.array([[[1.0, 3.0, -3.0]]]))
-    assert crawl(gait, [1.0, 2.0], 0.5, 4.0).force_scale == pytest.approx(4 + 1.5 * 6 + 0.5 * 3)
+    """Of a link with rates up to 3 and accelerations up to 12 at first, masses 1 and 2."""
+    gait = Gait(np.array([0.0, 1.0]), np.array([[[1.0, 3.0, -6.0, 4.0, -1.0]]]))
+    assert crawl(gait, [1.0, 2.0], 0.5, 4.0).force_scale == pytest.approx(4 + 1.5 * 12 + 0.5 * 3)
 
 
 def test_a_worm_glides_twice_while_the_same_mass_leads():
@@ -567,6 +567,28 @@ def test_stretches_follow_each_other_where_a_mass_leads_by_a_rounding_error_at_f
     assert begins[0] == 0.0
     assert begins[1:] == pytest.approx(ends[:-1], abs=1e-15)
     assert ends[-1] == 2.0
+
+
+def test_a_first_touch_leaves_all_later_stretches_as_they_are():
+    """The rate t (t - 2e-6) (1 - t), below 0 by 1e-12 at most until 2e-6, and from 1 on."""
+    there = np.array([1.0, 0.0, -1e-6, (1 + 2e-6) / 3, -1 / 4])
+    end = there @ 2.0 ** np.arange(5)
+    back = np.array([end, (1 - end) / 2, 0.0, 0.0, 0.0])
+    gait = Gait(np.array([0.0, 2.0, 4.0]), np.array([[there], [back]]))
+    held = [stretch for stretch in crawl(gait, [1.0, 1.0], 0.0, 1e3).stretches if stretch.resting]
+    assert [(stretch.piece, *stretch.resting) for stretch in held] == [(0, 1), (0, 0), (1, 1)]
+    assert [stretch.stop for stretch in held] == pytest.approx([1, 2, 2])
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1e8])
+def test_a_glide_over_the_end_of_the_period_goes_on_whatever_the_clock(factor: float):
+    """One of two links grows, shrinks, grows; the worm is thrown forward as it begins to again."""
+    course = np.array([[1.25, 0.5], [1.5, -0.5], [1.0, 0.5]])
+    gait = Gait(np.array([0.0, 0.5, 1.5, 2.0]), np.stack([course, 0 * course + [1, 0]], axis=1))
+    one = crawl(gait, [1.0] * 3, 0.05, 1e-3)
+    assert one.glides == [pytest.approx((0.0, 0.5)), pytest.approx((1.5, 2.0))]
+    other = crawl(gait.with_period(2 * factor), [1.0] * 3, 0.05 / factor, 1e-3 / factor**2)
+    assert other.advance == pytest.approx(one.advance, rel=1e-11)
 
 
 # --- Limits of the method ----------------------------------------------------------------
