@@ -391,7 +391,7 @@ def test_an_impulse_changes_with_what_carries_it(law: Any, route: Route):
 def test_a_guard_left_above_0_fires_again_only_within_rounding_and_is_refused_there(
     share: float, again: bool, route: Route
 ):
-    """Rounding is what it rises by in 8 roundings of the time; above, it must come from below.
+    """Rounding: its rise in 8 roundings of the time; left by more, it must come from below 0.
 
     It is exp t - exp 1/2 at first; then it falls by a tenth of that, and rises for good: a second
     event that rounding does not tell from the first, and refused.
@@ -461,11 +461,8 @@ def meeting() -> Model:
 
 
 def test_bodies_that_go_on_as_one_do_not_meet_again_by_rounding(route: Route):
-    """Their velocities differ by the last digit or not at all, and so do their places
-    after a while: what comes then is not asked.
-    """
-    drawn = np.random.default_rng(0).uniform([0.1, 1, -1], [3, 3, 0.5], (40, 3))
-    for m, v, w in drawn:
+    """Velocities differ by the last digit or not at all; when places do too, nothing is asked."""
+    for m, v, w in np.random.default_rng(0).uniform([0.1, 1, -1], [3, 3, 0.5], (40, 3)):
         motion = simulate(
             meeting(), 1 / (v - w) + 0.2, route=route, p={"m": m}, x0={"v": v, "w": w}
         )
@@ -557,7 +554,7 @@ def test_a_ball_never_falls_through_the_floor(
 
 
 def test_a_height_that_a_ball_just_about_reaches_is_reached_once_or_not(route: Route):
-    """Within some digits: found where it falls again already, by rounding, it is not refused."""
+    """Tops differ by digits; the first firing is not refused where the guard falls by then."""
     h, v, top = (ca.SX.sym(name) for name in ("h", "v", "top"))
     states = [Signal("h", h, value=0.0), Signal("v", v, value=1.0)]
     reached = Switch("reached", h - top, ca.vertcat(h, v))
@@ -566,13 +563,13 @@ def test_a_height_that_a_ball_just_about_reaches_is_reached_once_or_not(route: R
     )
     for speed in np.linspace(1, 2, 40 if route == "native" else 3):
         for digits in range(-40, 40, 2 if route == "native" else 8):
-            top_ = speed**2 / 4 + digits * 2.77e-17
-            motion = simulate(model, 20.0, route=route, x0={"v": speed}, p={"top": top_})
+            p = {"top": speed**2 / 4 + digits * 2.77e-17}
+            motion = simulate(model, 20.0, route=route, x0={"v": speed}, p=p)
             assert len(motion.events) <= 1
 
 
 @pytest.mark.parametrize("speed", [1e-6, 1e-10, 1e-14])
-def test_nor_where_it_has_been_put_on_the_floor(speed: float, route: Route):
+def test_a_ball_put_on_the_floor_never_falls_through_it(speed: float, route: Route):
     """Pushed below the floor it is lifted onto it, and thrown up with next to nothing."""
     t, h, v = (ca.SX.sym(name) for name in ("t", "h", "v"))
     push, lift = Switch("push", t - 0.5, ca.SX([-1, 0])), Switch("lift", -h, ca.SX([0, speed]))
@@ -596,7 +593,7 @@ def test_nor_where_it_has_been_put_on_the_floor(speed: float, route: Route):
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-def test_nor_through_one_that_it_cannot_hit_exactly(
+def test_a_ball_never_falls_through_a_floor_that_it_cannot_hit_exactly(
     set_down: bool, route: Route, kept: float, size: float, share: float
 ):
     """It lies between two numbers for heights: the guard is never 0."""

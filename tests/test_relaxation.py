@@ -305,21 +305,17 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
     Where accelerations bound how fast velocities change, loads do not.
     """
     monkeypatch.setattr(relaxation, "scaled", ScaledLimits)
-    task = g1(
-        links=1,
-        rate=10.0,
-        acceleration=0.1 if slow else 2e3,
-        spike_load=(30.0, 9.0),
-        sharing="least_actuation",
-    )
-    task, word, forms = (
-        replace(task, worm=Worm(links=1, mass=20.0, drag=drag)),
-        ((0,), (1,)),
-        ScaledLimits.forms,
-    )
-    box, made, add = ((0.2, 0.5), (0.5, 0.8), (0.6, 0.9)), [], Relaxation._add_cuts
-    program = Relaxation(task, word, 3, (1, 1))
-    program._set_box(program._tighten(np.array(box)))
+    most = {"rate": 10.0, "acceleration": 0.1 if slow else 2e3, "spike_load": (30.0, 9.0)}
+    task = g1(links=1, sharing="least_actuation", **most)
+    task = replace(task, worm=Worm(links=1, mass=20.0, drag=drag))
+    made, add, forms = [], Relaxation._add_cuts, ScaledLimits.forms
+
+    def relaxed():
+        program = Relaxation(task, ((0,), (1,)), 3, (1, 1))
+        program._set_box(program._tighten(np.array(((0.2, 0.5), (0.5, 0.8), (0.6, 0.9)))))
+        return program
+
+    program = relaxed()
     monkeypatch.setattr(
         Relaxation, "_add_cuts", lambda self, *cuts: made.append(cuts) or add(self, *cuts)
     )
@@ -331,8 +327,7 @@ def test_loads_are_multipliers_of_all_rows_times_what_others_bear_in_them(drag, 
         return [replace(f, above=f.above - 1e-6 * f.shared) for f in forms(*given_)]
 
     monkeypatch.setattr(ScaledLimits, "forms", less)
-    other = Relaxation(task, word, 3, (1, 1))
-    other._set_box(other._tighten(np.array(box)))
+    other = relaxed()
     for drawn in made:
         other._program.extend(add(other, *drawn))
     duals = random.normal(size=len(lp._row_lower))

@@ -166,7 +166,7 @@ def interruptible() -> Iterator[None]:
         yield
         return
     heard: list[int] = []
-    told = sys.stderr
+    stderr = sys.stderr
 
     def hear(number: int, frame: FrameType | None) -> None:
         if _is_swallowed(frame):
@@ -177,7 +177,7 @@ def interruptible() -> Iterator[None]:
             before(number, frame)
         except KeyboardInterrupt:
             if frame and _is_casadi(frame):
-                sys.stderr = StringIO()  # it tells that its integrators failed
+                sys.stderr = StringIO()  # CasADi would write that its integrators failed
             raise
 
     signal.signal(signal.SIGINT, hear)
@@ -190,7 +190,7 @@ def interruptible() -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, before)
         if heard:
-            sys.stderr = told
+            sys.stderr = stderr
 
 
 def _is_swallowed(frame: FrameType | None) -> bool:

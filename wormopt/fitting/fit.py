@@ -229,7 +229,7 @@ def _failing(found: Fit, strange: list[str]) -> str:
     if strange and len(found.starts) > 1 and same < 2:
         return (
             f"the best of {len(found.starts)} starts is alone, and {strange[0]}; begin with other "
-            "numbers or from more starts, or look at what the model is told besides them"
+            "numbers or from more starts, or look at what else the model is told"
         )
     return ""
 

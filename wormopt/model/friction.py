@@ -123,6 +123,15 @@ class _TwoWay:
         raise NotImplementedError
 
 
+def symbols_of(law: object) -> dict[str, ca.SX]:
+    """Fields of a law that are symbolic scalars."""
+    return {
+        name: value
+        for name, value in fields_of(law).items()
+        if isinstance(value, ca.SX) and value.numel() == 1
+    }
+
+
 def check_numbers(law: Any) -> None:
     """Refuse fields that are neither numbers nor symbols, a list for instance."""
     for name, value in fields_of(law).items():

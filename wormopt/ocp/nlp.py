@@ -199,7 +199,7 @@ class NonlinearProgram:
         if stats["return_status"] in _STOPPED:
             raise KeyboardInterrupt
         w = np.clip(np.asarray(answer["x"]).ravel(), bounds.lbw, bounds.ubw)
-        begun = stats["return_status"] != "Not_Enough_Degrees_Of_Freedom"  # else counts are no data
+        begun = stats["return_status"] != "Not_Enough_Degrees_Of_Freedom"  # else no count is set
         return Solution(
             w=w,
             objective=float(self._evaluate(w, bounds.p)[0]),

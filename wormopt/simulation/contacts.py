@@ -96,21 +96,16 @@ class Contacts:
         before, probe = self._modes.copy(), self._look(t, x)
         if forced is not None and self._has_begun(forced, probe):
             forced = None
-        rest = np.where(before == 0, self._drift, np.maximum(1e3 * self._v_rest, self._v_stop))
-        struck = self._held & (np.abs(probe.velocity) > rest)
+        # velocities above which what stops has been stopped by an impulse
+        jump_from = np.where(before == 0, self._drift, np.maximum(1e3 * self._v_rest, self._v_stop))
+        struck = self._held & (np.abs(probe.velocity) > jump_from)
         if struck.any():
             x = self._hold(t, x)
             probe = self._look(t, x)
-        velocity = probe.velocity
-        forced_mode = None if forced is None else float(before[forced])
-        leaving = [i for i in [forced] if i is not None and before[i] == 0]
-        self._by_velocity(t, velocity, forced)
-        rests = self._modes == 0
-        others = rests & (before != 0) & (np.arange(self._n) != forced)
-        suspects = self._columns.suspects(t, x, others)
-        hit = rests & (np.abs(velocity) > rest)
-        if forced is not None:
-            hit[forced] = False
+        self._by_velocity(t, probe.velocity, forced)
+        rests = (self._modes == 0) & (np.arange(self._n) != forced)
+        suspects = self._columns.suspects(t, x, rests & (before != 0))
+        hit = rests & (np.abs(probe.velocity) > jump_from)
         if hit.any():
             if self._coupled:  # velocities alone do not determine the impulses
                 raise GivenUp("no_contact_mode")
@@ -120,8 +115,9 @@ class Contacts:
             self._take_along(t, x)
             x = self._stopped(t, x)
         stopped = np.flatnonzero(self._modes == 0).tolist()
-        if leaving:
-            self._released |= dict.fromkeys(self._release(t, x, leaving, probe), t)
+        forced_mode = None if forced is None else float(before[forced])
+        if forced is not None and forced_mode == 0:
+            self._released |= dict.fromkeys(self._release(t, x, [forced], probe), t)
         probe = self._settle(t, x)
         if self._columns.k:
             self._note_doubts(t, x, probe, suspects, forced_mode, at_start)
@@ -129,13 +125,7 @@ class Contacts:
         if self._coupled:
             self._aim.sweep(t, x)
         self._aim.follow(t, x)
-        hit |= struck
-        changes = [
-            self._change(i, before[i], bool(hit[i]))
-            for i in range(self._n)
-            if before[i] != self._modes[i] or i == forced or hit[i]
-        ]
-        return x, changes, stopped
+        return x, self._changes(before, forced, struck | hit), stopped
 
     def _settle(self, t: float, x: np.ndarray) -> _Probe:
         """Let go of what has to be and catch what has to be, until nothing has."""
@@ -187,10 +177,14 @@ class Contacts:
         self._s[:] = before
         return x
 
-    def _change(self, i: int, before: float, hit: bool) -> Change:
-        now = int(self._modes[i])
-        kind = _RELEASE if before == 0 else _STICK if now == 0 else _REVERSAL
-        return Change(i, _IMPACT if hit else kind, now)
+    def _changes(self, before: np.ndarray, forced: int | None, struck: np.ndarray) -> list[Change]:
+        found = []
+        for i, (was, now) in enumerate(zip(before.tolist(), self._modes.tolist(), strict=True)):
+            if was == now and i != forced and not struck[i]:
+                continue
+            kind = _RELEASE if was == 0 else _STICK if now == 0 else _REVERSAL
+            found.append(Change(i, _IMPACT if struck[i] else kind, int(now)))
+        return found
 
     def _by_velocity(self, t: float, velocity: np.ndarray, forced: int | None) -> None:
         """Set modes by velocity alone."""

@@ -11,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from wormopt.model.friction import Expression, Law
+from wormopt.model.friction import Expression, Law, symbols_of
 from wormopt.model.given import fields_of
 from wormopt.model.model import Contact
 from wormopt.simulation.grip import ENTRIES, LineGrip, PlaneGrip
@@ -126,14 +126,10 @@ def _kind(law: Any) -> Hashable:
     """What laws have in common that differ in nothing but scalar symbols."""
     if not is_dataclass(law):
         return id(law)
+    values = fields_of(law) | dict.fromkeys(symbols_of(law), ca.SX)
     return type(law), *(
-        ca.SX if _scalar(v) else v if v is None or isinstance(v, Real) else id(v)
-        for v in fields_of(law).values()
+        v if v is None or v is ca.SX or isinstance(v, Real) else id(v) for v in values.values()
     )
-
-
-def _scalar(value: Any) -> bool:
-    return isinstance(value, ca.SX) and value.numel() == 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +146,7 @@ class _Several:
         first: Any = laws[0]
         if len(laws) == 1:
             return first
-        names = [name for name, value in fields_of(first).items() if _scalar(value)]
+        names = list(symbols_of(first))
         symbols = ca.SX.sym("number", len(names))
         own = dict(zip(names, ca.vertsplit(symbols), strict=True)) if names else {}
         rows = [ca.horzcat(*(getattr(law, name) for law in laws)) for name in names]

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.model.friction import symbols_of
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model
 
@@ -78,9 +79,7 @@ class LawNumbers:
     def _decided(self) -> tuple[list[tuple[int, str]], ca.Function]:
         """Contacts and fields, and their values by parameters and inputs."""
         laws = enumerate(contact.law for contact in self.model.contacts)
-        places = [
-            (i, name) for i, law in laws for name, v in fields_of(law).items() if _is_scalar(v)
-        ]
+        places = [(i, name) for i, law in laws for name in symbols_of(law)]
         column, function = self._column(places)
         others = function.free_sx()
         if others:
@@ -93,10 +92,6 @@ class LawNumbers:
         values = [getattr(self.model.contacts[i].law, name) for i, name in places]
         column = ca.densify(ca.vertcat(ca.SX(0, 1), *values))
         return column, ca.Function("law_numbers", [self.fixed], [column], {"allow_free": True})
-
-
-def _is_scalar(value: object) -> bool:
-    return isinstance(value, ca.SX) and value.numel() == 1
 
 
 def _kind(law: Any, decided: list[str]) -> tuple[object, ...]:

@@ -244,11 +244,12 @@ void apply_event(Run *run, long long which, int jumped) {
     double residual = 0.0, rate = 0.0; /* how far from 0 the guard may be by rounding */
     if (!jumped) {
         event_values(run, run->out.t, run->out.x, run->value);
-        rate = fabs(run->guard[run->in.n_switches + k]);
-        if (run->passed[k] > 0.0 && run->guard[run->in.n_switches + k] < 0.0) {
+        const double slope = run->guard[run->in.n_switches + k];
+        if (run->passed[k] > 0.0 && slope < 0.0) {
             run->out.status = EVENTS_ACCUMULATE; /* it falls, and fires again by rounding */
             return;
         }
+        rate = fabs(slope);
         residual = 2.0 * fabs(run->value[which]) + rate * floor_of_step(run);
     }
     evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);

@@ -30,8 +30,8 @@ typedef struct {
     long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
     long long exact, coupled, shares, keep_dense, max_steps, stiff_steps;
     Function rhs;      /* (t, x, p, s) -> x' */
-    Function velocities; /* (t, x, p, s) -> velocities of the contacts; smooth only, where one is no
-                            state */
+    Function velocities; /* (t, x, p, s) -> velocities of the contacts; smooth only, not where all
+                            are states */
     Function probe;    /* (t, x, p, s) -> velocities, accelerations, forces, least and largest force
                           that holds, how well resting contacts determine their forces; exact only */
     Function aims;     /* (t, x, p, s) -> per contact in the plane a direction and how far it is off */

@@ -1,6 +1,6 @@
 /* exp, tanh, sine and cosine of a `vec`: a number, or one for each run side by side. What they need
-   of numbers is in numbers.h or lanes.h, which must come first. Functions of the C library are those
-   that the compiler knows by itself: to read math.h would take it a tenth of its time. */
+   of numbers is in numbers.h or lanes.h, which must come first. Functions of the C library go by
+   the names that the compiler knows: to read math.h would take it a tenth of its time. */
 #ifndef WORMOPT_ELEMENTARY_H
 #define WORMOPT_ELEMENTARY_H
 

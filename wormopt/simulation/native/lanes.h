@@ -28,7 +28,8 @@ static const ivec NO_SIGN = {
 #define TRUTH(mask) ((vec)((mask) & (ivec)((vec){} + 1.0)))
 /* any function of the C library, run by run */
 #define EACH(f, a)                                                     \
-    ({ vec each_ = (a); for (int l = 0; l < LANES; l++) each_[l] = __builtin_##f(each_[l]); each_; })
+    ({ vec each_ = (a);                                                \
+       for (int l = 0; l < LANES; l++) each_[l] = __builtin_##f(each_[l]); each_; })
 #define EACH_2(f, a, b)                                                \
     ({ vec each_ = (a), with_ = (b);                                   \
        for (int l = 0; l < LANES; l++) each_[l] = __builtin_##f(each_[l], with_[l]); each_; })
@@ -38,7 +39,8 @@ static const ivec NO_SIGN = {
     ({ const vec at_ = (a); const ivec good_ = (mask); vec found_ = (found);                    \
        long long all_ = -1;                                                                     \
        for (int l = 0; l < LANES; l++) all_ &= good_[l];                                        \
-       if (!all_) for (int l = 0; l < LANES; l++) if (!good_[l]) found_[l] = __builtin_##f(at_[l]);         \
+       if (!all_)                                                                               \
+           for (int l = 0; l < LANES; l++) if (!good_[l]) found_[l] = __builtin_##f(at_[l]);    \
        found_; })
 
 INLINE vec lane_abs(vec a) { return (vec)((ivec)a & NO_SIGN); }

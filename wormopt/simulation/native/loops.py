@@ -39,7 +39,7 @@ _PLACE = re.compile(r"\$(\w+);")
 
 
 class _Expression(NamedTuple):
-    """What is done alike with other numbers elsewhere."""
+    """What an instruction makes, without the entries: alike elsewhere with others."""
 
     shape: str  # in C, with $array; where an entry stands
     size: int = 0  # operations
@@ -101,8 +101,8 @@ def _grouped(
         return _Expression(shape, size, level), []
 
     inputs, constants, ends = (operations == op for op in (ca.OP_INPUT, ca.OP_CONST, ca.OP_OUTPUT))
-    # the last stands for what is not there
     arrays = [*(_Expression(f"$a{i};") for i in range(function.n_in())), _Expression("")]
+    # by instruction; the last stands for what is not there
     found = [arrays[i] for i in np.append(np.where(inputs, places[:, 1], -1), -1).tolist()]
     for k in np.flatnonzero(constants).tolist():
         found[k] = _Expression(f"ALL({number(function.instruction_constant(k))})")
@@ -137,16 +137,16 @@ def _placed(
 
     A row is an instruction, the entry that it writes and those that it reads.
     """
-    # of inputs, outputs and what is in w
-    entry = np.full(len(operations), -1)
+    entry = np.full(len(operations), -1)  # of inputs, outputs and what is in w
     for op, column in ((ca.OP_INPUT, 2), (ca.OP_OUTPUT, 1)):
         entry[operations == op] = places[operations == op, column]
 
-    def read(k: np.ndarray) -> Iterator[np.ndarray]:
+    def taken(k: np.ndarray) -> Iterator[np.ndarray]:
+        """Entries that alike expressions read, place by place."""
         for column in given.T:
             a = column[k]
             if a[0] >= 0:
-                yield from (entry[a],) if entry[a[0]] >= 0 else read(a)
+                yield from (entry[a],) if entry[a[0]] >= 0 else taken(a)
 
     n_w, found = 0, []
     for (_, array, shape), listed in sorted(groups.items(), key=lambda group: group[0][0]):
@@ -154,7 +154,7 @@ def _placed(
         if array == "w":
             entry[k] = np.arange(n_w, n_w + len(k))
             n_w += len(k)
-        found.append((array, shape, np.array([k, entry[k], *read(k)]).T))
+        found.append((array, shape, np.array([k, entry[k], *taken(k)]).T))
     return found, n_w
 
 

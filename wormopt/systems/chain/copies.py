@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Law
-from wormopt.model.given import fields_of
+from wormopt.model.friction import Law, symbols_of
 from wormopt.model.model import Contact, Model, Output, pack
 from wormopt.model.values import signal_values
 
@@ -98,8 +97,7 @@ def _copy(model: Model, draw: Mapping[str, ArrayLike], k: int) -> Model:
 
 def _numbered(law: Law, put: Callable[[ca.SX], ca.SX]) -> Law:
     """The same law, its symbols replaced by numbers."""
-    values = fields_of(law).items()
-    numbers = {name: float(ca.DM(put(v))) for name, v in values if isinstance(v, ca.SX)}
+    numbers = {name: float(ca.DM(put(v))) for name, v in symbols_of(law).items()}
     return replace(cast(Any, law), **numbers)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,8 +16,8 @@ from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording
 from wormopt.kinds import KINDS
+from wormopt.model.friction import symbols_of
 from wormopt.model.gait import Gait
-from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
 from wormopt.quantities import UNITS, unit_of
 from wormopt.scene.scene import Scene
@@ -293,9 +294,10 @@ def _driven(
 ) -> Model:
     """Model whose inputs and parameters of these names follow recorded courses (size, m)."""
     signals = [s for s in (*model.u, *model.p) if s.name in courses]
-    laws = ca.vertcat(ca.SX(0, 1), *_numbers_of_laws(model))
+    laws = (symbols_of(contact.law).values() for contact in model.contacts)
+    friction = ca.vertcat(ca.SX(0, 1), *chain.from_iterable(laws))
     for s in signals:
-        if ca.depends_on(laws, s.symbol):
+        if ca.depends_on(friction, s.symbol):
             raise ArgumentError(f"{s.name} is a number of friction, which has no course in time")
     rows = np.vstack([_whole(s, courses[s.name], time, said) for s in signals])
     slope = np.zeros_like(rows[:, :-1]) if held else np.diff(rows) / np.diff(time)
@@ -312,11 +314,6 @@ def _driven(
         outputs=[*(o for o in fed.outputs if o.name not in courses), *shown],
         schedules=[*fed.schedules, *reference.schedules],
     )
-
-
-def _numbers_of_laws(model: Model) -> Iterator[ca.SX]:
-    for contact in model.contacts:
-        yield from (v for v in fields_of(contact.law).values() if isinstance(v, ca.SX))
 
 
 def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) -> np.ndarray:

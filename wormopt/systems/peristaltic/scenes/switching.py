@@ -25,9 +25,9 @@ from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 # Fewer segments than the kind of scene without switches takes: orders grow with (2 N - 1)!
 Coils = Annotated[int, Meta(ge=2, le=10, description="a whole number from 2 to 10")]
-# Beyond these the best times are not determined: an order of N segments is resolved on periods of
-# so many of the longer time constant, and with so large a ratio of both. In periods of a smaller
-# part of it lengths hardly change.
+# Beyond these the best times are not determined: for each segment a period takes so many of the
+# longer time constant at most, both differ by such a factor at most, and in periods of a smaller
+# part of the longer one lengths hardly change.
 _LONGEST_PER_SEGMENT, _LARGEST_RATIO, _SHORTEST = 12.0, 30.0, 1e-4
 Share = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most 1")]
 

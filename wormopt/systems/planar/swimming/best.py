@@ -239,7 +239,7 @@ class BestStroke:
 
     @property
     def motion(self) -> Motion:
-        """The stroke over unit time."""
+        """The stroke over unit time; places are over `StrokeAim.length`."""
         return self.optimum.motion
 
 

@@ -288,8 +288,9 @@ class Relaxation:
         """By which share of the speed cuts must be missed to be made; 0 for none."""
         if cutoff is None:
             return _ALL_MISSED
-        above = _MISSED * (bound - cutoff) / bound if bound > cutoff else 0.0
-        return above and min(max(above, _LEAST_MISSED), _MOST_MISSED)
+        if bound <= cutoff:
+            return 0.0
+        return min(max(_MISSED * (bound - cutoff) / bound, _LEAST_MISSED), _MOST_MISSED)
 
     def _bound_of(self, found: Maximum) -> float:
         return found.bound * self._limits.speed * (1 + 4 * _ROUNDING)
