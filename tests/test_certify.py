@@ -1027,12 +1027,30 @@ def test_shares_of_cuts_are_parts_of_a_cell(rates):
     cuts.set_durations(np.array([0.4]), np.array([0.6]))
     ends = np.meshgrid([0.0, 0.3, 5.0, 9.0], [0.0, 0.3, 5.0, 9.0])
     start, end = (each.reshape(1, -1) for each in ends)
-    before, after = cuts.shares(start, end, np.full((1, 1), 9.0), np.ones((1, 1)))
-    assert min(before.min(), after.min()) >= 0.0
-    assert np.max(before + after) <= 1.0
-    assert np.isfinite(cuts.reach(np.zeros_like(before, int), before, after)).all()
-    for shares, rate in ((before, rates[0]), (after, rates[1])):
-        assert np.isfinite(rate) or not shares.any()
+    for reach in (1.0, 0.0):  # of a duration, or none
+        level = np.full((1, 1), 9.0)
+        before, after = cuts.shares(start, end, level, np.full((1, 1), reach))
+        assert min(before.min(), after.min()) >= 0.0
+        assert np.max(before + after) <= 1.0
+        assert np.isfinite(cuts.reach(np.zeros_like(before, int), before, after)).all()
+        for shares, rate in ((before, rates[0]), (after, rates[1])):
+            assert np.isfinite(rate) or not shares.any()
+
+
+@pytest.mark.parametrize("decay", [0.0, 0.7])
+def test_what_others_bear_of_a_cut_is_what_it_gains_with_their_part_of_the_rates(decay):
+    """Of rates 3 and 2 they bear 0.4 and 0.9; nothing if nothing is said."""
+
+    def made(part: float, *shared: tuple[float, float]) -> Cuts:
+        rise, fall = Slope(3 + 0.4 * part, decay), Slope(2 + 0.9 * part, decay, True)
+        cuts = Cuts([Cut(0, np.ones(1), rise, fall, 9.0, *shared)])
+        cuts.set_durations(np.array([0.4]), np.array([0.6]))
+        return cuts
+
+    shares = np.zeros(1, int), np.array([0.3]), np.array([0.6])
+    gain = made(1.0).reach(*shares) - made(0.0).reach(*shares)
+    assert made(0.0, (0.4, 0.9)).borne(*shares) == pytest.approx(gain, rel=1e-10)
+    assert made(0.0).borne(*shares) == 0.0
 
 
 def test_cuts_are_the_same_when_they_are_drawn_again():
