@@ -183,7 +183,6 @@ class _Motion:
             self._watch.raise_levels(self._t, self._x)
         if crossing.which >= self._watch.n_contacts and crossing.level != 0 and located.arrived:
             raise GivenUp("events_accumulate")  # it has fired and not been above 0 since
-        self._stepper.h = step.h
         if located.arrived:
             self._count_crowd()
             self._columns.leave(crossing.which, self._t, self._x, self._watch.grazes)
