@@ -610,3 +610,34 @@ def test_a_ball_never_falls_through_a_floor_that_it_cannot_hit_exactly(
     assert code in ("events_accumulate", "too_many_steps")
     assert motion.end[0] >= floor - 4 * digit
     assert motion.end_time >= last * (1 - 1e-3)
+
+
+@cache
+def swinging_against_a_wall() -> Model:
+    """x'' = -x; at `wall` it is stopped, and swings from there to the same height ever after."""
+    x, v, wall = (ca.SX.sym(name) for name in ("x", "v", "wall"))
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=1.0)]
+    hit = Switch("hit", x - wall, ca.vertcat(x, 0))
+    return Model("swing", states, ca.vertcat(v, -x), p=[Signal("wall", wall)], switches=[hit])
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+def test_a_guard_that_comes_back_to_0_and_no_higher_may_fire_there_on_either_side(
+    unit: float, route: Route
+):
+    """Whether it fires is a matter of errors, by which it moves no more than by their root."""
+    for height in np.random.default_rng(0).uniform(0.1, 0.9, 20):
+        motion = simulate(
+            swinging_against_a_wall(),
+            40.0,
+            route=route,
+            x0={"v": unit},
+            p={"wall": unit * height},
+            times=np.linspace(0, 40, 81),
+        )
+        since = motion.time - np.arcsin(height)
+        expected = np.where(since < 0, np.sin(motion.time), height * np.cos(since))
+        assert motion["x"][0] / unit == pytest.approx(expected, abs=1e-5)
+        assert motion.events[0].time == pytest.approx(np.arcsin(height), rel=1e-10)
+        turns = [(event.time - motion.events[0].time) / (2 * np.pi) for event in motion.events]
+        assert turns == pytest.approx(np.round(turns), abs=1e-5)

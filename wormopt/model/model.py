@@ -192,7 +192,8 @@ class Switch:
     name : str
         What happens.
     guard : casadi.SX
-        Scalar expression that rises through 0 at the event.
+        Scalar expression that rises through 0 at the event; continuous, but for what schedules,
+        impulses and other switches do to it.
     reset : casadi.SX
         Column of the states after it.
     terminal : bool, optional

@@ -190,7 +190,7 @@ class _Motion:
             if k < 0:
                 self._decide(crossing.which)
             else:
-                self._fire(k, self._watch.error_of(k, self._t, self._x))
+                self._fire(k, self._watch.error_of(k, self._t, self._x, step.h))
         self._start_afresh()
 
     def _count_crowd(self) -> None:

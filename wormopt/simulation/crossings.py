@@ -68,6 +68,7 @@ class Watch:
         self._levels = np.zeros(self.n)
         # a switch that has fired has level 0 again once its guard has fallen by more than this
         self._passed = np.zeros(len(system.model.switches))
+        self._fired = np.full(len(system.model.switches), -np.inf)  # when each last did
         if self.n:
             reach = ("reach", task.reach[:, : self.n_contacts].ravel())
             value, within, scan, rates = (Call(f, *shared, reach) for f in _event_functions(system))
@@ -128,14 +129,15 @@ class Watch:
         """Lower the level of a contact whose mode has changed."""
         self._levels[contact] = -self._small()[contact]
 
-    def error_of(self, k: int, t: float, x: np.ndarray) -> tuple[float, float]:
+    def error_of(self, k: int, t: float, x: np.ndarray, h: float) -> tuple[float, float]:
         """How exactly the event of switch `k` has been found.
 
         Gives how far from 0 its guard may be by rounding, and the guard's time derivative. Raises
-        GivenUp if it falls, and fires again by rounding.
+        GivenUp if it falls, and fires again by rounding: a ball on its way up from a floor that
+        lies between two numbers. The step of length `h` was to go much further.
         """
         rate = self._rate(k, t, x)
-        if self._passed[k] > 0 and rate < 0:
+        if rate < 0 and t - self._fired[k] <= _SAMPLES[1] * h:
             raise GivenUp("events_accumulate")
         off = abs(self.value(self.n_contacts + k, t, x))
         return 2 * off + abs(rate) * floor_of_step(self._task, t), abs(rate)
@@ -159,7 +161,7 @@ class Watch:
             self._levels[which] = 2 * min(value, 0.0) - 1e-300
         else:
             self._levels[which] = -np.inf
-        self._passed[k] = residual
+        self._passed[k], self._fired[k] = residual, t
 
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
         """Index of the first switch whose guard has jumped above 0."""

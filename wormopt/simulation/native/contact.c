@@ -232,7 +232,7 @@ static void note_fired(Run *run, long long which, double residual, double rate) 
     const int falls = run->guard[run->in.n_switches + k] < -1e-9 * rate;
     const int near = value >= -residual; /* left clearly above 0, it must come from below */
     run->level[which] = falls && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
-    run->passed[k] = residual;
+    run->passed[k] = residual, run->fired[k] = run->out.t;
 }
 
 void apply_event(Run *run, long long which, int jumped) {
@@ -244,12 +244,7 @@ void apply_event(Run *run, long long which, int jumped) {
     double residual = 0.0, rate = 0.0; /* how far from 0 the guard may be by rounding */
     if (!jumped) {
         event_values(run, run->out.t, run->out.x, run->value);
-        const double slope = run->guard[run->in.n_switches + k];
-        if (run->passed[k] > 0.0 && slope < 0.0) {
-            run->out.status = EVENTS_ACCUMULATE; /* it falls, and fires again by rounding */
-            return;
-        }
-        rate = fabs(slope);
+        rate = fabs(run->guard[run->in.n_switches + k]);
         residual = 2.0 * fabs(run->value[which]) + rate * floor_of_step(run);
     }
     evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);

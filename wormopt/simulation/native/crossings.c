@@ -247,6 +247,15 @@ int grazes(Run *run, double h, double theta, long long j) {
            && lowest(run, j, h, theta, 1.0, &at) >= -run->in.small_value * function_size(run, j, largest);
 }
 
+/* Whether a switch that has just fired does so again while its guard falls: a ball on its way up
+   from a floor that lies between two numbers. The step of length h was to go much further. */
+int fires_by_rounding(Run *run, double h, long long which) {
+    const long long k = which - n_exact(run);
+    if (run->out.t - run->fired[k] > SAMPLES[1] * h) return 0;
+    event_values(run, run->out.t, run->out.x, run->value);
+    return run->guard[run->in.n_switches + k] < 0.0;
+}
+
 /* Move the end of a step of length h by a time so short that its slope there tells where to, to the
    last bit. Tells whether it was so short. */
 static int shift_end(Run *run, double h, double shift) {

@@ -138,7 +138,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
         emit(run, length, run->out.t + length);
         take_over(run, run->out.t + length);
     }
-    if (which >= n_exact(run) && run->level[which] != 0.0)
+    if (which >= n_exact(run) && (run->level[which] != 0.0 || fires_by_rounding(run, h, which)))
         run->out.status = EVENTS_ACCUMULATE; /* it has fired and not been above 0 since */
     if (run->out.t - run->crowd_start > 1e-10 * (run->in.t_end - run->in.t_start))
         run->crowd = 0, run->crowd_start = run->out.t;
@@ -241,7 +241,7 @@ EXPORT void wormopt_free(Run *run) {
         run->modes,  run->before, run->aims,        run->toward,          run->bend,
         run->fresh,  run->struck, run->released,    run->probe,           run->guard,
         run->reset,  run->value,  run->level,       run->scan,            run->column,
-        run->passed,
+        run->passed, run->fired,
         run->w,      run->event_along,          run->slope,           run->slopes_x,
         run->slopes_p, run->column_x,           run->column_p,        run->change,
         run->column_error,        run->last_along,  run->suspect,         run->touch,
@@ -278,6 +278,7 @@ static int allocate(Run *run) {
     ROOM(run->value, f);
     ROOM(run->level, f);
     ROOM(run->passed, in->n_switches);
+    ROOM(run->fired, in->n_switches);
     ROOM(run->scan, 13 * f + 2 * c);
     ROOM(run->column, n);
     ROOM(run->event_along, in->k);
@@ -324,6 +325,7 @@ EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double 
         run->released[i] = -INFINITY;
         run->modes[i] = 1.0; /* the velocities decide below, before anything is recorded */
     }
+    for (long long k = 0; k < problem->n_switches; k++) run->fired[k] = -INFINITY;
     start_schedules(run);
     decide_modes(run, -1, 0);
     set_levels(run, 1);

@@ -35,6 +35,7 @@ typedef struct {
     double *guard, *reset; /* guards and their rates; states after switches */
     double *value, *level; /* per event function: value, and what it falls below at an event */
     double *passed;        /* per switch: how far above 0 is nothing but rounding since it fired */
+    double *fired;         /* per switch: when it last did */
     double *scan;          /* values at the samples of a step, at the first event, levels */
     double *column;        /* a state in between */
     double *event_along;   /* derivatives of the time of the event that is under way; else 0 */
@@ -92,6 +93,7 @@ int keep_sliding(Run *run, double h);
 double find_event(Run *run, double h, long long *which);
 double polish_event(Run *run, double h, double theta, long long which);
 int grazes(Run *run, double h, double theta, long long j);
+int fires_by_rounding(Run *run, double h, long long which);
 void set_levels(Run *run, int at_start);
 
 /* layer.c */
