@@ -101,6 +101,20 @@ def test_a_rod_pulled_along_holds_what_both_ends_hold(route: Route):
     assert motion.end[[1, 2]] == pytest.approx([0, 0], abs=1e-12)
 
 
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("pull", [3.9, 4.0 + 1e-6, 4.5])
+def test_a_rod_pulled_from_the_start_slips_at_once_if_its_ends_do_not_hold_it(
+    pull: float, route: Route
+):
+    """Ends of 1 and 3 share the load; then x'' = (pull - 4) / 2."""
+    laws: list[Elliptic] = [Elliptic(F, F, F) for F in (1.0, 3.0)]
+    motion = simulate(body(ROD, laws, lambda _: ca.DM([pull, 0, 0])), 1.0, route=route)
+    assert not motion.events
+    rate = max(pull - 4, 0.0) / 2
+    assert motion.end[[0, 4]] == pytest.approx([rate / 2, rate], abs=1e-9)
+    assert motion.end[[1, 2, 3, 5, 6]] == pytest.approx([0, 0, 1, 0, 0], abs=1e-9)
+
+
 @pytest.mark.parametrize(
     "load",
     [

@@ -35,6 +35,14 @@ def scaled(sharing: Sharing = "equal", load: tuple[float, float] | float = LOAD)
     return ScaledLimits(GaitProblem(worm, limits, Objective()))
 
 
+def test_forces_as_such_have_no_limits():
+    """Weights 1 to 4 of masses 1, 2, 0.5, 1.5 with a mean of 1.25."""
+    form = scaled().weighted(np.arange(1.0, 5.0))
+    assert (form.below, form.above, form.shared) == (np.inf, np.inf, 0.0)
+    assert form.alpha == pytest.approx(np.array([1, 4, 1.5, 6]) / 1.25)
+    assert form.beta == pytest.approx([1, 2, 3, 4])
+
+
 @pytest.mark.parametrize(
     ("sharing", "resting", "more", "most"),
     [
