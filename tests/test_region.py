@@ -63,6 +63,29 @@ GAITS = {
 }
 
 
+@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("drag", [0.0, 2.0])
+def test_what_a_spike_carries_is_shared_by_those_at_rest(name: str, drag: float):
+    """Sigma by its definition at many instants: the foremost rest, whatever their masses."""
+    gait, mass = GAITS[name]
+    region, t = region_of(gait, mass, drag), np.linspace(0, 1, 20_001)
+    for period in (0.4, 1.7):
+        quick = gait.with_period(period)
+        first, second = (
+            np.vstack([0 * t, np.cumsum(quick(period * t, d), axis=0)]) for d in (1, 2)
+        )
+        leader, instants = first.argmax(axis=0), np.arange(len(t))
+        velocity = first[leader, instants] - first
+        force = np.array(mass) @ (second[leader, instants] - second) + drag * velocity.sum(axis=0)
+        resting = (velocity <= 1e-9 * velocity.max()).sum(axis=0)
+        carried = force + len(mass) * 5.0
+        most = float((carried / resting).max())
+        assert region.spike_loads(period, np.array([5.0])) == pytest.approx(most, rel=1e-4)
+        assert region.total_load(period, 5.0) == pytest.approx(carried.max(), rel=1e-4)
+        spare = 1e3 * resting / len(mass) - force / len(mass)
+        assert region.most_load(period, 1e3) == pytest.approx(spare.min(), rel=1e-4)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GAITS)
 @pytest.mark.parametrize("drag", [0.0, 2.0])

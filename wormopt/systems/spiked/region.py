@@ -48,8 +48,8 @@ class Region:
             rows = np.array([q**2, q]) @ parts.coefficients
             ends = Series(parts.a, parts.b, rows[None]).extremes()
             counts.append(resting)
-            low.append(ends[0][0])
-            high.append(ends[1][0])
+            low.append(ends[0].item())
+            high.append(ends[1].item())
         return np.array(counts), np.array(low), np.array(high)
 
     def least_load(self, period: float) -> float:
