@@ -341,6 +341,23 @@ def test_what_begins_to_slip_goes_on_when_something_else_happens(joined: bool, r
     assert motion.end == pytest.approx([0, 0, gained, 0], abs=1e-10)
 
 
+@pytest.mark.parametrize("above", [-1e-15, 0.0, 1e-15])
+def test_a_load_that_jumps_to_what_friction_holds_lets_nothing_go(above: float, route: Route):
+    """To the last digits, in which the force it takes may be out of bounds."""
+    t, v, load, f = (ca.SX.sym(name) for name in ("t", "v", "load", "f"))
+    model = Model(
+        "loaded",
+        [Signal("v", v, value=0.0), Signal("load", load, value=0.1)],
+        ca.vertcat(f + load, 0),
+        t=t,
+        contacts=[Contact("block", v, f, Coulomb(0.3, 0.3))],
+        switches=[Switch("more", t - 0.5, ca.vertcat(v, 0.3 + above))],
+    )
+    motion = simulate(model, 1.0, route=route)
+    assert kinds(motion) == [("more", "switch")]
+    assert motion.end[0] == 0.0
+
+
 # -- switches ------------------------------------------------------------------------------------
 
 
