@@ -142,6 +142,17 @@ def test_nothing_is_let_go_where_its_law_does_not_let_it(
         assert simulate(model, 0.4, route=route).end == pytest.approx([0.4 * speed], abs=1e-13)
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_nor_beside_one_that_may_go(order: int, route: Route):
+    """Two blocks that do not act on each other are let go at once, one against its law."""
+    v, f = ca.SX.sym("v", 2), ca.SX.sym("f", 2)
+    laws = [Ratchet(), Coulomb(1.0, 1.0)][::order]
+    grounds = [Contact(f"block {i}", v[i], f[i], law) for i, law in enumerate(laws)]
+    push = ca.DM([-2.1, 3.0][::order])
+    model = Model("neighbours", [Signal("v", v, value=0.0)], f + push, contacts=grounds)
+    assert refused(model, 0.4, route).code == "no_contact_mode"
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("share", [0.7, 1.4])
 @pytest.mark.parametrize("side", [1, -1])
