@@ -20,9 +20,11 @@ from wormopt.analysis.average import average
 from wormopt.analysis.crossings import _turned
 from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
+from wormopt.model.delay import Delay
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Contact, Model, Output, Signal, Switch, pack
+from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.simulation.simulate import simulate
@@ -708,10 +710,25 @@ def of_a_hidden_harmonic() -> Model:
     )
 
 
+def lagging() -> Model:
+    """x' = -x(t - 1)."""
+    x, past = ca.SX.sym("x"), ca.SX.sym("past")
+    return Model("lagging", [Signal("x", x)], -past, delays=[Delay("past", past, x, 1.0)])
+
+
+def in_the_plane() -> Model:
+    """A block on ground that resists in all directions."""
+    t, v, f = ca.SX.sym("t"), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
+    grounds = [Contact("block", v + ca.cos(t), f, Elliptic(1.0, 1.0, 1.0))]
+    return Model("a block", [Signal("v", v)], f, t=t, contacts=grounds)
+
+
 MODEL_OF_A_STATE = block()
 REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     "no model": (lambda: "block", 2 * np.pi, "must be a Model, not str"),
     "spikes": (lambda: block(Spike()), 2 * np.pi, "block cannot slide both ways"),
+    "contacts in the plane": (in_the_plane, 2 * np.pi, "block moves in the plane"),
+    "delays": (lagging, 2 * np.pi, "delay"),
     "switches": (switching, 2 * np.pi, "a block has switches"),
     "algebraic": (with_z, 2 * np.pi, "algebraic variables"),
     "secular": (
@@ -800,6 +817,18 @@ def test_sixteen_nodes_are_taken_if_nothing_is_said():
     )
     assert usual == asked
     assert fewer != asked != more
+
+
+def test_what_stands_still_has_the_mean_0_and_numbers_may_come_later():
+    """x' = 0 y, y' = cos(t) / m - y, where nothing is said of m."""
+    t, x, m = ca.SX.sym("t"), ca.SX.sym("x", 2), ca.SX.sym("m")
+    rates = ca.vertcat(0, ca.cos(t) / m - x[1])
+    model = Model("block", [Signal("x", x)], rates, t=t, p=[Signal("m", m)])
+    found = average(model, 2 * np.pi)
+    mean = ca.Function("mean", [x, m], [found.ode])([3.0, 5.0], 2.0)
+    assert np.array(mean).ravel() == pytest.approx([0.0, -5.0], abs=1e-14)
+    still = Model("block", [Signal("x", x)], ca.SX.zeros(2))
+    assert average(still, 1.0).ode.is_zero()
 
 
 def test_only_outputs_without_time_are_kept():
