@@ -415,6 +415,24 @@ def test_an_impulse_changes_with_what_carries_it(law: Any, route: Route):
     np.testing.assert_allclose(motion.end_derivative[:, 0], [0.0, 3.0], atol=1e-13)
 
 
+@pytest.mark.parametrize("share", [0.4, -0.4])
+def test_what_is_held_stops_by_its_own_impulse_whatever_rests_beside_it(share: float, route: Route):
+    """Its impulse of 3 moves the block that it is joined to, which friction of 1/2 then slows."""
+    t, v, w, f, g = (ca.SX.sym(name) for name in ("t", "v", "w", "f", "g"))
+    model = Model(
+        "joined",
+        [Signal("v", v, value=0.0), Signal("w", w, value=0.0)],
+        ca.vertcat(f + share * g, share * f + g),
+        t=t,
+        contacts=[Contact("rail", v, f, Held()), Contact("block", w, g, Coulomb(0.5, 0.5))],
+        switches=[Switch("kick", t - 0.5, ca.vertcat(v - 3.0, w))],
+    )
+    motion = simulate(model, 1.0, route=route)
+    assert ("rail", "impact") in kinds(motion)
+    slowed = 0.5 * (1 - share**2) * 0.5  # the rail takes a part of it
+    assert motion.end == pytest.approx([0.0, np.sign(share) * (3 * abs(share) - slowed)], abs=1e-12)
+
+
 @pytest.mark.parametrize(("share", "again"), [(0.5, True), (2.0, False)])
 def test_a_guard_left_above_0_fires_again_only_within_rounding_and_is_refused_there(
     share: float, again: bool, route: Route
