@@ -16,8 +16,8 @@ from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording
 from wormopt.kinds import KINDS
-from wormopt.model.friction import symbols_of
 from wormopt.model.gait import Gait
+from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
 from wormopt.quantities import UNITS, unit_of
 from wormopt.scene.scene import Scene
@@ -294,8 +294,8 @@ def _driven(
 ) -> Model:
     """Model whose inputs and parameters of these names follow recorded courses (size, m)."""
     signals = [s for s in (*model.u, *model.p) if s.name in courses]
-    laws = (symbols_of(contact.law).values() for contact in model.contacts)
-    friction = ca.vertcat(ca.SX(0, 1), *chain.from_iterable(laws))
+    numbers = chain.from_iterable(fields_of(contact.law).values() for contact in model.contacts)
+    friction = ca.vertcat(ca.SX(0, 1), *(v for v in numbers if isinstance(v, ca.SX)))
     for s in signals:
         if ca.depends_on(friction, s.symbol):
             raise ArgumentError(f"{s.name} is a number of friction, which has no course in time")
