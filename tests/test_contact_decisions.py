@@ -1,5 +1,6 @@
 """Which contacts rest: the only choice that the laws allow, found by trying them all."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import product
 from types import SimpleNamespace
@@ -90,6 +91,25 @@ def test_what_is_caught_again_does_not_depend_on_the_unit(n: int, seed: int, uni
     for route in ROUTES:
         motion = simulate(rigid(n), 1e-3, p=p, route=route)
         assert motion.end / unit == pytest.approx(1e-3 * a, abs=1e-14)
+        assert not motion.events
+
+
+@pytest.mark.parametrize("units", [(1e-7, 1.0, 1e7), (1e7, 1e-7, 1.0)])
+@pytest.mark.parametrize(("n", "seed"), [(2, 8), (2, 26), (3, 130)])
+def test_what_is_caught_again_does_not_depend_on_units_of_each(
+    n: int, seed: int, units: tuple[float, ...]
+):
+    """Velocities of contacts in units that are far apart, told by their nominal speeds."""
+    G, load = matrices(n, seed)
+    ((_, a, _),) = consistent(load, G)
+    each = np.array(units[:n])
+    contacts = zip(rigid(n).contacts, units, strict=False)
+    contacts = [replace(contact, nominal_speed=unit) for contact, unit in contacts]
+    model = replace(rigid(n), contacts=contacts)
+    p = {"b": each * load, "G": (each[:, None] * G).ravel(order="F")}
+    for route in ROUTES:
+        motion = simulate(model, 1e-3, p=p, route=route)
+        assert motion.end / each == pytest.approx(1e-3 * a, abs=1e-14)
         assert not motion.events
 
 
@@ -233,31 +253,50 @@ def feet() -> Model:
     return Model("feet", [Signal("v", v, value=0.0)], b + G @ f, p=numbers, contacts=grounds)
 
 
+def set_free(G: np.ndarray, load: np.ndarray, route: Route) -> int:
+    """Feet go straight on, each against a force of 1, or are held by less; how many rest."""
+    span, sharp = 1e-3, Tolerance(1e-12, 1e-14)
+    p = {"b": load, "G": G.ravel(order="F")}
+    motion = simulate(feet(), span, p=p, route=route, tolerance=sharp)
+    a = motion.end / span
+    moves = np.repeat(motion.modes[0, 1:3] != 0, 2)
+    speeds = np.repeat(np.linalg.norm(a.reshape(2, 2), axis=1), 2)
+    force = -a / np.where(moves, speeds, 1.0)
+    rest = ~moves
+    force[rest] = np.linalg.solve(G[np.ix_(rest, rest)], -(load + G @ (force * moves))[rest])
+    assert a == pytest.approx(load + G @ force, abs=2e-9 * np.abs(load).max())
+    assert np.linalg.norm(force.reshape(2, 2), axis=1).max() < 1 + 1e-9
+    assert not motion.events
+    onsets = motion.modes[0, 3:].reshape(2, 4)
+    assert not onsets[rest[::2]].any()  # what rests has no direction
+    assert onsets[:, 2] * span == pytest.approx([0.0, 0.0], abs=1e-6)  # and what slips does not turn
+    return int(rest.sum())
+
+
 @pytest.mark.parametrize("route", ROUTES)
 def test_feet_begin_to_slip_the_way_they_go_on(route: Route, monkeypatch: pytest.MonkeyPatch):
-    """Set free they go straight on, each against a force of 1, or held by less.
-
-    What one motion has come to is nothing to the next.
-    """
+    """What one motion has come to is nothing to the next."""
     if route == "native":
         monkeypatch.setattr(routes, "_in_python", None)
-    slipping = []
+    resting = []
     for seed in (*range(1, 13), *range(12, 0, -1)):
         random = np.random.default_rng(seed)
         A, load = random.normal(size=(4, 4)), seed * random.normal(size=4) / 2
-        G, span = A @ A.T + 0.5 * np.eye(4), 1e-3
-        motion = simulate(feet(), span, p={"b": load, "G": G.ravel(order="F")}, route=route)
-        a = motion.end / span
-        moves = np.repeat(motion.modes[0, 1:3] != 0, 2)
-        speeds = np.repeat(np.linalg.norm(a.reshape(2, 2), axis=1), 2)
-        force = -a / np.where(moves, speeds, 1.0)
-        rest = ~moves
-        force[rest] = np.linalg.solve(G[np.ix_(rest, rest)], -(load + G @ (force * moves))[rest])
-        assert a == pytest.approx(load + G @ force, abs=1e-9 * np.abs(load).max())
-        assert np.linalg.norm(force.reshape(2, 2), axis=1).max() < 1 + 1e-9
-        assert not motion.events
-        slipping.append(int(moves.sum()))
-    assert set(slipping) == {0, 2, 4}
+        resting.append(set_free(A @ A.T + 0.5 * np.eye(4), load, route))
+    assert set(resting) == {0, 2, 4}
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("seed", [66, 77, 86, 95, 117, 118, 119, 163, 186])
+def test_feet_that_act_strongly_on_each_other_go_straight_on(
+    seed: int, route: Route, monkeypatch: pytest.MonkeyPatch
+):
+    """Another that begins to slip, or is caught again, turns a foot by up to a right angle."""
+    if route == "native":
+        monkeypatch.setattr(routes, "_in_python", None)
+    random = np.random.default_rng(seed)
+    A, load = random.normal(size=(4, 4)), (seed % 12 + 1) * random.normal(size=4) / 2
+    set_free(A @ A.T + 0.02 * np.eye(4), load, route)
 
 
 @pytest.mark.parametrize("route", ROUTES)

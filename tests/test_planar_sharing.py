@@ -7,6 +7,7 @@ smooth law and Moreau-Jean stepping.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -115,6 +116,25 @@ def test_a_rod_pulled_from_the_start_slips_at_once_if_its_ends_do_not_hold_it(
     assert motion.end[[1, 2, 3, 5, 6]] == pytest.approx([0, 0, 1, 0, 0], abs=1e-9)
 
 
+ELLIPSES: list[Elliptic] = [Elliptic(1.0, 1.0, 2.0), Elliptic(1.5, 1.5, 1.2)]
+
+
+def largest(load: tuple[float, ...]) -> float:
+    """Factor of a load at which a rod on two ellipses slips.
+
+    Across, statics tells the forces; along, the ends hold together what these leave.
+    """
+    across = np.array([load[1] / 2 + load[2], load[1] / 2 - load[2]])
+
+    def spare(t: float) -> float:
+        used = t * across / np.array([law.sideways for law in ELLIPSES])
+        held = np.sqrt(np.maximum(1 - used**2, 0)) * np.array([law.forward for law in ELLIPSES])
+        return float(held.sum() - t * load[0])
+
+    tip = min(law.sideways / abs(f) for law, f in zip(ELLIPSES, across, strict=True))
+    return tip if spare(tip) > 0 else float(np.asarray(brentq(spare, 0, tip, xtol=1e-14)))
+
+
 @pytest.mark.parametrize(
     "load",
     [
@@ -124,19 +144,45 @@ def test_a_rod_pulled_from_the_start_slips_at_once_if_its_ends_do_not_hold_it(
     ],
 )
 def test_a_rod_slips_where_two_ellipses_part(load: tuple[float, ...]):
-    """Across, statics tells the forces; along, the ends hold together what these leave."""
-    laws: list[Elliptic] = [Elliptic(1.0, 1.0, 2.0), Elliptic(1.5, 1.5, 1.2)]
-    across = np.array([load[1] / 2 + load[2], load[1] / 2 - load[2]])
-
-    def spare(t: float) -> float:
-        used = t * across / np.array([law.sideways for law in laws])
-        held = np.sqrt(np.maximum(1 - used**2, 0)) * np.array([law.forward for law in laws])
-        return float(held.sum() - t * load[0])
-
-    tip = min(law.sideways / abs(f) for law, f in zip(laws, across, strict=True))
-    limit = tip if spare(tip) > 0 else float(np.asarray(brentq(spare, 0, tip, xtol=1e-14)))
-    motion = simulate(body(ROD, laws, lambda t: t * ca.DM(load)), limit + 0.1, route="python")
+    limit = largest(load)
+    rod = body(ROD, ELLIPSES, lambda t: t * ca.DM(load))
+    motion = simulate(rod, limit + 0.1, route="python")
     assert min(releases(motion).values()) == pytest.approx(limit, abs=1e-9)
+
+
+@pytest.mark.parametrize("load", [(0.3, 1.0, 0.0), (1.0, 0.4, 0.1), (1.0, 1.0, 0.4)])
+@pytest.mark.parametrize(("share", "rests"), [(0.999, True), (1.001, False)])
+def test_a_rod_rests_if_any_split_holds_its_load(
+    load: tuple[float, ...], share: float, rests: bool
+):
+    """One of the two would have to give way if each held what falls to it by stiffness."""
+    push = ca.SX(share * largest(load) * ca.DM(load))
+    motion = simulate(body(ROD, ELLIPSES, lambda _: push), 0.1, route="python")
+    assert (not motion.modes[0, 1:3].any()) == rests
+    assert (np.abs(motion.end[4:7]).max() < 1e-12) == rests
+    assert not motion.events
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_rods_one_slips_and_the_other_rests(first: int):
+    """Their ends hold 4 together; one is pulled by t, the other by half of it."""
+    laws: list[Elliptic] = [Elliptic(F, F, F) for F in (1.0, 3.0)]
+    pulls = [1.0, 0.5] if first == 0 else [0.5, 1.0]
+    rods = [body(ROD, laws, lambda t, pull=pull: ca.vertcat(pull * t, 0, 0)) for pull in pulls]
+    both = Model(
+        "rods",
+        [replace(x, name=f"{x.name} {i}") for i, rod in enumerate(rods) for x in rod.x],
+        ca.vertcat(*(rod.ode for rod in rods)),
+        contacts=[
+            replace(c, name=f"{c.name} of {i}") for i, rod in enumerate(rods) for c in rod.contacts
+        ],
+    )
+    motion = simulate(both, 5.0, route="python")
+    slips = {f"point {k} of {first}": 4.0 for k in (0, 1)}
+    assert releases(motion) == pytest.approx(slips, abs=1e-9)
+    assert motion.end[8 * first] == pytest.approx(1 / 12, abs=1e-9)
+    other = motion.end[8 * (1 - first) + np.array([0, 1, 2, 4, 5, 6])]
+    assert other == pytest.approx(np.zeros(6), abs=1e-15)
 
 
 def test_a_tripod_slips_at_the_load_of_limit_analysis():

@@ -13,7 +13,7 @@ from wormopt.simulation.initial_value import InitialValueProblem
 
 # Share of the force that does not turn a direction.
 _SMALL = 1e-13
-_SWEEPS = 30
+_SWEEPS = 300
 # Share of the whole time over which it is seen how fast a direction turns.
 _GLANCE = 1e-7
 
@@ -74,7 +74,7 @@ class Aim:
         """Turn what begins to slip until all directions fit each other."""
         begun = np.flatnonzero(self._directions.any(axis=1))
         places = [int(k) for k in begun if int(k) not in self._joint]
-        for _ in range(_SWEEPS if len(places) > 1 else 0):
+        for _ in range(_SWEEPS if places else 0):
             before = self._directions.copy()
             for k in places:
                 self._turn(k, t, x)
@@ -114,8 +114,8 @@ class Aim:
         if not abs(begin) > small:
             return
         near, turn = 0.0, -np.sign(begin) * 1e-6
-        while (end := off(turn)) * begin > 0 and abs(turn) < np.pi / 4:
-            near, turn = turn, 4 * turn
+        while (end := off(turn)) * begin > 0 and abs(turn) < 1.2:
+            near, turn = turn, 2 * turn
         if not end * begin <= 0:  # a law that is not that of most power may have no such direction
             off(0.0)
             return

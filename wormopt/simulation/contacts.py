@@ -122,14 +122,14 @@ class Contacts:
         if self._columns.k:
             self._note_doubts(t, x, probe, suspects, forced_mode, at_start)
         self._columns.carry_rest(t, x)
-        if self._coupled:
-            self._aim.sweep(t, x)
         self._aim.follow(t, x)
         return x, self._changes(before, forced, struck | hit), stopped
 
     def _settle(self, t: float, x: np.ndarray) -> _Probe:
         """Let go of what has to be and catch what has to be, until nothing has."""
         for _ in range(9 + 8 * self._n):
+            if self._coupled:
+                self._aim.sweep(t, x)
             probe = self._look(t, x)
             if not (self._sharing or probe.determined > 1e-10):  # they leave forces open
                 break

@@ -5,7 +5,7 @@
 
 #include "run.h"
 
-enum { N_SWEEPS = 30 };
+enum { N_SWEEPS = 300 };
 static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
 static const double GLANCE = 1e-7;  /* of the whole time, to see how fast a direction turns */
 
@@ -49,8 +49,8 @@ static void turn_onset(Run *run, long long i) {
     const double first = atan2(d[1], d[0]), begin = off(run, k, first);
     if (!(fabs(begin) > SMALL * run->in.nominal_force[i])) return;
     double a = 0.0, va = begin, b = begin > 0.0 ? -1e-6 : 1e-6, vb;
-    while ((vb = off(run, k, first + b)) * begin > 0.0 && fabs(b) < 0.8)
-        a = b, va = vb, b *= 4.0;
+    while ((vb = off(run, k, first + b)) * begin > 0.0 && fabs(b) < 1.2)
+        a = b, va = vb, b *= 2.0;
     if (!(vb * begin <= 0.0)) { /* a law that is not that of most power may have none */
         off(run, k, first);
         return;
@@ -85,10 +85,8 @@ void begin_onset(Run *run, long long i) {
 /* Turn all that begin to slip until they fit each other. */
 void sweep_onsets(Run *run) {
     const long long n = run->in.n_contacts;
-    long long count = 0;
-    for (long long i = 0; i < n; i++) count += in_onset(run, i);
     double change = INFINITY;
-    for (int sweep = 0; sweep < N_SWEEPS && count > 1 && change > SMALL; sweep++) {
+    for (int sweep = 0; sweep < N_SWEEPS && change > SMALL; sweep++) {
         change = 0.0;
         for (long long i = 0; i < n; i++) {
             if (!in_onset(run, i)) continue;

@@ -171,6 +171,7 @@ static void note_modes(Run *run) {
 static void settle(Run *run) {
     int again = 1;
     for (long long trials = 9 + 8 * run->in.n_contacts; again && trials > 0; trials--) {
+        if (run->in.coupled) sweep_onsets(run);
         evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
         if (!run->in.shares && is_open(run)) run->out.status = NO_CONTACT_MODE;
         again = let_go(run);
@@ -213,7 +214,6 @@ void decide_modes(Run *run, long long forced, int record) {
     if (run->out.status == NO_CONTACT_MODE) return;
     if (run->in.k) doubt_decision(run, forced, !record);
     carry(run, run->in.project_along, 0); /* what rests has no velocity */
-    if (run->in.coupled) sweep_onsets(run);
     if (run->in.aims) follow_onsets(run);
     for (long long i = 0; i < n; i++) {
         if (record) note_change(run, i, forced);
