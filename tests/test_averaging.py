@@ -303,6 +303,33 @@ def test_a_period_may_be_several_of_the_schedules(turns: int):
     assert several(x) == pytest.approx(once, rel=0, abs=1e-13 * EPS)
 
 
+def steps(break_at: float, span: float) -> Schedule:
+    """1, then -1."""
+    c, begin = ca.SX.sym("c"), ca.SX.sym("begin")
+    breaks, values = np.array([0.0, break_at, span]), np.array([[1.0], [-1.0]])
+    return Schedule("push", c, begin, breaks, values, periodic=True)
+
+
+@pytest.mark.parametrize("turns", [1, 7, 60])
+def test_steps_are_averaged_by_how_long_they_last(turns: int):
+    """As often as they may repeat in a period, and where some step together but for round-off."""
+    x, both = ca.SX.sym("x"), [steps(0.1, 0.7), replace(steps(0.1 * (1 + 1e-14), 0.7), name="pull")]
+    pushes = both[0].symbol + 3 * both[1].symbol
+    model = Model("pushed", [Signal("x", x)], pushes - x, schedules=both)
+    found = average(model=model, period=0.7 * turns)
+    assert rates_of(found)([0.25]) == pytest.approx(-4 * 5 / 7 - 0.25, rel=1e-12)
+
+
+@pytest.mark.parametrize("ulps", range(-3, 4))
+def test_a_reversal_where_a_schedule_steps_is_one(ulps: int):
+    """cos(t) reverses at a quarter, where the push turns from EPS to -EPS."""
+    push = steps(np.pi / 2 + ulps * np.spacing(np.pi / 2), 2 * np.pi)
+    pushed = block(ode=lambda v, t, f: f + EPS * push.symbol, schedules=[push])
+    friction = (1.0 - 0.5) / 2  # of COULOMB, forward half of the time
+    expected = EPS * (friction + 0.25 - 0.75)
+    assert rates_of(average(pushed, 2 * np.pi))([0.0]) == pytest.approx(expected, rel=1e-12)
+
+
 # -- several harmonics ----------------------------------------------------------------------------
 
 
@@ -685,12 +712,17 @@ def with_z() -> Model:
 
 
 def scheduled(velocity: bool, periodic: bool = True, span: float = 2 * np.pi) -> Model:
-    c, begin = ca.SX.sym("c"), ca.SX.sym("begin")
-    breaks, values = np.array([0.0, 0.4, 1.0]) * span, np.array([[1.0], [-1.0]])
-    schedule = Schedule("push", c, begin, breaks, values, periodic=periodic)
+    push = replace(steps(0.4 * span, span), periodic=periodic)
+    c = push.symbol
     if velocity:
-        return block(velocity=lambda v, t: v + c * ca.cos(t), schedules=[schedule])
-    return block(ode=lambda v, t, f: f + EPS * c, schedules=[schedule])
+        return block(velocity=lambda v, t: v + c * ca.cos(t), schedules=[push])
+    return block(ode=lambda v, t, f: f + EPS * c, schedules=[push])
+
+
+def scheduled_over(T: ca.SX) -> Model:
+    """A schedule, and a parameter for the period besides."""
+    model = scheduled(False)
+    return replace(model, p=[*model.p, Signal("T", T, value=2 * np.pi)])
 
 
 def of_two_factors() -> Model:
@@ -723,7 +755,7 @@ def in_the_plane() -> Model:
     return Model("a block", [Signal("v", v)], f, t=t, contacts=grounds)
 
 
-MODEL_OF_A_STATE = block()
+MODEL_OF_A_STATE, SYMBOL = block(), ca.SX.sym("T")
 REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     "no model": (lambda: "block", 2 * np.pi, "must be a Model, not str"),
     "spikes": (lambda: block(Spike()), 2 * np.pi, "block cannot slide both ways"),
@@ -733,6 +765,9 @@ REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     "algebraic": (with_z, 2 * np.pi, "algebraic variables"),
     "secular": (
         lambda: block(ode=lambda v, t, f: f + t), 2 * np.pi, "does not repeat after the period"
+    ),
+    "begins to repeat": (
+        lambda: block(ode=lambda v, t, f: f + ca.fmax(t - 7.5, 0)), 2 * np.pi, "does not repeat"
     ),
     "wrong period": (block, 6.0, "does not repeat after the period"),
     "half a period": (block, np.pi, "does not repeat after the period"),
@@ -745,6 +780,9 @@ REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     ),
     "none of a schedule's periods": (
         lambda: scheduled(False), 1e-12, "push does not repeat with the period"
+    ),
+    "period of a parameter beside a schedule": (
+        lambda: scheduled_over(SYMBOL), SYMBOL, "push does not repeat with the period"
     ),
     "shape of states": (of_two_factors, 2 * np.pi, "ratios depend on the states"),
     "shape of parameters": (of_a_hidden_harmonic, 2 * np.pi, "ratios depend on the states"),
