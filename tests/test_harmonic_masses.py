@@ -616,6 +616,18 @@ def test_masses_that_hand_their_rest_on_fail_with_what_was_found():
     )
 
 
+@pytest.mark.parametrize("backward", [2e-4, 2e-6])
+def test_masses_that_all_but_cease_to_reverse_are_where_averages_bend(backward: float):
+    """Second order falls short there, by the square of the ripple over what is left to 1."""
+    result = solved(f"worm.friction={{kind='coulomb', forward=0.006, backward={backward}}}")
+    assert result.status == "ok"
+    share = 0.006 / (0.006 + backward)
+    assert value(result, "velocity_steady") == pytest.approx(math.sin(math.pi * (0.5 - share)))
+    left = 1 + value(result, "velocity_exact_mean")
+    ripple = value(result, "velocity_ripple")
+    assert value(result, "averaging_error_second") < 10 * ripple**2 / left + 1e-8
+
+
 def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.MonkeyPatch):
     def wrong(self: SlowVelocity, V: float) -> float:
         return honest(self, V) + 1e-3 * self.order

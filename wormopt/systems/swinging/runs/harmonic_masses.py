@@ -337,10 +337,12 @@ def _facts(found: _Found) -> dict[str, Any]:
 def _accepted(orbit: Orbit, worm: SwingingTable) -> float:
     """Error of second-order averaging that is accepted.
 
-    It is of second order in the ripple, against the smallest swing that is to be reversed.
+    It is of second order in the ripple, against the smallest swing that is to be reversed, and
+    against what is left until a mass begins or ceases to reverse: averages have corners there.
     """
     speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257))).max(axis=1)
-    return float(_FACTOR * orbit.ripple**2 / speeds.min() + _FLOOR * speeds.max())
+    room = np.abs(extremes_of(worm) - orbit.velocity).min()
+    return float(_FACTOR * orbit.ripple**2 / min(speeds.min(), room) + _FLOOR * speeds.max())
 
 
 def _checks(found: _Found) -> Iterator[Check]:
@@ -368,6 +370,7 @@ def _checks(found: _Found) -> Iterator[Check]:
         advice = (
             "friction is small, but the exact mean velocity is not that of second-order averaging, "
             + ("which has none" if error is None else f"by {error:.2g}")
+            + "; write worm.friction that resists both ways more alike"
         )
         yield Check("second order", error, _accepted(orbit, found.table.worm), advice)
 
