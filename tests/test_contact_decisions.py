@@ -269,7 +269,7 @@ def set_free(G: np.ndarray, load: np.ndarray, route: Route) -> int:
     assert not motion.events
     onsets = motion.modes[0, 3:].reshape(2, 4)
     assert not onsets[rest[::2]].any()  # what rests has no direction
-    assert onsets[:, 2] * span == pytest.approx([0.0, 0.0], abs=1e-6)  # and what slips does not turn
+    assert onsets[:, 2] * span == pytest.approx([0.0, 0.0], abs=1e-6)  # nor turns what slips
     return int(rest.sum())
 
 

@@ -204,7 +204,7 @@ def test_slides_that_cannot_be_end_with_what_has_to_give_way(
     assert message in str(caught.value)
     settings = [text for change in changes for text in ("--set", change)]
     assert main(["run", name, *settings, "-o", str(tmp_path / "out"), "--quiet"]) == 3
-    assert "has to give way" in capsys.readouterr().err
+    assert "has to give way is force (block.force) by 0.3" in capsys.readouterr().err
     kept = Result.load(tmp_path / "out")
     assert kept.status == "failed"
     assert "velocity" in kept

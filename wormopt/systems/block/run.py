@@ -41,6 +41,8 @@ _RELAXED = Complementarity(residual=1e-3, first=1e-1)
 _WIDE, _ROUNDS = 0.1, 8
 # A simulation may end elsewhere by so many defects of a single arc.
 _DEFECTS = 1e2
+# Keys of the scene, by what an optimiser calls them.
+_KEYS = {"force": "block.force", "arcs": "mesh.arcs"}
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -54,7 +56,8 @@ def run(scene: Scene[SlideScene], report: Report) -> Result:
         stages = _solve(table, report)
     except SolveError as error:
         found = error.partial
-        raise refused(scene, error, _signals(found) if isinstance(found, Motion) else ()) from None
+        reached = _signals(found) if isinstance(found, Motion) else ()
+        raise refused(scene, error, reached, _KEYS) from None
     optimum, solved = [*stages.values()][-1], time.perf_counter()
     accepted = max(ACCEPTED, _DEFECTS * table.mesh.tolerance)
     treatment = treatment_of(table.contact)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -392,10 +394,22 @@ def conclude_optimum(
     )
 
 
-def refused(scene: Scene[Any], error: SolveError, variables: Any = ()) -> SolveError:
+def refused(
+    scene: Scene[Any],
+    error: SolveError,
+    variables: Any = (),
+    keys: Mapping[str, str] = MappingProxyType({}),
+) -> SolveError:
     """Restate an optimiser's failure with a Result that can be saved.
 
-    `variables` hold what was found all the same.
+    `variables` hold what was found all the same. `keys`: of the scene, by what the optimiser
+    calls them.
     """
-    partial = conclude(scene, {}, variables).failed(str(error))
-    return SolveError(error.reason, error.suggestion, partial, error.code)
+
+    def in_scene(told: str) -> str:
+        named = {word: key for word, key in keys.items() if key not in told}
+        return re.sub(r"\w+", lambda m: f"{m[0]} ({named[m[0]]})" if m[0] in named else m[0], told)
+
+    told = SolveError(in_scene(error.reason), in_scene(error.suggestion), None, error.code)
+    told.partial = conclude(scene, {}, variables).failed(str(told))
+    return told

@@ -49,6 +49,14 @@ _RELAXED = Complementarity(residual=1e-3, first=1.0)
 _EXACT = Collocation(7)
 # A robust crawl is not solved exactly; its simulation may end elsewhere by so much.
 _ACCEPTED_ROBUST = 2e-2
+# Keys of the scene, by what an optimiser calls them.
+_KEYS = {
+    "input": "limits.force",
+    "inputs": "limits.force",
+    "states": "limits.length",
+    "duration": "limits.period",
+    "arcs": "mesh.arcs",
+}
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -68,7 +76,7 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
         exact, solved = [*stages.values()][-1], time.perf_counter()
         numbers = _numbers(table, plant, exact.motion, draws, report)
     except SolveError as error:
-        raise refused(scene, error) from None
+        raise refused(scene, error, keys=_KEYS) from None
     accepted = _ACCEPTED_ROBUST if table.robust else ACCEPTED
     second = cross_check(exact.motion, accepted=accepted, report=report)
     kept, convergence, lost = _kept(numbers, accepted), None, ""
