@@ -287,7 +287,7 @@ def test_feet_begin_to_slip_the_way_they_go_on(route: Route, monkeypatch: pytest
 
 
 @pytest.mark.parametrize("route", ROUTES)
-@pytest.mark.parametrize("seed", [66, 77, 86, 95, 117, 118, 119, 163, 186])
+@pytest.mark.parametrize("seed", [66, 77, 86, 95, 117, 118, 119, 163, 168, 186])
 def test_feet_that_act_strongly_on_each_other_go_straight_on(
     seed: int, route: Route, monkeypatch: pytest.MonkeyPatch
 ):
