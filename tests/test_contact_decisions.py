@@ -300,6 +300,19 @@ def test_feet_that_act_strongly_on_each_other_go_straight_on(
 
 
 @pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("seed", [38, 58, 141, 321, 371])
+def test_feet_turn_by_more_than_a_right_angle_where_few_motions_are_light(
+    seed: int, route: Route, monkeypatch: pytest.MonkeyPatch
+):
+    """Motions whose inertias differ by up to ten thousand times."""
+    if route == "native":
+        monkeypatch.setattr(routes, "_in_python", None)
+    random = np.random.default_rng(seed)
+    Q, load = np.linalg.qr(random.normal(size=(4, 4)))[0], 10 * random.normal(size=4)
+    set_free(Q @ np.diag(np.logspace(-4, 0, 4)) @ Q.T, load, route)
+
+
+@pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("turning", [0.6, -2.0])
 def test_an_onset_turns_as_its_load_does(route: Route, turning: float):
     """Load (2, b t) against a force of 1: v = (t, b t^2 / 3) to second order, turning by b / 3."""

@@ -114,8 +114,8 @@ class Aim:
         if not abs(begin) > small:
             return
         near, turn = 0.0, -np.sign(begin) * 1e-6
-        while (end := off(turn)) * begin > 0 and abs(turn) < 1.2:
-            near, turn = turn, 2 * turn
+        while (end := off(turn)) * begin > 0 and abs(turn) < 2 * np.pi:
+            near, turn = turn, turn + np.clip(turn, -0.5, 0.5)
         if not end * begin <= 0:  # a law that is not that of most power may have no such direction
             off(0.0)
             return
