@@ -6,7 +6,7 @@
 #include "run.h"
 
 enum { N_SWEEPS = 300 };
-static const double PI = 3.14159265358979323846;
+static const double ROUND = 6.283185307179586;
 static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
 static const double GLANCE = 1e-7;  /* of the whole time, to see how fast a direction turns */
 
@@ -50,7 +50,7 @@ static void turn_onset(Run *run, long long i) {
     const double first = atan2(d[1], d[0]), begin = off(run, k, first);
     if (!(fabs(begin) > SMALL * run->in.nominal_force[i])) return;
     double a = 0.0, va = begin, b = begin > 0.0 ? -1e-6 : 1e-6, vb;
-    while ((vb = off(run, k, first + b)) * begin > 0.0 && fabs(b) < 2.0 * PI)
+    while ((vb = off(run, k, first + b)) * begin > 0.0 && fabs(b) < ROUND)
         a = b, va = vb, b += fmax(-0.5, fmin(b, 0.5));
     if (!(vb * begin <= 0.0)) { /* a law that is not that of most power may have none */
         off(run, k, first);
