@@ -312,6 +312,51 @@ def test_feet_turn_by_more_than_a_right_angle_where_few_motions_are_light(
     set_free(Q @ np.diag(np.logspace(-4, 0, 4)) @ Q.T, load, route)
 
 
+@cache
+def pushed() -> Model:
+    """Two feet in the plane whose forces act on each other, pushed to and fro."""
+    t, v, f, c, e, G = (
+        ca.SX.sym(name, *size)
+        for name, *size in (("t",), ("v", 4), ("f", 4), ("c", 4), ("e", 4), ("G", 4, 4))
+    )
+    even = Elliptic(1.0, 1.0, 1.0)
+    grounds = [
+        Contact(f"foot {i}", v[2 * i : 2 * i + 2], f[2 * i : 2 * i + 2], even) for i in (0, 1)
+    ]
+    numbers = [Signal("c", c), Signal("e", e), Signal("G", ca.vec(G))]
+    ode = G @ (f + c * ca.sin(t) + e * ca.cos(t))
+    return Model("pushed", [Signal("v", v, value=0.0)], ode, t=t, p=numbers, contacts=grounds)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("seed", [175, 430])
+def test_what_is_held_is_not_let_go_by_a_force_that_swings_round(
+    seed: int, route: Route, monkeypatch: pytest.MonkeyPatch
+):
+    """A foot's force swings round where it all but stops, and the other rests.
+
+    Over any time the mean force is one that the ground can hold, and takes the power of sliding.
+    """
+    if route == "native":
+        monkeypatch.setattr(routes, "_in_python", None)
+    random = np.random.default_rng(seed)
+    A, (c, e) = random.normal(size=(4, 4)), random.normal(size=(2, 4))
+    G, end, n = A @ A.T + 0.1 * np.eye(4), 14.3, 14_300
+    p = {"c": c, "e": e, "G": G.ravel(order="F")}
+    t = np.linspace(0.0, end, n + 1)
+    motion = simulate(pushed(), end, p=p, route=route, times=t)
+    v, push = motion["v"], e[:, None] * np.sin(t) - c[:, None] * np.cos(t)
+    force = (np.diff(np.linalg.solve(G, v) - push) * n / end).reshape(2, 2, n)
+    middle = ((v[:, 1:] + v[:, :-1]) / 2).reshape(2, 2, n)
+    assert np.linalg.norm(force, axis=1).max() < 1 + 1e-6
+    power = np.linalg.norm(middle, axis=1)
+    assert (power + (force * middle).sum(axis=1)).sum() < 1e-5 * power.sum()
+    last = dict[str, float]()
+    for event in motion.events:
+        assert event.time > last.get(event.name, -1.0) + 1e-6
+        last[event.name] = event.time
+
+
 @pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("turning", [0.6, -2.0])
 def test_an_onset_turns_as_its_load_does(route: Route, turning: float):

@@ -17,6 +17,11 @@ _REVERSAL, _STICK, _RELEASE, _IMPACT = (
     KINDS.index(kind) for kind in ("reversal", "stick", "release", "impact")
 )
 
+# Share of what holds a contact at rest that is more than errors of an event.
+_HELD = 1e-2
+# Least determinant, against its rows, with which contacts at rest do not leave forces open.
+_OPEN = 1e-10
+
 
 class Change(NamedTuple):
     """What happened to a contact."""
@@ -94,7 +99,7 @@ class Contacts:
         state after impulses, changes, contacts now at velocity 0. GivenUp if none fits.
         """
         before, probe = self._modes.copy(), self._look(t, x)
-        if forced is not None and self._has_begun(forced, probe):
+        if forced is not None and (self._has_begun(forced, probe) or self._is_held(forced, probe)):
             forced = None
         # velocities above which what stops has been stopped by an impulse
         jump_from = np.where(before == 0, self._drift, np.maximum(1e3 * self._v_rest, self._v_stop))
@@ -131,7 +136,7 @@ class Contacts:
             if self._coupled:
                 self._aim.sweep(t, x)
             probe = self._look(t, x)
-            if not (self._sharing or probe.determined > 1e-10):  # they leave forces open
+            if not (self._sharing or probe.determined > _OPEN):  # they leave forces open
                 break
             if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
                 return probe
@@ -166,6 +171,16 @@ class Contacts:
         if ends:
             self._aim.clear(i)
         return ends
+
+    def _is_held(self, i: int, probe: _Probe) -> bool:
+        """Whether a contact at rest that is to be let go is held after all.
+
+        Where others slip so slowly that their forces swing round in no time, its own may have
+        been out of bounds only in between.
+        """
+        if self._modes[i] != 0 or not self._coupled or not probe.determined > _OPEN:
+            return False
+        return bool(probe.margin[i] > _HELD * self._held_by[i])
 
     def _hold(self, t: float, x: np.ndarray) -> np.ndarray:
         """Stop what is held by impulses on nothing else."""

@@ -5,6 +5,7 @@
 #include "run.h"
 
 static const double F_REST = 1e-13; /* as in `InitialValueProblem.f_rest` */
+static const double HELD = 1e-2;    /* share of what holds at rest, more than errors of an event */
 
 static int allowed(const Run *run, long long i, double direction) {
     return (run->in.directions[i] & (signbit(direction) ? 2 : 1)) != 0;
@@ -95,6 +96,11 @@ static double excess(const Run *run, long long i) {
 
 /* Whether resting contacts share a freedom and leave their forces open. */
 static int is_open(const Run *run) { return !(run->probe[5 * run->in.n_contacts] > 1e-10); }
+
+/* Whether a contact at rest that is to be let go is held after all, see contacts.py. */
+static int is_held(const Run *run, long long i) {
+    return run->modes[i] == 0.0 && run->in.coupled && !is_open(run) && share_left(run, i) > HELD;
+}
 
 /* Let a contact go the way it is pulled, after `look_where`. */
 static void release(Run *run, long long i) {
@@ -192,6 +198,7 @@ void decide_modes(Run *run, long long forced, int record) {
         end_onset(run, forced); /* fast enough for a direction of its own */
         forced = -1;
     }
+    if (forced >= 0 && is_held(run, forced)) forced = -1;
     hold(run);
     memcpy(run->scan, run->probe, n * sizeof(double)); /* velocities before a jump */
     modes_by_velocity(run, forced, run->scan);
