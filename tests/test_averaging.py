@@ -330,6 +330,40 @@ def test_a_reversal_where_a_schedule_steps_is_one(ulps: int):
     assert rates_of(average(pushed, 2 * np.pi))([0.0]) == pytest.approx(expected, rel=1e-12)
 
 
+def test_a_reversal_where_the_period_begins_is_no_two():
+    """v + sin(t) at v = 0, forward in the first half, where friction counts 1 + sin(t) / 2."""
+    model = block(
+        velocity=lambda v, t: v + ca.sin(t), ode=lambda v, t, f: f * (1 + ca.sin(t) / 2)
+    )
+    more = 1 / (2 * np.pi)
+    expected = EPS * (-0.5 * (0.5 + more) + 1.0 * (0.5 - more))  # of COULOMB
+    for v in (-1e-14, 0.0, 1e-14):
+        found = rates_of(average(model, 2 * np.pi))([v])
+        assert found == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("v", [-1.5, -1.0, 1.0, 1.5])
+def test_where_nothing_reverses_friction_is_that_of_the_law(v: float):
+    """Also where the velocity touches 0."""
+    for law, force, slope in (
+        (COULOMB, (-0.5 if v > 0 else 1.0) * EPS, 0.0),
+        (VISCOUS, -0.3 * EPS * v, -0.3 * EPS),
+    ):
+        model = average(block(law), 2 * np.pi)
+        (x,) = model.x
+        slopes = ca.Function("slopes", [x.symbol], [model.ode, ca.jacobian(model.ode, x.symbol)])
+        assert np.ravel(slopes(v)) == pytest.approx([force, slope], rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_averages_do_not_depend_on_the_unit_of_velocity(unit: float):
+    """Forward for two thirds of the time; or half, if the ground's velocity is all there is."""
+    shaken = average(block(velocity=lambda v, t: v + unit * ca.cos(t)), 2 * np.pi)
+    assert rates_of(shaken)([unit / 2]) == pytest.approx(0.0, abs=1e-12 * EPS)
+    alone = average(block(velocity=lambda v, t: unit * ca.cos(t)), 2 * np.pi)
+    assert rates_of(alone)([unit / 2]) == pytest.approx(EPS / 4, rel=1e-12)
+
+
 # -- several harmonics ----------------------------------------------------------------------------
 
 
@@ -787,6 +821,9 @@ REFUSED: dict[str, tuple[Callable[[], Any], Any, str]] = {
     "shape of states": (of_two_factors, 2 * np.pi, "ratios depend on the states"),
     "shape of parameters": (of_a_hidden_harmonic, 2 * np.pi, "ratios depend on the states"),
     "no swing": (lambda: block(velocity=lambda v, t: v), 2 * np.pi, "block does not swing"),
+    "no velocity": (
+        lambda: block(velocity=lambda v, t: ca.SX(0)), 2 * np.pi, "block does not swing"
+    ),
     "corners": (
         lambda: block(velocity=lambda v, t: v + ca.fabs(ca.sin(t))), 2 * np.pi, "at most 31"
     ),

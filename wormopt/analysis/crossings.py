@@ -80,13 +80,11 @@ class Wave:
         return cls(ca.sum1(samples) / count, harmonics[:degree], harmonics[degree:])
 
     def crossings(self, symbols: ca.SX, values: np.ndarray) -> list[Crossing]:
-        """Find where the sign changes; empty for a velocity that does not depend on theta.
+        """Find where the sign changes, of a velocity that depends on theta.
 
         `values` (n, m): numbers for `symbols` (n, 1), on which the coefficients depend.
         Raises ArgumentError for several harmonics whose shape depends on the states.
         """
-        if self.degree == 0:
-            return []
         there = self._there(symbols, values)
         if len(there) == 1:
             return self._of_one_harmonic(int(there[0]) + 1)
@@ -162,9 +160,9 @@ class Wave:
 def sign_after(wave: Wave, crossings: Sequence[Crossing]) -> ca.SX:
     """Sign (+1 or -1) of a velocity where the period begins, before any of its crossings.
 
-    It is what the last crossing, one period earlier, has left.
+    It is what the last crossing, one period earlier, has left; without any, that of the mean.
     """
-    last, sign = ca.SX(-1), ca.if_else(wave(0.0) < 0, -1, 1)
+    last, sign = ca.SX(-1), ca.if_else(wave.mean < 0, -1, 1)
     for crossing in crossings:
         later = ca.logic_and(crossing.real, crossing.place > last)
         last = ca.if_else(later, crossing.place, last)
