@@ -332,9 +332,7 @@ def test_a_reversal_where_a_schedule_steps_is_one(ulps: int):
 
 def test_a_reversal_where_the_period_begins_is_no_two():
     """v + sin(t) at v = 0, forward in the first half, where friction counts 1 + sin(t) / 2."""
-    model = block(
-        velocity=lambda v, t: v + ca.sin(t), ode=lambda v, t, f: f * (1 + ca.sin(t) / 2)
-    )
+    model = block(velocity=lambda v, t: v + ca.sin(t), ode=lambda v, t, f: f * (1 + ca.sin(t) / 2))
     more = 1 / (2 * np.pi)
     expected = EPS * (-0.5 * (0.5 + more) + 1.0 * (0.5 - more))  # of COULOMB
     for v in (-1e-14, 0.0, 1e-14):
