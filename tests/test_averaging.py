@@ -381,6 +381,32 @@ def shaped(law: Law, cosines: Sequence[float], sines: Sequence[float]) -> Model:
     )
 
 
+def forward_share(v: float, harmonics: np.ndarray) -> float:
+    """Share of the period in which v + Re sum_k c_k exp(2 pi i k theta) is positive."""
+    roots = np.roots(np.concatenate([harmonics[::-1], [2 * v], harmonics.conj()]))
+    ends = np.angle(roots[np.abs(np.abs(roots) - 1) < 1e-6]) / (2 * np.pi) % 1.0
+    ends = np.sort(np.concatenate([[0.0], ends, [1.0]]))
+    middles, order = (ends[1:] + ends[:-1]) / 2, np.arange(1, len(harmonics) + 1)
+    ahead = v + (np.exp(2j * np.pi * np.outer(middles, order)) @ harmonics).real > 0
+    return float(np.diff(ends) @ ahead)
+
+
+@settings(max_examples=examples(15), deadline=None)
+@given(st.integers(2, 5), st.integers(0, 2**32 - 1))
+def test_shapes_drawn_at_random_slide_forward_as_long_as_their_roots_say(n: int, seed: int):
+    """Also where a narrow peak is all that reverses."""
+    random = np.random.default_rng(seed)
+    cosines, sines = random.normal(size=(2, n))
+    model = average(shaped(COULOMB, cosines.tolist(), sines.tolist()), 2 * np.pi)
+    harmonics = cosines - 1j * sines
+    course = np.exp(2j * np.pi * np.outer(np.arange(4096) / 4096, np.arange(1, n + 1)))
+    w = (course @ harmonics).real
+    rates = rates_of(model, scale=1.0)
+    for v in (*random.uniform(-w.max(), -w.min(), 8), -w.max() - 0.003 * w.min()):
+        share = forward_share(v, harmonics)
+        assert rates([v])[0] == pytest.approx(EPS * (1 - 1.5 * share), abs=1e-9 * EPS)
+
+
 SHAPES = [
     ((0.0, 1.0), (1.0, 0.4)),
     ((0.3, -0.7, 0.4), (0.9, 0.2, -0.5)),
