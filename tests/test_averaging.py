@@ -387,7 +387,7 @@ def forward_share(v: float, harmonics: np.ndarray) -> float:
     ends = np.angle(roots[np.abs(np.abs(roots) - 1) < 1e-6]) / (2 * np.pi) % 1.0
     ends = np.sort(np.concatenate([[0.0], ends, [1.0]]))
     middles, order = (ends[1:] + ends[:-1]) / 2, np.arange(1, len(harmonics) + 1)
-    ahead = v + (np.exp(2j * np.pi * np.outer(middles, order)) @ harmonics).real > 0
+    ahead = v + np.real(np.exp(2j * np.pi * np.outer(middles, order)) @ harmonics) > 0
     return float(np.diff(ends) @ ahead)
 
 
@@ -400,7 +400,7 @@ def test_shapes_drawn_at_random_slide_forward_as_long_as_their_roots_say(n: int,
     model = average(shaped(COULOMB, cosines.tolist(), sines.tolist()), 2 * np.pi)
     harmonics = cosines - 1j * sines
     course = np.exp(2j * np.pi * np.outer(np.arange(4096) / 4096, np.arange(1, n + 1)))
-    w = (course @ harmonics).real
+    w = np.real(course @ harmonics)
     rates = rates_of(model, scale=1.0)
     for v in (*random.uniform(-w.max(), -w.min(), 8), -w.max() - 0.003 * w.min()):
         share = forward_share(v, harmonics)
