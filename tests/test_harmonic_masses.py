@@ -616,6 +616,15 @@ def test_masses_that_hand_their_rest_on_fail_with_what_was_found():
     )
 
 
+def test_masses_that_friction_stops_at_once_end_too():
+    """A swing of 1e-9 is undone by friction within 1e-7 of a period: the average is stiff."""
+    result = solved("worm.harmonic.0.amplitude=1e-9")
+    assert "exact motion is not to be had" in result.reason
+    assert value(result, "velocity_steady") == pytest.approx(
+        1e-9 * math.sin(math.pi / 2 * 7 / 13), rel=1e-9, abs=0.0
+    )
+
+
 @pytest.mark.parametrize("backward", [2e-4, 2e-6])
 def test_masses_that_all_but_cease_to_reverse_are_where_averages_bend(backward: float):
     """Second order falls short there, by the square of the ripple over what is left to 1."""

@@ -203,12 +203,14 @@ def _averaged_course(slow: Model, table: HarmonicMassesScene) -> Trajectory:
     period = 2 * np.pi / slow["frequency"]
     averaged = SlowVelocity(slow, period, 1, table.averaging.nodes).averaged
     end = table.course.periods * _period(table.worm)
+    stiff = smallness_of(table.worm) > 1.0  # it settles within a period
     return simulate(
         averaged,
         end,
         x0={"center_velocity": table.course.velocity},
         times=np.linspace(0.0, end, table.course.samples),
         tolerance=tolerance_of(table.tolerance),
+        route="radau" if stiff else "auto",
     )
 
 
