@@ -84,6 +84,19 @@ def test_decimals_are_exact(number: Any):
 
 
 @pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("0,5", 'has a decimal comma; write "0.5"'),
+        ("0.7,1.3", "is a list without brackets; write [0.7,1.3]"),
+        ("20,27,40", "is a list without brackets; write [20,27,40]"),
+    ],
+)
+def test_commas_are_told_apart(text: str, told: str):
+    with pytest.raises(ValueError, match=re.escape(told)):
+        to_number(text, "length", "SI")
+
+
+@pytest.mark.parametrize(
     ("text", "quantity", "value"),
     [
         ("60mm", "length", 0.06),

@@ -20,7 +20,7 @@ def add(commands: Any) -> None:
     command = commands.add_parser(
         "bench",
         help="measure speed and precision beside others",
-        description=_BENCH + "".join(f"\n  {name:14}{what}" for name, what in CASES.items()),
+        description=_BENCH + "".join(f"\n  {name:17}{what}" for name, what in CASES.items()),
         epilog=_BENCH_COLUMNS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

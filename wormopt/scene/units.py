@@ -78,6 +78,8 @@ def to_number(text: str, quantity: str, units: str) -> float:
     found = _TEXT.fullmatch(text)
     assert found, text
     if re.match(r",\d", found[2]):
+        if text.count(",") > 1 or "." in text:
+            raise ValueError(f"is a list without brackets; write [{text.strip()}]")
         raise ValueError(f'has a decimal comma; write "{text.strip().replace(",", ".")}"')
     # Radians are numbers in scenes without units, too: degrees may stand there.
     target = unit_of("rad" if quantity == "angle" else quantity, units)
