@@ -627,14 +627,13 @@ def test_masses_that_friction_stops_at_once_end_too():
 
 @pytest.mark.parametrize("backward", [2e-4, 2e-6])
 def test_masses_that_all_but_cease_to_reverse_are_where_averages_bend(backward: float):
-    """Second order falls short there, by the square of the ripple over what is left to 1."""
+    """Second order falls short there; that is told, not held against the motion."""
     result = solved(f"worm.friction={{kind='coulomb', forward=0.006, backward={backward}}}")
     assert result.status == "ok"
     share = 0.006 / (0.006 + backward)
     assert value(result, "velocity_steady") == pytest.approx(math.sin(math.pi * (0.5 - share)))
-    left = 1 + value(result, "velocity_exact_mean")
-    ripple = value(result, "velocity_ripple")
-    assert value(result, "averaging_error_second") < 10 * ripple**2 / left + 1e-8
+    assert any("averages bend" in line for line in result.trust["warnings"])
+    assert "second order" not in result.trust["checks"]
 
 
 def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.MonkeyPatch):

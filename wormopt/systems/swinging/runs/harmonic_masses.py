@@ -55,6 +55,9 @@ _QUADRATURE = 1e-9
 # Second-order averaging may be off by so many squares of the ripple, and by so much of the largest
 # velocity in any case.
 _FACTOR, _FLOOR = 10.0, 1e-8
+# Averages of second order are not told from the exact motion where ripple is more than this share
+# of what is left to where a mass begins or ceases to reverse.
+_NEAR = 0.05
 # Changes of friction by a share move the velocity by at most so many such shares of the largest.
 _NUDGED = 10.0
 
@@ -339,12 +342,16 @@ def _facts(found: _Found) -> dict[str, Any]:
 def _accepted(orbit: Orbit, worm: SwingingTable) -> float:
     """Error of second-order averaging that is accepted.
 
-    It is of second order in the ripple, against the smallest swing that is to be reversed, and
-    against what is left until a mass begins or ceases to reverse: averages have corners there.
+    It is of second order in the ripple, against the smallest swing that is to be reversed.
     """
     speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257))).max(axis=1)
+    return float(_FACTOR * orbit.ripple**2 / speeds.min() + _FLOOR * speeds.max())
+
+
+def _bends(orbit: Orbit, worm: SwingingTable) -> bool:
+    """Whether ripple all but reaches where a mass begins or ceases to reverse: averages bend."""
     room = np.abs(extremes_of(worm) - orbit.velocity).min()
-    return float(_FACTOR * orbit.ripple**2 / min(speeds.min(), room) + _FLOOR * speeds.max())
+    return bool(orbit.ripple > _NEAR * room)
 
 
 def _checks(found: _Found) -> Iterator[Check]:
@@ -367,12 +374,12 @@ def _checks(found: _Found) -> Iterator[Check]:
     if first.stable:
         advice = f"the exact motion drifts by {orbit.drift:.2g} in ten periods"
         yield Check("drift", orbit.drift, found.accepted, advice)
-    if smallness_of(found.table.worm) <= _SMALL and not orbit.rest_share:
+    small = smallness_of(found.table.worm) <= _SMALL
+    if small and not orbit.rest_share and not _bends(orbit, found.table.worm):
         error = _apart(orbit.velocity, second)
         advice = (
             "friction is small, but the exact mean velocity is not that of second-order averaging, "
             + ("which has none" if error is None else f"by {error:.2g}")
-            + "; write worm.friction that resists both ways more alike"
         )
         yield Check("second order", error, _accepted(orbit, found.table.worm), advice)
 
@@ -391,6 +398,11 @@ def _warnings(found: _Found) -> Iterator[str]:
         yield (
             f"a mass rests for {orbit.rest_share:.2g} of the period: averaging takes it to pass "
             "through 0 at once"
+        )
+    if _bends(orbit, found.table.worm):
+        yield (
+            "a mass all but begins or ceases to reverse, where averages bend: second order is not "
+            "held against the exact motion; write worm.friction that resists both ways more alike"
         )
     if found.nudged:
         yield (
