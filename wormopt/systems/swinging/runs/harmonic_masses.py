@@ -399,7 +399,7 @@ def _warnings(found: _Found) -> Iterator[str]:
             f"a mass rests for {orbit.rest_share:.2g} of the period: averaging takes it to pass "
             "through 0 at once"
         )
-    if _bends(orbit, found.table.worm):
+    if smallness <= _SMALL and _bends(orbit, found.table.worm):
         yield (
             "a mass all but begins or ceases to reverse, where averages bend: second order is not "
             "held against the exact motion; write worm.friction that resists both ways more alike"
