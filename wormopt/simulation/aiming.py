@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import root_scalar
+from scipy.optimize import root, root_scalar
 
 from wormopt.simulation.call import Call
 from wormopt.simulation.grip import ENTRIES
@@ -14,6 +14,8 @@ from wormopt.simulation.initial_value import InitialValueProblem
 # Share of the force that does not turn a direction.
 _SMALL = 1e-13
 _SWEEPS = 300
+# After so many sweeps it is tried to turn all at once, and share of the force by which they fit.
+_PATIENCE, _FIT = 20, 1e-12
 # Share of the whole time over which it is seen how fast a direction turns.
 _GLANCE = 1e-7
 
@@ -70,16 +72,36 @@ class Aim:
                 self._begin(self._place[i], t, v)
                 self._joint.add(self._place[i])
 
-    def sweep(self, t: float, x: np.ndarray) -> None:
-        """Turn what begins to slip until all directions fit each other."""
+    def sweep(self, t: float, x: np.ndarray) -> bool:
+        """Turn what begins to slip until all directions fit each other; tells whether they do."""
         begun = np.flatnonzero(self._directions.any(axis=1))
         places = [int(k) for k in begun if int(k) not in self._joint]
-        for _ in range(_SWEEPS if places else 0):
+        for k in range(_SWEEPS if places else 0):
             before = self._directions.copy()
-            for k in places:
-                self._turn(k, t, x)
+            for place in places:
+                self._turn(place, t, x)
             if np.abs(self._directions - before).max() < _SMALL:
                 break
+            if k % _PATIENCE == _PATIENCE - 1 and self._turn_together(places, t, x):
+                break
+        else:
+            return not places
+        return True
+
+    def _turn_together(self, places: list[int], t: float, x: np.ndarray) -> bool:
+        """Turn all at once, where it takes too long one after the other; tells whether they fit."""
+        before, sizes = self._directions[places], np.array(self._sizes)[places]
+
+        def off(angles: np.ndarray) -> np.ndarray:
+            self._directions[places] = np.column_stack([np.cos(angles), np.sin(angles)])
+            lacking: np.ndarray = self._call(t, x)[0][2::3][places] / sizes
+            return lacking
+
+        first = np.arctan2(before[:, 1], before[:, 0])
+        fit = bool(np.abs(off(root(off, first, tol=_SMALL).x)).max() <= _FIT)
+        if not fit:
+            self._directions[places] = before
+        return fit
 
     def follow(self, t: float, x: np.ndarray) -> None:
         """Find how fast the directions turn with which contacts have just begun to slip."""

@@ -5,9 +5,11 @@
 
 #include "run.h"
 
-enum { N_SWEEPS = 300 };
+enum { N_SWEEPS = 300, PATIENCE = 20, N_NEWTON = 30 }; /* sweeps, of them before Newton's method */
 static const double ROUND = 6.283185307179586;
 static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
+static const double FIT = 1e-12;    /* share of the force by which directions fit */
+static const double NUDGE = 1e-7;   /* to see how forces change with directions */
 static const double GLANCE = 1e-7;  /* of the whole time, to see how fast a direction turns */
 
 /* Of an onset: its direction when it began, half the rate at which that turns, when it began. */
@@ -83,19 +85,84 @@ void begin_onset(Run *run, long long i) {
     turn_onset(run, i);
 }
 
-/* Turn all that begin to slip until they fit each other. */
-void sweep_onsets(Run *run) {
-    const long long n = run->in.n_contacts;
-    double change = INFINITY;
-    for (int sweep = 0; sweep < N_SWEEPS && change > SMALL; sweep++) {
-        change = 0.0;
-        for (long long i = 0; i < n; i++) {
-            if (!in_onset(run, i)) continue;
-            const double *d = direction(run, run->in.planar[i]), before[2] = {d[0], d[1]};
-            turn_onset(run, i);
-            change = fmax(change, fmax(fabs(d[0] - before[0]), fabs(d[1] - before[1])));
+/* Solve m equations in place; each row ends with its right-hand side, then with its unknown. */
+static void eliminate(long long m, double matrix[m][m + 1]) {
+    for (long long c = 0; c < m; c++) {
+        long long best = c;
+        for (long long r = c + 1; r < m; r++)
+            if (fabs(matrix[r][c]) > fabs(matrix[best][c])) best = r;
+        for (long long j = 0; j <= m; j++) {
+            const double kept = matrix[c][j];
+            matrix[c][j] = matrix[best][j], matrix[best][j] = kept;
+        }
+        for (long long j = m; j >= c; j--) matrix[c][j] /= matrix[c][c];
+        for (long long r = 0; r < m; r++)
+            for (long long j = m; r != c && j >= c; j--) matrix[r][j] -= matrix[r][c] * matrix[c][j];
+    }
+}
+
+/* Put m contacts on directions; how far their forces are from those of sliding, and at most. */
+static double off_together(Run *run, long long m, const long long *who, const double *angles,
+                           double *found) {
+    double most = 0.0;
+    for (long long j = 0; j < m; j++) {
+        double *d = direction(run, run->in.planar[who[j]]);
+        d[0] = cos(angles[j]), d[1] = sin(angles[j]);
+    }
+    evaluate(run, run->in.aims, run->out.t, run->out.x, run->aims);
+    for (long long j = 0; j < m; j++) {
+        found[j] = run->aims[3 * run->in.planar[who[j]] + 2] / run->in.nominal_force[who[j]];
+        most = fmax(most, fabs(found[j]));
+    }
+    return most;
+}
+
+/* Turn m contacts at once by Newton's method. Tells whether they fit, else leaves them. */
+static int turn_together(Run *run, long long m, const long long *who) {
+    double angles[m], before[m], off_now[m], off_then[m], matrix[m][m + 1], step = INFINITY;
+    for (long long j = 0; j < m; j++) {
+        const double *d = direction(run, run->in.planar[who[j]]);
+        before[j] = angles[j] = atan2(d[1], d[0]);
+    }
+    for (int n = 0; n < N_NEWTON && step > SMALL; n++) {
+        off_together(run, m, who, angles, off_now);
+        for (long long c = 0; c < m; c++) {
+            const double angle = angles[c];
+            angles[c] += NUDGE;
+            off_together(run, m, who, angles, off_then);
+            angles[c] = angle;
+            for (long long r = 0; r < m; r++) matrix[r][c] = (off_then[r] - off_now[r]) / NUDGE;
+            matrix[c][m] = off_now[c];
+        }
+        eliminate(m, matrix);
+        step = 0.0;
+        for (long long c = 0; c < m; c++) {
+            angles[c] -= matrix[c][m];
+            step = fmax(step, fabs(matrix[c][m]));
         }
     }
+    if (off_together(run, m, who, angles, off_now) <= FIT) return 1;
+    off_together(run, m, who, before, off_now);
+    return 0;
+}
+
+/* Turn all that begin to slip until they fit each other. Tells whether they do. */
+int sweep_onsets(Run *run) {
+    const long long n = run->in.n_contacts;
+    long long who[n + 1], m = 0;
+    for (long long i = 0; i < n; i++)
+        if (in_onset(run, i)) who[m++] = i;
+    for (int sweep = 1; sweep <= N_SWEEPS; sweep++) {
+        double change = 0.0;
+        for (long long j = 0; j < m; j++) {
+            const double *d = direction(run, run->in.planar[who[j]]), before[2] = {d[0], d[1]};
+            turn_onset(run, who[j]);
+            change = fmax(change, fmax(fabs(d[0] - before[0]), fabs(d[1] - before[1])));
+        }
+        if (!(change > SMALL)) return 1;
+        if (sweep % PATIENCE == 0 && turn_together(run, m, who)) return 1;
+    }
+    return 0;
 }
 
 /* How far the force of contact i would be from that of sliding, in a moment, at half a rate. */

@@ -175,16 +175,16 @@ static void note_modes(Run *run) {
 
 /* Let go of what has to be and catch what has to be, one after the other, until nothing has. */
 static void settle(Run *run) {
-    int again = 1;
+    int again = 1, fit = 1;
     for (long long trials = 9 + 8 * run->in.n_contacts; again && trials > 0; trials--) {
-        if (run->in.coupled) sweep_onsets(run);
+        if (run->in.coupled) fit = sweep_onsets(run);
         evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
         if (!run->in.shares && is_open(run)) run->out.status = NO_CONTACT_MODE;
         again = let_go(run);
         if (!again && run->in.coupled) again = catch_again(run);
         if (run->out.status == NO_CONTACT_MODE) return;
     }
-    if (again) run->out.status = NO_CONTACT_MODE;
+    if (again || !fit) run->out.status = NO_CONTACT_MODE;
 }
 
 /* Decide which contacts rest, from velocities and then from forces. `forced` is the contact of an

@@ -113,7 +113,7 @@ int in_onset(const Run *run, long long i);
 void end_onset(Run *run, long long i);
 void look_where(Run *run);
 void begin_onset(Run *run, long long i);
-void sweep_onsets(Run *run);
+int sweep_onsets(Run *run);
 void follow_onsets(Run *run);
 
 /* doubts.c */
