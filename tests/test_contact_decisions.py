@@ -13,11 +13,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from wormopt.errors import SolveError
 from wormopt.model.friction import Coulomb, Held, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
-from wormopt.simulation import routes
+from wormopt.simulation import aiming, routes
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.layer import _cubics, _least_between
 from wormopt.simulation.options import Route, Smooth, Tolerance
@@ -299,16 +300,34 @@ def test_feet_that_act_strongly_on_each_other_go_straight_on(
 
 
 @pytest.mark.parametrize("route", ROUTES)
-@pytest.mark.parametrize("seed", [38, 58, 141, 321, 371])
+@pytest.mark.parametrize("seed", [38, 58, 141, 321, 371, 0, 1, 15, 68, 79])
 def test_feet_turn_by_more_than_a_right_angle_where_few_motions_are_light(
     seed: int, route: Route, monkeypatch: pytest.MonkeyPatch
 ):
     """Motions whose inertias differ by up to ten thousand times."""
     if route == "native":
         monkeypatch.setattr(routes, "_in_python", None)
+    set_free(*light_in_few_ways(seed), route)
+
+
+def light_in_few_ways(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Matrix of two feet with eigenvalues from 1e-4 to 1, and a load beyond what they hold."""
     random = np.random.default_rng(seed)
     Q, load = np.linalg.qr(random.normal(size=(4, 4)))[0], 10 * random.normal(size=4)
-    set_free(Q @ np.diag(np.logspace(-4, 0, 4)) @ Q.T, load, route)
+    return Q @ np.diag(np.logspace(-4, 0, 4)) @ Q.T, load
+
+
+@pytest.mark.parametrize("seed", [22, 60, 77, 106, 256])
+def test_directions_hard_to_find_are_found_in_the_end(seed: int):
+    """Compiled steps that find none leave it to those in Python."""
+    set_free(*light_in_few_ways(seed), "native")
+
+
+def test_directions_that_do_not_fit_are_no_answer(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(aiming, "_SWEEPS", 1)
+    with pytest.raises(SolveError) as caught:
+        set_free(*light_in_few_ways(0), "python")
+    assert caught.value.code == "no_contact_mode"
 
 
 @cache

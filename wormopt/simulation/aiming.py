@@ -15,7 +15,7 @@ from wormopt.simulation.initial_value import InitialValueProblem
 _SMALL = 1e-13
 _SWEEPS = 300
 # After so many sweeps it is tried to turn all at once, and share of the force by which they fit.
-_PATIENCE, _FIT = 20, 1e-12
+_PATIENCE, _FIT = 5, 1e-12
 # Share of the whole time over which it is seen how fast a direction turns.
 _GLANCE = 1e-7
 

@@ -5,7 +5,7 @@
 
 #include "run.h"
 
-enum { N_SWEEPS = 300, PATIENCE = 20, N_NEWTON = 30 }; /* sweeps, of them before Newton's method */
+enum { N_SWEEPS = 300, PATIENCE = 5, N_NEWTON = 30 }; /* PATIENCE: sweeps before Newton's method */
 static const double ROUND = 6.283185307179586;
 static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
 static const double FIT = 1e-12;    /* share of the force by which directions fit */
@@ -117,33 +117,35 @@ static double off_together(Run *run, long long m, const long long *who, const do
     return most;
 }
 
-/* Turn m contacts at once by Newton's method. Tells whether they fit, else leaves them. */
+/* Turn m contacts at once by Newton's method, each step as far as it helps. Tells whether they fit,
+   else leaves them. */
 static int turn_together(Run *run, long long m, const long long *who) {
-    double angles[m], before[m], off_now[m], off_then[m], matrix[m][m + 1], step = INFINITY;
+    double angles[m], before[m], next[m], off_now[m], off_then[m], matrix[m][m + 1];
     for (long long j = 0; j < m; j++) {
         const double *d = direction(run, run->in.planar[who[j]]);
         before[j] = angles[j] = atan2(d[1], d[0]);
     }
-    for (int n = 0; n < N_NEWTON && step > SMALL; n++) {
-        off_together(run, m, who, angles, off_now);
+    double most = off_together(run, m, who, angles, off_now);
+    for (int n = 0; n < N_NEWTON; n++) {
         for (long long c = 0; c < m; c++) {
-            const double angle = angles[c];
-            angles[c] += NUDGE;
-            off_together(run, m, who, angles, off_then);
-            angles[c] = angle;
+            memcpy(next, angles, sizeof next);
+            next[c] += NUDGE;
+            off_together(run, m, who, next, off_then);
             for (long long r = 0; r < m; r++) matrix[r][c] = (off_then[r] - off_now[r]) / NUDGE;
             matrix[c][m] = off_now[c];
         }
         eliminate(m, matrix);
-        step = 0.0;
-        for (long long c = 0; c < m; c++) {
-            angles[c] -= matrix[c][m];
-            step = fmax(step, fabs(matrix[c][m]));
+        double then = INFINITY, part = 1.0;
+        for (; part > 1e-3 && !(then < most); part *= 0.5) {
+            for (long long c = 0; c < m; c++) next[c] = angles[c] - part * matrix[c][m];
+            then = off_together(run, m, who, next, off_then);
         }
+        if (!(then < most)) break;
+        most = then;
+        memcpy(angles, next, sizeof angles), memcpy(off_now, off_then, sizeof off_now);
     }
-    if (off_together(run, m, who, angles, off_now) <= FIT) return 1;
-    off_together(run, m, who, before, off_now);
-    return 0;
+    off_together(run, m, who, most <= FIT ? angles : before, off_now);
+    return most <= FIT;
 }
 
 /* Turn all that begin to slip until they fit each other. Tells whether they do. */
