@@ -12,6 +12,8 @@ goes on until the mass has some speed. All else is DOP853 and terminal events of
 
 from __future__ import annotations
 
+import cmath
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,7 +24,7 @@ from scipy.optimize import brentq
 
 from wormopt.bench.driven_chain import Grip, Happening, Motion, Plant
 from wormopt.bench.integrators import event_loop
-from wormopt.bench.planar_worm import PlanarWorm, plane
+from wormopt.bench.planar_worm import PlanarWorm, pairs, plane
 
 _BRISK = 0.1  # speed s0, below which time runs slower
 _GROWN = 2e-3  # speed from which a mass that was let go needs no implicit steps
@@ -43,25 +45,23 @@ class Care:
 TIGHT, LOOSE = Care(), Care(1e-11, 3e-8, 1e-13, 1e-11, 0.08)
 
 
-def force_of(direction: np.ndarray, resistance: np.ndarray) -> np.ndarray:
-    """Friction (m,) of ellipses while sliding along a direction (m,), in the frame of the body.
+def force_of(direction: complex, resistance: Sequence[float]) -> complex:
+    """Friction of an ellipse F+, F-, Fn while sliding along a direction, in the frame of the body.
 
-    `resistance` (m, 3): F+, F-, Fn. Vectors are complex numbers.
+    Vectors are complex numbers.
     """
-    v_t, v_n = np.real(direction), np.imag(direction)
-    ahead = np.where(v_t >= 0, resistance[:, 0], resistance[:, 1])
-    along, across = ahead * v_t, resistance[:, 2] * v_n
-    power = np.sqrt(along**2 + across**2)
-    return -(ahead * along + 1j * resistance[:, 2] * across) / power
+    ahead = resistance[0] if direction.real >= 0 else resistance[1]
+    along, across = ahead * direction.real, resistance[2] * direction.imag
+    return -complex(ahead * along, resistance[2] * across) / math.hypot(along, across)
 
 
-def held(force: np.ndarray, resistance: np.ndarray) -> float:
+def held(force: np.ndarray, resistance: Sequence[float]) -> float:
     """Length of a force at rest in units of the ellipse's radius in its direction."""
     ahead = resistance[0] if force[0] < 0 else resistance[1]
     return float(np.hypot(force[0] / ahead, force[1] / resistance[2]))
 
 
-def nearest(force: np.ndarray, resistance: np.ndarray) -> np.ndarray:
+def nearest(force: np.ndarray, resistance: Sequence[float]) -> np.ndarray:
     """Force of the ellipse that is nearest to one out of it."""
     ahead = resistance[0] if force[0] < 0 else resistance[1]
     squared = np.array([ahead, resistance[2]]) ** 2
@@ -84,42 +84,46 @@ class _Planar:
 
     def __post_init__(self) -> None:
         worm = self.worm
-        self.resistance = np.stack([worm.forward, worm.backward, worm.sideways], axis=1)
+        each = np.stack([worm.forward, worm.backward, worm.sideways], axis=1)
+        self.resistance: list[list[float]] = each.tolist()
 
     # -- coordinates: places, then (ln speed, direction) of all masses, then t ---------------------
 
-    def velocity(self, z: np.ndarray) -> np.ndarray:
-        """Velocities (m,) as complex numbers."""
+    def velocity(self, z: np.ndarray) -> list[complex]:
+        """Velocities as complex numbers."""
         m = self.worm.n
-        log, angle = z[2 * m : 3 * m], z[3 * m : 4 * m]
-        return np.where(self.slides, np.exp(np.minimum(log, 50.0) + 1j * angle), 0.0)
+        told = zip(self.slides.tolist(), *z[2 * m : 4 * m].reshape(2, m).tolist(), strict=True)
+        return [cmath.rect(math.exp(min(log, 50.0)), angle) * on for on, log, angle in told]
 
-    def place(self, z: np.ndarray) -> np.ndarray:
-        """Places (m,) as complex numbers."""
-        return z[: 2 * self.worm.n].view(complex)
+    def place(self, z: np.ndarray) -> list[complex]:
+        """Places as complex numbers."""
+        return plane(z[: 2 * self.worm.n]).tolist()
 
     def rates(self, _T: float, z: np.ndarray) -> np.ndarray:
         """Derivatives by the slowed time T."""
-        worm, m, on = self.worm, self.worm.n, self.slides
-        z = np.ascontiguousarray(z)
+        worm, m = self.worm, self.worm.n
+        log, angle = z[2 * m : 4 * m].reshape(2, m).tolist()
         r, v = self.place(z), self.velocity(z)
-        e = np.exp(1j * z[3 * m : 4 * m])
+        inverse = [math.exp(min(-log[i], 700.0)) * on for i, on in enumerate(self.slides.tolist())]
+        slow = sum(inverse[i] for i, fresh in enumerate(self.fresh.tolist()) if not fresh)
+        pace = 1.0 / (1.0 + _BRISK * slow)
         h, _ = worm.look(r, v)
-        grip = h * force_of(e * h.conj(), self.resistance)
-        a = (worm.pull(z[-1], r, v) + grip) / worm.mass * e.conj()
-        inverse = np.where(on, np.exp(-z[2 * m : 3 * m]), 0.0)
-        pace = 1.0 / (1.0 + _BRISK * inverse[~self.fresh].sum())
-        a *= inverse * pace
-        return np.concatenate([(pace * v).view(float), a.real, a.imag, [pace]])
+        pull, rates = worm.pull(float(z[-1]), r, v), []
+        for i, mass in enumerate(worm.mass.tolist()):
+            e = cmath.rect(1.0, angle[i])
+            force = pull[i] + h[i] * force_of(e * h[i].conjugate(), self.resistance[i])
+            rates.append(force * e.conjugate() * (inverse[i] * pace / mass))
+        along, turning = [each.real for each in rates], [each.imag for each in rates]
+        return np.concatenate([pace * pairs(v), along, turning, [pace]])
 
     # -- rest ------------------------------------------------------------------------------------
 
     def needed(self, z: np.ndarray) -> np.ndarray:
         """Forces (m, 2) that the masses need to stay at rest, along their headings and across."""
-        z = np.ascontiguousarray(z)
         r, v = self.place(z), self.velocity(z)
         h, _ = self.worm.look(r, v)
-        return (-self.worm.pull(z[-1], r, v) * h.conj()).view(float).reshape(-1, 2)
+        pull = self.worm.pull(float(z[-1]), r, v)
+        return pairs([-p * e.conjugate() for p, e in zip(pull, h, strict=True)]).reshape(-1, 2)
 
     def size(self, z: np.ndarray, i: int) -> float:
         return held(self.needed(z)[i], self.resistance[i])
@@ -217,7 +221,7 @@ def planar_flow(
         return z[-1] - span
 
     def reached(z: np.ndarray) -> np.ndarray:
-        return np.concatenate([z[: 2 * worm.n], flow.velocity(z).view(float)])
+        return np.concatenate([z[: 2 * worm.n], pairs(flow.velocity(z))])
 
     ended.terminal, ended.direction = True, 1  # type: ignore[attr-defined]
     for _ in range(_MOST):
@@ -290,8 +294,8 @@ def _turned(worm: PlanarWorm, states: np.ndarray, way: float) -> np.ndarray:
     """Velocities into the frames of the masses (`way` -1) or out of them (1)."""
     out, m = states.copy(), worm.n
     for k in range(states.shape[1]):
-        r, v = plane(states[: 2 * m, k]), plane(states[2 * m :, k])
-        h, _ = worm.look(r, v)
+        v = plane(states[2 * m :, k])
+        h = np.array(worm.look(plane(states[: 2 * m, k]).tolist(), v.tolist())[0])
         out[2 * m :, k] = (v * (h if way > 0 else h.conj())).view(float)
     return out
 
@@ -300,12 +304,12 @@ def _plant(worm: PlanarWorm) -> Plant:
     m = worm.n
 
     def rates(t: float, y: np.ndarray, force: np.ndarray) -> np.ndarray:
-        r, local = y[: 2 * m].view(complex), y[2 * m :].view(complex)
-        h, _ = worm.look(r, local)  # headings do not depend on velocities
+        r, local = plane(y[: 2 * m]).tolist(), plane(y[2 * m :])
+        h = np.array(worm.look(r, local.tolist())[0])  # headings do not depend on velocities
         v = local * h
-        _, turning = worm.look(r, v)
-        a = (worm.pull(t, r, v) * h.conj() + force.view(complex)) / worm.mass
-        a -= 1j * turning * local  # the frame turns
+        _, turning = worm.look(r, v.tolist())
+        a = (np.array(worm.pull(t, r, v.tolist())) * h.conj() + plane(force)) / worm.mass
+        a -= 1j * np.array(turning) * local  # the frame turns
         return np.concatenate([v.view(float), a.view(float)])
 
     grips = []

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from wormopt.bench.planar_tasks import TRIPOD_ANGLES, Task
-from wormopt.bench.planar_worm import PlanarWorm
+from wormopt.bench.planar_worm import PlanarWorm, pairs, plane
 
 Answer = tuple[np.ndarray, float]
 """Places at the end, and when all came to rest (NaN if unknown)."""
@@ -37,9 +37,8 @@ def masses_by_events(worm: PlanarWorm, span: float, method: str, tolerance: floa
     least, rested = tolerance, math.nan
 
     def pull(t: float, y: np.ndarray) -> np.ndarray:
-        y = np.ascontiguousarray(y)
-        force = worm.pull(t, y[: 2 * m].view(complex), y[2 * m :].view(complex))
-        return force.view(float).reshape(m, 2)
+        force = worm.pull(t, plane(y[: 2 * m]).tolist(), plane(y[2 * m :]).tolist())
+        return pairs(force).reshape(m, 2)
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         v = y[2 * m :].reshape(m, 2)
@@ -93,11 +92,10 @@ def masses_smoothed(worm: PlanarWorm, span: float, tolerance: float) -> Answer:
     m, law, width = worm.n, np.stack([worm.forward, worm.sideways], axis=1), 0.01 * tolerance**0.5
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
-        y = np.ascontiguousarray(y)
         v = y[2 * m :].reshape(m, 2)
         power = np.sqrt(((law * v) ** 2).sum(axis=1) + width**2)
-        pull = worm.pull(t, y[: 2 * m].view(complex), y[2 * m :].view(complex))
-        a = (pull.view(float).reshape(m, 2) - law**2 * v / power[:, None]) / worm.mass[:, None]
+        pull = worm.pull(t, plane(y[: 2 * m]).tolist(), plane(y[2 * m :]).tolist())
+        a = (pairs(pull).reshape(m, 2) - law**2 * v / power[:, None]) / worm.mass[:, None]
         return np.concatenate([v.ravel(), a.ravel()])
 
     found = solve_ivp(rates, (0.0, span), worm.start, "Radau", rtol=tolerance, atol=0.1 * tolerance)

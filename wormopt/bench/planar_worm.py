@@ -1,11 +1,12 @@
-"""Masses in the plane, told twice: as NumPy code with forces by hand, and as a Model.
+"""Masses in the plane, told twice: with forces by hand, and as a Model.
 
-The Model has its forces from derivatives of lengths and angles; the NumPy code has them from
-drawings. They share the numbers and nothing else.
+The Model has its forces from derivatives of lengths and angles; those by hand are from drawings.
+They share the numbers and nothing else.
 """
 
 from __future__ import annotations
 
+import cmath
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -35,10 +36,18 @@ class Drive:
         """No force at any time."""
         return cls(np.zeros((0, actuators)), np.zeros((0, actuators)))
 
-    def at(self, t: float) -> np.ndarray:
+    @cached_property
+    def _harmonics(self) -> list[list[tuple[int, complex]]]:
+        """Number and amplitude of the harmonics of each actuator."""
+        amplitudes = (self.cosine - 1j * self.sine).T.tolist()
+        return [list(enumerate(own, start=1)) for own in amplitudes]
+
+    def at(self, t: float) -> list[float]:
         """Forces at a time."""
-        angle = self.omega * t * np.arange(1, len(self.cosine) + 1)
-        return np.cos(angle) @ self.cosine + np.sin(angle) @ self.sine
+        angle = self.omega * t
+        return [
+            sum((c * cmath.rect(1.0, h * angle)).real for h, c in own) for own in self._harmonics
+        ]
 
     def symbolic(self, t: ca.SX) -> ca.SX:
         """The same as an expression."""
@@ -88,55 +97,72 @@ class PlanarWorm:
         """Places, then velocities, (4 m,)."""
         return np.concatenate([self.place.ravel(), self.velocity.ravel()])
 
-    # -- NumPy: vectors of the plane as complex numbers --------------------------------------------
+    # -- by hand: vectors of the plane as complex numbers, which for few masses beat arrays --------
 
     @cached_property
-    def _ends(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Both ends of the pairs, and how their tensions pull the masses, (m, pairs)."""
-        one, other = np.array(self.pairs, dtype=int).reshape(-1, 2).T
-        pulls = np.zeros((self.n, len(one)))
-        pulls[one, np.arange(len(one))] = -1.0
-        pulls[other, np.arange(len(one))] = 1.0
-        return one, other, pulls
+    def _loads(self) -> list[complex]:
+        return [0j] * self.n if self.load is None else plane(self.load).tolist()
 
-    def look(self, r: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Headings of the masses as unit vectors (m,), and how fast they turn."""
+    @cached_property
+    def _springs(self) -> list[list[float]]:
+        """Stiffness, damping and length of each."""
+        return np.stack([self.stiffness, self.damping, self.length], axis=1).tolist()
+
+    @cached_property
+    def _joints(self) -> list[list[float]]:
+        """Stiffness, damping and angle of each."""
+        return np.stack([self.bending, self.bending_damping, self.angle], axis=1).tolist()
+
+    def look(self, r: Sequence[complex], v: Sequence[complex]) -> tuple[list[complex], list[float]]:
+        """Headings of the masses as unit vectors, and how fast they turn."""
         if not self.looks:
-            return np.full(self.n, np.exp(1j * self.heading)), np.zeros(self.n)
-        d = r[:-1] - r[1:]
-        e = d / np.abs(d)
-        omega = ((v[:-1] - v[1:]) / d).imag
-        inner = e[1:] * np.exp(0.5j * np.angle(e[:-1] * e[1:].conj()))
-        turning = np.concatenate([omega[:1], 0.5 * (omega[1:] + omega[:-1]), omega[-1:]])
-        return np.concatenate([e[:1], inner, e[-1:]]), turning
+            return [cmath.rect(1.0, self.heading)] * self.n, [0.0] * self.n
+        links = [front - rear for front, rear in pairwise(r)]
+        e = [link / abs(link) for link in links]
+        omega = _turning(links, v)
+        inner = [b * cmath.sqrt(a * b.conjugate()) for a, b in pairwise(e)]
+        between = [0.5 * (a + b) for a, b in pairwise(omega)]
+        return [e[0], *inner, e[-1]], [omega[0], *between, omega[-1]]
 
-    def pull(self, t: float, r: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """All forces (m,) on masses at places `r` with velocities `v` but dry friction."""
-        force = np.zeros(self.n, dtype=complex) if self.load is None else plane(self.load)
-        if self.pairs:
-            one, other, pulls = self._ends
-            d = r[one] - r[other]
-            length = np.abs(d)
-            e = d / length
-            rate = ((v[one] - v[other]) * e.conj()).real
-            tension = self.stiffness * (length - self.length) + self.damping * rate
-            force = force + pulls @ ((tension - self.drive.at(t)) * e)
-        if len(self.bending):
-            d = r[:-1] - r[1:]
-            omega = ((v[:-1] - v[1:]) / d).imag
-            moment = self.bending * (np.angle(d[:-1] * d[1:].conj()) - self.angle)
-            moment += self.bending_damping * (omega[:-1] - omega[1:]) - self.torque.at(t)
-            turn = np.zeros(len(d))  # moment that turns each link to the left
-            turn[:-1] -= moment
-            turn[1:] += moment
-            across = turn * 1j / d.conj()
-            force[:-1] += across
-            force[1:] -= across
+    def pull(self, t: float, r: Sequence[complex], v: Sequence[complex]) -> list[complex]:
+        """All forces on masses at places `r` with velocities `v` but dry friction."""
+        force = self._loads.copy()
+        pushes = self.drive.at(t) if self.pairs else []
+        for (i, j), (stiff, damp, rest), push in zip(
+            self.pairs, self._springs, pushes, strict=True
+        ):
+            length = abs(r[i] - r[j])
+            e = (r[i] - r[j]) / length
+            rate = ((v[i] - v[j]) * e.conjugate()).real
+            tension = (stiff * (length - rest) + damp * rate - push) * e
+            force[i] -= tension
+            force[j] += tension
+        if self._joints:
+            self._bend(t, r, v, force)
         if any(self.drag):
-            h, _ = self.look(r, v)
-            along, across = np.real(v * h.conj()), np.imag(v * h.conj())
-            force = force - h * (self.drag[0] * along + 1j * self.drag[1] * across)
+            for i, h in enumerate(self.look(r, v)[0]):
+                own = v[i] * h.conjugate()
+                force[i] -= h * complex(self.drag[0] * own.real, self.drag[1] * own.imag)
         return force
+
+    def _bend(
+        self, t: float, r: Sequence[complex], v: Sequence[complex], force: list[complex]
+    ) -> None:
+        """Add the forces of joints."""
+        links = [front - rear for front, rear in pairwise(r)]
+        omega = _turning(links, v)
+        turn = [0.0] * len(links)  # moment that turns each link to the left
+        for j, ((stiff, damp, rest), push) in enumerate(
+            zip(self._joints, self.torque.at(t), strict=True)
+        ):
+            bent = cmath.phase(links[j] * links[j + 1].conjugate())
+            moment = stiff * (bent - rest) + damp * (omega[j] - omega[j + 1]) - push
+            turn[j] -= moment
+            turn[j + 1] += moment
+        for j, link in enumerate(links):
+            across = turn[j] * 1j / link.conjugate()
+            force[j] += across
+            force[j + 1] -= across
 
     # -- CasADi ----------------------------------------------------------------------------------
 
@@ -208,6 +234,11 @@ class PlanarWorm:
         return total
 
 
+def _turning(links: Sequence[complex], v: Sequence[complex]) -> list[float]:
+    """Rates at which links turn to the left."""
+    return [((v[j] - v[j + 1]) / link).imag for j, link in enumerate(links)]
+
+
 def _turn(front: ca.SX, rear: ca.SX) -> ca.SX:
     """Angle by which a link is turned to the left of the one behind it."""
     return ca.atan2(rear[0] * front[1] - rear[1] * front[0], ca.dot(front, rear))
@@ -243,6 +274,11 @@ def block(
         looks=False,
         ground=ground,
     )
+
+
+def pairs(vectors: Sequence[complex]) -> np.ndarray:
+    """Vectors of the plane as numbers, x and y of one after the other."""
+    return np.array(vectors, dtype=complex).view(float)
 
 
 def plane(pairs: np.ndarray) -> np.ndarray:

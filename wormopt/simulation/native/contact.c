@@ -5,6 +5,7 @@
 #include "run.h"
 
 static const double F_REST = 1e-13; /* as in `InitialValueProblem.f_rest` */
+static const double OPEN = 1e-10;   /* least determinant that leaves no forces open, see contacts.py */
 static const double HELD = 1e-2;    /* share of what holds at rest, more than errors of an event */
 
 static int allowed(const Run *run, long long i, double direction) {
@@ -95,7 +96,7 @@ static double excess(const Run *run, long long i) {
 }
 
 /* Whether resting contacts share a freedom and leave their forces open. */
-static int is_open(const Run *run) { return !(run->probe[5 * run->in.n_contacts] > 1e-10); }
+static int is_open(const Run *run) { return !(run->probe[5 * run->in.n_contacts] > OPEN); }
 
 /* Whether a contact at rest that is to be let go is held after all, see contacts.py. */
 static int is_held(const Run *run, long long i) {
