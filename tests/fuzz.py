@@ -343,6 +343,7 @@ def run_many(count: int, seed: int, first: int) -> int:
             drawn, side_by_side.map(lambda pair: ran(pair[1]), drawn), strict=True
         ):
             ends[end] += 1
+            print(f"\r{ends.total()} of {count}, {bad} wrong", end="", file=sys.stderr)
             if wrong:
                 bad += 1
                 print(f"{number} {scene.name} ({scene.told:.200}): {wrong:.500}", flush=True)

@@ -264,8 +264,8 @@ def test_a_sequence_is_never_faster_than_its_own_ceiling(fast_gait):
     ("overrides", "named"),
     [
         (['objective={minimise="peak_spike_load",speed=1.5}'], ["objective.speed", "ceiling"]),
-        (["gait.spike_load=7.0"], ["gait.spike_load larger by 0.5;"]),
-        (["gait.sigma_margin=6.0"], ["gait.sigma_margin smaller by 1;"]),
+        (["gait.spike_load=7.0"], ["gait.spike_load larger by 0.501;"]),
+        (["gait.sigma_margin=6.0"], ["gait.sigma_margin smaller by 1.01;"]),
         (["gait.actuator_force=2.0"], ["gait.actuator_force"]),
     ],
 )

@@ -363,14 +363,19 @@ def test_a_design_stopped_before_any_gait_is_no_design(monkeypatch):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        # 7 of the 15 that two spikes at rest share: 1/2 is missing on either
-        ({"spike_load": 7.0}, "limits.spike_load larger by 0.5;"),
-        ({"sigma_margin": 6.0}, "limits.sigma_margin smaller by 1;"),
+        # 7 of the 15 that two spikes at rest share: 1/2 is missing on either, and a little to move
+        ({"spike_load": 7.0}, "limits.spike_load larger by 0.501;"),
+        ({"spike_load": 1.0}, "limits.spike_load larger by 6.51;"),
+        ({"sigma_margin": 6.0}, "limits.sigma_margin smaller by 1.01;"),
     ],
 )
-def test_limits_in_conflict_are_named(changed, said: str):
+def test_limits_in_conflict_are_named_and_what_is_said_is_enough(changed, said: str):
+    limits, quick = replace(G1_LIMITS, **changed), Search(effort="quick", phases=3)
     with pytest.raises(SolveError, match=said):
-        design(G1_WORM, replace(G1_LIMITS, **changed), search=Search(effort="quick", phases=3))
+        design(G1_WORM, limits, search=quick)
+    ((name, value),), (_, way, _, by) = changed.items(), said.removesuffix(";").split()
+    enough = value + float(by) * (1 if way == "larger" else -1)
+    assert design(G1_WORM, replace(limits, **{name: enough}), search=quick).speed > 0
 
 
 @pytest.mark.slow

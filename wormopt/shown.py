@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
+from decimal import ROUND_CEILING, Context, Decimal
 from html import escape
 from typing import Any, NamedTuple
 
@@ -27,6 +28,11 @@ def text(value: Any, digits: int = WHOLE) -> str:
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key} {text(item, digits)}' for key, item in value.items())}}}"
     return value if isinstance(value, str) else json.dumps(value)
+
+
+def enough(value: float, digits: int, slack: float = 1e-9) -> float:
+    """Round up to so many digits, but for a share that does not count."""
+    return float(Context(prec=digits, rounding=ROUND_CEILING).plus(Decimal(value * (1 - slack))))
 
 
 def brief(value: Any, width: int = _VALUE) -> str:

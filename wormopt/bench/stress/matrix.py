@@ -84,9 +84,9 @@ def table(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
     lines += [f"{v.verdict}: {v.name} ({v.group}): {v.reason}" for v in others]
     found = summary(verdicts, complete=complete)
     share = found["right"] / max(found["cells"], 1)
+    core = f"{found['core_right']} of {found['core']} ordinary cells right"
     lines.append(
-        f"{found['wrong']} wrong, {share:.1%} right, "
-        f"{found['core_right']} of {found['core']} ordinary cells right: "
+        f"{found['wrong']} wrong, {share:.1%} right{f', {core}' if found['core'] else ''}: "
         + ("passed" if found["passed"] else "NOT passed" if complete else "interrupted")
     )
     return "\n".join(lines)

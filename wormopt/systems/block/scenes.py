@@ -11,7 +11,7 @@ from msgspec import field
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Contacts, ExactContact, MeshTable
 from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
-from wormopt.systems.chain import Friction, faults_of_law
+from wormopt.systems.chain import Friction, faults_of_law, law_of
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 
@@ -75,8 +75,26 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
-        yield from faults_of_law("block.friction", self.block.friction, 1)
+        wrong = list(faults_of_law("block.friction", self.block.friction, 1))
+        yield from wrong
+        if not wrong and isinstance(self.contact, ExactContact):
+            yield from self._faults_of_drive()
         if self.start == self.end:
             yield "end", "is the start; write another position or velocity"
         if self.minimise == "effort" and self.time is None:
             yield "time", "missing; the least effort takes for ever: write the longest time allowed"
+
+    def _faults_of_drive(self) -> Iterator[Fault]:
+        """Whether the drive sets the block going where it must go from rest."""
+        low, high = (float(force) for force in law_of(self.block.friction).stick_interval)
+        for way, name, held in ((1, "forward", -low), (-1, "backward", high)):
+            ahead = way * (self.end.position - self.start.position)
+            first, last = way * self.start.velocity, way * self.end.velocity
+            from_rest = (first <= 0 and (ahead > 0 or last > 0)) or (first < 0 and ahead == 0)
+            if from_rest and self.block.force <= held:
+                yield (
+                    "block.force",
+                    f"{self.block.force:g} does not set the block going {name}, as it must from "
+                    f"rest to get from start to end: the ground holds {held:g}; write more than "
+                    "that, or another end",
+                )

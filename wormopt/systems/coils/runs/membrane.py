@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from decimal import ROUND_CEILING, Context, Decimal
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
+from wormopt.shown import enough
 from wormopt.systems.coils.membrane import Choice, Membrane
 from wormopt.systems.coils.scenes.hydrostatics import MembraneScene
 
@@ -83,7 +83,7 @@ def run(scene: Scene[MembraneScene], report: Report) -> Result:
 def _conflict(table: MembraneScene, single: dict[str, float], strictest: str) -> tuple[str, str]:
     """What to say where no thickness meets all limits, and what to suggest."""
     keys = {"loss": "loss_max", "stress": "membrane.stress_max", "strain": "membrane.strain_max"}
-    needed = {name: _rounded_up(size) for name, size in single.items()}
+    needed = {name: enough(size, 3, _ACCEPTED / 2) for name, size in single.items()}
     asks = ", ".join(f"{keys[name]} for {size:g} m" for name, size in needed.items())
     reason = (
         f"no thickness up to {table.thickness[1]:g} m meets all limits; at least, they ask: {asks}"
@@ -94,12 +94,6 @@ def _conflict(table: MembraneScene, single: dict[str, float], strictest: str) ->
     if strictest == "loss":
         suggestion += ", or take a shorter lifetime"
     return reason, suggestion
-
-
-def _rounded_up(size: float) -> float:
-    """Least number of three digits that is enough where `size` is, to what is accepted."""
-    enough = Decimal(size * (1 - _ACCEPTED / 2))
-    return float(Context(prec=3, rounding=ROUND_CEILING).plus(enough))
 
 
 def _front(

@@ -11,6 +11,7 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.progress import Report
+from wormopt.shown import enough
 from wormopt.systems.shared.sequences import Sequence_
 from wormopt.systems.spiked.limits import Rates
 from wormopt.systems.spiked.search.orders import ceiling_of
@@ -112,7 +113,7 @@ def _told(task: GaitProblem, key: str, share: float) -> str:
     part, _, name = key.partition(".")
     old, new = (getattr(getattr(t, part), name) for t in (task, relaxed(task, {key: share})))
     if isinstance(old, int | float) and isinstance(new, int | float):
-        return f"{key} {'larger' if new > old else 'smaller'} by {abs(new - old):.3g}"
+        return f"{key} {'larger' if new > old else 'smaller'} by {enough(abs(new - old), 3):g}"
     return f"{key} wider by {100 * share:.3g} %"
 
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, Context, Decimal
 
 import numpy as np
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.shown import enough
 from wormopt.systems.spiked.stretches import at_breaks, exact_degree
 
 _JUMP = 1e-9  # of the largest length or rate: smaller jumps between pieces are round-off
@@ -148,18 +148,13 @@ class Demand:
         else:
             asked = f"a jump of the rate of the motor of {at}, and {allowed} turns/s"
         if np.isfinite(limit.period_min):
-            suggestion = f"write gait.period = {_rounded_up(limit.period_min):g} or longer"
+            period = enough(limit.period_min, 4, _ACCEPTED / 2)
+            suggestion = f"write gait.period = {period:g} or longer"
         else:
             suggestion = (
                 "take a gait without corners (a profile with a ramp), or give motor.start_rate"
             )
         raise SolveError(f"the gait asks for {asked}", suggestion, code="too_fast")
-
-
-def _rounded_up(period: float) -> float:
-    """Least number of four digits that is enough where `period` is."""
-    enough = Decimal(period * (1 - _ACCEPTED / 2))
-    return float(Context(prec=4, rounding=ROUND_CEILING).plus(enough))
 
 
 def demand(gait: Gait, stepper: Stepper) -> Demand:
