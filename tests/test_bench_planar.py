@@ -18,7 +18,7 @@ from wormopt.bench.planar_loop import LOOSE, force_of, held, nearest, planar_flo
 from wormopt.bench.planar_mujoco import by_mujoco
 from wormopt.bench.planar_rivals import by_scipy, by_smoothing, tripod_by_events
 from wormopt.bench.planar_tasks import TASKS, stop_under_load, triangle
-from wormopt.bench.planar_worm import Drive, PlanarWorm, block, pairs, plane
+from wormopt.bench.planar_worm import Drive, PlanarWorm, block, flat, plane
 from wormopt.bench.stress import motions
 from wormopt.bench.stress.motions import judge
 from wormopt.bench.stress.planar_cells import planar_cells
@@ -110,7 +110,7 @@ def test_forces_by_hand_are_those_of_the_model():
     ode = ca.Function("ode", [model.t, pack(model.x), model.forces], [model.ode])
     rates = np.array(ode(0.7, worm.start, np.zeros(8))).ravel()
     pull = worm.pull(0.7, plane(worm.place).tolist(), plane(worm.velocity).tolist())
-    assert rates[8:] == pytest.approx(pairs(pull) / np.repeat(worm.mass, 2), abs=1e-13)
+    assert rates[8:] == pytest.approx(flat(pull) / np.repeat(worm.mass, 2), abs=1e-13)
 
 
 @given(numbers, numbers, numbers, st.floats(-3.1, 3.1), st.floats(1.01, 30.0))

@@ -239,8 +239,13 @@ def test_an_unbounded_problem_ends_in_the_right_exit_code(
     [
         ("slide", "block.force=0", "block.force", "above 0"),
         ("slide", "block.force=0.5", "block.force", "0.5 does not set the block going forward"),
-        ("slide_back", "block.friction.backward=3", "block.force", "the ground holds 3;"),
-        ("slide_back", 'block.friction={kind="spike"}', "block.force", "backward"),
+        ("slide_back", "block.friction.backward=3", "block.force", "write more than 3, or another"),
+        (
+            "slide_back",
+            'block.friction={kind="spike"}',
+            "block.force",
+            "friction; write another end",
+        ),
         ("slide", "block.friction.forward=[1, 2]", "block.friction.forward", "2 entries"),
         ("slide", "end={position=0.0}", "end", "is the start"),
         ("slide", 'minimise="effort"', "time", "longest time"),
@@ -257,6 +262,23 @@ def test_wrong_scenes_are_told(name: str, change: str, key: str, message: str):
         load_scene(name, [change])
     faults = caught.value.faults
     assert any(where.startswith(key) and message in text for where, text in faults), faults
+
+
+@pytest.mark.parametrize(
+    ("changes", "way"),
+    [
+        # back first, to come forward through where it was
+        (['block.friction={kind="spike"}', "start.velocity=0", "end.velocity=1"], "backward"),
+        # forward again, once it has come back behind where it was
+        (
+            ["block.force=1", "block.friction.backward=0.5", "end={position=-1, velocity=1}"],
+            "forward",
+        ),
+    ],
+)
+def test_a_drive_must_set_the_block_going_wherever_it_turns(changes: list[str], way: str):
+    with pytest.raises(SceneError, match=f"block.force: .* going {way}"):
+        load_scene("slide_back", changes)
 
 
 def test_a_block_that_need_not_start_from_rest_needs_no_drive_that_could():

@@ -32,7 +32,9 @@ def text(value: Any, digits: int = WHOLE) -> str:
 
 def enough(value: float, digits: int, slack: float = 1e-9) -> float:
     """Round up to so many digits, but for a share that does not count."""
-    return float(Context(prec=digits, rounding=ROUND_CEILING).plus(Decimal(value * (1 - slack))))
+    return float(
+        Context(prec=digits, rounding=ROUND_CEILING).plus(Decimal(value - slack * abs(value)))
+    )
 
 
 def brief(value: Any, width: int = _VALUE) -> str:

@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 
 from wormopt.bench.driven_chain import Grip, Happening, Motion, Plant
 from wormopt.bench.integrators import event_loop
-from wormopt.bench.planar_worm import PlanarWorm, pairs, plane
+from wormopt.bench.planar_worm import PlanarWorm, flat, plane
 
 _BRISK = 0.1  # speed s0, below which time runs slower
 _GROWN = 2e-3  # speed from which a mass that was let go needs no implicit steps
@@ -114,7 +114,7 @@ class _Planar:
             force = pull[i] + h[i] * force_of(e * h[i].conjugate(), self.resistance[i])
             rates.append(force * e.conjugate() * (inverse[i] * pace / mass))
         along, turning = [each.real for each in rates], [each.imag for each in rates]
-        return np.concatenate([pace * pairs(v), along, turning, [pace]])
+        return np.concatenate([pace * flat(v), along, turning, [pace]])
 
     # -- rest ------------------------------------------------------------------------------------
 
@@ -123,7 +123,7 @@ class _Planar:
         r, v = self.place(z), self.velocity(z)
         h, _ = self.worm.look(r, v)
         pull = self.worm.pull(float(z[-1]), r, v)
-        return pairs([-p * e.conjugate() for p, e in zip(pull, h, strict=True)]).reshape(-1, 2)
+        return flat([-p * e.conjugate() for p, e in zip(pull, h, strict=True)]).reshape(-1, 2)
 
     def size(self, z: np.ndarray, i: int) -> float:
         return held(self.needed(z)[i], self.resistance[i])
@@ -221,7 +221,7 @@ def planar_flow(
         return z[-1] - span
 
     def reached(z: np.ndarray) -> np.ndarray:
-        return np.concatenate([z[: 2 * worm.n], pairs(flow.velocity(z))])
+        return np.concatenate([z[: 2 * worm.n], flat(flow.velocity(z))])
 
     ended.terminal, ended.direction = True, 1  # type: ignore[attr-defined]
     for _ in range(_MOST):

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from wormopt.bench.planar_tasks import TRIPOD_ANGLES, Task
-from wormopt.bench.planar_worm import PlanarWorm, pairs, plane
+from wormopt.bench.planar_worm import PlanarWorm, flat, plane
 
 Answer = tuple[np.ndarray, float]
 """Places at the end, and when all came to rest (NaN if unknown)."""
@@ -38,7 +38,7 @@ def masses_by_events(worm: PlanarWorm, span: float, method: str, tolerance: floa
 
     def pull(t: float, y: np.ndarray) -> np.ndarray:
         force = worm.pull(t, plane(y[: 2 * m]).tolist(), plane(y[2 * m :]).tolist())
-        return pairs(force).reshape(m, 2)
+        return flat(force).reshape(m, 2)
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         v = y[2 * m :].reshape(m, 2)
@@ -95,7 +95,7 @@ def masses_smoothed(worm: PlanarWorm, span: float, tolerance: float) -> Answer:
         v = y[2 * m :].reshape(m, 2)
         power = np.sqrt(((law * v) ** 2).sum(axis=1) + width**2)
         pull = worm.pull(t, plane(y[: 2 * m]).tolist(), plane(y[2 * m :]).tolist())
-        a = (pairs(pull).reshape(m, 2) - law**2 * v / power[:, None]) / worm.mass[:, None]
+        a = (flat(pull).reshape(m, 2) - law**2 * v / power[:, None]) / worm.mass[:, None]
         return np.concatenate([v.ravel(), a.ravel()])
 
     found = solve_ivp(rates, (0.0, span), worm.start, "Radau", rtol=tolerance, atol=0.1 * tolerance)

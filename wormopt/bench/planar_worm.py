@@ -276,7 +276,7 @@ def block(
     )
 
 
-def pairs(vectors: Sequence[complex]) -> np.ndarray:
+def flat(vectors: Sequence[complex]) -> np.ndarray:
     """Vectors of the plane as numbers, x and y of one after the other."""
     return np.array(vectors, dtype=complex).view(float)
 

@@ -73,7 +73,7 @@ class Aim:
                 self._joint.add(self._place[i])
 
     def sweep(self, t: float, x: np.ndarray) -> bool:
-        """Turn what begins to slip until all directions fit each other; tells whether they do."""
+        """Turn what begins to slip until all fit each other; tells whether they settle."""
         begun = np.flatnonzero(self._directions.any(axis=1))
         places = [int(k) for k in begun if int(k) not in self._joint]
         for k in range(_SWEEPS if places else 0):

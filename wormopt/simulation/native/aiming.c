@@ -5,7 +5,8 @@
 
 #include "run.h"
 
-enum { N_SWEEPS = 300, PATIENCE = 5, N_NEWTON = 30 }; /* PATIENCE: sweeps before Newton's method */
+enum { N_SWEEPS = 300, N_NEWTON = 30 };
+enum { PATIENCE = 5, TOGETHER = 100 }; /* sweeps before Newton's method, contacts at most */
 static const double ROUND = 6.283185307179586;
 static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
 static const double FIT = 1e-12;    /* share of the force by which directions fit */
@@ -101,10 +102,10 @@ static void eliminate(long long m, double matrix[m][m + 1]) {
     }
 }
 
-/* Put m contacts on directions; how far their forces are from those of sliding, and at most. */
+/* Put m contacts on directions; how far their forces are from those of sliding, and in all. */
 static double off_together(Run *run, long long m, const long long *who, const double *angles,
                            double *found) {
-    double most = 0.0;
+    double sum = 0.0; /* which tells what is not finite, too */
     for (long long j = 0; j < m; j++) {
         double *d = direction(run, run->in.planar[who[j]]);
         d[0] = cos(angles[j]), d[1] = sin(angles[j]);
@@ -112,9 +113,9 @@ static double off_together(Run *run, long long m, const long long *who, const do
     evaluate(run, run->in.aims, run->out.t, run->out.x, run->aims);
     for (long long j = 0; j < m; j++) {
         found[j] = run->aims[3 * run->in.planar[who[j]] + 2] / run->in.nominal_force[who[j]];
-        most = fmax(most, fabs(found[j]));
+        sum += fabs(found[j]);
     }
-    return most;
+    return sum;
 }
 
 /* Turn m contacts at once by Newton's method, each step as far as it helps. Tells whether they fit,
@@ -125,7 +126,7 @@ static int turn_together(Run *run, long long m, const long long *who) {
         const double *d = direction(run, run->in.planar[who[j]]);
         before[j] = angles[j] = atan2(d[1], d[0]);
     }
-    double most = off_together(run, m, who, angles, off_now);
+    double sum = off_together(run, m, who, angles, off_now);
     for (int n = 0; n < N_NEWTON; n++) {
         for (long long c = 0; c < m; c++) {
             memcpy(next, angles, sizeof next);
@@ -136,19 +137,19 @@ static int turn_together(Run *run, long long m, const long long *who) {
         }
         eliminate(m, matrix);
         double then = INFINITY, part = 1.0;
-        for (; part > 1e-3 && !(then < most); part *= 0.5) {
+        for (; part > 1e-3 && !(then < sum); part *= 0.5) {
             for (long long c = 0; c < m; c++) next[c] = angles[c] - part * matrix[c][m];
             then = off_together(run, m, who, next, off_then);
         }
-        if (!(then < most)) break;
-        most = then;
+        if (!(then < sum)) break;
+        sum = then;
         memcpy(angles, next, sizeof angles), memcpy(off_now, off_then, sizeof off_now);
     }
-    off_together(run, m, who, most <= FIT ? angles : before, off_now);
-    return most <= FIT;
+    off_together(run, m, who, sum <= FIT ? angles : before, off_now);
+    return sum <= FIT;
 }
 
-/* Turn all that begin to slip until they fit each other. Tells whether they do. */
+/* Turn all that begin to slip until they fit each other. Tells whether they settle. */
 int sweep_onsets(Run *run) {
     const long long n = run->in.n_contacts;
     long long who[n + 1], m = 0;
@@ -159,10 +160,10 @@ int sweep_onsets(Run *run) {
         for (long long j = 0; j < m; j++) {
             const double *d = direction(run, run->in.planar[who[j]]), before[2] = {d[0], d[1]};
             turn_onset(run, who[j]);
-            change = fmax(change, fmax(fabs(d[0] - before[0]), fabs(d[1] - before[1])));
+            change += fabs(d[0] - before[0]) + fabs(d[1] - before[1]);
         }
-        if (!(change > SMALL)) return 1;
-        if (sweep % PATIENCE == 0 && turn_together(run, m, who)) return 1;
+        if (change <= SMALL) return 1;
+        if (sweep % PATIENCE == 0 && m <= TOGETHER && turn_together(run, m, who)) return 1;
     }
     return 0;
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -77,7 +78,7 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         wrong = list(faults_of_law("block.friction", self.block.friction, 1))
         yield from wrong
-        if not wrong and isinstance(self.contact, ExactContact):
+        if not wrong and self.start != self.end and isinstance(self.contact, ExactContact):
             yield from self._faults_of_drive()
         if self.start == self.end:
             yield "end", "is the start; write another position or velocity"
@@ -90,11 +91,11 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
         for way, name, held in ((1, "forward", -low), (-1, "backward", high)):
             ahead = way * (self.end.position - self.start.position)
             first, last = way * self.start.velocity, way * self.end.velocity
-            from_rest = (first <= 0 and (ahead > 0 or last > 0)) or (first < 0 and ahead == 0)
+            from_rest = first <= 0 <= ahead or (last > 0 and (first <= 0 or ahead <= 0))
             if from_rest and self.block.force <= held:
+                more = f"write more than {held:.12g}, or " if held < math.inf else "write "
                 yield (
                     "block.force",
-                    f"{self.block.force:g} does not set the block going {name}, as it must from "
-                    f"rest to get from start to end: the ground holds {held:g}; write more than "
-                    "that, or another end",
+                    f"{self.block.force:.12g} does not set the block going {name}, as it must from "
+                    f"rest to get from start to end, against this friction; {more}another end",
                 )

@@ -114,7 +114,7 @@ def _told(task: GaitProblem, key: str, share: float) -> str:
     old, new = (getattr(getattr(t, part), name) for t in (task, relaxed(task, {key: share})))
     if isinstance(old, int | float) and isinstance(new, int | float):
         return f"{key} {'larger' if new > old else 'smaller'} by {enough(abs(new - old), 3):g}"
-    return f"{key} wider by {100 * share:.3g} %"
+    return f"{key} wider by {enough(100 * share, 3):g} %"
 
 
 def _raised(value: Any, factor: float) -> Any:
