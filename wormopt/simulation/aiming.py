@@ -14,8 +14,10 @@ from wormopt.simulation.initial_value import InitialValueProblem
 # Share of the force that does not turn a direction.
 _SMALL = 1e-13
 _SWEEPS = 300
-# After so many sweeps it is tried to turn all at once, and share of the force by which they fit.
-_PATIENCE, _FIT = 5, 1e-12
+# After so many sweeps it is tried to turn all at once.
+_PATIENCE = 5
+# Share of the force by which directions fit.
+_FIT = 1e-10
 # Share of the whole time over which it is seen how fast a direction turns.
 _GLANCE = 1e-7
 
@@ -72,21 +74,22 @@ class Aim:
                 self._begin(self._place[i], t, v)
                 self._joint.add(self._place[i])
 
-    def sweep(self, t: float, x: np.ndarray) -> bool:
-        """Turn what begins to slip until all fit each other; tells whether they settle."""
+    def sweep(self, t: float, x: np.ndarray) -> None:
+        """Turn what begins to slip until all directions fit each other.
+
+        Those that do not settle end with the first step, by what they lack: then the motion turns
+        the velocities itself.
+        """
         begun = np.flatnonzero(self._directions.any(axis=1))
         places = [int(k) for k in begun if int(k) not in self._joint]
-        for k in range(_SWEEPS if places else 0):
+        for sweep in range(1, _SWEEPS + 1 if places else 0):
             before = self._directions.copy()
-            for place in places:
-                self._turn(place, t, x)
-            if np.abs(self._directions - before).max() < _SMALL:
+            for k in places:
+                self._turn(k, t, x)
+            if np.abs(self._directions - before).sum() <= _SMALL:
                 break
-            if k % _PATIENCE == _PATIENCE - 1 and self._turn_together(places, t, x):
+            if sweep % _PATIENCE == 0 and self._turn_together(places, t, x):
                 break
-        else:
-            return not places
-        return True
 
     def _turn_together(self, places: list[int], t: float, x: np.ndarray) -> bool:
         """Turn all at once, where it takes too long one after the other; tells whether they fit."""

@@ -133,15 +133,13 @@ class Contacts:
     def _settle(self, t: float, x: np.ndarray) -> _Probe:
         """Let go of what has to be and catch what has to be, until nothing has."""
         for _ in range(9 + 8 * self._n):
-            fits = not self._coupled or self._aim.sweep(t, x)
+            if self._coupled:
+                self._aim.sweep(t, x)
             probe = self._look(t, x)
             if not (self._sharing or probe.determined > _OPEN):  # they leave forces open
                 break
-            if self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe)):
-                continue
-            if fits:
+            if not (self._let_go(t, x, probe) or (self._coupled and self._catch_again(t, probe))):
                 return probe
-            break
         raise GivenUp("no_contact_mode")
 
     def _note_doubts(

@@ -9,7 +9,7 @@ enum { N_SWEEPS = 300, N_NEWTON = 30 };
 enum { PATIENCE = 5, TOGETHER = 100 }; /* sweeps before Newton's method, contacts at most */
 static const double ROUND = 6.283185307179586;
 static const double SMALL = 1e-13;  /* share of the force that does not turn a direction */
-static const double FIT = 1e-12;    /* share of the force by which directions fit */
+static const double FIT = 1e-10;    /* turn, or share of the force, by which directions fit */
 static const double NUDGE = 1e-7;   /* to see how forces change with directions */
 static const double GLANCE = 1e-7;  /* of the whole time, to see how fast a direction turns */
 
@@ -155,8 +155,9 @@ int sweep_onsets(Run *run) {
     long long who[n + 1], m = 0;
     for (long long i = 0; i < n; i++)
         if (in_onset(run, i)) who[m++] = i;
+    double change = 0.0;
     for (int sweep = 1; sweep <= N_SWEEPS; sweep++) {
-        double change = 0.0;
+        change = 0.0;
         for (long long j = 0; j < m; j++) {
             const double *d = direction(run, run->in.planar[who[j]]), before[2] = {d[0], d[1]};
             turn_onset(run, who[j]);
@@ -165,7 +166,7 @@ int sweep_onsets(Run *run) {
         if (change <= SMALL) return 1;
         if (sweep % PATIENCE == 0 && m <= TOGETHER && turn_together(run, m, who)) return 1;
     }
-    return 0;
+    return change <= FIT;
 }
 
 /* How far the force of contact i would be from that of sliding, in a moment, at half a rate. */

@@ -185,7 +185,7 @@ static void settle(Run *run) {
         if (!again && run->in.coupled) again = catch_again(run);
         if (run->out.status == NO_CONTACT_MODE) return;
     }
-    if (again || !fit) run->out.status = NO_CONTACT_MODE;
+    if (again || !fit) run->out.status = NO_CONTACT_MODE; /* which steps in Python may find */
 }
 
 /* Decide which contacts rest, from velocities and then from forces. `forced` is the contact of an
