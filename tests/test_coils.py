@@ -253,6 +253,16 @@ def test_quadrature_of_biot_and_savart_finds_the_same(name: str):
     assert np.abs(second - formula).max() < 1e-11 * np.abs(second).max()
 
 
+@pytest.mark.parametrize("height", [1e2, 1e9])
+def test_quadrature_keeps_its_digits_however_far_away(height: float):
+    """Around a turn all but nothing is left of the distances: no rule ended on their rounding."""
+    row, x = ROWS["vertical"], np.array([7e-3, 23e-3])
+    currents = np.c_[CURRENTS, CURRENTS[::-1]]
+    second = field_by_quadrature(row, x, height, currents)
+    formula = np.einsum("cmk,km->cm", row.influence(x, height), currents)
+    assert np.abs(second - formula).max() < 1e-9 * np.abs(second).max()
+
+
 def test_a_row_shifted_by_a_pitch_is_itself():
     row = ROWS["vertical"]
     A = row.influence([4e-3, 14e-3], HEIGHTS["vertical"])

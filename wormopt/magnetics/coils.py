@@ -355,10 +355,13 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
 
     def loop(a: float, place: float) -> np.ndarray:
         rise = s - place
-        square = a * a + rise * rise + flat - a * across
-        cube = 1 / (square * np.sqrt(square))
-        first, second = cube.mean(axis=-1), (cosine * cube).mean(axis=-1)
-        return a / 2 * np.stack([a * first - rho[..., 0] * second, rise[..., 0] * second])
+        square = a * a + rise * rise + flat  # less a * across it is that of the distance
+        # power -3/2 of the distance over that of `square`, less 1, which is all that is left far
+        # away, where it is far below rounding of 1
+        more = np.expm1(-1.5 * np.log1p(-a * across / square))
+        first, second = 1 + more.mean(axis=-1), (cosine * more).mean(axis=-1)
+        both = np.stack([a * first - rho[..., 0] * second, rise[..., 0] * second])
+        return a / 2 * both / (square * np.sqrt(square))[..., 0]
 
     coil = row.coil
     half = coil.length / 2
