@@ -129,6 +129,21 @@ def test_refinement_that_is_cut_short_shows_in_the_defects():
     assert len(once.levels) == 2
 
 
+def test_refinement_ends_where_it_is_no_use():
+    """x' = -x: once errors are rounding, finer meshes do not make them less."""
+    x = ca.SX.sym("x")
+    model = Model("decay", x=[Signal("x", x)], ode=-x)
+    ends = Ends.of(model)
+    start = Constraint("start", ends.start, [1.0], [1.0])
+    problem = Problem(model, ends, ca.SX(0), (2.0, 2.0), boundary_constraints=[start])
+    mesh = even(2, 6)
+    guess = Guess(2.0, lambda t: np.exp(-t)[None])
+    coarse = optimise(problem, mesh, FixedModes(ModeSequence(((),))), guess)
+    fine = refine(coarse, 1e-20, rounds=20, most_arcs=10**9)
+    assert fine.defects.max() < 1e-11 < coarse.defects.max()
+    assert fine.motion.mesh.total < 2000
+
+
 # -- orders --------------------------------------------------------------------------------------
 
 # A block on a spring of stiffness 4, thrown with 1.5 over ground with F = 1: it swings out about

@@ -344,7 +344,7 @@ def refine(
     solver: Solver | None = None,
     report: Report = silent,
 ) -> Optimum:
-    """Split arcs that err by more than asked and solve again, until none does.
+    """Split arcs that err by more than asked and solve again, until none does or it is no use.
 
     Parameters
     ----------
@@ -374,9 +374,12 @@ def refine(
         If a finer mesh is not solved.
     """
     p = optimum.motion.parameters if p is None else p
+    worst = list[float]()
     for k in range(rounds):
+        worst.append(float(optimum.defects.max()))
+        of_no_use = len(worst) > 2 and not worst[-1] < worst[-2] / 3
         mesh = finer(optimum.motion.mesh, optimum.defects, tolerance)
-        if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs:
+        if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs or of_no_use:
             break
         report(f"refining to {mesh.total} arcs", k / rounds)
         last = optimum.treatment
