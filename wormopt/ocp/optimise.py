@@ -377,7 +377,8 @@ def refine(
     worst = list[float]()
     for k in range(rounds):
         worst.append(float(optimum.defects.max()))
-        of_no_use = len(worst) > 2 and not worst[-1] < worst[-2] / 3
+        far = worst[-1] > 10 * tolerance
+        of_no_use = len(worst) > 2 and far and not worst[-1] < worst[-2] / 3
         mesh = finer(optimum.motion.mesh, optimum.defects, tolerance)
         if mesh.total == optimum.motion.mesh.total or mesh.total > most_arcs or of_no_use:
             break

@@ -12,7 +12,7 @@ from msgspec import field
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Contacts, ExactContact, MeshTable
 from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
-from wormopt.systems.chain import Friction, faults_of_law, law_of
+from wormopt.systems.chain import Friction, faults_of_law, held_at_rest
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 
@@ -87,8 +87,8 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
 
     def _faults_of_drive(self) -> Iterator[Fault]:
         """Whether the drive sets the block going where it must go from rest."""
-        low, high = (float(force) for force in law_of(self.block.friction).stick_interval)
-        for way, name, held in ((1, "forward", -low), (-1, "backward", high)):
+        forward, backward = held_at_rest(self.block.friction)
+        for way, name, held in ((1, "forward", forward), (-1, "backward", backward)):
             ahead = way * (self.end.position - self.start.position)
             first, last = way * self.start.velocity, way * self.end.velocity
             from_rest = first <= 0 <= ahead or (last > 0 and (first <= 0 or ahead <= 0))

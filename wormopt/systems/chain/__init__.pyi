@@ -6,3 +6,4 @@ from wormopt.systems.chain.scenes.chain import Friction as Friction
 from wormopt.systems.chain.scenes.chain import SpikeFriction as SpikeFriction
 from wormopt.systems.chain.scenes.chain import ViscousFriction as ViscousFriction
 from wormopt.systems.chain.scenes.chain import faults_of_law as faults_of_law
+from wormopt.systems.chain.scenes.chain import held_at_rest as held_at_rest

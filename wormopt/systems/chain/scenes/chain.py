@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -265,6 +266,17 @@ class ChainTable(Table, frozen=True, kw_only=True):
             step = {Steps: "interval", Wandering: "step"}.get(type(process))
             if step and horizon / getattr(process, step) > _MOST_PIECES:
                 yield f"{key}.{step}", f"makes more than {_MOST_PIECES} pieces; write a longer one"
+
+
+def held_at_rest(law: Friction) -> tuple[float, float]:
+    """What the ground holds of one mass at rest, pushed forward and backward."""
+    if isinstance(law, SpikeFriction):
+        return 0.0, math.inf
+    if isinstance(law, ViscousFriction):
+        return 0.0, 0.0
+    forward = law.forward if law.stick_forward is None else law.stick_forward
+    backward = law.backward if law.stick_backward is None else law.stick_backward
+    return per(forward, 1)[0], per(backward, 1)[0]
 
 
 def faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
