@@ -18,6 +18,7 @@ from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.schedule import Schedule
 from wormopt.simulation import routes
+from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.native import build, kernel, model_code
 from wormopt.simulation.native.build import CompilerError
 from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatment
@@ -818,12 +819,33 @@ def test_where_implicit_steps_are_too_many_explicit_ones_go_on(monkeypatch: pyte
     """Steps in Python have a limit of their own: nobody waits for ten million of them."""
     tolerance = Tolerance(1e-7, 1e-8)
     few = simulate(relaxation(), 4000.0, tolerance=tolerance)
+    monkeypatch.setattr(routes, "_STEPS_FOR_A_LOOK", 20)
     monkeypatch.setattr(routes, "_STEPS_IN_PYTHON", 20)
     many = simulate(relaxation(), 4000.0, tolerance=tolerance)
     assert (few.route, many.route) == ("python", "native")
     assert many.n_steps > 100 * few.n_steps
     assert many.end[2] == few.end[2] > 1
     assert many.events[0].time == pytest.approx(few.events[0].time, abs=1e-3)
+
+
+@pytest.mark.parametrize(("end", "limits"), [(4e3, [30, 60]), (4e5, [30])])
+def test_implicit_steps_end_early_where_they_get_nowhere(
+    end: float, limits: list[int], monkeypatch: pytest.MonkeyPatch
+):
+    """A look at some of them tells whether the end is within reach of all."""
+    asked, in_python = list[int](), routes._in_python
+
+    def noted(task: InitialValueProblem, *given: Any, **options: Any) -> Outcome:
+        if options:  # implicit ones
+            asked.append(task.tolerance.max_steps)
+        return in_python(task, *given, **options)
+
+    monkeypatch.setattr(routes, "_in_python", noted)
+    monkeypatch.setattr(routes, "_STEPS_FOR_A_LOOK", 30)
+    monkeypatch.setattr(routes, "_STEPS_IN_PYTHON", 60)
+    with pytest.raises(SolveError) as caught:
+        simulate(relaxation(), end, tolerance=Tolerance(1e-7, 1e-8, max_steps=3000))
+    assert (caught.value.code, asked) == ("too_many_steps", limits)
 
 
 def test_what_passes_the_smooth_layer_unseen_is_refused():

@@ -11,6 +11,8 @@ from wormopt.simulation.options import Route
 # Implicit steps in Python cost some hundred compiled ones each: who needs more of them than this is
 # not stiff but full of events, or asks for what nobody waits for.
 _STEPS_IN_PYTHON = 20_000
+# After so many, what lies ahead of a motion that has hardly begun is no short transient.
+_STEPS_FOR_A_LOOK = 4_000
 STIFF_STEPS = 1_000_000
 """A smooth motion is stiff where stability alone would need so many more explicit steps."""
 
@@ -32,15 +34,28 @@ def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcom
     if outcome.status != "stiff" or route != "auto":
         return outcome
     if _needs_own_steps(task):
-        few = min(task.tolerance.max_steps, _STEPS_IN_PYTHON)
-        patient = replace(task, tolerance=replace(task.tolerance, max_steps=few))
-        implicit = _in_python(patient, report, stiff=True)
+        implicit = _patiently(task, report)
     else:
         implicit = _implicitly(task, report)
     if implicit.status in ("done", "interrupted"):
         return implicit
     # neither can, or not soon: let explicit steps find out why
     return _native(task, report, required=False, stiff_steps=2**62) or outcome
+
+
+def _patiently(task: InitialValueProblem, report: Report) -> Outcome:
+    """Implicit steps in Python, as many as are worth their time."""
+    start, end = task.span
+
+    def at_most(steps: int) -> Outcome:
+        few = min(task.tolerance.max_steps, steps)
+        briefly = replace(task, tolerance=replace(task.tolerance, max_steps=few))
+        return _in_python(briefly, report, stiff=True)
+
+    outcome = at_most(_STEPS_FOR_A_LOOK)
+    if outcome.status == "too_many_steps" and outcome.t - start > 0.01 * (end - start):
+        return at_most(_STEPS_IN_PYTHON)
+    return outcome
 
 
 def _needs_own_steps(task: InitialValueProblem) -> bool:
