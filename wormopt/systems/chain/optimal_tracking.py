@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from wormopt.control.loop import TrackingError, input_of, with_reference
 from wormopt.control.lqr import lqr
 from wormopt.control.reference import Reference
-from wormopt.errors import SolveError
+from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack
 from wormopt.model.schedule import Schedule
@@ -92,9 +92,16 @@ def _asked_from(capture: float, end: float) -> Schedule:
 def first_guess(plant: Model, reference: Reference, end: float, error_weight: float) -> Guess:
     """Simulate an LQR with feed-forward exactly: a motion near the reference, forces included.
 
-    `error_weight` is that of |e|^2 against the square of what is added to the feed-forward.
+    `error_weight` is that of |e|^2 against the square of what is added to the feed-forward. Raises
+    SolveError if there is no stable one.
     """
-    loop = lqr(plant, reference, error_weight=error_weight)
+    try:
+        loop = lqr(plant, reference, error_weight=error_weight)
+    except ArgumentError:
+        raise SolveError(
+            "no LQR with stable feedback was found to start from",
+            "choose units in which masses, damping and stiffness are nearer to 1",
+        ) from None
     return Guess.of(simulate(loop, end, dense=True))
 
 

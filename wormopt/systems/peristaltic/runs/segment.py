@@ -52,7 +52,8 @@ _NO_SHAPE = (
 def run(scene: Scene[SegmentScene], report: Report) -> Result:
     """Find strokes, hold and limits; status "failed" where the energy says otherwise.
 
-    Raises SceneError for a pressure above the limit of inflation, and for a load without friction.
+    Raises SceneError for a pressure above the limit of inflation, a load without friction, and
+    rubber that is too soft.
     """
     table, begin = scene.table, time.perf_counter()
     part, coil = table.segment, table.coil
@@ -60,7 +61,10 @@ def run(scene: Scene[SegmentScene], report: Report) -> Result:
         part.length, part.radius, part.wall, part.shear_modulus, coil.share, part.neo_hookean
     )
     report("strokes", 0.0)
-    scalars, variables = _strokes(segment, table), _curves(segment, table)
+    try:
+        scalars, variables = _strokes(segment, table), _curves(segment, table)
+    except ArgumentError as error:
+        raise SceneError(scene.name, [("segment.shear_modulus", str(error))]) from None
     checks = [_least_energy(segment, coil.pressure, scalars["stretch"])]
     if table.tube:
         tube = Tube(table.tube.radius, table.tube.friction)

@@ -32,6 +32,10 @@ def checked(stretch: Any) -> Any:
     return stretch
 
 
+# Logarithm of the largest stretch; loads over the stiffness that do not come near it.
+_LARGEST, _STRONGEST = 20.0, 1e6
+
+
 @dataclass(frozen=True)
 class Segment:
     """A sealed cylinder of membrane in its coil; SI units.
@@ -164,7 +168,7 @@ class Segment:
         Raises
         ------
         ArgumentError
-            If the pressure is below 0.
+            If the pressure is below 0, or the rubber too soft for any stretch.
         """
         least = self.coil_share if pressure else 0.0
         return self._rest(pressure * self.coil_share, 2, load, least)
@@ -182,7 +186,7 @@ class Segment:
         Raises
         ------
         ArgumentError
-            If the pressure is below 0.
+            If the pressure is below 0, or the rubber too soft for any stretch.
         """
         return self._rest(pressure, 1)
 
@@ -196,8 +200,17 @@ class Segment:
             coil = pressure * math.pi * self.radius**2 / stretch**power
             return self.elastic_pull(stretch) + coil - load
 
-        low = math.log(least) if least else -20.0
-        return least if least and surplus(low) >= 0 else math.exp(root(surplus, low, 20.0))
+        low, high = math.log(least) if least else -_LARGEST, _LARGEST
+        if least and surplus(low) >= 0:
+            return least
+        if surplus(low) > 0 or surplus(high) < 0:
+            around = abs(load) / (2 * math.pi * self.radius) + pressure * self.radius
+            raise ArgumentError(
+                f"rubber of {self.shear_modulus:g} Pa would be stretched to next to nothing or "
+                f"without end; write at least {around / self.wall / _STRONGEST:.3g} Pa, "
+                "or a smaller load"
+            )
+        return math.exp(root(surplus, low, high))
 
 
 @dataclass(frozen=True)
