@@ -22,6 +22,8 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.progress import silent
+from wormopt.runner import attempt
+from wormopt.scene import load_scene
 from wormopt.systems.shared.sequences import neighbours
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.design import design as design_module
@@ -233,6 +235,13 @@ def test_orders_that_hand_the_load_over_are_found(index: int, order: Any):
     given_order = designed(task, Search(sequence=order), silent)
     found = designed(task, Search(), silent)
     assert found.speed >= given_order.speed * (1 - 2e-3)
+
+
+def test_a_load_that_hardly_holds_a_mass_is_told():
+    """Speed goes with the load, here below what programs resolve; a single phase may last."""
+    found = attempt(load_scene("design_uphill_gait", ["worm.load=1e-9"]))
+    assert found.status == "failed"
+    assert "exceeded" in found.reason or "solved" in found.reason
 
 
 def test_a_gait_for_a_range_of_loads_holds_under_all_of_them():

@@ -203,8 +203,11 @@ def _variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
     seen, most = set(race.trials), settings.phases or _MOST_PHASES
     parents = _parents(race, width)
     for start in (*islice(_joined(race, parents), _JOINED), *_edited(race, parents)):
+        # of a worm that hardly moves a single phase may last
+        if not (2 <= len(start.sequence) <= most and is_gait(start.sequence)):
+            continue
         key = race.canonical(start.sequence)
-        if 2 <= len(start.sequence) <= most and is_gait(start.sequence) and key not in seen:
+        if key not in seen:
             seen.add(key)
             yield start
 
