@@ -264,6 +264,7 @@ def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.Mon
         (ROW, "coils.pitch=8e-3", "coils.pitch", "overlap; write at least 0.009"),
         (ROW, "coils={axis='along', pitch=10e-3}", "coils.pitch", "coils.length"),
         (ROW, "coils={axis='along', length=8e-3, gap=1e-3}", "coils.gap", "leave it out"),
+        (ROW, "coils.gap=1e-30", "coils.gap", "write at least 2e-14"),
         (ROW, "coils={axis='across'}", "line.height", "a coil inside the fluid"),
         (ROW, "coils.axis='vertical'", "line.height", None),
         (ROW, "coils={axis='along', length=8e-3, inner=1e-3}", "line.height", None),

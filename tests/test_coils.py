@@ -253,6 +253,16 @@ def test_quadrature_of_biot_and_savart_finds_the_same(name: str):
     assert np.abs(second - formula).max() < 1e-11 * np.abs(second).max()
 
 
+@pytest.mark.parametrize("gap", [1e-3, 3e-4])
+def test_quadrature_ends_next_to_a_winding(gap: float):
+    """Of points over an end, between the radii: there the field is steep along both."""
+    row, x = CoilRow(COIL, 2, 10e-3, gap=gap), np.array([2.5e-3, 7e-3])
+    currents = np.c_[CURRENTS, CURRENTS[::-1]][:2]
+    second = field_by_quadrature(row, x, 0.0, currents)
+    formula = np.einsum("cmk,km->cm", row.influence(x, 0.0), currents)
+    assert np.abs(second - formula).max() < 1e-11 * np.abs(second).max()
+
+
 @pytest.mark.parametrize("height", [1e2, 1e9])
 def test_quadrature_keeps_its_digits_however_far_away(height: float):
     """Around a turn all but nothing is left of the distances: no rule ended on their rounding."""

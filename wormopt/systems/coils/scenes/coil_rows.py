@@ -18,6 +18,8 @@ Amplitude = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and 
 Nodes = Annotated[int, Meta(ge=8, le=200, description="a whole number from 8 to 200")]
 Places = Annotated[int, Meta(ge=1, le=20, description="a whole number from 1 to 20")]
 Starts = Annotated[int, Meta(ge=1, le=100, description="a whole number from 1 to 100")]
+# Of their length, between facing coils: less is lost in rounding.
+_LEAST_GAP = 1e-12
 
 _SIZES = {
     "coils": ("count", "what was assumed, as the next six"),
@@ -96,6 +98,12 @@ class CoilsTable(Table, frozen=True, kw_only=True):
             )
         if self.gap is not None and self.axis == "along":
             yield "coils.gap", 'coils with axis = "along" do not face each other; leave it out'
+        elif self.gap is not None and self.gap < _LEAST_GAP * self.length:
+            yield (
+                "coils.gap",
+                f"{self.gap:g} is lost in rounding beside coils.length = {self.length:g}; write at "
+                f"least {_LEAST_GAP * self.length:.3g}",
+            )
 
     @property
     def taken(self) -> tuple[float, float]:
