@@ -436,7 +436,7 @@ def test_rubber_too_soft_is_refused_with_what_will_do():
     enough = Segment(20e-3, 5e-3, 0.3e-3, float(told[1]))
     stretch, kappa = enough.deepest_stretch(564.0), enough.loading(564.0)
     assert stretch**3 + kappa * stretch / 2 == pytest.approx(1.0, rel=1e-9)
-    with pytest.raises(ArgumentError, match="without end.*smaller load"):
+    with pytest.raises(ArgumentError, match=r"without end.*smaller load"):
         SOFT.stretch_at(0.0, 1e12)
 
 

@@ -33,10 +33,7 @@ def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcom
         outcome = _in_python(task, report)
     if outcome.status != "stiff" or route != "auto":
         return outcome
-    if _needs_own_steps(task):
-        implicit = _patiently(task, report)
-    else:
-        implicit = _implicitly(task, report)
+    implicit = _patiently(task, report) if _needs_own_steps(task) else _implicitly(task, report)
     if implicit.status in ("done", "interrupted"):
         return implicit
     # neither can, or not soon: let explicit steps find out why
