@@ -366,12 +366,7 @@ def refine(
     Returns
     -------
     Optimum
-        The last one; whether it got there its ``defects`` tell.
-
-    Raises
-    ------
-    SolveError
-        If a finer mesh is not solved.
+        The last one that was found; whether it got there its ``defects`` tell.
     """
     p = optimum.motion.parameters if p is None else p
     worst = list[float]()
@@ -388,7 +383,10 @@ def refine(
             last = replace(last, first=last.levels[-1])
         motion = optimum.motion
         problem = motion.program.problem
-        again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
+        try:
+            again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
+        except SolveError:
+            break
         optimum = replace(
             again,
             levels=(*optimum.levels, *again.levels),

@@ -88,10 +88,7 @@ def optimise_switching_times(
             "no_phases",
         )
     near = replace(solver, mu_init=1e-5, warm=True) if isinstance(solver, Ipopt) else solver
-    try:
-        refined = refine(found[0], tolerance, p=p, solver=near, report=report)
-    except SolveError:  # its defects tell how exact it is
-        return found[0]
+    refined = refine(found[0], tolerance, p=p, solver=near, report=report)
     return refined if _loss(refined, relaxed) <= _FAMILIAR else found[0]
 
 
