@@ -48,8 +48,10 @@ OTHERS = [
 FACTORS = [-1.0, 0.1, 0.5, 0.99, 1.01, 2.0, 10.0, 1e3, 1e6, 1e-3, 1e-6]
 
 CHEAP = 3  # seconds that a scene takes which is computed here, as `times.json` says
-# that a run may take: seconds of a processor, beside the limits of time that its scene has; bytes
+# that a run may take: seconds of a processor that counts squares as below, beside the limits of
+# time that its scene has; bytes
 SECONDS, BYTES = 180, 6 * 2**30
+A_MILLION_SQUARES = 0.07  # seconds
 BUSY = 10  # so many times longer it may take by the clock, on a machine that does other things
 SLOW_CHECK = 2.0  # seconds
 
@@ -270,10 +272,19 @@ def accepted(count: int, seed: int, first: int) -> Iterator[tuple[int, Spoiled]]
                 break
 
 
-def allowed(tables: dict[str, Any], seconds: int = SECONDS) -> int:
+@cache
+def slowness() -> float:
+    """How many times as long as meant this processor takes, at least once."""
+    begin, total = time.process_time(), 0
+    for k in range(1_000_000):
+        total += k * k
+    return max((time.process_time() - begin) / A_MILLION_SQUARES, 1.0)
+
+
+def allowed(tables: dict[str, Any]) -> int:
     """Seconds of a processor that a run may take: the scene's own limits of time come on top."""
     own = [inside[key] for inside, key in places(tables) if key == "time_limit"]
-    return seconds + int(min(sum(own), 3600))
+    return int(SECONDS * slowness() + min(sum(own), 3600))
 
 
 def ran(scene: Spoiled, seconds: int | None = None) -> tuple[str, str]:
@@ -348,7 +359,10 @@ def run_many(count: int, seed: int, first: int) -> int:
                 bad += 1
                 print(f"{number} {scene.name} ({scene.told:.200}): {wrong:.500}", flush=True)
     took = time.perf_counter() - begin
-    print(f"{count} run, ended with {dict(ends)}, {bad} wrong; {took:.0f} s")
+    print(
+        f"{count} run, ended with {dict(ends)}, {bad} wrong; {took:.0f} s; a run may take "
+        f"{SECONDS * slowness():.0f} s of this processor"
+    )
     return bad
 
 
