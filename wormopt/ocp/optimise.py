@@ -366,7 +366,12 @@ def refine(
     Returns
     -------
     Optimum
-        The last one that was found; whether it got there its ``defects`` tell.
+        The last one; whether it got there its ``defects`` tell.
+
+    Raises
+    ------
+    SolveError
+        If a finer mesh is not solved.
     """
     p = optimum.motion.parameters if p is None else p
     worst = list[float]()
@@ -383,10 +388,7 @@ def refine(
             last = replace(last, first=last.levels[-1])
         motion = optimum.motion
         problem = motion.program.problem
-        try:
-            again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
-        except SolveError:
-            break
+        again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
         optimum = replace(
             again,
             levels=(*optimum.levels, *again.levels),
