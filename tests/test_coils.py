@@ -263,6 +263,14 @@ def test_quadrature_ends_next_to_a_winding(gap: float):
     assert np.abs(second - formula).max() < 1e-11 * np.abs(second).max()
 
 
+def test_quadrature_keeps_its_digits_beside_a_long_coil():
+    """Its ends are seen at nearly the same angle, and the sheets are passed closely."""
+    long, x = CoilRow(Coil(0.5, 1.0, 1e3), 1, 2.0, "vertical"), np.array([1.02])
+    second = field_by_quadrature(long, x, 0.3, np.ones((1, 1)))
+    formula = long.influence(x, 0.3)[:, :, 0]
+    assert np.abs(second - formula).max() < 1e-10 * np.abs(second).max()
+
+
 @pytest.mark.parametrize("height", [1e2, 1e9])
 def test_quadrature_keeps_its_digits_however_far_away(height: float):
     """Around a turn all but nothing is left of the distances: no rule ended on their rounding."""

@@ -1,7 +1,7 @@
 """A segment of a peristaltic worm: closed forms, energies, shooting, its scenes."""
 
 import math
-import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -428,16 +428,19 @@ def test_what_is_no_segment_is_refused():
         WoundSegment(SOFT, Coil(4e-3, 10e-3, 10e-3), 0.35)
 
 
-def test_rubber_too_soft_is_refused_with_what_will_do():
-    with pytest.raises(ArgumentError, match="next to nothing") as caught:
-        Segment(20e-3, 5e-3, 0.3e-3, 1e-30).deepest_stretch(564.0)
-    told = re.search(r"at least (\S+) Pa", str(caught.value))
-    assert told
-    enough = Segment(20e-3, 5e-3, 0.3e-3, float(told[1]))
-    stretch, kappa = enough.deepest_stretch(564.0), enough.loading(564.0)
-    assert stretch**3 + kappa * stretch / 2 == pytest.approx(1.0, rel=1e-9)
-    with pytest.raises(ArgumentError, match=r"without end.*smaller load"):
-        SOFT.stretch_at(0.0, 1e12)
+def test_rubber_too_soft_for_any_stretch_is_refused():
+    """Neo-Hookean rubber in the best coil: lam³ + kappa lam / 2 = 1."""
+    unit = SOFT.loading(1.0)
+    for stretch in (1e-3, 3e-9):
+        kappa = 2 * (1 - stretch**3) / stretch
+        assert SOFT.deepest_stretch(kappa / unit) == pytest.approx(stretch, rel=1e-9)
+    with pytest.raises(ArgumentError, match=r"next to nothing.*smaller pressure"):
+        SOFT.deepest_stretch(2e9 / unit)
+    # rubber of Mooney's second kind alone pulls with no more than its stiffness
+    soft = replace(SOFT, neo_hookean=0.0)
+    assert soft.stretch_at(0.0, 0.9 * soft.stiffness) > 1
+    with pytest.raises(ArgumentError, match="without end"):
+        soft.stretch_at(0.0, 1.1 * soft.stiffness)
 
 
 # ---- scenes
@@ -528,7 +531,7 @@ def test_why_it_does_not_move(change: str, says: str):
         ("winding.outer_radius=5e-3", "winding.outer_radius", "more than 0.006"),
         ("inflation={pressure=9.0, fill=0.5}", "inflation.fill", "fibre_angle"),
         ("coil.share=0", "coil.share", "above 0"),
-        ("segment.shear_modulus=1e-30", "segment.shear_modulus", "or a smaller load"),
+        ("segment.shear_modulus=1e-30", "segment.shear_modulus", "a larger modulus"),
     ],
 )
 def test_wrong_scenes_are_told(tmp_path: Path, change: str, key: str, message: str):

@@ -30,7 +30,7 @@ _AXES = ("along", "across", "vertical")
 # by some exp(-1.6 * 24). The other half of the turn is the same.
 _ANGLES, _MOST_ANGLES = 24, 24_000
 _TOLERANCE = 1e-10
-# Of a radius: where more of them are needed a point all but touches a winding.
+# Of the radii, next to a winding: where more are needed a point all but touches it.
 _PIECES = 100
 
 
@@ -334,7 +334,7 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
     """Field (3, m), in A/m, at points of the line by Biot-Savart, integrated over the windings.
 
     `currents` (count, m): ampere-turns at each point. No elliptic integral: sums over
-    the angle, adaptive quadrature over radius and length.
+    the angle, adaptive quadrature over the radius and, but for points near by, the length.
     """
     direction = _AXES.index(row.axis)
     offset = 0.0 if row.gap is None else (row.gap + row.coil.length) / 2
@@ -348,25 +348,26 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
     rho = np.hypot(*away)
     share = np.clip(row.coil.clearance(rho**2, s) / row.coil.outer, _ANGLES / _MOST_ANGLES, 1.0)
     # points next to a winding take more angles
-    halvings = np.ceil(-np.log2(share)).astype(int)
+    doublings = np.ceil(-np.log2(share)).astype(int)
     axial, radial = np.zeros_like(s), np.zeros_like(s)
-    for k in np.unique(halvings):
-        alike = halvings == k
+    for k in np.unique(doublings):
+        alike = doublings == k
         angle = np.pi * (np.arange(_ANGLES << k) + 0.5) / (_ANGLES << k)
-        of_pairs = _near if k else _far
-        axial[alike], radial[alike] = of_pairs(row.coil, rho[alike], s[alike], np.cos(angle))
+        field = _field_near if k else _field_far
+        axial[alike], radial[alike] = field(row.coil, rho[alike], s[alike], angle)
     outward = np.divide(away, rho, out=np.zeros_like(away), where=rho > 0)
     vector = np.insert(outward * radial, direction, axial, axis=0)
     return np.einsum("cskm,km->cm", vector, currents)
 
 
-def _far(coil: Coil, rho: np.ndarray, s: np.ndarray, cosine: np.ndarray) -> np.ndarray:
+def _field_far(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Axial and radial field (2, m) per ampere-turn at distances from a coil's axis and middle.
 
     By quadrature over radius and length, of what keeps its digits however far away.
     """
     from scipy.integrate import quad_vec
 
+    cosine = np.cos(angle)
     flat, across = (rho * rho)[:, None], 2 * rho[:, None] * cosine
 
     def loop(a: float, place: float) -> np.ndarray:
@@ -388,21 +389,25 @@ def _far(coil: Coil, rho: np.ndarray, s: np.ndarray, cosine: np.ndarray) -> np.n
     return whole / (coil.length * (coil.outer - coil.inner))
 
 
-def _near(coil: Coil, rho: np.ndarray, s: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """As `_far` next to a winding: the integral over the length is a closed form."""
+def _field_near(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """As `_field_far` next to a winding: the integral over the length is a closed form.
+
+    Differences of what is nearly the same are written out.
+    """
     from scipy.integrate import quad_vec
 
-    below, above = -coil.length / 2 - s[:, None], coil.length / 2 - s[:, None]
-    rho, beyond = rho[:, None], below * above > 0
+    rho, s = rho[:, None], s[:, None]
+    below, above, apart = -coil.length / 2 - s, coil.length / 2 - s, -2 * s * coil.length
+    beyond, turned = below * above > 0, 2 * np.sin(angle / 2) ** 2  # 1 - cosine
 
     def sheet(a: float) -> np.ndarray:
-        square = a * a + rho * (rho - 2 * a * cosine)
-        low, high = np.sqrt(square + below * below), np.sqrt(square + above * above)
-        # beyond the ends a difference of nearly 1 and 1 is written out, and divided by `square`
-        change = np.where(beyond, above**2 - below**2, above / high - below / low)
-        over = np.where(beyond, low * high * (above * low + below * high), square)
-        axial = (a - rho * cosine) * change / over
-        radial = cosine * (1 / high - 1 / low)
+        square = (a - rho) ** 2 + 2 * a * rho * turned
+        low, high = np.sqrt(square + below**2), np.sqrt(square + above**2)
+        # of the sines of the angles at which both ends are seen, over `square`
+        sines = np.where(beyond, apart, above / high - below / low)
+        divisor = np.where(beyond, low * high * (above * low + below * high), square)
+        axial = (a - rho + rho * turned) * sines / divisor
+        radial = (turned - 1) * apart / (low * high * (low + high))
         return a / 2 * np.stack([axial.mean(axis=-1), radial.mean(axis=-1)])
 
     whole = quad_vec(sheet, coil.inner, coil.outer, epsrel=_TOLERANCE, norm="max", limit=_PIECES)

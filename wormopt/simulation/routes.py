@@ -50,7 +50,7 @@ def _patiently(task: InitialValueProblem, report: Report) -> Outcome:
         return _in_python(briefly, report, stiff=True)
 
     outcome = at_most(_STEPS_FOR_A_LOOK)
-    if outcome.status == "too_many_steps" and outcome.t - start > 0.01 * (end - start):
+    if outcome.status == "too_many_steps" and outcome.t - start > 1e-4 * (end - start):
         return at_most(_STEPS_IN_PYTHON)
     return outcome
 

@@ -97,9 +97,9 @@ def first_guess(plant: Model, reference: Reference, end: float, error_weight: fl
     """
     try:
         loop = lqr(plant, reference, error_weight=error_weight)
-    except ArgumentError:
+    except ArgumentError as error:
         raise SolveError(
-            "no LQR with stable feedback was found to start from",
+            f"there is no LQR to start from: {error}",
             "choose units in which masses, damping and stiffness are nearer to 1",
         ) from None
     return Guess.of(simulate(loop, end, dense=True))

@@ -22,6 +22,8 @@ from wormopt.numerics.roots import root
 from wormopt.systems.peristaltic.segment.rubber import density
 
 Anchoring = Literal["mid", "clamp"]
+# Logarithm of the largest stretch that is looked for, and of the least with the other sign.
+_FARTHEST = 20.0
 """What of a segment holds on: its middle, or the rings at both of its ends."""
 
 
@@ -30,10 +32,6 @@ def checked(stretch: Any) -> Any:
     if isinstance(stretch, float | int | np.ndarray) and not np.all(np.asarray(stretch) > 0):
         raise ArgumentError(f"a stretch is above 0, 1 where unstressed, not {stretch!r}")
     return stretch
-
-
-# Logarithm of the largest stretch; loads over the stiffness that do not come near it.
-_LARGEST, _STRONGEST = 20.0, 1e6
 
 
 @dataclass(frozen=True)
@@ -200,15 +198,13 @@ class Segment:
             coil = pressure * math.pi * self.radius**2 / stretch**power
             return self.elastic_pull(stretch) + coil - load
 
-        low, high = math.log(least) if least else -_LARGEST, _LARGEST
+        low, high = math.log(least) if least else -_FARTHEST, _FARTHEST
         if least and surplus(low) >= 0:
             return least
         if surplus(low) > 0 or surplus(high) < 0:
-            around = abs(load) / (2 * math.pi * self.radius) + pressure * self.radius
             raise ArgumentError(
                 f"rubber of {self.shear_modulus:g} Pa would be stretched to next to nothing or "
-                f"without end; write at least {around / self.wall / _STRONGEST:.3g} Pa, "
-                "or a smaller load"
+                "without end; write a larger modulus, or a smaller pressure or load"
             )
         return math.exp(root(surplus, low, high))
 
