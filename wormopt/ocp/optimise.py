@@ -299,11 +299,11 @@ def _solve(
         if lost.violation <= FEASIBLE and _ended_well(lost):
             return lost
     solution = _after(lost, program.nlp.solve(w, bounds, solver))
-    guarded = program.guarded(bounds)
-    # of fixed durations nothing is guarded that was not: it would be the same solve
-    free = not (np.array_equal(guarded.lbw, bounds.lbw) and np.array_equal(guarded.ubw, bounds.ubw))
-    if free and not warm and not solution.violation <= FEASIBLE:
-        solution = _after(solution, program.nlp.solve(w, guarded, solver))
+    if not warm and not solution.violation <= FEASIBLE:
+        guarded = program.guarded(bounds)
+        # of fixed durations nothing is guarded that was not: it would be the same solve
+        if np.any(guarded.lbw != bounds.lbw) or np.any(guarded.ubw != bounds.ubw):
+            solution = _after(solution, program.nlp.solve(w, guarded, solver))
     for _ in range(_RESTARTS):
         stalled = solution.violation <= _NEARLY and not _ended_well(solution)
         if not stalled or not isinstance(solver, Ipopt):

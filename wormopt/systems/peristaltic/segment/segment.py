@@ -22,9 +22,9 @@ from wormopt.numerics.roots import root
 from wormopt.systems.peristaltic.segment.rubber import density
 
 Anchoring = Literal["mid", "clamp"]
+"""What of a segment holds on: its middle, or the rings at both of its ends."""
 # Logarithm of the largest stretch that is looked for, and of the least with the other sign.
 _FARTHEST = 20.0
-"""What of a segment holds on: its middle, or the rings at both of its ends."""
 
 
 def checked(stretch: Any) -> Any:
