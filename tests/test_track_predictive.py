@@ -26,7 +26,7 @@ from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
-from wormopt.systems.chain.optimal_tracking import first_guess
+from wormopt.systems.chain.optimal_tracking import followed_by_lqr
 from wormopt.systems.chain.predictive_tracking import course_of, plan_tracking, real_time
 from wormopt.systems.chain.rival_decisions import decide, decision_jobs
 from wormopt.systems.chain.rivals import Rival, draw_plants, driven
@@ -128,7 +128,7 @@ def test_the_plan_is_next_to_the_optimum_with_set_valued_friction():
     table = PredictiveTable(period=0.02, horizon=0.2, input_weight=1e-4, v_reg=0.03)
     plan = plan_tracking(plant, gait_reference(fast_gait(1.0), plant.t), END, table)
     program = plan.stages.program
-    guess = first_guess(plant, gait_reference(fast_gait(1.0), plant.t), END, 1e4)
+    guess = Guess.of(followed_by_lqr(plant, gait_reference(fast_gait(1.0), plant.t), END, 1e4))
     exact = optimise(
         program.problem, program.mesh, Complementarity(1e-4), guess,
         solver=Ipopt(tolerance=1e-7, mu_init=1e-3),

@@ -16,7 +16,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, pack
 from wormopt.model.schedule import Schedule
-from wormopt.model.values import signal_values
+from wormopt.model.values import nominal_of, signal_values
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
@@ -26,6 +26,7 @@ from wormopt.ocp.optimise import FEASIBLE, Optimum, optimise
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.progress import Report, silent
 from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.scenes.track_optimal import (
     GridTable,
     LeastError,
@@ -38,6 +39,9 @@ from wormopt.systems.chain.scenes.track_optimal import (
 _STIFF = 1e3
 # Arcs of a grid: of so many a solve takes minutes.
 _ARCS = 10_000
+# What an arc of the first guess counts in the scaled objective, and the least mean squares, in
+# nominal sizes, by which is scaled.
+_AN_ARC, _LEAST = 10, 1e-6
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
 # As `optimise` starts next to a solution, so that the solver is there already.
 _WARM = replace(_SOLVER, mu_init=1e-3)
@@ -89,8 +93,10 @@ def _asked_from(capture: float, end: float) -> Schedule:
     return Schedule("tube_asked", symbol, begin, breaks, values)
 
 
-def first_guess(plant: Model, reference: Reference, end: float, error_weight: float) -> Guess:
-    """Simulate an LQR with feed-forward exactly: a motion near the reference, forces included.
+def followed_by_lqr(
+    plant: Model, reference: Reference, end: float, error_weight: float
+) -> Trajectory:
+    """Simulate an LQR with feed-forward exactly: a motion near the reference, to start from.
 
     `error_weight` is that of |e|^2 against the square of what is added to the feed-forward. Raises
     SolveError if there is no stable one.
@@ -102,7 +108,27 @@ def first_guess(plant: Model, reference: Reference, end: float, error_weight: fl
             f"there is no LQR to start from: {error}",
             "choose units in which masses, damping and stiffness are nearer to 1",
         ) from None
-    return Guess.of(simulate(loop, end, dense=True))
+    return simulate(loop, end, dense=True)
+
+
+def scaled(problem: Problem, near: Trajectory, arcs: int) -> Problem:
+    """Scale a `tracking_problem` by a motion near the optimum: solves go alike in all units.
+
+    Integrals come out of the size of 1, the objective as `_AN_ARC` for each arc.
+    """
+    model, end = problem.model, near.end_time
+    seen = near.at((np.arange(arcs) + 0.5) / arcs * end)
+    mean = [float(np.mean(np.sum(seen[name] ** 2, axis=0))) for name in ("error", "input")]
+    usual = [nominal_of(model.x)[0], input_of(model, model["input"].numel()).nominal]
+    sizes = end * np.maximum(mean, _LEAST * np.square(usual))
+    tallies = problem.ends.integrals
+    cost = ca.Function("cost", [tallies], [problem.minimise])
+    return replace(
+        problem,
+        integrands=problem.integrands / sizes,
+        minimise=ca.substitute(problem.minimise, tallies, tallies * sizes),
+        nominal=float(cost(sizes)) / (_AN_ARC * arcs),
+    )
 
 
 def optimal_input(
@@ -130,11 +156,12 @@ def optimal_input(
     breaks = problem.model.breaks(end)
     mesh = Mesh.over(breaks, period / grid.arcs, Collocation(grid.degree, "radau"))
     weight = 1 / objective.input_weight if isinstance(objective, LeastError) else _STIFF
-    guess = first_guess(plant, reference, end, weight)
+    near = followed_by_lqr(plant, reference, end, weight)
+    problem = scaled(problem, near, mesh.total)
     treatment = Complementarity(relaxation.last, relaxation.first)
     # An LQR is next to what tracks best, but not to what tracks with least effort.
     solver = _WARM if isinstance(objective, LeastError) else _SOLVER
-    return optimise(problem, mesh, treatment, guess, solver=solver, report=report)
+    return optimise(problem, mesh, treatment, Guess.of(near), solver=solver, report=report)
 
 
 def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:

@@ -16,7 +16,8 @@ from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Regularised
 from wormopt.ocp.mesh import Mesh
-from wormopt.systems.chain.optimal_tracking import first_guess, tracking_problem
+from wormopt.ocp.motion import Guess
+from wormopt.systems.chain.optimal_tracking import followed_by_lqr, tracking_problem
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
 from wormopt.systems.chain.scenes.track_optimal import LeastError, TubeTable
 
@@ -44,7 +45,7 @@ def plan_tracking(
     problem = tracking_problem(limited, reference, end, objective, TubeTable(radius=1.0))
     breaks = problem.model.breaks(end)
     mesh = Mesh.over(breaks, table.period, Collocation(_DEGREE, "radau"))
-    guess = first_guess(plant, reference, end, 1 / table.input_weight)
+    guess = Guess.of(followed_by_lqr(plant, reference, end, 1 / table.input_weight))
     contact = Regularised(table.v_reg, _WIDER * table.v_reg, ratio=1 / _WIDER)
     return plan_ahead(problem, mesh, contact, guess, p=p)
 
