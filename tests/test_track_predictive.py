@@ -17,6 +17,7 @@ from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb
 from wormopt.model.values import signal_values
 from wormopt.ocp.contact import Complementarity
+from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import optimise
 from wormopt.plotting import draw

@@ -44,6 +44,14 @@ def failure(
             partial,
             "bad_guess",
         )
+    if solution.late:
+        return SolveError(
+            f"not solved in the time given to one solve: {_worst(program, solution, bounds)} after "
+            f"{solution.iterations} iterations",
+            "give it more seconds, or fewer arcs",
+            partial,
+            "late",
+        )
     met = solution.violation <= FEASIBLE
     if gives := {} if met else _conflict(program, level, start, partial.p):
         listed = " and ".join(f"{name} by {size:.4g}" for name, size in gives.items())

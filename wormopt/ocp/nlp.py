@@ -21,6 +21,7 @@ from wormopt.errors import ArgumentError
 
 # CasADi takes an interrupt for a failed solve; these are its names for one.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
+_LATE = ("Maximum_CpuTime_Exceeded", "Maximum_WallTime_Exceeded")
 
 
 class Solver(Hashable, Protocol):
@@ -78,12 +79,15 @@ class Ipopt:
         First barrier parameter; small for warm starts.
     warm : bool, optional
         Start where told, however close to a bound.
+    seconds : float, optional
+        Longest time by the clock.
     """
 
     tolerance: float = 1e-9
     iterations: int = 500
     mu_init: float = 0.1
     warm: bool = False
+    seconds: float | None = None
 
     @property
     def name(self) -> str:
@@ -94,6 +98,8 @@ class Ipopt:
         """Translate into the options of CasADi's nlpsol, IPOPT's own with prefix "ipopt."."""
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
         start = {f"ipopt.{push}": 1e-8 for push in pushes} if self.warm else {}
+        if self.seconds is not None:
+            start["ipopt.max_wall_time"] = self.seconds
         return start | {
             "expand": True,  # scalar expressions are three times as fast at these sizes
             "print_time": False,
@@ -137,6 +143,11 @@ class Solution:
     build_s: float = 0.0  # s to make the solver; 0 where it was there already
     # (n_g,) of the constraints: below 0 at lower bounds, above 0 at upper ones
     multipliers: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def late(self) -> bool:
+        """Whether the solver's time was up."""
+        return self.status in _LATE
 
 
 class NonlinearProgram:

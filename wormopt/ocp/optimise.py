@@ -36,10 +36,8 @@ _FINISHED = 200
 # Box, in nominal sizes, in which an optimum is tested to first order.
 _NEAR = 1e-3
 
-# A solve that starts at the solution of a neighbouring level begins with a small barrier, none with
-# less than such a part of the first guess's objective: beside a large one it is as good as none,
-# and the first steps leave all limits far behind.
-_WARM_BARRIER, _BARRIER = 1e-3, 1e-4
+# A solve that starts at the solution of a neighbouring level begins with a small barrier.
+_WARM_BARRIER = 1e-3
 # Times that a solve begins anew where it stopped, and the largest violation there.
 _RESTARTS, _NEARLY = 3, 1e-3
 
@@ -203,7 +201,8 @@ def optimise(
         If the treatment of contact is not one of an optimisation.
     SolveError
         If a level is not solved; the message says which limits stand against each other, or what
-        else to change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "not_solved".
+        else to change, and ``code`` why: "infeasible", "unbounded", "bad_guess", "late" or
+        "not_solved".
     KeyboardInterrupt
         If the user stops it.
 
@@ -249,11 +248,9 @@ def optimise(
     targets = _targets(treatment)
     steps = [program.bounds(target, p=p, pins=pins, active=held) for target in targets]
     w = sample(program, guess, steps[0])
-    least = _BARRIER * abs(program.nlp.start(w, steps[0]).objective)
-    least = least if np.isfinite(least) else 0.0
     solutions: list[Solution] = []
     for k, (target, bounds) in enumerate(zip(targets, steps, strict=True)):
-        solution = _solve(program, w, bounds, solver, warm=k > 0, least=least)
+        solution = _solve(program, w, bounds, solver, warm=k > 0)
         if not (solution.violation <= FEASIBLE and _ended_well(solution)):
             raise failure(program, solution, bounds, w, target)
         w = solution.w
@@ -290,28 +287,21 @@ def _ended_well(solution: Solution) -> bool:
 
 
 def _solve(
-    program: Transcription,
-    w: np.ndarray,
-    bounds: Bounds,
-    solver: Solver,
-    *,
-    warm: bool,
-    least: float,
+    program: Transcription, w: np.ndarray, bounds: Bounds, solver: Solver, *, warm: bool
 ) -> Solution:
     """Solve one level: where that leads nowhere with a large barrier, then guarded durations.
 
     From a nearly feasible point it begins anew, with a smaller barrier and no memory of its way.
-    No barrier begins below `least` but there.
     """
     lost = None
-    if isinstance(solver, Ipopt):
-        solver = replace(solver, mu_init=max(solver.mu_init, least))
     if warm and isinstance(solver, Ipopt):
-        near = replace(solver, mu_init=max(min(solver.mu_init, _WARM_BARRIER), least))
+        near = replace(solver, mu_init=min(solver.mu_init, _WARM_BARRIER))
         lost = program.nlp.solve(w, bounds, near)
-        if lost.violation <= FEASIBLE and _ended_well(lost):
+        if lost.late or (lost.violation <= FEASIBLE and _ended_well(lost)):
             return lost
     solution = _after(lost, program.nlp.solve(w, bounds, solver))
+    if solution.late:
+        return solution
     if not warm and not solution.violation <= FEASIBLE:
         guarded = program.guarded(bounds)
         # of fixed durations nothing is guarded that was not: it would be the same solve

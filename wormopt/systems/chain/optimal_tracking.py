@@ -161,7 +161,14 @@ def optimal_input(
     treatment = Complementarity(relaxation.last, relaxation.first)
     # An LQR is next to what tracks best, but not to what tracks with least effort.
     solver = _WARM if isinstance(objective, LeastError) else _SOLVER
-    return optimise(problem, mesh, treatment, Guess.of(near), solver=solver, report=report)
+    solver = replace(solver, seconds=relaxation.time_limit)
+    try:
+        return optimise(problem, mesh, treatment, Guess.of(near), solver=solver, report=report)
+    except SolveError as error:
+        if error.code != "late":
+            raise
+        advice = "write a larger relaxation.time_limit, fewer grid.arcs or a smaller time.end"
+        raise SolveError(error.reason, advice, error.partial, error.code) from None
 
 
 def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:

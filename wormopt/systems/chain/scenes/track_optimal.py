@@ -84,6 +84,9 @@ class RelaxationTable(Table, frozen=True, kw_only=True):
 
     first: Annotated[Positive, says("1", "in the first solve")] = 0.1
     last: Annotated[Positive, says("1", "in the last solve")] = 1e-3
+    time_limit: Annotated[
+        Positive, says("s", "seconds by the clock that a solve may take, on any grid")
+    ] = 120.0
 
     def faults(self) -> Iterator[Fault]:
         """Yield a fault if the last is not the smaller one."""
