@@ -199,7 +199,7 @@ def in_other_units(mass: float, length: float, least: str) -> list[str]:
         f"worm.mass={mass}", f"worm.stiffness={1.5 * mass}", f"worm.damping={0.5 * mass}",
         f"worm.friction.forward={force}", f"worm.friction.backward={3 * force}",
         f"worm.rest_length={2 * length}", f"reference.gait.rest_length={2 * length}",
-        f"start.position=[{4 * length},{2 * length},0.0]", f"tube.radius={0.2 * length}",
+        f"start.position=[{4.6 * length},{2 * length},0.0]", f"tube.radius={0.2 * length}",
         "reference.gait.period=0.5", "time.end=1.0", "tube.capture=0.5", "grid.arcs=20",
         f"objective={{minimise = '{least}'{weight}}}",
     ]  # fmt: skip
@@ -208,17 +208,28 @@ def in_other_units(mass: float, length: float, least: str) -> list[str]:
 @pytest.mark.parametrize("least", ["input", "error"])
 def test_the_optimum_is_the_same_in_all_units(least: str):
     usual = wo.run(load_scene("track_optimal", in_other_units(1.0, 1.0, least)))
-    for mass, length in [(1e3, 1.0), (1e-6, 1e3)]:
+    for mass, length in [(1e3, 1.0), (1e-3, 1.0), (1e-6, 1e3)]:
         other = wo.run(load_scene("track_optimal", in_other_units(mass, length, least)))
         unit = length**2 if least == "error" else (mass * length) ** 2
         assert other.status == "ok", other.reason
         assert value(other, "objective_found") / unit == pytest.approx(
-            value(usual, "objective_found"), rel=3e-3
+            value(usual, "objective_found"), rel=1e-5
         )
 
 
+def test_what_an_impossible_tube_lacks_is_the_same_in_all_units():
+    told = set()
+    for mass in (1.0, 1e3, 1e6):
+        change = [*in_other_units(mass, 1.0, "input"), "tube.capture=0.0", "time.end=0.5"]
+        with pytest.raises(SolveError) as caught:
+            wo.run(load_scene("track_optimal", change))
+        told.add(str(caught.value))
+    assert len(told) == 1, told
+    assert "tube by" in told.pop()
+
+
 def test_a_solve_that_is_late_is_told():
-    scene = load_scene("track_optimal", ["relaxation.time_limit=0.2"])
+    scene = load_scene("track_optimal", ["relaxation.time_limit=0.01"])
     with pytest.raises(SolveError, match=r"in the time given.* larger relaxation\.time_limit"):
         wo.run(scene)
 

@@ -15,7 +15,7 @@ from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Bounds, Ipopt, Solution
 from wormopt.ocp.transcription import Transcription
 
-# Scaled variables this large mean that the objective falls for ever.
+# Scaled variables so much larger than at the start mean that the objective falls for ever.
 _BEYOND = 1e6
 
 FEASIBLE = 1e-6
@@ -46,7 +46,7 @@ def failure(
         )
     if solution.late:
         return SolveError(
-            f"not solved in the time given to one solve: {_worst(program, solution, bounds)} after "
+            f"not solved in the time given to a solve: {_worst(program, solution, bounds)} after "
             f"{solution.iterations} iterations",
             "give it more seconds, or fewer arcs",
             partial,
@@ -61,7 +61,10 @@ def failure(
             partial,
             "infeasible",
         )
-    if np.max(np.abs(solution.w)) > _BEYOND or solution.status == "Diverging_Iterates":
+    if (
+        np.max(np.abs(solution.w)) > _BEYOND * max(1.0, np.max(np.abs(start)))
+        or solution.status == "Diverging_Iterates"
+    ):
         return SolveError(
             "the objective falls without bound",
             "limit the inputs, the states or the duration",

@@ -60,6 +60,7 @@ def elastic(problem: Problem) -> Problem:
     return replace(
         problem,
         minimise=ca.sum1(ca.vertcat(ca.SX(0), *(s.symbol for s in slack.values()))),
+        nominal=1.0,
         path_constraints=[part for b in problem.path_constraints for part in give(b)],
         boundary_constraints=[part for b in problem.boundary_constraints for part in give(b)],
         design=[*problem.design, *slack.values()],

@@ -80,7 +80,7 @@ class Ipopt:
     warm : bool, optional
         Start where told, however close to a bound.
     seconds : float, optional
-        Longest time by the clock.
+        Most processor time; no limit where nothing is said.
     """
 
     tolerance: float = 1e-9
@@ -99,7 +99,7 @@ class Ipopt:
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
         start = {f"ipopt.{push}": 1e-8 for push in pushes} if self.warm else {}
         if self.seconds is not None:
-            start["ipopt.max_wall_time"] = self.seconds
+            start["ipopt.max_cpu_time"] = self.seconds
         return start | {
             "expand": True,  # scalar expressions are three times as fast at these sizes
             "print_time": False,

@@ -300,16 +300,14 @@ def _solve(
         if lost.late or (lost.violation <= FEASIBLE and _ended_well(lost)):
             return lost
     solution = _after(lost, program.nlp.solve(w, bounds, solver))
-    if solution.late:
-        return solution
-    if not warm and not solution.violation <= FEASIBLE:
+    if not (warm or solution.late or solution.violation <= FEASIBLE):
         guarded = program.guarded(bounds)
         # of fixed durations nothing is guarded that was not: it would be the same solve
         if np.any(guarded.lbw != bounds.lbw) or np.any(guarded.ubw != bounds.ubw):
             solution = _after(solution, program.nlp.solve(w, guarded, solver))
     for _ in range(_RESTARTS):
         stalled = solution.violation <= _NEARLY and not _ended_well(solution)
-        if not stalled or not isinstance(solver, Ipopt):
+        if solution.late or not stalled or not isinstance(solver, Ipopt):
             break
         solver = replace(solver, mu_init=0.1 * solver.mu_init)
         solution = _after(solution, program.nlp.solve(solution.w, bounds, solver))

@@ -35,9 +35,9 @@ from wormopt.systems.chain.scenes.track_optimal import (
     TubeTable,
 )
 
-# Of the error in the LQR from which solves start, where no other weight is given.
+# Of the error in the LQR from which solves start, in usual sizes, where no other weight is given.
 _STIFF = 1e3
-# Arcs of a grid: of so many a solve takes minutes.
+# Arcs of a grid: solves of so many take longer than `relaxation.time_limit` as it is by itself.
 _ARCS = 10_000
 # What an arc of the first guess counts in the scaled objective, and the least mean squares, in
 # nominal sizes, by which is scaled.
@@ -119,7 +119,7 @@ def scaled(problem: Problem, near: Trajectory, arcs: int) -> Problem:
     model, end = problem.model, near.end_time
     seen = near.at((np.arange(arcs) + 0.5) / arcs * end)
     mean = [float(np.mean(np.sum(seen[name] ** 2, axis=0))) for name in ("error", "input")]
-    usual = [nominal_of(model.x)[0], input_of(model, model["input"].numel()).nominal]
+    usual = _usual(model)
     sizes = end * np.maximum(mean, _LEAST * np.square(usual))
     tallies = problem.ends.integrals
     cost = ca.Function("cost", [tallies], [problem.minimise])
@@ -129,6 +129,11 @@ def scaled(problem: Problem, near: Trajectory, arcs: int) -> Problem:
         minimise=ca.substitute(problem.minimise, tallies, tallies * sizes),
         nominal=float(cost(sizes)) / (_AN_ARC * arcs),
     )
+
+
+def _usual(plant: Model) -> np.ndarray:
+    """Nominal sizes of a link's length and of its input."""
+    return np.array([nominal_of(plant.x)[0], nominal_of(plant.u)[0]])
 
 
 def optimal_input(
@@ -155,7 +160,11 @@ def optimal_input(
     problem = tracking_problem(plant, reference, end, objective, tube)
     breaks = problem.model.breaks(end)
     mesh = Mesh.over(breaks, period / grid.arcs, Collocation(grid.degree, "radau"))
-    weight = 1 / objective.input_weight if isinstance(objective, LeastError) else _STIFF
+    if isinstance(objective, LeastError):
+        weight = 1 / objective.input_weight
+    else:
+        length, force = _usual(plant)
+        weight = _STIFF * (force / length) ** 2
     near = followed_by_lqr(plant, reference, end, weight)
     problem = scaled(problem, near, mesh.total)
     treatment = Complementarity(relaxation.last, relaxation.first)
@@ -171,17 +180,20 @@ def optimal_input(
         raise SolveError(error.reason, advice, error.partial, error.code) from None
 
 
-def knowing(optimum: Optimum, p: Mapping[str, ArrayLike]) -> Motion | None:
+def knowing(
+    optimum: Optimum, p: Mapping[str, ArrayLike], seconds: float | None = None
+) -> Motion | None:
     """Find the optimal motion of a plant with other parameters, from that of the believed one.
 
-    `optimum` is with complementarity. None where there is none, or none in reasonable time.
+    `optimum` is with complementarity; a solve takes at most `seconds`. None where there is none,
+    or none in reasonable time.
     """
     program, w = optimum.motion.program, optimum.solution.w
     solution = optimum.solution
     bounds = optimum.bounds
     for level in [each.level for each in optimum.levels][-2:]:
         bounds = program.bounds(level, p=p)
-        solution = program.nlp.solve(w, bounds, _WARM)
+        solution = program.nlp.solve(w, bounds, replace(_WARM, seconds=seconds))
         w = solution.w
     if not (solution.success and solution.violation <= FEASIBLE):
         return None

@@ -92,7 +92,8 @@ def solve(job: Job) -> Answer:
     if periodic:
         with suppress(SolveError):  # the relaxed input serves too: its simulation is exact
             motion, parts = optimise_switching_times(optimum).motion, _PARTS
-    known = [knowing(optimum, draw) for draw in job.draws]
+    seconds = None if periodic else job.table.relaxation.time_limit
+    known = [knowing(optimum, draw, seconds) for draw in job.draws]
     return Answer(
         Plan(motion.input_course(), lengths_of(motion, parts), periodic),
         tuple(m and Plan(m.input_course(), lengths_of(m), periodic) for m in known),

@@ -79,13 +79,13 @@ class GridTable(Table, frozen=True, kw_only=True):
 class RelaxationTable(Table, frozen=True, kw_only=True):
     """Largest product of speed and force, in usual sizes, that complementarity allows.
 
-    Each solve has a tenth of the one before. Refused: `last` above `first`.
+    It falls from `first` to `last`, to a tenth from solve to solve. Refused: `last` above `first`.
     """
 
     first: Annotated[Positive, says("1", "in the first solve")] = 0.1
     last: Annotated[Positive, says("1", "in the last solve")] = 1e-3
     time_limit: Annotated[
-        Positive, says("s", "seconds by the clock that a solve may take, on any grid")
+        Positive, says("s", "processor time after which a solve is given up; there are several")
     ] = 120.0
 
     def faults(self) -> Iterator[Fault]:
