@@ -136,6 +136,7 @@ class Solution:
     violation: float  # largest of any bound, scaled; never the solver's word
     status: str  # the solver's return status, or "not solved"
     success: bool  # the solver's word; judge by violation all the same
+    late: bool  # whether its time was up
     iterations: int
     seconds: float  # wall-clock time
     # s in functions by their CasADi names, nlp_hess_l say
@@ -143,11 +144,6 @@ class Solution:
     build_s: float = 0.0  # s to make the solver; 0 where it was there already
     # (n_g,) of the constraints: below 0 at lower bounds, above 0 at upper ones
     multipliers: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    @property
-    def late(self) -> bool:
-        """Whether the solver's time was up."""
-        return self.status in _LATE
 
 
 class NonlinearProgram:
@@ -201,7 +197,7 @@ class NonlinearProgram:
         """
         begin = time.perf_counter()
         solver = self._prepared(options)
-        start = time.perf_counter()
+        start, used = time.perf_counter(), time.process_time()
         with _uncounted(bounds):
             answer = solver(
                 x0=w0, p=bounds.p, lbx=bounds.lbw, ubx=bounds.ubw, lbg=bounds.lbg, ubg=bounds.ubg
@@ -209,6 +205,10 @@ class NonlinearProgram:
         stats = solver.stats()
         if stats["return_status"] in _STOPPED:
             raise KeyboardInterrupt
+        # IPOPT counts the time of a restoration by itself, and may end it for another reason
+        most = options.seconds if isinstance(options, Ipopt) else None
+        over = most is not None and time.process_time() - used > most
+        late = stats["return_status"] in _LATE or (over and not stats["success"])
         w = np.clip(np.asarray(answer["x"]).ravel(), bounds.lbw, bounds.ubw)
         begun = stats["return_status"] != "Not_Enough_Degrees_Of_Freedom"  # else no count is set
         return Solution(
@@ -217,6 +217,7 @@ class NonlinearProgram:
             violation=self.violation(w, bounds),
             status=str(stats["return_status"]),
             success=bool(stats["success"]),
+            late=late,
             iterations=int(stats["iter_count"]) if begun else 0,
             seconds=time.perf_counter() - start,
             functions_s={
@@ -265,7 +266,7 @@ class NonlinearProgram:
         As `finish` and `restore` take it.
         """
         objective = float(self._evaluate(w, bounds.p)[0])
-        return Solution(w, objective, self.violation(w, bounds), "not solved", False, 0, 0.0)
+        return Solution(w, objective, self.violation(w, bounds), "not solved", False, False, 0, 0.0)
 
     def finish(self, solution: Solution, bounds: Bounds, radius: float = 1e-3) -> Solution:
         """Take linear steps in shrinking boxes (SLP): exact active set, errors near round-off.

@@ -86,7 +86,7 @@ class RelaxationTable(Table, frozen=True, kw_only=True):
     last: Annotated[Positive, says("1", "in the last solve")] = 1e-3
     time_limit: Annotated[
         Positive, says("s", "processor time after which a solve is given up; there are several")
-    ] = 120.0
+    ] = 60.0
 
     def faults(self) -> Iterator[Fault]:
         """Yield a fault if the last is not the smaller one."""
