@@ -612,6 +612,19 @@ def test_what_is_refused_leaves_all_as_it_was(
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
+def test_what_is_written_does_not_hang_on_when(
+    fast: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def written(folder: str) -> dict[str, bytes]:
+        paths = wo.export(fast, ["csv", "mat", "c", "ros"], tmp_path / folder)
+        return {path.name: path.read_bytes() for path in paths}
+
+    first = written("a")
+    monkeypatch.setattr("time.time", lambda: 2e9)
+    monkeypatch.setattr("time.asctime", lambda *_: "Wed May 18 03:33:20 2033")
+    assert written("b") == first
+
+
 def test_force_replaces_files_and_never_folders(
     saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

@@ -13,6 +13,8 @@ from wormopt.files import MARK
 from wormopt.result import Result
 from wormopt.version import VERSION
 
+# SciPy's own tells the time, so that what is the same would be written otherwise each second.
+_HEADER = b"MATLAB 5.0 MAT-file, written by wormopt".ljust(116)
 _LONGEST = 63
 _KEYWORDS = frozenset(
     "break case catch classdef continue else elseif end for function global if otherwise parfor "
@@ -45,7 +47,7 @@ def make(result: Result, stem: str) -> dict[str, bytes]:
     }
     stream = io.BytesIO()
     savemat(stream, whole, long_field_names=True, oned_as="column")
-    return {f"{stem}.mat": stream.getvalue()}
+    return {f"{stem}.mat": _HEADER + stream.getvalue()[len(_HEADER) :]}
 
 
 def field_names(names: Iterable[str]) -> dict[str, str]:
