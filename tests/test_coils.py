@@ -30,9 +30,11 @@ ROWS = {
     "along": CoilRow(Coil(4e-3, 6e-3, 8e-3, 3000.0), 3, 10e-3, "along"),
     "vertical": CoilRow(COIL, 3, 10e-3, "vertical"),
     "between": CoilRow(COIL, 3, 10e-3, "vertical", gap=11e-3),
+    "in turn": CoilRow(COIL, 3, 10e-3, "vertical", gap=11e-3, sides="alternating"),
 }
 # A height of the line that is off the windings of each of them.
-HEIGHTS = {"across": 6e-3, "facing": 0.5e-3, "along": 1e-3, "vertical": -12e-3, "between": 1e-3}
+HEIGHTS = {"across": 6e-3, "facing": 0.5e-3, "along": 1e-3, "vertical": -12e-3}
+HEIGHTS |= {"between": 1e-3, "in turn": 1e-3}
 CURRENTS = np.array([3000.0, -1000.0, 500.0])
 
 

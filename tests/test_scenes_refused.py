@@ -38,6 +38,8 @@ HOSTILE = [
     (TRACK, "worm.mass=1e40", "worm.mass", "choose units"),
     (TRACK, "worm.mass=[1, 1e-40, 1]", "worm.mass[1]", "choose units"),
     (SIMULATE, "worm.friction.forward=1e300", "worm.friction.forward", "choose units"),
+    (TRACK, "tracker=3", "tracker", 'a table with feedback = "filter", "derivative", '),
+    (TRACK, "tracker=3", "tracker", 'or "funnel", or a list of such'),
     (TRACK, 'tracker.input="spring"', "tracker.input", '"force" or "rest_length"'),
     # friction
     (TRACK, "worm.friction=3", "worm.friction", "a table"),

@@ -338,12 +338,14 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
     """
     direction = _AXES.index(row.axis)
     offset = 0.0 if row.gap is None else (row.gap + row.coil.length) / 2
-    sides = (0.0,) if row.gap is None else (-offset, offset)
+    sides = np.array([[0.0]] if row.gap is None else [[-offset], [offset]])
+    if row.sides == "alternating":
+        sides = offset * (1 - 2 * (np.arange(row.count) % 2))[None]
     # points as seen from each coil: shape (3, sides, count, m)
     seen = np.zeros((3, len(sides), row.count, len(x)))
     seen[0] = x - row.places[:, None]
     seen[2] = z
-    seen[direction] -= np.array(sides)[:, None, None]
+    seen[direction] -= sides[:, :, None]
     s, away = seen[direction], np.delete(seen, direction, axis=0)
     rho = np.hypot(*away)
     share = np.clip(row.coil.clearance(rho**2, s) / row.coil.outer, _ANGLES / _MOST_ANGLES, 1.0)

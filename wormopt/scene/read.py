@@ -145,19 +145,28 @@ def describe(kind: Any) -> str:
     if origin is Literal:
         return _one_of(list(arguments))
     if origin in (Union, UnionType):
-        return ", or ".join(dict.fromkeys(describe(a) for a in arguments if a is not NoneType))
+        parts = [a for a in arguments if a is not NoneType and a not in tables_in(kind)]
+        words = [*_tables(tables_in(kind)), *map(describe, parts)]
+        again = f"a list of {_many(words[0])}"
+        return ", or ".join(dict.fromkeys("a list of such" if w == again else w for w in words))
     if origin is dict:
         return "a table"
     if origin is tuple:
         return f"a list of {_many(describe(arguments[0]))}"
-    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        return f"a table with {', '.join(kind.__struct_fields__)}"
-    return _WORDS[kind]
+    return "".join(_tables(tables_in(kind))) or _WORDS[kind]
+
+
+def _tables(tables: list[type[msgspec.Struct]]) -> list[str]:
+    """Tell one table by its keys, several by the key that parts them."""
+    if len(tables) < 2:
+        return [f"a table with {', '.join(table.__struct_fields__)}" for table in tables]
+    tags = [table.__struct_config__.tag for table in tables]
+    return [f"a table with {tables[0].__struct_config__.tag_field} = {_one_of(tags)}"]
 
 
 def _many(words: str) -> str:
     """Several of what words tell, where they begin as "a finite number above 0" does."""
-    return re.sub(r"^an? ((?:(?:finite|whole) )?)(number|list|angle)\b", r"\1\2s", words)
+    return re.sub(r"^an? ((?:(?:finite|whole) )?)(number|list|angle|table)\b", r"\1\2s", words)
 
 
 def _holds_numbers(kind: Any) -> bool:
