@@ -18,7 +18,7 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
-from wormopt.ocp.nlp import Ipopt, Plugin
+from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram, Plugin, Solution, Solver
 from wormopt.ocp.optimise import Optimum, best_of, optimise, refine
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.switching import optimise_switching_times
@@ -257,9 +257,9 @@ def test_what_a_solve_cost_is_told():
 # -- failures ------------------------------------------------------------------------------------
 
 
-def error_of(problem: Problem, guess: Guess = LINE) -> SolveError:
+def error_of(problem: Problem, guess: Guess = LINE, solver: Solver | None = None) -> SolveError:
     with pytest.raises(SolveError) as caught:
-        optimise(problem, even(10), RELAXED, guess)
+        optimise(problem, even(10), RELAXED, guess, solver=solver)
     return caught.value
 
 
@@ -270,6 +270,24 @@ def test_a_way_too_long_for_its_time_names_what_has_to_give_way():
     assert error.code == "infeasible"
     found = float(str(error).split("time by ")[1].split(";")[0])
     assert found == pytest.approx(SLIDE - 1.0, abs=5e-3)
+
+
+def test_a_search_for_what_gives_way_has_no_more_time_than_a_solve(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    limits: list[object] = []
+    solve = NonlinearProgram.solve
+
+    def seen(self: NonlinearProgram, w: np.ndarray, bounds: Bounds, solver: Solver) -> Solution:
+        limits.append(getattr(solver, "seconds", None))
+        return solve(self, w, bounds, solver)
+
+    monkeypatch.setattr(NonlinearProgram, "solve", seen)
+    problem = slide()
+    hurry = Constraint("time", problem.ends.duration, upper=1.0)
+    hasty = replace(problem, boundary_constraints=[*problem.boundary_constraints, hurry])
+    assert error_of(hasty, solver=Ipopt(seconds=70.0)).code == "infeasible"
+    assert set(limits) == {70.0}
 
 
 def test_a_drive_below_friction_is_named():

@@ -31,10 +31,12 @@ def failure(
     bounds: Bounds,
     start: np.ndarray,
     level: ModeSequence | float,
+    seconds: float | None,
 ) -> SolveError:
     """Explain a solve that failed, started at `start` (n_w,).
 
-    Gives the SolveError, with the motion reached as ``partial``.
+    Gives the SolveError, with the motion reached as ``partial``. A solve that looks for limits in
+    conflict gets as many `seconds` as one of the problem did.
     """
     partial = Motion.of(program, solution.w, bounds)
     if solution.status == "Invalid_Number_Detected" or not np.all(np.isfinite(start)):
@@ -53,7 +55,7 @@ def failure(
             "late",
         )
     met = solution.violation <= FEASIBLE
-    if gives := {} if met else _conflict(program, level, start, partial.p):
+    if gives := {} if met else _conflict(program, level, start, partial.p, seconds):
         listed = " and ".join(f"{name} by {size:.4g}" for name, size in gives.items())
         return SolveError(
             f"no motion meets all limits; the least that has to give way is {listed}",
@@ -82,7 +84,11 @@ def failure(
 
 
 def _conflict(
-    program: Transcription, level: ModeSequence | float, start: np.ndarray, p: np.ndarray
+    program: Transcription,
+    level: ModeSequence | float,
+    start: np.ndarray,
+    p: np.ndarray,
+    seconds: float | None,
 ) -> dict[str, float]:
     """Limits that must give way for any motion to exist near the start, in their own units."""
     problem = with_input_limits(program.problem)
@@ -96,7 +102,7 @@ def _conflict(
     objective = 0.0
     for each in _levels_from(treatment, level):  # the sharper the law, the more must give way
         bounds = relaxed.bounds(each, p=by_name(problem.model.p, p))
-        answer = relaxed.nlp.solve(w, bounds, Ipopt(tolerance=1e-7))
+        answer = relaxed.nlp.solve(w, bounds, Ipopt(tolerance=1e-7, seconds=seconds))
         if answer.violation > _MET:
             break
         w, objective = answer.w, answer.objective

@@ -252,7 +252,8 @@ def optimise(
     for k, (target, bounds) in enumerate(zip(targets, steps, strict=True)):
         solution = _solve(program, w, bounds, solver, warm=k > 0)
         if not (solution.violation <= FEASIBLE and _ended_well(solution)):
-            raise failure(program, solution, bounds, w, target)
+            seconds = solver.seconds if isinstance(solver, Ipopt) else None
+            raise failure(program, solution, bounds, w, target, seconds)
         w = solution.w
         solution = replace(solution, objective=solution.objective * problem.nominal)
         solutions.append(solution)
