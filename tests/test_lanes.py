@@ -294,6 +294,23 @@ def test_members_that_are_done_are_kept_when_interrupted(threads: int):
     assert len(partial.codes) == 40
 
 
+@pytest.mark.parametrize("count", [7, 40])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_all_are_given_up_where_the_first_spend_all_their_steps(count: int, threads: int):
+    few = {"tolerance": Tolerance(max_steps=200_000), "threads": threads}
+    stiff, easy = Scenario(p={"k": 1e10}), Scenario(p={"k": 1.0})
+    members = [*[stiff] * (count - 1), easy]
+    found = simulate_ensemble(oscillator(), 500.0, members, give_up_after=3, **few)
+    assert found.codes[:3] == ("too_many_steps",) * 3
+    assert set(found.codes[3:-1]) <= {"too_many_steps", "given_up"}
+    assert np.isnan(found.end[3:-1]).all()
+    if count == 40:
+        assert found.codes[-1] == "given_up"
+    else:
+        tried = simulate_ensemble(oscillator(), 500.0, [easy, *members], give_up_after=3, **few)
+        assert tried.codes == ("", *["too_many_steps"] * (count - 1), "")
+
+
 def test_all_threads_take_members_that_wait(monkeypatch: pytest.MonkeyPatch):
     seen, advance, both = set(), herd._advance, threading.Barrier(2)
 

@@ -72,7 +72,7 @@ class Ensemble:
         Every member's own trajectory, as far as it came.
     codes : tuple of str
         Empty for a member that came to its end, else why it did not, as in `SolveError.code`;
-        "interrupted" if the user stopped it.
+        "interrupted" if the user stopped it, "given_up" where the first had spent all their steps.
     """
 
     time: np.ndarray
@@ -127,6 +127,7 @@ def simulate_ensemble(
     route: Route = "auto",
     sensitivities: Sensitivities | None = None,
     threads: int | None = None,
+    give_up_after: int | None = None,
     report: Report = silent,
 ) -> Ensemble:
     """Integrate a model once for each member, several at a time.
@@ -151,6 +152,8 @@ def simulate_ensemble(
         Along what every motion is differentiated, see `simulate`.
     threads : int, optional
         How many at a time; as many as there are cores if left out.
+    give_up_after : int, optional
+        If the first so many members all spend all their steps, the others are given up.
     report : callable, optional
         Told what share is done.
 
@@ -192,6 +195,7 @@ def simulate_ensemble(
     alike = len(members) >= _LANES and sensitivities is None and not model.delays
     together = alike and _goes_together(model, contact, route)
     found: list[Future[Found]] = []
+    in_vain = False
     with thread_pool(threads) as pool:
         try:
             if together:
@@ -201,9 +205,7 @@ def simulate_ensemble(
                 found.append(pool.submit(one, members[0]))
                 found[0].result()  # compiles, once
                 found += [pool.submit(one, member) for member in members[1:]]
-            for number, future in enumerate(found, start=1):
-                future.result()
-                report("simulating members", number / len(members))
+            in_vain = _wait(found, stopped, give_up_after, report)
         except BaseException as error:
             stopped.set()  # members under way end soon, those that wait at once
             if not isinstance(error, KeyboardInterrupt) or len(found) < len(members):
@@ -212,10 +214,26 @@ def simulate_ensemble(
     start, end = span if isinstance(span, tuple) else (0.0, span)
     time = np.array([start, end]) if times is None else np.asarray(times, dtype=float)
     states = np.array([_filled(motion.states, len(time)) for motion in motions])
+    if in_vain:
+        codes = tuple("given_up" if code == "interrupted" else code for code in codes)
     ensemble = Ensemble(time, states, motions, codes)
-    if stopped.is_set():
+    if stopped.is_set() and not in_vain:
         raise Interrupted(ensemble)
     return ensemble
+
+
+def _wait(
+    found: Sequence[Future[Found]], stopped: Event, give_up_after: int | None, report: Report
+) -> bool:
+    """Wait for all members, or until the first have spent all their steps; whether they have."""
+    spent = 0
+    for number, future in enumerate(found, start=1):
+        spent += future.result()[1] == "too_many_steps"
+        report("simulating members", number / len(found))
+        if number == spent == give_up_after:
+            stopped.set()
+            return True
+    return False
 
 
 def _one(

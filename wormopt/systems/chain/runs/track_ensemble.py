@@ -48,6 +48,9 @@ from wormopt.systems.spiked import gait_of_shape
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Shares of the members that lie below the lines of a band."""
 
+# Where so many members spend all their steps the others, drawn like them, are not tried.
+_IN_VAIN = 4
+
 
 @dataclass(frozen=True, eq=False)
 class _Herd:
@@ -109,15 +112,19 @@ def _simulate(
             contact=treatment_of(table.contact),
             times=np.linspace(0.0, table.time.end, table.time.samples),
             tolerance=tolerance_of(table.tolerance),
+            give_up_after=_IN_VAIN,
             report=lambda _, fraction: report(f"simulating members under {label}", fraction),
         )
     except Interrupted as stop:
         raise Interrupted(_herd(label, tracker, loop, stop.partial)) from None
     herd = _herd(label, tracker, loop, ensemble)
     if not herd.whole:
-        codes = ", ".join(sorted(set(ensemble.codes)))
+        which = (
+            f"none of the first {_IN_VAIN} members" if "given_up" in ensemble.codes else "no member"
+        )
+        codes = ", ".join(sorted({*ensemble.codes} - {"given_up"}))
         raise SolveError(
-            f"{label}: no member came to its end ({codes})",
+            f"{label}: {which} came to its end ({codes})",
             "run the scene without [ensemble] to see why",
             code=ensemble.codes[0],
         )
