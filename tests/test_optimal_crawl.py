@@ -19,7 +19,7 @@ from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import copies
-from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem
+from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
 
 SCENE = Path(__file__).parents[1] / "problems" / "optimal_crawl.toml"
 
@@ -157,6 +157,35 @@ def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_count
     mean, worst = speeds("mean"), speeds("worst")
     assert worst.min() > mean.min() + 1e-3
     assert mean.mean() > worst.mean() - 2e-2
+
+
+def objective_in(length: float, time: float, force: float, *, cost: bool) -> float:
+    """Least objective of the same worm, in its own units, where others are so large."""
+    speed = length / time
+    plant = chain(
+        2,
+        mass=force * time / speed,
+        stiffness=10 * force / length,
+        damping=5 * force / speed,
+        rest_length=2 * length,
+        law=Coulomb(force, 10 * force),
+        length_nominal=length,
+        time_nominal=time,
+    )
+    aim = Aim(None, speed=speed) if cost else Aim(effort=1e-3 * speed / force**2)
+    limits = CrawlLimits((time, time), 12 * force, (1.4 * length, 2.6 * length))
+    widths = Regularised(0.3 * speed, speed)
+    mesh = Mesh.even(1, 12, Collocation(2, "radau"))
+    problem = crawl_problem(plant, limits, aim)
+    found = optimise(problem, mesh, widths, sine_guess(plant, time, 12 * force))
+    return found.objective / (speed / time if cost else speed)
+
+
+@pytest.mark.parametrize("cost", [False, True])
+def test_the_optimum_is_the_same_in_all_units(cost: bool):
+    here = objective_in(1.0, 1.0, 1.0, cost=cost)
+    for units in ((1e-3, 1.0, 1e-3), (0.03, 0.8, 0.05), (20.0, 100.0, 1e3)):
+        assert objective_in(*units, cost=cost) == pytest.approx(here, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -57,16 +57,17 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     names of scene keys. Raises ArgumentError where energy is the cost without ``mass``.
     """
     plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])
+    length, speed = plant.x[0].nominal, plant.x[1].nominal
     costs = aim.maximise is None
     ends = Ends.of(plant, 1)
     places = _rows(plant, "position")
     advances = [ends.end[rows[0]] - ends.start[rows[0]] for rows in places]
     speeds = ca.vertcat(*advances) / ends.duration
     at_ends = [
-        Constraint("start", ca.vertcat(*(ends.start[rows[-1]] for rows in places)), 0.0, 0.0)
+        Constraint("start", ca.vertcat(*(ends.start[r[-1]] for r in places)), 0.0, 0.0, length)
     ]
     if aim.speed is not None:
-        at_ends.append(Constraint("aim.speed", speeds, aim.speed))
+        at_ends.append(Constraint("aim.speed", speeds, aim.speed, nominal=speed))
     along = []
     if limits.length is not None:
         lengths = ca.vertcat(*_outputs(plant, "length"))
@@ -75,11 +76,12 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     design: list[Signal] = []
     merit = ca.sum1(speeds) / speeds.numel()
     if aim.judge == "worst" and speeds.numel() > 1:
-        worst = Signal("worst speed", ca.SX.sym("worst"), "speed")
+        worst = Signal("worst speed", ca.SX.sym("worst"), "speed", speed)
         design.append(worst)
-        at_ends.append(Constraint("worst speed", speeds - worst.symbol, 0.0))
+        at_ends.append(Constraint("worst speed", speeds - worst.symbol, 0.0, nominal=speed))
         merit = worst.symbol
-    mean = ends.integrals[0] / ends.duration
+    # integrals are variables of the program: of the size of 1
+    mean = ends.integrals[0] * cost.nominal * limits.period[1] / ends.duration
     minimise = (
         mean / ca.fmax(merit, (aim.speed or 0.0) / 2) if costs else -merit + aim.effort * mean
     )
@@ -90,11 +92,12 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         duration=limits.period,
         periodic=[s.name for s in plant.x if s.name.startswith("velocity")],
         displaced=[s.name for s in plant.x if s.name.startswith("position")],
-        integrands=cost.integrand,
+        integrands=cost.integrand / (cost.nominal * limits.period[1]),
         path_constraints=[*along, *cost.along],
         boundary_constraints=at_ends,
         slacks=cost.slacks,
         design=design,
+        nominal=cost.nominal / speed if costs else speed,
     )
 
 
@@ -134,29 +137,33 @@ def sine_guess(
 
 @dataclass(frozen=True, eq=False)
 class _Cost:
-    """Rate of a cost, and what it needs."""
+    """Rate of a cost, its usual size, and what it needs."""
 
     integrand: ca.SX
+    nominal: float
     along: tuple[Constraint, ...] = ()
     slacks: tuple[Signal, ...] = ()
 
 
 def _effort(plant: Model) -> _Cost:
-    return _Cost(ca.sumsqr(ca.vertcat(*(u.symbol for u in plant.u))))
+    return _Cost(ca.sumsqr(ca.vertcat(*(u.symbol for u in plant.u))), plant.u[0].nominal ** 2)
 
 
 def _transport(plant: Model, speeds: ca.SX) -> _Cost:
     """Positive power of the actuators over the worm's mass, by slacks above 0 and above it."""
     power = ca.vertcat(*_outputs(plant, "power"))
-    spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", lower=0.0)
-    bounds = (Constraint("power", spent.symbol - power, 0.0),)
+    length, speed = plant.x[0].nominal, plant.x[1].nominal
+    size = plant.u[0].nominal * speed
+    spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", size, lower=0.0)
+    bounds = (Constraint("power", spent.symbol - power, 0.0, nominal=size),)
     masses = [s.symbol for s in plant.p if s.name == "mass"]
     if not masses:
         raise ArgumentError(
             f"energy by mass and way needs the parameter mass; {plant.name} has none"
         )
     mass = ca.sum1(ca.vertcat(*masses))
-    return _Cost(ca.sum1(spent.symbol) / mass / speeds.numel(), bounds, (spent,))
+    rate = ca.sum1(spent.symbol) / mass / speeds.numel()
+    return _Cost(rate, speed**3 / length, bounds, (spent,))
 
 
 def _rows(plant: Model, name: str) -> list[list[int]]:
