@@ -102,6 +102,16 @@ def test_units_scale_the_answer():
     assert result.scalars["input_peak"].unit == "N"
 
 
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_the_least_effort_is_as_exact_in_other_units(size: float):
+    forces = {"block.mass": 1, "block.force": 3, "block.friction.forward": 1}
+    forces |= {"block.friction.backward": 2}
+    changes = [f"{key}={number * size}" for key, number in forces.items()]
+    result = solved("slide", 'minimise="effort"', "time=2", *changes)
+    assert value(result, "objective") / size**2 == pytest.approx(3.5, abs=1e-7)
+    assert value(result, "solve_iterations") < 200
+
+
 def test_the_pair_reaches_its_closed_form():
     result, k = solved("chernousko_pair"), 0.3 * 9.81 * 0.1
     assert value(result, "speed") == pytest.approx((math.sqrt(2) - 1) / 2 * math.sqrt(k), abs=1e-9)

@@ -71,13 +71,16 @@ def problem_of(table: SlideScene) -> Problem:
     if table.time is not None:
         at_ends.append(Constraint("time", ends.duration, upper=table.time, nominal=table.time))
         longest = max(longest, 2 * table.time)
+    # integrals are variables of the program: of the size of 1
+    size = model.u[0].nominal ** 2 * slow if effort else slow
     return Problem(
         model,
         ends,
-        ends.integrals[0] if effort else ends.duration,
+        size * ends.integrals[0] if effort else ends.duration,
         (1e-6 * slow, longest),
-        integrands=ca.sumsqr(model["force"]) if effort else ca.SX(0, 1),
+        integrands=ca.sumsqr(model["force"]) / size if effort else ca.SX(0, 1),
         boundary_constraints=at_ends,
+        nominal=size,
     )
 
 
