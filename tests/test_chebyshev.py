@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.polynomial import Polynomial
 
-from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.numerics.chebyshev import Series, relaxed, resolve
 
 
 def series(function: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> Series:
@@ -149,3 +149,25 @@ def test_interpolation_of_an_analytic_function_converges_geometrically():
     rate = -np.polyfit(degrees, np.log(errors), 1)[0]
     assert rate == pytest.approx(math.log((1 + math.sqrt(26)) / 5), rel=0.03)
     assert np.abs(series(lambda x: 1 / (1 + 25 * x**2), -1, 1)(s)[0] - exact).max() < 1e-14
+
+
+@pytest.mark.parametrize("rate", [0.0, 1e-9, 0.3, 7.0, 40.0, 300.0])
+@pytest.mark.parametrize("start", [0.0, 2.5])
+def test_what_decays_under_a_wave_is_found_in_closed_form(rate: float, start: float):
+    a, b, w = 0.2, 1.3, 5.0
+    found = relaxed(lambda s: np.cos(w * s)[None], rate, start, a, b)
+    s = np.linspace(a, b, 57)
+
+    def carried(s: np.ndarray) -> np.ndarray:
+        return (rate * np.cos(w * s) + w * np.sin(w * s)) / (rate**2 + w**2)
+
+    known = carried(s) + (start - carried(np.array([a]))) * np.exp(-rate * (s - a))
+    assert np.abs(found(s)[0] - known).max() < 2e-14 * max(1.0, start)
+
+
+@pytest.mark.parametrize("rate", [1e3, 1e6, 1e9, 1e12])
+def test_what_has_settled_follows_its_forcing_however_fast_it_would_decay(rate: float):
+    # under s and from -1/rate^2 that is (s - 1/rate) / rate
+    found = relaxed(lambda s: s[None], rate, -1 / rate**2, 0.0, 2.0)
+    s = np.linspace(0, 2, 41)
+    assert np.abs(found(s)[0] - (s - 1 / rate) / rate).max() < 4e-14 / rate

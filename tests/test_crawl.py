@@ -152,7 +152,10 @@ def glide_by_hand(drag: float, load: float) -> tuple[float, float, float]:
     return start, end, way - top / omega * (2 + math.cos(omega * start) + math.cos(omega * end))
 
 
-@pytest.mark.parametrize(("drag", "load"), [(1.0, 17.0), (0.2, 17.5), (2.0, 12.0)])
+@pytest.mark.parametrize(
+    ("drag", "load"),
+    [(1.0, 17.0), (0.2, 17.5), (2.0, 12.0), (120.0, 16.0), (900.0, 16.0), (4e3, 9.0)],
+)
 def test_glides_of_gait_15_agree_with_two_independent_solutions(drag: float, load: float):
     motion = crawl(fast_gait(1.0), [1.0] * 3, drag, load)
     start, end, gain = glide_by_hand(drag, load)

@@ -21,6 +21,12 @@ def _nodes_and_transform(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, np.linalg.inv(chebyshev.chebvander(nodes, degree)).T
 
 
+@lru_cache(maxsize=16)
+def _integration(degree: int) -> np.ndarray:
+    """Coefficients of the integral from -1, without the highest, by those of a series."""
+    return chebyshev.chebint(np.eye(degree + 1), lbnd=-1, axis=0)[:-1]
+
+
 @dataclass(frozen=True)
 class Series:
     """Several functions on [a, b] as Chebyshev series, one row of coefficients each."""
@@ -97,12 +103,33 @@ def resolve(function: Vectorised, a: float, b: float, degree: int | None = None)
     """
     if degree is not None:
         return _interpolate(function, a, b, max(degree, 1))
+    return _refined(lambda n: _interpolate(function, a, b, n))
+
+
+def relaxed(forcing: Vectorised, rate: float, start: float, a: float, b: float) -> Series:
+    """Solve w' + rate w = forcing from w(a) = start, to round-off where it is smooth.
+
+    By its integral over [a, s], which loses no digits however large the rate, not negative, is; a
+    layer at `a` is resolved as far as `resolve` goes, for rate (b - a) up to some hundred.
+    """
+
+    def of_degree(n: int) -> Series:
+        integral = (b - a) / 2 * _integration(n)
+        rows = integral @ _interpolate(forcing, a, b, n).coefficients[0]
+        rows[0] += start
+        return Series(a, b, np.linalg.solve(np.eye(n + 1) + rate * integral, rows)[None])
+
+    return _refined(of_degree)
+
+
+def _refined(of_degree: Callable[[int], Series]) -> Series:
+    """Double the degree until the last coefficients are rounding, up to 256."""
     for n in (16, 32, 64, 128):
-        series = _interpolate(function, a, b, n)
+        series = of_degree(n)
         tail = np.abs(series.coefficients[:, -2:]).max(initial=0.0)
         if tail <= 1e-14 * np.abs(series.coefficients).max(initial=1e-300):
             return series
-    return _interpolate(function, a, b, 256)
+    return of_degree(256)
 
 
 def _interpolate(function: Vectorised, a: float, b: float, degree: int) -> Series:

@@ -274,6 +274,7 @@ class Crawl(SampledMotion):
             rest[list(stretch.resting)] = 1
             resting.append(rest)
             path = series.primitive()(s)[rows["velocity"].start]
+            path -= path[0]  # rounding
             head.append(travelled + path)
             travelled += float(path[-1])
         stacked = np.concatenate(values, axis=1)

@@ -11,8 +11,12 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
-from wormopt.numerics.chebyshev import Series, resolve
+from wormopt.numerics.chebyshev import Series, relaxed, resolve
 from wormopt.systems.spiked.limits import Sharing
+
+# A glide of more time constants of drag than this is parted where so many have passed: one series
+# has what drag makes of the velocity at its start, another what drag and drive alone say.
+_STIFF, _LAYER = 300.0, 40.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +193,8 @@ def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
     sigma = resolve(driving, cell.start, cell.stop, exact_degree(drive.gait))
     edges = np.concatenate([[cell.start], sigma.roots(), [cell.stop]])
     now, end = cell.start, cell.stop
-    touch = 1e-9 * drive.force_scale
+    touch, decay = 1e-9 * drive.force_scale, drive.drag / drive.mean_mass
+    settled = False
     while now < end:
         if w == 0.0:
             begin = _first_dip(sigma, edges, now, touch)
@@ -199,12 +204,17 @@ def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
             if begin > now:
                 yield replace(cell, start=now, stop=begin)
             now = begin
-        common = _free_motion(drive, sigma, now, end, w)
+        far = end
+        if not settled and decay * (end - now) > _STIFF and now + _LAYER / decay > now:
+            far = now + _LAYER / decay
+        # m w' + k w + sigma = 0, and sigma is known
+        common = relaxed(lambda s: -sigma(s) / drive.mean_mass, decay, w, now, far)
         # A glide ends where w falls through 0; at its start w is 0 too, but rising.
         falls = [r for r in common.roots() if r > now and sigma(np.array([r])).item() > 0]
-        stop = float(falls[0]) if falls else end
+        stop = float(falls[0]) if falls else far
         yield replace(cell, start=now, stop=stop, resting=(), common=common)
-        now, w = stop, 0.0
+        settled = not falls
+        now, w = stop, 0.0 if falls else common(np.array([far])).item()
 
 
 def _first_dip(sigma: Series, edges: np.ndarray, now: float, touch: float) -> float | None:
@@ -216,21 +226,6 @@ def _first_dip(sigma: Series, edges: np.ndarray, now: float, touch: float) -> fl
         if sigma(np.linspace(low, float(b), 11)).min() < -touch:
             return low
     return None
-
-
-def _free_motion(drive: Drive, sigma: Series, now: float, end: float, w: float) -> Series:
-    """Solve m w' + k w + sigma = 0 from w(now): one integral, since sigma is known."""
-    decay = drive.drag / drive.mean_mass
-
-    def forcing(s: np.ndarray) -> np.ndarray:
-        return np.exp(decay * (s - now)) * sigma(s) / drive.mean_mass
-
-    lost = resolve(forcing, now, end).primitive()
-
-    def common(s: np.ndarray) -> np.ndarray:
-        return np.exp(-decay * (s - now)) * (w - lost(s))
-
-    return resolve(common, now, end)
 
 
 def exact_degree(gait: Gait, power: int = 1) -> int | None:
