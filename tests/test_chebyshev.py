@@ -170,4 +170,4 @@ def test_what_has_settled_follows_its_forcing_however_fast_it_would_decay(rate: 
     # under s and from -1/rate^2 that is (s - 1/rate) / rate
     found = relaxed(lambda s: s[None], rate, -1 / rate**2, 0.0, 2.0)
     s = np.linspace(0, 2, 41)
-    assert np.abs(found(s)[0] - (s - 1 / rate) / rate).max() < 4e-14 / rate
+    assert np.abs(found(s)[0] - (s - 1 / rate) / rate).max() < 1e-13 / rate

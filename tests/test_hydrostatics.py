@@ -516,6 +516,13 @@ def test_a_weak_fluid_needs_no_warning():
     assert solved("fluid.chi=0.03").trust["warnings"] == []
 
 
+def test_a_fluid_without_weight_is_told_and_not_to_take_less_than_no_current():
+    with pytest.raises(SolveError, match="cannot be followed beyond 0 ") as caught:
+        solved("fluid.density=1e-29")
+    assert caught.value.suggestion.startswith("take a fluid and a layer of more usual numbers")
+    assert caught.value.partial.trust["growth_rate"] < 0
+
+
 def test_a_surface_that_is_not_resolved_is_refused():
     with pytest.raises(SolveError, match="does not resolve") as caught:
         solved("surface={tolerance=1e-10, degree=64}", "layer.width=0.3")

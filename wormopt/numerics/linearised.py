@@ -143,7 +143,7 @@ class Linearised:
         if self._basis is not None:
             highs.setBasis(self._basis)
         self.programs += 1
-        status, pivots = solve(highs, int(_MOST_WORK / size))
+        status, pivots = solve(highs, int(min(_MOST_WORK / size, _MOST_PIVOTS * size)))
         self.work += (pivots + _PIVOTS_OF_SETTING_UP) * size
         if status != highspy.HighsModelStatus.kOptimal:
             return None
@@ -181,8 +181,9 @@ class Linearised:
 
 
 _PIVOTS_OF_SETTING_UP = 20
-# Work after which the simplex method is given up: a second, where usual programs take thousandths.
-_MOST_WORK = 5e8
+# Work after which the simplex method is given up: a second, where usual programs take thousandths;
+# and pivots by row and column, of which a small program that cycles takes millions within that.
+_MOST_WORK, _MOST_PIVOTS = 5e8, 100
 _NO_SLOPE = 1e-12
 
 _OF_THREAD = threading.local()

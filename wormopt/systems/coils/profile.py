@@ -168,12 +168,13 @@ class Collocation:
 
         Largest real part first; the profile is stable if this is below 0.
         """
-        from scipy.linalg import eigvals
+        from scipy.linalg import eigvals, null_space
 
-        moving = np.zeros(self.n + 2)
-        moving[1:-2] = 1  # the walls and the area hold at any time
-        found: Any = eigvals(self._jacobian(y, load), np.diag(moving))
-        found = found[np.isfinite(found) & (np.abs(found) < 1e12)]
+        slopes = self._jacobian(y, load)
+        inner, level = slopes[1:-2, :-1], slopes[1:-2, -1:]
+        # the walls and the area hold at any time, by a level that is whatever it takes
+        ways, seen = null_space(np.delete(slopes, np.s_[1:-2], axis=0)[:, :-1]), null_space(level.T)
+        found: Any = eigvals(seen.T @ inner @ ways, seen.T @ ways[1:-1])
         return found[np.argsort(-found.real)]
 
     def _pieces(self, y: np.ndarray, load: float) -> np.ndarray:

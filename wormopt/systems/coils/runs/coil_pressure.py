@@ -253,7 +253,9 @@ def _why(table: CoilPressureScene, setup: Setup, settled: Settled) -> tuple[str,
     current = stop.load * table.coil.ampere_turns
     unsure = not stop.uncertainty <= _UNRESOLVED * stop.load
     at = f"{'about ' if unsure else ''}{current:.{3 if unsure else 6}g} ampere-turns"
-    below = f"write coil.ampere_turns below {_rounded_down(current)}"
+    below = "take a fluid and a layer of more usual numbers"
+    if current > 0:
+        below = f"write coil.ampere_turns below {_rounded_down(current)}"
     x = np.linspace(*settled.equations.profile.ends, 801)
     steep = float(np.abs(settled.equations.at(settled.y, x, 1)).max())
     words = {
