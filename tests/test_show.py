@@ -112,9 +112,9 @@ def test_limits_are_sorted_by_what_they_are_worth():
 
 
 def test_limits_that_are_reached_are_told_from_those_with_room():
-    excess = {"rate": 1e-16, "length": -0.2, "spikes": -1e-9, "words": "none"}
-    assert rows(made(trust={"violations": excess}))["Limits"] == {
-        "reached": ("rate, spikes", ""),
+    excess = {"rate": 1e-16, "length": -0.2, "spikes": -1e-9, "force": 0.0, "words": "none"}
+    assert rows(made(trust={"violations": excess | {"closed": 1e-17}}))["Limits"] == {
+        "reached": ("rate, spikes, force", ""),
         "share to spare": ("length 0.2", ""),
     }
 

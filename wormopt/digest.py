@@ -179,9 +179,8 @@ def _effects(known: Mapping[str, Any], shares: list[float]) -> Iterator[tuple[st
 
 def _reached(excess: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     numbers = {name: value for name, value in excess.items() if isinstance(value, int | float)}
-    # a 0 is what is left of any number below it: how much there is to spare is not known
-    known = {name: value for name, value in numbers.items() if value != 0}
-    reached = [name for name, value in known.items() if value >= -_REACHED]
+    numbers.pop("closed", None)  # no limit: it holds with rounding, or not
+    reached = [name for name, value in numbers.items() if value >= -_REACHED]
     spare = [f"{name} {-value:.2g}" for name, value in numbers.items() if value < -_REACHED]
     if reached:
         yield "reached", ", ".join(reached), ""

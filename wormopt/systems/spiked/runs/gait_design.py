@@ -178,7 +178,7 @@ def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
     best_of_each = {t.sequence: t for t in reversed(survey.trials)}  # the last, the best, stays
     best = sorted(best_of_each.values(), key=lambda trial: -trial.value)[:5]
     return {
-        "violations": {k: max(0.0, v) for k, v in excess.items()},
+        "violations": excess,
         "solver": {
             **found.solver,
             "sequence": found.sequence,
