@@ -212,9 +212,9 @@ def rate_ranges(limit: Any, count: int) -> list[tuple[float, ...]]:
 
 
 def few_decades(axis: Axis) -> None:
-    """Ticks of a logarithmic axis that spans about a decade, written out."""
+    """Ticks of a logarithmic axis that spans a decade or two, written out."""
     low, high = axis.get_view_interval()
-    steps = (1.0, 2.0, 5.0) if high < 60 * low else (1.0,)
+    steps = (1.0, 2.0, 5.0) if high < 150 * low else (1.0,)
     axis.set_major_locator(LogLocator(subs=steps, numticks=8))
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     axis.set_minor_locator(NullLocator())

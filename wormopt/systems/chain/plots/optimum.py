@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from wormopt.plotting.parts import (
     GREY,
     fact,
+    few_decades,
     label,
     legend_below,
     narrow,
@@ -83,3 +84,5 @@ def _draw(axes: Axes, result: Result, over: str, what: str, slope: int) -> None:
     if over == "arcs":
         axes.set_xticks(x, [f"{n:g}" for n in x], minor=False)
         axes.minorticks_off()
+    else:
+        few_decades(axes.xaxis)

@@ -16,6 +16,7 @@ from wormopt.plotting.parts import (
     LINKS,
     MASSES,
     fact,
+    few_decades,
     label,
     legend_below,
     line,
@@ -76,6 +77,7 @@ def _draw_times(axes: Axes, result: Result, names: list[str]) -> None:
             axes.step(1e3 * seconds, share, color=colour, linestyle=dashes, where="post")  # pyright: ignore[reportArgumentType]
     axes.axvline(1e3 * needed(result, "decision_period"), color="black", linewidth=0.8)
     axes.set_xscale("log")
+    few_decades(axes.xaxis)
     axes.set_ylim(0, 1)
     axes.set_xlabel("time that a decision takes in ms\n(black: between decisions)")
     axes.set_ylabel("share that takes less")
