@@ -220,7 +220,7 @@ def test_the_optimum_is_the_same_in_all_units(least: str):
 def test_what_an_impossible_tube_lacks_is_the_same_in_all_units():
     told = set()
     for mass in (1.0, 1e3, 1e6):
-        change = [*in_other_units(mass, 1.0, "input"), "tube.capture=0.0", "time.end=0.5"]
+        change = [*in_other_units(mass, 1.0, "input"), "tube.capture=0.01", "time.end=0.5"]
         with pytest.raises(SolveError) as caught:
             wo.run(load_scene("track_optimal", change))
         told.add(str(caught.value))
@@ -232,6 +232,18 @@ def test_a_solve_that_is_late_is_told():
     scene = load_scene("track_optimal", ["relaxation.time_limit=0.01"])
     with pytest.raises(SolveError, match=r"in the time given.* larger relaxation\.time_limit"):
         wo.run(scene)
+
+
+def test_a_start_outside_a_tube_without_time_to_get_in_is_told():
+    change = ["tube.capture=0", "start.position=[4.5, 2.0, 0.0]"]
+    with pytest.raises(SolveError, match=r"starts [0-9.]+ from the reference") as caught:
+        wo.run(load_scene("track_optimal", change))
+    assert caught.value.code == "infeasible"
+    off = float(str(caught.value).split("starts ")[1].split(" ")[0])
+    gait = wo.fast_gait(1.0)
+    assert off == pytest.approx(
+        np.hypot(*(np.array([2.5, 2.0]) - gait(np.zeros(1)).ravel())), rel=1e-3
+    )
 
 
 def test_a_grid_of_too_many_arcs_is_refused():

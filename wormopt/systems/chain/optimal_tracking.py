@@ -43,6 +43,10 @@ _ARCS = 10_000
 # nominal sizes, by which is scaled.
 _AN_ARC, _LEAST = 10, 1e-6
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
+_ADVICE = {
+    "late": "write a larger relaxation.time_limit, fewer grid.arcs or a smaller time.end",
+    "not_solved": "write a larger tube.radius or relaxation.last, or another number of grid.arcs",
+}
 # As `optimise` starts next to a solution, so that the solver is there already.
 _WARM = replace(_SOLVER, mu_init=1e-3)
 
@@ -166,6 +170,8 @@ def optimal_input(
         length, force = _usual(plant)
         weight = _STIFF * (force / length) ** 2
     near = followed_by_lqr(plant, reference, end, weight)
+    if isinstance(objective, LeastInput) and tube.capture == 0:
+        _refuse_start_outside(near, tube)
     problem = scaled(problem, near, mesh.total)
     treatment = Complementarity(relaxation.last, relaxation.first)
     # An LQR is next to what tracks best, but not to what tracks with least effort.
@@ -174,10 +180,20 @@ def optimal_input(
     try:
         return optimise(problem, mesh, treatment, Guess.of(near), solver=solver, report=report)
     except SolveError as error:
-        if error.code != "late":
+        if error.code not in _ADVICE:
             raise
-        advice = "write a larger relaxation.time_limit, fewer grid.arcs or a smaller time.end"
-        raise SolveError(error.reason, advice, error.partial, error.code) from None
+        raise SolveError(error.reason, _ADVICE[error.code], error.partial, error.code) from None
+
+
+def _refuse_start_outside(near: Trajectory, tube: TubeTable) -> None:
+    off = float(np.linalg.norm(near.at(np.zeros(1))["error"]))
+    if off > tube.radius:
+        raise SolveError(
+            f"the worm starts {off:.4g} from the reference, outside the tube, and with "
+            "tube.capture = 0 it must be in it from the start",
+            "write a larger tube.capture or tube.radius, or another start.position",
+            code="infeasible",
+        )
 
 
 def knowing(

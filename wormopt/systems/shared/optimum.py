@@ -399,17 +399,19 @@ def refused(
     error: SolveError,
     variables: Any = (),
     keys: Mapping[str, str] = MappingProxyType({}),
+    advice: Mapping[str, str] = MappingProxyType({}),
 ) -> SolveError:
     """Restate an optimiser's failure with a Result that can be saved.
 
     `variables` hold what was found all the same. `keys`: of the scene, by what the optimiser
-    calls them.
+    calls them; `advice`: by code, in place of the optimiser's own.
     """
 
     def in_scene(told: str) -> str:
         named = {word: key for word, key in keys.items() if key not in told}
         return re.sub(r"\w+", lambda m: f"{m[0]} ({named[m[0]]})" if m[0] in named else m[0], told)
 
-    told = SolveError(in_scene(error.reason), in_scene(error.suggestion), None, error.code)
+    suggestion = advice.get(error.code) or in_scene(error.suggestion)
+    told = SolveError(in_scene(error.reason), suggestion, None, error.code)
     told.partial = conclude(scene, {}, variables).failed(str(told))
     return told

@@ -57,6 +57,9 @@ _KEYS = {
     "duration": "limits.period",
     "arcs": "mesh.arcs",
 }
+_ADVICE = {
+    "not_solved": "write more search.starts, another number of mesh.arcs, or wider limits",
+}
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -76,7 +79,7 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
         exact, solved = [*stages.values()][-1], time.perf_counter()
         numbers = _numbers(table, plant, exact.motion, draws, report)
     except SolveError as error:
-        raise refused(scene, error, keys=_KEYS) from None
+        raise refused(scene, error, keys=_KEYS, advice=_ADVICE) from None
     accepted = _ACCEPTED_ROBUST if table.robust else ACCEPTED
     second = cross_check(exact.motion, accepted=accepted, report=report)
     kept, convergence, lost = _kept(numbers, accepted), None, ""
