@@ -214,6 +214,18 @@ def test_the_rows_of_a_table_come_back_exactly(tmp_path: Path):
     assert Gait.from_csv(tmp_path / "gait.csv")(t) == pytest.approx(gait(t), abs=1e-15)
 
 
+def test_a_table_of_a_result_is_read_by_its_lengths(tmp_path: Path):
+    gait, path = fast_gait(1.0), tmp_path / "gait.csv"
+    gait.to_csv(path, samples=21, units="SI")
+    header, *rows = path.read_text("utf-8").splitlines()
+    told = [f"{row},{k},-1" for k, row in enumerate(rows)]
+    remarks = ["# a gait, (1, 2)", "# made by hand"]
+    lines = [*remarks, f"{header},position_0 [m],sigma [N]", *told, ""]
+    (tmp_path / "more.csv").write_text("\n".join(lines), "utf-8")
+    t = np.linspace(0, 1, 97)
+    assert np.array_equal(Gait.from_csv(tmp_path / "more.csv")(t), Gait.from_csv(path)(t))
+
+
 @settings(max_examples=examples(40), deadline=None)
 @given(
     omega=st.floats(0.1, 10),

@@ -28,6 +28,11 @@ def test_the_page_of_a_kind_is_up_to_date(kind: str):
     )
 
 
+def test_every_kind_is_in_the_table_of_scenes():
+    table = (PAGES.parent / "scenes.md").read_text(encoding="utf-8")
+    assert [kind for kind in KINDS if f"| [`{kind}`](scenes/{kind}.md) |" not in table] == []
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_key_says_what_it_means(kind: str):
     for table in tables_below(KINDS[kind].load_table()):

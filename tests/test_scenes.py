@@ -509,3 +509,8 @@ def test_a_scene_cannot_be_changed(tmp_path: Path):
         scene.name = "other"  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(AttributeError):
         scene.table.worm.links = 3
+
+
+def test_a_result_is_told_from_a_scene():
+    with pytest.raises(SceneError, match=r"is a result, not a scene; `wormopt show`"):
+        load_scene(Path(__file__).parent / "results" / "fit_pair.nc")

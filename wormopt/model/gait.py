@@ -248,8 +248,9 @@ class Gait:
         Parameters
         ----------
         path : path
-            File with one header line. Names of columns are free, but those that begin with `rate`
-            or `acceleration`, as `to_csv` writes them, are passed over.
+            File with one header line, after remarks that begin with #. Names of columns are free;
+            where some begin with `length`, as `to_csv` and exports of results write them, the
+            others are passed over.
 
         Returns
         -------
@@ -265,7 +266,7 @@ class Gait:
         """
         try:
             with Path(path).open(newline="", encoding="utf-8-sig") as stream:
-                rows = [row for row in csv.reader(stream) if row]
+                rows = [*csv.reader(line for line in stream if line.strip() and line[0] != "#")]
         except (UnicodeDecodeError, csv.Error) as error:
             raise ArgumentError(f"a gait table must be CSV text in UTF-8 ({error})") from None
         needs = f"a gait table needs a header t,l_0,l_1,... and at least {_FEWEST_ROWS} rows"
@@ -280,12 +281,17 @@ class Gait:
             table = np.array([[float(v) for v in row] for row in rows[1:]])
         except ValueError as error:
             raise ArgumentError(f"every row after the header must hold numbers ({error})") from None
-        lasting = [not name.strip().startswith(_COLUMNS[1:]) for name in rows[0][1:]]
+        names = [name.strip() for name in rows[0][1:]]
+        lengths = [name.startswith(_COLUMNS[0]) for name in names]
+        lasting = lengths if any(lengths) else [not n.startswith(_COLUMNS[1:]) for n in names]
         t, lengths = table[:, 0], table[:, 1:][:, lasting]
         if not lengths.size:
             raise ArgumentError(needs)
         if not np.all(np.isfinite(table)) or t[0] != 0 or np.any(np.diff(t) <= 0):
-            raise ArgumentError("times must be finite and ascend from 0")
+            raise ArgumentError(
+                "times must be finite and ascend from 0, each once; name a result.nc itself, "
+                "or export it with --step"
+            )
         if np.any(lengths <= 0):
             raise ArgumentError("link lengths must be positive")
         if np.abs(lengths[-1] - lengths[0]).max() > 1e-9 * np.abs(lengths).max():

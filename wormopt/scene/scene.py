@@ -235,6 +235,8 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
         message = f"cannot be read: {error.strerror}"
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text (byte {error.start}); save it as UTF-8"
+        if path.suffix == ".nc":
+            message = "is a result, not a scene; `wormopt show` tells what it holds"
     except RecursionError:
         message = "is nested too deeply"
     except ValueError as error:
