@@ -170,6 +170,17 @@ def test_glides_of_gait_15_agree_with_two_independent_solutions(drag: float, loa
     assert motion.extremes("reaction_mean")[0][0] >= -1e-9
 
 
+@pytest.mark.parametrize("drag", [1e4, 1e12, 3e16, 1e20])
+def test_where_drag_is_all_the_worm_glides_by_the_pull_over_the_drag(drag: float):
+    # without inertia all slip at V = 0.3, pull over drag; spikes hold where W0 is more
+    top, omega, pull = 0.6 * math.pi, 3 * math.pi, 0.3
+    phase = math.asin(pull / top)
+    motion = crawl(fast_gait(1.0), [1.0] * 3, drag, -pull * drag)
+    known = 3 * (2 * phase / omega * pull + 2 * top / omega * math.cos(phase))
+    assert motion.advance == pytest.approx(known, abs=3 / drag + 1e-10)
+    assert motion.extremes("velocity")[0].min() >= -1e-9
+
+
 # --- Constructed gaits -------------------------------------------------------------------
 
 

@@ -218,12 +218,24 @@ def test_a_table_of_a_result_is_read_by_its_lengths(tmp_path: Path):
     gait, path = fast_gait(1.0), tmp_path / "gait.csv"
     gait.to_csv(path, samples=21, units="SI")
     header, *rows = path.read_text("utf-8").splitlines()
-    told = [f"{row},{k},-1" for k, row in enumerate(rows)]
-    remarks = ["# a gait, (1, 2)", "# made by hand"]
-    lines = [*remarks, f"{header},position_0 [m],sigma [N]", *told, ""]
+    told = [f"{row},{k},-1,nan,none" for k, row in enumerate(rows)]
+    remarks = ["# a gait, (1, 2)", "  # made by hand"]
+    lines = [*remarks, f"{header},position_0 [m],sigma [N],length_small [m],note", *told, ""]
     (tmp_path / "more.csv").write_text("\n".join(lines), "utf-8")
     t = np.linspace(0, 1, 97)
     assert np.array_equal(Gait.from_csv(tmp_path / "more.csv")(t), Gait.from_csv(path)(t))
+
+
+@pytest.mark.parametrize("header", ["t,l_0,l_1", "t,length_0,l_1", "time,a,b"])
+@pytest.mark.parametrize("remark", ["", "# "])
+def test_names_of_columns_are_free_and_numpy_writes_them_as_a_remark(
+    tmp_path: Path, header: str, remark: str
+):
+    t = np.linspace(0, 1, 21)
+    table = np.column_stack([t, *fast_gait(1.0)(t)])
+    path = tmp_path / "table.csv"
+    np.savetxt(path, table, delimiter=",", header=header, comments=remark)
+    assert np.array_equal(Gait.from_csv(path)(t), table[:, 1:].T)
 
 
 @settings(max_examples=examples(40), deadline=None)

@@ -159,8 +159,13 @@ def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_count
     assert mean.mean() > worst.mean() - 2e-2
 
 
-def objective_in(length: float, time: float, force: float, *, cost: bool) -> float:
-    """Least objective of the same worm, in its own units, where others are so large."""
+def objective_in(
+    length: float, time: float, force: float, *, cost: bool, longest: float = 1.0
+) -> float:
+    """Least objective of the same worm, in its own units, where others are so large.
+
+    Periods are from one unit of time to the `longest`.
+    """
     speed = length / time
     plant = chain(
         2,
@@ -173,7 +178,7 @@ def objective_in(length: float, time: float, force: float, *, cost: bool) -> flo
         time_nominal=time,
     )
     aim = Aim(None, speed=speed) if cost else Aim(effort=1e-3 * speed / force**2)
-    limits = CrawlLimits((time, time), 12 * force, (1.4 * length, 2.6 * length))
+    limits = CrawlLimits((time, longest * time), 12 * force, (1.4 * length, 2.6 * length))
     widths = Regularised(0.3 * speed, speed)
     mesh = Mesh.even(1, 12, Collocation(2, "radau"))
     problem = crawl_problem(plant, limits, aim)
@@ -186,6 +191,13 @@ def test_the_optimum_is_the_same_in_all_units(cost: bool):
     here = objective_in(1.0, 1.0, 1.0, cost=cost)
     for units in ((1e-3, 1.0, 1e-3), (0.03, 0.8, 0.05), (20.0, 100.0, 1e3)):
         assert objective_in(*units, cost=cost) == pytest.approx(here, rel=1e-6)
+
+
+def test_how_long_a_period_may_be_changes_nothing_where_the_best_is_short():
+    here = objective_in(1.0, 1.0, 1.0, cost=False, longest=3.0)
+    for longest in (10.0, 100.0):
+        there = objective_in(1.0, 1.0, 1.0, cost=False, longest=longest)
+        assert there == pytest.approx(here, rel=1e-6)
 
 
 @pytest.mark.parametrize(

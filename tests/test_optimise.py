@@ -272,7 +272,7 @@ def test_a_way_too_long_for_its_time_names_what_has_to_give_way():
     assert found == pytest.approx(SLIDE - 1.0, abs=5e-3)
 
 
-def test_a_search_for_what_gives_way_has_no_more_time_than_a_solve(
+def test_each_solve_for_what_gives_way_has_as_much_time_as_one_of_the_problem(
     monkeypatch: pytest.MonkeyPatch,
 ):
     limits: list[object] = []

@@ -179,7 +179,10 @@ def _effects(known: Mapping[str, Any], shares: list[float]) -> Iterator[tuple[st
 
 def _reached(excess: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     numbers = {name: value for name, value in excess.items() if isinstance(value, int | float)}
-    numbers.pop("closed", None)  # no limit: it holds with rounding, or not
+    for no_share in ("closed", "gait.resting", "limits.resting"):
+        numbers.pop(no_share, None)
+    if not any(value < 0 for value in numbers.values()):  # of a result from before room was told
+        numbers = {name: value for name, value in numbers.items() if value != 0}
     reached = [name for name, value in numbers.items() if value >= -_REACHED]
     spare = [f"{name} {-value:.2g}" for name, value in numbers.items() if value < -_REACHED]
     if reached:

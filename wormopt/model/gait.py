@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -248,9 +249,10 @@ class Gait:
         Parameters
         ----------
         path : path
-            File with one header line, after remarks that begin with #. Names of columns are free;
-            where some begin with `length`, as `to_csv` and exports of results write them, the
-            others are passed over.
+            File with one header line; lines that begin with # are remarks, or the last of them the
+            header, as NumPy writes it. Names of columns are free, but those that begin with `rate`
+            or `acceleration` are passed over, and beside `time` and `length_0`, as `to_csv` and
+            exports of results write them, all others.
 
         Returns
         -------
@@ -265,8 +267,7 @@ class Gait:
             positive, or the last row does not repeat the first.
         """
         try:
-            with Path(path).open(newline="", encoding="utf-8-sig") as stream:
-                rows = [*csv.reader(line for line in stream if line.strip() and line[0] != "#")]
+            rows = _rows_of(Path(path))
         except (UnicodeDecodeError, csv.Error) as error:
             raise ArgumentError(f"a gait table must be CSV text in UTF-8 ({error})") from None
         needs = f"a gait table needs a header t,l_0,l_1,... and at least {_FEWEST_ROWS} rows"
@@ -277,21 +278,18 @@ class Gait:
                 raise ArgumentError(
                     f"row {number} has {len(row)} entries, the header {len(rows[0])}"
                 )
+        columns = _length_columns([name.strip() for name in rows[0]])
+        if not columns:
+            raise ArgumentError(needs)
         try:
-            table = np.array([[float(v) for v in row] for row in rows[1:]])
+            table = np.array([[float(row[k]) for k in (0, *columns)] for row in rows[1:]])
         except ValueError as error:
             raise ArgumentError(f"every row after the header must hold numbers ({error})") from None
-        names = [name.strip() for name in rows[0][1:]]
-        lengths = [name.startswith(_COLUMNS[0]) for name in names]
-        lasting = lengths if any(lengths) else [not n.startswith(_COLUMNS[1:]) for n in names]
-        t, lengths = table[:, 0], table[:, 1:][:, lasting]
-        if not lengths.size:
-            raise ArgumentError(needs)
-        if not np.all(np.isfinite(table)) or t[0] != 0 or np.any(np.diff(t) <= 0):
-            raise ArgumentError(
-                "times must be finite and ascend from 0, each once; name a result.nc itself, "
-                "or export it with --step"
-            )
+        t, lengths = table[:, 0], table[:, 1:]
+        if not np.all(np.isfinite(table)):
+            raise ArgumentError("times and lengths must be finite")
+        if t[0] != 0 or np.any(np.diff(t) <= 0):
+            raise ArgumentError("times must ascend from 0, each once")
         if np.any(lengths <= 0):
             raise ArgumentError("link lengths must be positive")
         if np.abs(lengths[-1] - lengths[0]).max() > 1e-9 * np.abs(lengths).max():
@@ -301,6 +299,26 @@ class Gait:
 
         spline = CubicSpline(t, lengths, bc_type="periodic")
         return cls(t.copy(), np.transpose(spline.c[::-1], (1, 2, 0)))
+
+
+def _rows_of(path: Path) -> list[list[str]]:
+    """Header and rows of a table, without remarks."""
+    with path.open(newline="", encoding="utf-8-sig") as stream:
+        lines = [line.strip() for line in stream if line.strip()]
+    remarks = [line.lstrip("# ") for line in lines if line.startswith("#")]
+    rows = [*csv.reader(line for line in lines if not line.startswith("#"))]
+    header = next(csv.reader(remarks[-1:]), [])
+    if rows and _is_number(rows[0][0]) and len(header) == len(rows[0]):
+        return [header, *rows]
+    return rows
+
+
+def _length_columns(names: Sequence[str]) -> list[int]:
+    """Columns after the first that hold lengths."""
+    told = [k for k, name in enumerate(names) if re.fullmatch(r"length(_\d+)?( \[.*\])?", name)]
+    if told and names[0].startswith("time"):
+        return told
+    return [k for k, name in enumerate(names) if k and not name.startswith(_COLUMNS[1:])]
 
 
 def _instants(period: float, samples: int, step: float | None) -> np.ndarray:

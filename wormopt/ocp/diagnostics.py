@@ -35,8 +35,8 @@ def failure(
 ) -> SolveError:
     """Explain a solve that failed, started at `start` (n_w,).
 
-    Gives the SolveError, with the motion reached as ``partial``. A solve that looks for limits in
-    conflict gets as many `seconds` as one of the problem did.
+    Gives the SolveError, with the motion reached as ``partial``. Each solve that looks for limits
+    in conflict gets as many `seconds` as one of the problem did.
     """
     partial = Motion.of(program, solution.w, bounds)
     if solution.status == "Invalid_Number_Detected" or not np.all(np.isfinite(start)):

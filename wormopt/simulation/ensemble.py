@@ -153,7 +153,8 @@ def simulate_ensemble(
     threads : int, optional
         How many at a time; as many as there are cores if left out.
     give_up_after : int, optional
-        If the first so many members all spend all their steps, the others are given up.
+        If the first so many members all spend all their steps, the others are given up, but for
+        those that other threads have ended by then.
     report : callable, optional
         Told what share is done.
 
@@ -165,7 +166,7 @@ def simulate_ensemble(
     Raises
     ------
     ArgumentError
-        If there are no members, or one does not fit the model.
+        If there are no members, one does not fit the model, or `give_up_after` is below 1.
     Interrupted
         If the user stopped it; `partial` is the ensemble as far as its members came.
 
@@ -186,6 +187,8 @@ def simulate_ensemble(
     for member in members:
         if not isinstance(member, Scenario):
             raise ArgumentError(f"write each member as Scenario(p=..., x0=...), not {member!r}")
+    if give_up_after is not None and not give_up_after >= 1:
+        raise ArgumentError(f"give_up_after must be a whole number from 1 on, not {give_up_after}")
     check(model, contact, tolerance, route)
     stopped = Event()
     stop_if = partial(_stop_if, stopped)

@@ -81,7 +81,8 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         at_ends.append(Constraint("worst speed", speeds - worst.symbol, 0.0, nominal=speed))
         merit = worst.symbol
     # integrals are variables of the program: of the size of 1
-    mean = ends.integrals[0] * cost.nominal * limits.period[1] / ends.duration
+    size = cost.nominal * length / speed
+    mean = ends.integrals[0] * size / ends.duration
     minimise = (
         mean / ca.fmax(merit, (aim.speed or 0.0) / 2) if costs else -merit + aim.effort * mean
     )
@@ -92,7 +93,7 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         duration=limits.period,
         periodic=[s.name for s in plant.x if s.name.startswith("velocity")],
         displaced=[s.name for s in plant.x if s.name.startswith("position")],
-        integrands=cost.integrand / (cost.nominal * limits.period[1]),
+        integrands=cost.integrand / size,
         path_constraints=[*along, *cost.along],
         boundary_constraints=at_ends,
         slacks=cost.slacks,

@@ -45,7 +45,7 @@ _AN_ARC, _LEAST = 10, 1e-6
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
 _ADVICE = {
     "late": "write a larger relaxation.time_limit, fewer grid.arcs or a smaller time.end",
-    "not_solved": "write a larger tube.radius or relaxation.last, or another number of grid.arcs",
+    "not_solved": "write a larger relaxation.last, another number of grid.arcs, or wider limits",
 }
 # As `optimise` starts next to a solution, so that the solver is there already.
 _WARM = replace(_SOLVER, mu_init=1e-3)
@@ -171,7 +171,7 @@ def optimal_input(
         weight = _STIFF * (force / length) ** 2
     near = followed_by_lqr(plant, reference, end, weight)
     if isinstance(objective, LeastInput) and tube.capture == 0:
-        _refuse_start_outside(near, tube)
+        _refuse_start_outside(near, (1 - objective.margin) * tube.radius)
     problem = scaled(problem, near, mesh.total)
     treatment = Complementarity(relaxation.last, relaxation.first)
     # An LQR is next to what tracks best, but not to what tracks with least effort.
@@ -185,12 +185,12 @@ def optimal_input(
         raise SolveError(error.reason, _ADVICE[error.code], error.partial, error.code) from None
 
 
-def _refuse_start_outside(near: Trajectory, tube: TubeTable) -> None:
+def _refuse_start_outside(near: Trajectory, radius: float) -> None:
     off = float(np.linalg.norm(near.at(np.zeros(1))["error"]))
-    if off > tube.radius:
+    if off > radius:
         raise SolveError(
-            f"the worm starts {off:.4g} from the reference, outside the tube, and with "
-            "tube.capture = 0 it must be in it from the start",
+            f"the worm starts {off:.4g} from the reference, outside the tube ({radius:.4g}, less "
+            "objective.margin), and with tube.capture = 0 it must be in it from the start",
             "write a larger tube.capture or tube.radius, or another start.position",
             code="infeasible",
         )

@@ -210,7 +210,8 @@ def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
         # m w' + k w + sigma = 0, and sigma is known
         common = relaxed(lambda s: -sigma(s) / drive.mean_mass, decay, w, now, far)
         # A glide ends where w falls through 0; at its start w is 0 too, but rising.
-        falls = [r for r in common.roots() if r > now and sigma(np.array([r])).item() > 0]
+        slope = common.derivative()
+        falls = [r for r in common.roots() if r > now and slope(np.array([r])).item() < 0]
         stop = float(falls[0]) if falls else far
         yield replace(cell, start=now, stop=stop, resting=(), common=common)
         settled = not falls

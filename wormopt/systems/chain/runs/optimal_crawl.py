@@ -58,7 +58,7 @@ _KEYS = {
     "arcs": "mesh.arcs",
 }
 _ADVICE = {
-    "not_solved": "write more search.starts, another number of mesh.arcs, or wider limits",
+    "not_solved": "start elsewhere (search), or write another number of mesh.arcs or wider limits",
 }
 
 

@@ -118,7 +118,7 @@ def _simulate(
     except Interrupted as stop:
         raise Interrupted(_herd(label, tracker, loop, stop.partial)) from None
     herd = _herd(label, tracker, loop, ensemble)
-    if not herd.whole:
+    if not herd.whole or "given_up" in ensemble.codes:
         which = (
             f"none of the first {_IN_VAIN} members" if "given_up" in ensemble.codes else "no member"
         )
