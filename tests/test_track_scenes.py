@@ -498,6 +498,6 @@ def test_members_that_are_given_up_make_the_result_fail(tmp_path: Path):
     with pytest.raises(SolveError, match=r"no member came to its end \(too_many_steps\)"):
         wo.run(load_scene(write(tmp_path, TRACK), change))
     change += ["ensemble.members=40", "tolerance.max_steps=2000", "time.end=100"]
-    told = r"none of the first 4 members came to its end \(too_many_steps\)"
+    told = r"none of the first 3 members came to its end \(too_many_steps\)"
     with pytest.raises(SolveError, match=told):
         wo.run(load_scene(write(tmp_path, TRACK), change))

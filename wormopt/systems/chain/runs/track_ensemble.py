@@ -49,7 +49,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Shares of the members that lie below the lines of a band."""
 
 # Where so many members spend all their steps the others, drawn like them, are not tried.
-_IN_VAIN = 4
+_IN_VAIN = 3
 
 
 @dataclass(frozen=True, eq=False)
