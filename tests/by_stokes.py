@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pytest
 import scipy.sparse as sparse
-import skfem
 
 TURN = 2 * np.pi
 
@@ -27,6 +27,7 @@ class SlowFlow:
 
 def slow_flow(wave: Any, eps: float, along: int = 48, up: int = 8) -> SlowFlow:
     """`wave` tells its height by phase, and derivatives; elements along and up."""
+    skfem = pytest.importorskip("skfem")
     mesh = skfem.MeshQuad.init_tensor(np.linspace(0, TURN, along + 1), np.linspace(0, 1, up + 1))
     mesh = mesh.with_boundaries({"ground": lambda x: x[1] == 0, "top": lambda x: x[1] == 1})
     velocity = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad2()), intorder=6)
@@ -100,6 +101,7 @@ def _solved(matrix: Any, velocity: Any, pressure: Any) -> np.ndarray:
         [velocity.N],  # a pressure
     ]
     given[fixed[2]] = 0.0
+    skfem = pytest.importorskip("skfem")
     system = skfem.condense(
         repeat.T @ matrix @ repeat, np.zeros(count), x=given, D=np.unique(np.concatenate(fixed))
     )

@@ -1,10 +1,10 @@
 """Coils and rows of coils: magpylib, closed forms, Maxwell's equations, courses of currents."""
 
 import math
+from typing import Any
 
 import casadi as ca
 import hypothesis.strategies as st
-import magpylib
 import numpy as np
 import pytest
 from effort import examples
@@ -22,7 +22,6 @@ from wormopt.magnetics.travelling import (
 from wormopt.magnetics.winding import loop_field, sheet_field
 from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
 
-MU0 = magpylib.mu_0
 COIL = Coil(2e-3, 4.5e-3, 20e-3, 3000.0)
 ROWS = {
     "across": CoilRow(COIL, 3, 10e-3, "across"),
@@ -58,6 +57,7 @@ def off(found: np.ndarray, reference: np.ndarray) -> float:
 
 
 def test_a_loop_is_that_of_magpylib():
+    magpylib = pytest.importorskip("magpylib")
     rho, s = cloud()
     reference = magpylib.current.Circle(diameter=2.0, current=1.0).getH(np.c_[rho, 0 * rho, s])
     axial, radial = loop_field(1.0, rho**2, s)
@@ -65,6 +65,7 @@ def test_a_loop_is_that_of_magpylib():
 
 
 def test_a_sheet_is_the_cylinder_magnet_of_magpylib():
+    magpylib = pytest.importorskip("magpylib")
     rho, s = cloud()
     magnet = magpylib.magnet.Cylinder(dimension=(2.0, 3.0), polarization=(0, 0, 1.0))
     reference = magnet.getB(np.c_[rho, 0 * rho, s])  # B of a magnet: that of the currents round it
@@ -75,6 +76,7 @@ def test_a_sheet_is_the_cylinder_magnet_of_magpylib():
 
 @pytest.mark.parametrize("clearance", [pytest.param(0.05, marks=pytest.mark.slow), 0.2])
 def test_a_coil_is_a_nest_of_cylinder_magnets_of_magpylib(clearance: float):
+    magpylib = pytest.importorskip("magpylib")
     coil = Coil(0.5, 1.25, 3.0)
     rng = np.random.default_rng(1)
     rho, s = rng.uniform(0, 3, 20_000), rng.uniform(-4, 4, 20_000)
@@ -173,8 +175,9 @@ def test_more_nodes_change_nothing(inner: float, depth: float, length: float, rh
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def magpylib_row(row: CoilRow, currents: np.ndarray) -> magpylib.Collection:
+def magpylib_row(row: CoilRow, currents: np.ndarray) -> Any:
     """The row as a few thousand loops."""
+    magpylib = pytest.importorskip("magpylib")
     places, weights = np.polynomial.legendre.leggauss(16)
     coil, turn = row.coil, {"along": (0, 90, 0), "across": (-90, 0, 0), "vertical": (0, 0, 0)}
     sides = (

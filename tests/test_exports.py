@@ -367,7 +367,6 @@ def test_ros_refuses_what_it_cannot_say(tmp_path: Path):
 
 # -- FMI -----------------------------------------------------------------------------------------
 
-fmpy = pytest.importorskip("fmpy")
 needs_compiler = pytest.mark.skipif(
     not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="there is no C compiler"
 )
@@ -379,9 +378,8 @@ def scalars(signals: Any) -> list[str]:
 
 def replayed(fmu: Path, model: wo.Model, end: float, **given: Any) -> np.ndarray:
     """States at 11 instants, by FMPy with CVode, after a look at the FMU by its validator."""
-    from fmpy.validation import validate_fmu
-
-    assert validate_fmu(str(fmu)) == []
+    fmpy = pytest.importorskip("fmpy")
+    assert pytest.importorskip("fmpy.validation").validate_fmu(str(fmu)) == []
     names = scalars(model.x)
     found = fmpy.simulate_fmu(
         str(fmu),
@@ -467,8 +465,7 @@ def swing() -> wo.Model:
 @needs_compiler
 def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
     """What CasADi's own wrapper forgets: time set alone, derivatives at a time, usual sizes."""
-    from fmpy.fmi3 import FMU3Model
-
+    fmpy = pytest.importorskip("fmpy")
     (fmu,) = wo.export(swing(), "fmu", tmp_path)
     description = fmpy.read_model_description(str(fmu))
     references = {v.name: v.valueReference for v in description.modelVariables}
@@ -476,7 +473,7 @@ def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
     unit = {v.name: v.unit for v in description.modelVariables}
     assert (unit["place"], unit["pull"], unit["time"]) == ("m", "m s-2", "s-3")
     folder = fmpy.extract(str(fmu), unzipdir=str(tmp_path / "open"))
-    instance = FMU3Model(
+    instance = pytest.importorskip("fmpy.fmi3").FMU3Model(
         guid=description.instantiationToken,
         unzipDirectory=folder,
         modelIdentifier=description.modelExchange.modelIdentifier,
@@ -500,6 +497,7 @@ def test_time_alone_changes_what_an_fmu_gives(tmp_path: Path):
 
 @needs_compiler
 def test_the_sources_compile_with_the_headers_of_the_standard(tmp_path: Path):
+    fmpy = pytest.importorskip("fmpy")
     (fmu,) = wo.export(swing(), "fmu", tmp_path)
     zipfile.ZipFile(fmu).extractall(tmp_path)
     assert not (tmp_path / "sources" / "fmi3Functions.h").exists()

@@ -3,11 +3,9 @@
 from html.parser import HTMLParser
 from typing import Any
 
-import nbformat
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from nbclient import NotebookClient
 
 import wormopt as wo
 from wormopt.quantities import Scalar, Variable
@@ -235,6 +233,7 @@ def test_signals_are_drawn_by_name(things: dict[str, Any]):
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_notebook_runs():
+    nbformat, nbclient = (pytest.importorskip(name) for name in ("nbformat", "nbclient"))
     cells = [
         "import wormopt as wo\nresult = wo.run('fast_gait')\nresult",
         "result.plot('gait')",
@@ -242,7 +241,7 @@ def test_a_notebook_runs():
         "float(result.to_xarray()['rate'].sel(link=0, time=0.5, method='nearest'))",
     ]
     book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
-    NotebookClient(book, timeout=120, kernel_name="python3").execute()
+    nbclient.NotebookClient(book, timeout=120, kernel_name="python3").execute()
     shown = [cell.outputs[-1].data for cell in book.cells]
     assert Reader(shown[0]["text/html"]).texts[0] == "Fast gait (15) of a three-mass worm"
     assert shown[0]["text/plain"].startswith("Result of fast_gait (gait): ok")

@@ -8,7 +8,6 @@ import casadi as ca
 import numpy as np
 import pytest
 import scipy.linalg
-import skfem
 from scipy.optimize import brentq
 
 from wormopt.analysis.vibration import VibrationModes, vibration_modes
@@ -142,7 +141,7 @@ def test_shapes_are_orthonormal_in_the_mass():
 
 
 def line(elements: int) -> Any:
-    return skfem.MeshLine(np.linspace(0, 1, elements + 1))
+    return pytest.importorskip("skfem").MeshLine(np.linspace(0, 1, elements + 1))
 
 
 def eigenfrequencies(K: Any, M: Any, free: np.ndarray | None = None) -> np.ndarray:
@@ -163,6 +162,7 @@ def _moved(u: Any, v: Any, _: Any) -> Any:
 
 def hermite(rod: Rod, pinned: bool) -> np.ndarray:
     """The thin beam on Hermite elements, in units of the length."""
+    skfem = pytest.importorskip("skfem")
     basis = skfem.Basis(line(24), skfem.ElementLineHermite())
     K = skfem.BilinearForm(_bent).assemble(basis)
     M = skfem.BilinearForm(_moved).assemble(basis)
@@ -173,6 +173,7 @@ def hermite(rod: Rod, pinned: bool) -> np.ndarray:
 
 def timoshenko(rod: Rod, pinned: bool) -> np.ndarray:
     """The thick beam: deflection and angle on elements of degree 2 with full quadrature."""
+    skfem = pytest.importorskip("skfem")
     basis = skfem.Basis(line(80), skfem.ElementLineP2() * skfem.ElementLineP2())
     resist, length = rod.stiffness(), rod.length
     bend, shear = resist.bending / length**2, resist.shearing

@@ -6,6 +6,7 @@ and looked through in Python, and CasADi does not let go of the lock.
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import threading
@@ -32,6 +33,8 @@ _IDLE, _LOOK = 30, 0.5
 _REVIVALS = 3
 _here = threading.local()  # whether this thread is a worker
 _executors: dict[tuple[int, int], Any] = {}  # by the process that owns them, and their size
+# An executor that lives on until modules are taken down fails in its own destructor.
+atexit.register(_executors.clear)
 
 
 @dataclass(frozen=True)
