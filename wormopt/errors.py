@@ -212,4 +212,7 @@ def _is_casadi(frame: FrameType) -> bool:
 
 def _send_again(number: int) -> None:
     time.sleep(0.005)
-    os.kill(os.getpid(), number)  # not raise_signal, which wakes no other thread
+    if sys.platform == "win32":  # where os.kill ends the process, whatever the signal
+        signal.raise_signal(number)
+    else:
+        os.kill(os.getpid(), number)  # not raise_signal, which wakes no other thread

@@ -78,7 +78,7 @@ class Record:
     # runs that ended in an error or a wrong answer
     failures: list[str] = field(default_factory=list)
     missing: str = ""  # why it could not be used at all
-    memory: float = math.nan  # bytes by which the first run made the process grow
+    memory: float | None = None  # bytes by which the first run made the process grow
 
     @property
     def time(self) -> float:
@@ -107,7 +107,7 @@ def _described(record: Record) -> Found:
     return {
         "solver": record.solver,
         "first_s": finite(record.first),
-        "memory": finite(record.memory),
+        "memory": record.memory,
         "time_s": finite(record.time),
         "points": [
             {"tolerance": p.tolerance, "error": p.error, "time_s": p.time, "runs": len(p.times)}

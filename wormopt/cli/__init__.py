@@ -7,6 +7,7 @@ Results go to stdout, everything else to stderr.
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import os
 import signal
@@ -50,12 +51,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         say("interrupted; nothing saved")
         return INTERRUPTED
-    except BrokenPipeError:  # whoever read our output has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
     except OSError as error:  # a name too long, a full disk
+        if _nobody_reads(error):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return DONE
         say(f"{error.filename}: {error.strerror}" if error.filename else str(error))
         return BAD_INPUT
+
+
+def _nobody_reads(error: OSError) -> bool:
+    """Whether whoever read our output has had enough, of which Windows tells by EINVAL."""
+    if sys.platform == "win32" and error.errno == errno.EINVAL and error.filename is None:
+        return True
+    return isinstance(error, BrokenPipeError)
 
 
 def _stray(options: argparse.Namespace, words: list[str]) -> str:

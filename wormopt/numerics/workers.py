@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import os
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -18,7 +19,7 @@ from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor, as_co
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import current_process
+from multiprocessing import current_process, parent_process
 from typing import Any, Literal, TypeVar, get_args
 
 from wormopt.errors import ArgumentError, SolveError
@@ -254,7 +255,7 @@ def _executor(count: int) -> Any:
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
     """Processes started meanwhile are never interrupted; this one is afterwards, if it was."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":  # has no mask of signals: a process may be interrupted as it starts
         yield
         return
     from multiprocessing import resource_tracker
@@ -276,7 +277,7 @@ def _load(work: Callable) -> None:
 
 def _begin(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asked for the work is told, and ends it
-    if hasattr(signal, "pthread_sigmask"):
+    if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     _here.is_worker = True
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -290,6 +291,11 @@ def _as_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 def _end_with(parent: int) -> None:
     """End this process when the one that began it is gone, even if killed: nobody waits."""
-    while os.getppid() == parent:
-        time.sleep(_LOOK)
+    if sys.platform == "win32":  # where the number of a parent that is gone stays
+        begun_by = parent_process()
+        assert begun_by is not None
+        begun_by.join()
+    else:
+        while os.getppid() == parent:
+            time.sleep(_LOOK)
     os._exit(1)
