@@ -29,6 +29,7 @@ from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.scene import Scene
+from wormopt.scene.output import default_folder
 
 Study = Callable[[Scene[Any], Report], Result]
 Install = Callable[[Study], None]
@@ -267,6 +268,35 @@ def test_what_appears_while_a_scene_runs_is_kept_and_so_is_the_result(
     (spare,) = (path for path in tmp_path.iterdir() if path.name.startswith("out-"))
     assert f"the result is in {spare}" in capsys.readouterr().err
     assert Result.load(spare).scene == "fast_gait"
+
+
+def test_what_another_program_holds_open_on_windows_is_refused_and_costs_no_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], study: Install, monkeypatch
+):
+    assert main(["run", "fast_gait", "-o", "out"]) == 0
+    before, replace = (tmp_path / "out" / "result.nc").read_bytes(), Path.replace
+
+    def held(path: Path, to: Path) -> Path:
+        if to.name == "spikes.png":
+            raise PermissionError(13, "The process cannot access the file")
+        return replace(path, to)
+
+    def meanwhile(scene: Scene, report: Report) -> Result:
+        monkeypatch.setattr(Path, "replace", held)
+        return found(scene)
+
+    study(meanwhile)
+    assert main(["run", "fast_gait", "-o", "out", "--no-plots"]) == 2
+    assert "spikes.png: cannot be replaced; close what has it open" in capsys.readouterr().err
+    assert (tmp_path / "out" / "result.nc").read_bytes() == before
+    (spare,) = (path for path in tmp_path.iterdir() if path.name.startswith("out-"))
+    assert Result.load(spare).scene == "fast_gait"
+    study(never)
+    assert main(["run", "fast_gait", "-o", "out"]) == 2
+
+
+def test_names_of_folders_do_not_end_in_dots_which_windows_drops():
+    assert default_folder("fast_gait", ["title=etc."]).name == "fast_gait,title=etc"
 
 
 FILES = ["result.nc", "summary.json", "gait.png", "motion.png", "spikes.png", "notes.txt", "a.csv"]

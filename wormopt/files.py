@@ -54,7 +54,7 @@ def write_summary(folder: Path, summary: Mapping[str, Any], names: Iterable[str]
     whole = {**summary, "sha256": hashes}
     text = json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False)
     unfinished = folder / f".unfinished-{SUMMARY_FILE}"
-    unfinished.write_text(text + "\n", encoding="utf-8")
+    unfinished.write_text(text + "\n", encoding="utf-8", newline="\n")
     unfinished.replace(folder / SUMMARY_FILE)
 
 

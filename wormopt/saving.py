@@ -21,7 +21,7 @@ def save(result: Any, folder: Path, pictures: tuple[str, ...]) -> None:
     if "table" in result.attributes:
         texts[TABLE_FILE] = result.attributes["table"]
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        (folder / name).write_text(text, encoding="utf-8", newline="\n")
     summary = result.summary() | {
         "title": result.title,
         "table": json.loads(result.scene_text) if result.scene_text else {},

@@ -45,7 +45,7 @@ def default_folder(scene: str, changes: Sequence[str] = ()) -> Path:
     if len(name) > _LONGEST_NAME:
         digest = hashlib.sha256("\n".join(changes).encode(errors="replace")).hexdigest()
         name = f"{name[: _LONGEST_NAME - 9]}-{digest[:8]}"
-    return Path("results") / name
+    return Path("results") / name.rstrip(".")  # which Windows drops
 
 
 def check_output(output: Output, files: Sequence[str]) -> Output:
@@ -107,6 +107,7 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
         if os.path.lexists(folder / name) and name not in earlier.own:
             what = "was not written by wormopt, or changed since; it is never replaced"
             raise OutputError(f"{folder / name}: {what}: rename it, or {elsewhere}")
+    _refuse_open(folder, earlier)
     if output.force or not {path.name for path in folder.iterdir()} - set(output.kept):
         return
     if not earlier.scene:
@@ -115,6 +116,16 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
     if (earlier.scene, earlier.kind) != (output.scene, output.kind):
         what = f"holds the result of another scene, {earlier.scene} ({earlier.kind})"
         raise OutputError(f"{folder}: {what}; {elsewhere}, or replace it with --force")
+
+
+def _refuse_open(folder: Path, earlier: Earlier) -> None:
+    """Raise OutputError where a file may not be replaced: on Windows one that is open somewhere."""
+    for path in (folder / name for name in earlier.own):
+        try:
+            path.replace(path)
+        except PermissionError as error:
+            what = "cannot be replaced; close what has it open, or choose another folder with -o"
+            raise OutputError(f"{path}: {what}") from error
 
 
 def earlier_result(folder: Path) -> Earlier:

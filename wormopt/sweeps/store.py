@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import socket
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import BrokenExecutor
@@ -130,7 +131,8 @@ def compute(job: Job) -> Record | None:
         with FileLock(lock, timeout=0):
             found = read(job.file, job.keep) or _compute(job, tries)
             tries.unlink(missing_ok=True)
-            lock.unlink(missing_ok=True)  # whoever holds the old one finds the result
+            if sys.platform != "win32":  # where nobody can remove it while it is open
+                lock.unlink(missing_ok=True)  # whoever holds the old one finds the result
             return found
     except Timeout:
         return None

@@ -7,7 +7,7 @@ import secrets
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -115,8 +115,7 @@ def sweep(
     if base.sweep is None:
         what = 'missing; write [sweep] over."worm.load" = "1:10:10", say, or --over'
         raise SceneError(base.name, [("sweep", what)])
-    folder = TemporaryDirectory() if store is None else nullcontext(os.fspath(store))
-    with folder as kept_in, using(engine or Engine()):
+    with _store(store) as kept_in, using(engine or Engine()):
         open_store(Path(kept_in))
         found = _Sweep(base, plan(base.sweep), Path(kept_in), keep, report)
         try:
@@ -126,6 +125,13 @@ def sweep(
         except SolveError as error:  # the cluster is gone
             return found.result(store, interrupted=True).failed(str(error))
         return found.result(store)
+
+
+def _store(folder: str | Path | None) -> AbstractContextManager[str]:
+    # workers that were ended may still have a file of it open, which Windows does not remove
+    if folder is None:
+        return TemporaryDirectory(ignore_cleanup_errors=True)
+    return nullcontext(os.fspath(folder))
 
 
 def _read(name: str, raw: dict[str, Any]) -> Swept:
