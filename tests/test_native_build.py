@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as ca
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from wormopt.model.model import Model, Signal
 from wormopt.simulation.native import build, kernel, model_code
 from wormopt.simulation.native.build import CompilerError, cache_folder, compiler, library
+from wormopt.simulation.native.function import repeated
 from wormopt.simulation.simulate import simulate
 
 COMMAND = compiler()
@@ -108,7 +110,7 @@ def test_processes_that_compile_at_once_do_not_disturb_each_other(logged: Compil
         assert process.returncode == 0, errors
     assert logged.calls > 1
     (entry,) = logged.entries
-    assert entry.suffix == ".so"
+    assert entry.suffix == build.SUFFIX
 
 
 def shortened(content: bytes) -> bytes:
@@ -171,7 +173,7 @@ def test_the_folder_is_closed_to_others(logged: Compiler):
     assert logged.entries[0].stat().st_mode & 0o077 == 0
 
 
-@pytest.mark.skipif(not hasattr(os, "getuid"), reason="files have no owners here")
+@pytest.mark.skipif(sys.platform == "win32", reason="files have no owners here")
 def test_what_belongs_to_somebody_else_is_not_used(
     logged: Compiler, monkeypatch: pytest.MonkeyPatch
 ):
@@ -193,6 +195,18 @@ def test_an_entry_that_cannot_be_loaded_is_said(logged: Compiler):
     entry.write_bytes(body + hashlib.sha256(body).digest())
     with pytest.raises(CompilerError, match="cannot be loaded"):
         answer()
+
+
+def test_an_entry_that_another_process_has_loaded_need_not_be_replaced(
+    logged: Compiler, monkeypatch: pytest.MonkeyPatch
+):
+    def refuse(built: Path, path: Path) -> None:
+        path.write_bytes(built.read_bytes())  # as the other process made it
+        raise PermissionError(13, "The process cannot access the file")
+
+    monkeypatch.setattr(Path, "replace", refuse)
+    assert answer() == 42
+    assert logged.calls == 1
 
 
 # -- no compiler, or a bad one ---------------------------------------------------------------
@@ -241,6 +255,25 @@ def test_the_named_compiler_is_taken_or_none(logged: Compiler, monkeypatch: pyte
     assert compiler() is None
 
 
+def test_the_path_of_a_compiler_may_have_spaces(logged: Compiler, monkeypatch: pytest.MonkeyPatch):
+    path = logged.path.rename(logged.folder / "a compiler")
+    monkeypatch.setenv("CC", str(path))
+    compiler.cache_clear()
+    assert compiler() == (str(path),)
+
+
+@pytest.mark.usefixtures("logged")
+def test_on_windows_no_compiler_but_that_of_ziglang_is_taken_unasked(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(build, "sys", SimpleNamespace(platform="win32", executable="python"))
+    monkeypatch.setenv("CC", "")
+    for there, command in ((True, ("python", "-m", "ziglang", "cc")), (False, None)):
+        monkeypatch.setattr(build, "find_spec", lambda name, there=there: there)
+        compiler.cache_clear()
+        assert compiler() == command
+
+
 @pytest.mark.usefixtures("logged")
 def test_the_compiler_of_ziglang_is_the_last_choice(monkeypatch: pytest.MonkeyPatch):
     hide_compilers(monkeypatch)
@@ -255,6 +288,31 @@ def test_ziglang_compiles_the_driver(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("CC", f"{sys.executable} -m ziglang cc")
     run(SIMULATE)
     assert simulate(model(), 1.0).route == "native"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("ziglang") is None, reason="ziglang is not installed")
+def test_libraries_for_windows_export_functions_beside_those_of_casadi(tmp_path: Path):
+    x, y = ca.SX.sym("x"), ca.MX.sym("y", 2)
+    functions = [ca.Function("rhs", [x], [ca.sin(x)]), ca.Function("length", [y], [ca.sumsqr(y)])]
+    text, _ = model_code.source(functions)
+    for file, content in [*build.parts(*model_code.HEADERS), ("model.c", text)]:
+        (tmp_path / file).write_text(content)
+    zig = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu"]
+    call = [*zig, "-std=c11", "-shared", build.ALL_EXPORTED, "model.c", "-o", "model.dll"]
+    subprocess.run(call, cwd=tmp_path, check=True, capture_output=True)
+    content = (tmp_path / "model.dll").read_bytes()
+    assert b"\0rhs\0" in content
+    assert b"\0length\0" in content
+
+
+def test_a_library_that_casadi_cannot_load_is_as_none(monkeypatch: pytest.MonkeyPatch):
+    def refuse(*_: str) -> None:
+        raise RuntimeError("no such file")  # it was given a path with letters of another code page
+
+    x = ca.SX.sym("x")
+    monkeypatch.setattr(ca, "external", refuse)
+    assert repeated(ca.Function("step", [x], [2 * x]), 3)(1.0) == 8.0
 
 
 def test_what_the_compiler_complains_of_is_passed_on(logged: Compiler):

@@ -11,7 +11,6 @@ import io
 import platform
 import re
 import subprocess
-import sys
 import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -37,7 +36,7 @@ from wormopt.quantities import UNITS, unit_of
 from wormopt.result import Result
 from wormopt.scene.scene import scene_of_text
 from wormopt.shown import one_line
-from wormopt.simulation.native.build import compiler
+from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, said
 from wormopt.simulation.options import Smooth
 from wormopt.systems.shared.settings import treatment_of
 
@@ -51,7 +50,6 @@ _MENDED = (
     ("nominals[i] = 1;", "nominals[i] = nominal[i];"),
 )
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}
-_SUFFIXES = {"windows": ".dll", "darwin": ".dylib"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,8 @@ def _archive(plant: Plant, stem: str) -> bytes:
         text = wrapper.read_text(encoding="utf-8")
         for old, new in _MENDED:
             text = text.replace(old, new)
-        wrapper.write_text(text.replace(*_nominals(plant.model)), encoding="utf-8")
+        text = text.replace(*_nominals(plant.model))
+        wrapper.write_text(text, encoding="utf-8", newline="\n")
         mend_description(Path("modelDescription.xml"), stem, _description(plant), _timed(plant))
         only_sources(Path("buildDescription.xml"))
         library, binary = _compiled(name)
@@ -267,13 +266,12 @@ def _compiled(name: str) -> tuple[str, str]:
     if command is None:
         raise ArgumentError("an FMU needs a C compiler; install one, or wormopt[compiler]")
     system, machine = platform.system().lower(), platform.machine().lower()
-    library = f"{name}{_SUFFIXES.get(system, '.so')}"
+    library = f"{name}{SUFFIX}"
     Path(_HEADER).write_bytes(Path(__file__).with_name(_HEADER).read_bytes())
-    flags = ["-std=c11", "-O2", "-shared", "-fvisibility=hidden", "-I."]
-    flags += [] if sys.platform == "win32" else ["-fPIC"]
+    flags = [*SHARED, "-O2", "-fvisibility=hidden", "-I."]
     call = [*command, *flags, f"{name}.c", f"{name}_wrap.c", "-o", library, "-lm"]
     # the command is the user's own compiler
-    done = subprocess.run(call, capture_output=True, text=True, check=False)  # noqa: S603
+    done = subprocess.run(call, capture_output=True, check=False)  # noqa: S603
     if done.returncode:
-        raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{done.stderr.strip()}")
+        raise ArgumentError(f"{' '.join(command)} cannot compile the FMU:\n{said(done)}")
     return library, f"binaries/{_MACHINES.get(machine, machine)}-{system}/{library}"

@@ -23,8 +23,21 @@ from pathlib import Path
 
 from platformdirs import user_cache_path
 
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+"""With which names of shared libraries end here."""
+SHARED = ("-std=c11", "-shared", *(() if sys.platform == "win32" else ("-fPIC",)))
+"""Flags that make a shared library."""
+ALL_EXPORTED = "-DCASADI_SYMBOL_EXPORT="
+"""Flag for Windows: CasADi's code would mark its functions for export, and no others would be."""
 _DIGEST = 32
-_FLAGS = ("-std=c11", "-fPIC", "-shared", "-march=native", "-fno-math-errno")
+# compilers for ARM know one of these, those for other processors the other
+_OWN_MACHINE = "-mcpu" if platform.machine().lower() in ("arm64", "aarch64") else "-march"
+_FLAGS = (
+    *SHARED,
+    f"{_OWN_MACHINE}=native",
+    "-fno-math-errno",
+    *((ALL_EXPORTED,) if sys.platform == "win32" else ()),
+)
 
 
 class CompilerError(Exception):
@@ -33,11 +46,15 @@ class CompilerError(Exception):
 
 @cache
 def compiler() -> tuple[str, ...] | None:
-    """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang."""
-    named = os.environ.get("CC", "").split()
+    """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang.
+
+    On Windows the system's is not taken: GCC puts vectors there where they crash (its bug 54412).
+    """
+    named = os.environ.get("CC", "").strip()
     if named:
-        return tuple(named) if shutil.which(named[0]) else None
-    for name in ("cc", "gcc", "clang"):
+        words = [named] if shutil.which(named) else named.split()  # C:\Program Files\... is one
+        return tuple(words) if shutil.which(words[0]) else None
+    for name in () if sys.platform == "win32" else ("cc", "gcc", "clang"):
         if shutil.which(name):
             return (name,)
     return (sys.executable, "-m", "ziglang", "cc") if find_spec("ziglang") else None
@@ -51,7 +68,7 @@ def cache_folder() -> Path:
     folder = user_cache_path("wormopt") / "native"
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if hasattr(os, "getuid"):
+        if sys.platform != "win32":
             if folder.stat().st_uid != os.getuid():
                 raise CompilerError(f"{folder} belongs to somebody else")
             folder.chmod(0o700)
@@ -76,13 +93,18 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
     if command is None:
         raise CompilerError("there is no C compiler; install one, or the extra wormopt[compiler]")
     flags = (optimise, *_FLAGS)
-    path = cache_folder() / f"{name}-{_key(sources, flags, command)}.so"
+    path = cache_folder() / f"{name}-{_key(sources, flags, command)}{SUFFIX}"
     if not _whole(path):
         _compile(path, sources, flags, command)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:  # a folder from which nothing may be run, for instance
         raise CompilerError(f"{path} cannot be loaded: {error}") from error
+
+
+def said(done: subprocess.CompletedProcess[bytes]) -> str:
+    """What a compiler complains of."""
+    return done.stderr.decode(errors="replace").strip()
 
 
 @cache
@@ -111,7 +133,7 @@ def _whole(path: Path) -> bool:
     """Whether an entry is there, ours, and not damaged."""
     try:
         content = path.read_bytes()
-        mine = not hasattr(os, "getuid") or path.stat().st_uid == os.getuid()
+        mine = sys.platform == "win32" or path.stat().st_uid == os.getuid()
     except OSError:
         return False
     body, digest = content[:-_DIGEST], content[-_DIGEST:]
@@ -124,17 +146,21 @@ def _compile(
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix="building-") as folder:
             for file, text in sources:
-                (Path(folder) / file).write_text(text, encoding="utf-8")
+                (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
             units = [file for file, _ in sources if file.endswith(".c")]
-            call = [*command, *flags, *units, "-o", "built.so", "-lm"]
+            built = Path(folder) / f"built{SUFFIX}"
+            call = [*command, *flags, *units, "-o", built.name, "-lm"]
             # the command is the user's own compiler
-            done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
+            done = subprocess.run(call, cwd=folder, capture_output=True, check=False)  # noqa: S603
             if done.returncode:
-                raise CompilerError(f"{' '.join(command)} failed:\n{done.stderr.strip()}")
-            built = Path(folder) / "built.so"
+                raise CompilerError(f"{' '.join(command)} failed:\n{said(done)}")
             body = built.read_bytes()
             built.write_bytes(body + hashlib.sha256(body).digest())
             built.chmod(0o700)
-            built.replace(path)
+            try:
+                built.replace(path)
+            except PermissionError:  # Windows, where another process has it loaded already
+                if not _whole(path):
+                    raise
     except OSError as error:
         raise CompilerError(f"cannot compile in {path.parent}: {error}") from error

@@ -18,7 +18,10 @@ def compiled(function: ca.Function) -> ca.Function:
     generator = ca.CodeGenerator("function.c")
     generator.add(function)
     found = library("function", [("function.c", generator.dump())], _LEVEL)
-    return ca.external(function.name(), found._name)  # noqa: SLF001  where ctypes keeps the path
+    try:
+        return ca.external(function.name(), found._name)  # noqa: SLF001  where ctypes keeps the path
+    except RuntimeError as error:  # on Windows of a path with letters that it does not understand
+        raise CompilerError(f"CasADi does not load {found._name}") from error  # noqa: SLF001
 
 
 def repeated(step: ca.Function, count: int) -> ca.Function:
