@@ -25,7 +25,7 @@ def moved(number: float) -> float:
     """Move a number by one or two units in the last place."""
     if number == 0 or not np.isfinite(number):
         return number
-    steps = random.Random(f"{SEED} {number!r}").choice((-2, -1, 1, 2))
+    steps = random.Random(f"{SEED} {number!r}").choice((-2, -1, 1, 2))  # noqa: S311
     return number * (1 + steps * sys.float_info.epsilon)
 
 
@@ -42,7 +42,7 @@ def pytest_configure() -> None:
 
     _put_in_place(read_value, reading)
     _put_in_place(signal_values, stacking)
-    build._FLAGS = (*build._FLAGS, "-O1", "-ffp-contract=off")
+    build._FLAGS = (*build._FLAGS, "-O1", "-ffp-contract=off")  # noqa: SLF001
 
 
 def _put_in_place(old: Callable[..., Any], new: Callable[..., Any]) -> None:
@@ -56,7 +56,7 @@ def _put_in_place(old: Callable[..., Any], new: Callable[..., Any]) -> None:
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Shuffle files, and the tests of each."""
-    chance = random.Random(SEED)
+    chance = random.Random(SEED)  # noqa: S311
     files = [list(tests) for _, tests in groupby(items, key=lambda item: item.path)]
     chance.shuffle(files)
     for tests in files:
