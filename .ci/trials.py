@@ -14,7 +14,7 @@ from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 # As in tests/conftest.py: it must be said before numpy is loaded.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -95,7 +95,7 @@ def _tests(folder: Path, tests: list[str], ranks: dict[str, float], here: Connec
     os._exit(code)
 
 
-def _trial(ranks: dict[str, float]):
+def _trial(ranks: dict[str, float]) -> Any:
     """Plugin of pytest that orders tests and keeps what came of them."""
     import pytest
     from hypothesis import Phase, settings
