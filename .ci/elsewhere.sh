@@ -37,10 +37,11 @@ with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)["project"]
 for needed in project["dependencies"] + project["optional-dependencies"]["test"]:
     name, _, oldest = needed.partition(">=")
-    print(f"{name}=={oldest}.*")
+    print(f"{name}=={oldest}{'' if '.' in oldest else '.0'}.*")
 PYTHON
         environment oldest "$python" -c "$work/oldest.txt"
-        try oldest "$work/oldest/bin/python" ;;
+        # which warn of each other
+        try oldest "$work/oldest/bin/python" -o filterwarnings=default ;;
     newer) # versions of Python, where they are installed
         for newer in python3.12 python3.13 python3.14; do
             "$newer" -c "" 2> /dev/null || continue

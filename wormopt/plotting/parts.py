@@ -15,7 +15,7 @@ import re
 import warnings
 from collections.abc import Sequence
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import colormaps, rc_context, rcParams
@@ -28,10 +28,12 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-from matplotlib.typing import RcKeyType
 
 from wormopt.errors import UnknownNameError
 from wormopt.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType  # since Matplotlib 3.11
 
 # Colour-blind-safe: masses by Tol ("muted"), links by Okabe and Ito. Dashes tell links apart in
 # grey, and where one curve lies on another.

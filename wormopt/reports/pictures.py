@@ -9,11 +9,14 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wormopt.kinds import KINDS
 from wormopt.reports.words import escaped
 from wormopt.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,6 @@ def pictures(result: Result, prefix: str, room: float, most: int = 12) -> Iterat
 
 def _picture(result: Result, name: str, prefix: str) -> Picture:
     from matplotlib import rc_context
-    from matplotlib.typing import RcKeyType
 
     from wormopt.plotting import figure
     from wormopt.plotting.parts import STYLE
