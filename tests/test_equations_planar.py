@@ -93,7 +93,7 @@ def parts(expression: Any, symbols: Any) -> list[Any]:
     Where all derivatives by some symbols are zero everywhere, these symbols change nothing.
     """
     slopes = [sp.diff(expression, symbol) for symbol in symbols]
-    return [*slopes, expression.subs({symbol: 0 for symbol in symbols})]
+    return [*slopes, expression.subs(dict.fromkeys(symbols, 0))]
 
 
 def along_links(links: int, s: Symbols) -> tuple[dict[Any, Any], list[Any]]:
