@@ -24,7 +24,7 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 _SHORTEST = 1e-3
 # Shares of the objective that may be given up, the first that leaves room for a vertex; and what
 # counts as none between two images, or two gaits.
-_HELD, _SAME = (1e-12, 1e-11), 1e-9
+_HELD, _SAME = (1e-15, 1e-12, 1e-11), 1e-9
 # How far limits may be off, at best and at most; share of the mean length that it may cost to
 # meet them exactly.
 _OFF, _MOST_OFF, _LOST = 1e-12, 3e-10, 1e-6
