@@ -1,6 +1,9 @@
 """Planned experiments: information by closed forms, limits at all times, known best runs."""
 
+import importlib
 import math
+import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -247,6 +250,25 @@ samples = 60
 rivals = 3
 starts = 1
 """
+
+
+@pytest.mark.parametrize(
+    ("excess", "status"),
+    [(-0.3, "ok"), (-5.8e-5, "ok"), (0.0, "ok"), (2e-5, "failed"), (np.inf, "failed")],
+)
+def test_only_what_exceeds_a_limit_fails(excess, status, monkeypatch):
+    """A best run may keep all limits with room to spare: how much depends on the search."""
+    experiment = importlib.import_module("wormopt.systems.recorded.runs.experiment")
+    found = experiment.plan_experiment
+    monkeypatch.setattr(
+        experiment,
+        "plan_experiment",
+        lambda *given, **more: replace(found(*given, **more), excess=excess),
+    )
+    result = wo.run(tomllib.loads(SCENE))
+    assert result.status == status
+    if status == "failed":
+        assert f"a limit is exceeded by {excess:.2g} of it" in result.reason
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """What a fit knows: combinations that cannot be told apart, profiles, tests, predictions."""
 
+import math
 from dataclasses import replace
 
 import casadi as ca
@@ -285,6 +286,17 @@ def two_runs(seed: int, own: bool) -> tuple[Fit, Recording, np.ndarray, np.ndarr
     task = FitTask(model, runs[:1], [Unknown("a", per_run=own), Unknown("b")])
     found = fit_at(task, **dict(zip(task.names, best, strict=True)))
     return found, runs[1], X, kept
+
+
+def test_bands_hold_their_share_of_the_readings_over_many_fits():
+    """Of one run they hold more or fewer: what a fit does not know moves all its readings alike."""
+    shares = []
+    for seed in range(0, 240, 2):
+        found, run, *_ = two_runs(seed, own=False)
+        shares.append(predict(found, run).coverage)
+    error = np.std(shares) / math.sqrt(len(shares))
+    assert np.mean(shares) == pytest.approx(0.95, abs=4 * error)
+    assert error < 0.02
 
 
 def test_the_band_of_a_line_is_that_of_the_textbook():

@@ -218,14 +218,14 @@ def test_the_optimum_is_the_same_in_all_units(least: str):
 
 
 def test_what_an_impossible_tube_lacks_is_the_same_in_all_units():
-    told = set()
+    sizes = []
     for mass in (1.0, 1e3, 1e6):
         change = [*in_other_units(mass, 1.0, "input"), "tube.capture=0.01", "time.end=0.5"]
-        with pytest.raises(SolveError) as caught:
+        with pytest.raises(SolveError, match=r"give way is tube by about 0\.\d\d;") as caught:
             wo.run(load_scene("track_optimal", change))
-        told.add(str(caught.value))
-    assert len(told) == 1, told
-    assert "tube by" in told.pop()
+        sizes.append(float(str(caught.value).split("by about ")[1].split(";")[0]))
+    # what is printed is known to its last digit; units of force change nothing else
+    assert max(sizes) - min(sizes) < 0.011, sizes
 
 
 def test_a_solve_that_is_late_is_told():

@@ -9,6 +9,7 @@ from typing import Any
 import make_recordings
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 import wormopt as wo
 from wormopt.cli import main
@@ -283,7 +284,21 @@ def test_eight_numbers_of_a_chain_are_found_again(fitted_chain: Result):
 
 @pytest.mark.slow
 def test_a_run_kept_aside_is_predicted(fitted_chain: Result):
-    assert 0.92 <= fitted_chain["prediction_coverage"].value <= 0.98
+    """As many readings lie in the band as its width lets expect.
+
+    The band holds noise and what the fit does not know of its numbers. The latter is one draw for
+    all readings of a run: over many fits 95 % lie inside, of one run more where the numbers are
+    good and fewer where they are bad. Chances are those of numbers off by up to two errors.
+    """
+    noise = fitted_chain["noise_position"].value
+    wide = fitted_chain["band_position"].values[1] / noise
+    wide = wide[np.isfinite(fitted_chain["recorded_position"].values[1])]
+    off = np.array([[0.0], [2.0]]) * np.sqrt(np.maximum(wide**2 - 1, 0))
+    most, least = (norm.cdf(1.96 * wide - off) - norm.cdf(-1.96 * wide - off)).mean(axis=1)
+    by_chance = 4 * math.sqrt(least * (1 - least) / len(wide))
+    coverage = fitted_chain["prediction_coverage"].value
+    assert 0.95 < most < 1.0
+    assert least - by_chance < coverage < most + 4 * math.sqrt(most * (1 - most) / len(wide))
     assert fitted_chain["prediction_chi2"].value == pytest.approx(1.0, abs=0.2)
     left = fitted_chain["residual_position"].values
     assert np.nanstd(left[0]) == pytest.approx(1.0, abs=0.02)
@@ -332,19 +347,49 @@ def test_draws_of_the_posterior_are_told(monkeypatch: pytest.MonkeyPatch):
     assert "chains differ in damping" in result.reason
 
 
-@pytest.mark.slow
-def test_a_search_that_has_not_converged_exits_with_3(tmp_path: Path):
-    """The rod cannot have come to its best place after one look around."""
-    path = tmp_path / "found"
-    sets = ["--set", "search.steps=1", "--set", "unknown.0.start=1500.0"]
-    assert main(["run", "fit_channel_worm", *sets, "--no-plots", "-o", str(path)]) == 3
-    assert "search.steps" in Result.load(path).reason
-
-
 def spike_load(load: float, drag: float, period: float) -> float:
     """Largest load of the spikes of gait (15), three masses of 1, links of 2 (1 ± 0.15)."""
     turn = math.pi / period
     return 3 * (load + 2 * turn * 0.15 * 2 * math.hypot(3 * turn, drag))
+
+
+UNFINISHED = """
+schema = 1
+kind = "fit-numbers"
+[model]
+scene = "fast_gait"
+[search]
+steps = 1
+[[unknown]]
+name = "load"
+key = "worm.load"
+step = 1e-4
+[[unknown]]
+name = "drag"
+key = "worm.drag"
+lower = 0.0
+step = 1e-4
+"""
+
+
+def test_a_search_that_has_not_converged_exits_with_3(tmp_path: Path):
+    """Loads bend in the drag, which one step of Gauss and Newton does not know: far from the end.
+
+    They are the numbers of a closed form, and known to 1e-3: what is left is not of rounding.
+    """
+    for period in (1.0, 2.0):
+        measured = f"value = {spike_load(22.0, 6.0, period)}\ndeviation = 1e-3"
+        change = f'changes = {{ "gait.period" = {period} }}'
+        text = f'[[measured]]\nscalar = "spike_load_max"\n{measured}\n{change}\n'
+        with (tmp_path / "fit.toml").open("a", encoding="utf-8") as file:
+            file.write(text if period > 1.0 else UNFINISHED + text)
+    path = tmp_path / "found"
+    arguments = ["run", str(tmp_path / "fit.toml"), "--no-plots", "--quiet", "-o", str(path)]
+    assert main(arguments) == 3
+    found = Result.load(path)
+    assert "search.steps" in found.reason
+    (distance,) = [c for c in found.checks if c.name == "distance from the bottom"]
+    assert distance.value > 10 * distance.limit
 
 
 @pytest.mark.slow

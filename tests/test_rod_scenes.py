@@ -552,7 +552,11 @@ def test_rates_that_do_not_ascend_are_refused():
     ],
 )
 def test_the_rods_of_the_table_of_bodies(body: str, scene: str):
-    """The rods' column in docs/theory-channel.md, within the errors that it tells."""
+    """The rods' column in docs/theory-channel.md, within the errors that it tells.
+
+    Motions are irregular: rounding decides their course after some switches, so that a mean is
+    known to its error, and the error, from some blocks of one motion, to a third.
+    """
     page = (Path(__file__).parents[1] / "docs/theory-channel.md").read_text(encoding="utf-8")
     section = page.partition("### 4.3 All bodies")[2]
     (row,) = [line for line in section.splitlines() if line.startswith(f"| {body} |")]
@@ -560,9 +564,11 @@ def test_the_rods_of_the_table_of_bodies(body: str, scene: str):
     result = wo.run(scene)
     assert result.status == "ok"
     assert result.scalars["rate"].value == rate
-    assert -1e3 * result.scalars["velocity_per_frequency"].value == pytest.approx(printed, abs=0.05)
+    assert -1e3 * result.scalars["velocity_per_frequency"].value == pytest.approx(
+        printed, abs=error
+    )
     found = 1e3 * result.scalars["velocity_error"].value / rate
-    assert found == pytest.approx(error, abs=0.02)
+    assert 2 / 3 < found / error < 3 / 2
 
 
 # --- slow switching ----------------------------------------------------------------------

@@ -41,7 +41,8 @@ class BilinearProgram(Linearised):
     """Maximise row `gain`, or its ratio to the positive row `per`, of a bilinear program.
 
     `held` are columns held in turn: at least one factor of every product.
-    `excess` are costs that are products of columns not held.
+    `excess` are costs that are products of columns not held. `tolerance` is how far rows may be
+    off in the linear programs; `sharpen` removes what is left.
     """
 
     def climb(
@@ -80,11 +81,14 @@ class BilinearProgram(Linearised):
                 break
         return best
 
-    def sharpen(self, point: Point, radius: float = 1e-3) -> tuple[Point, np.ndarray]:
+    def sharpen(
+        self, point: Point, radius: float = 1e-3, lost: float = 1e-8
+    ) -> tuple[Point, np.ndarray]:
         """Move onto the active rows and bounds by Newton's method, to rounding.
 
         Gives the point, as it was where that would leave the rest, and multipliers (rows,):
-        gain per unit by which a side moves. `radius`: trust region of the active-set step.
+        gain per unit by which a side moves. `radius`: trust region of the active-set step;
+        `lost`: share of the value that exact limits may cost.
         """
         multipliers = np.zeros(len(self.row_lower))
         for near in (radius, 1e-3 * radius):
@@ -94,7 +98,7 @@ class BilinearProgram(Linearised):
             multipliers = np.array(found.row_dual)
             x = self._on_active(np.array(found.col_value))
             sharp = point if x is None else Point(x, self.value(x))
-            if sharp.value < point.value - _LOST * abs(point.value):
+            if sharp.value < point.value - lost * abs(point.value):
                 sharp = point  # the step was held by its trust region
             if self.violation(sharp.x) <= 10 * _SHARP:
                 return sharp, multipliers
@@ -218,5 +222,3 @@ _SMALL, _LOOSE = 1e-3, 1e-13
 _SHARP, _MARGIN = 1e-13, 4e-9
 # Share of the root of a margin by which held columns move: its square is a hundredth of the margin.
 _INWARD = 0.1
-# Share of the value that exact limits may cost.
-_LOST = 1e-8

@@ -44,6 +44,7 @@ class Linearised:
         gain: int,
         per: int | None = None,
         excess: Excess | None = None,
+        tolerance: float = 1e-9,
     ) -> None:
         self.upper = np.array(rows.upper)
         self.lower = np.zeros(len(self.upper))
@@ -53,7 +54,7 @@ class Linearised:
         self._guarded = np.concatenate([held, self._excess.factors]).astype(np.int32)
         self._assemble(rows)
         # with an excess it is no vertex, so that `sharpen` cannot remove what is left
-        self._tolerance = 1e-9 if excess is None else 1e-10
+        self._tolerance = tolerance if excess is None else 1e-10
         self._basis: Any = None
         self.programs = 0  # linear programs solved
         self.work = 0  # their pivots, times rows and columns

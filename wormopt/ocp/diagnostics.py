@@ -56,7 +56,8 @@ def failure(
         )
     met = solution.violation <= FEASIBLE
     if gives := {} if met else _conflict(program, level, start, partial.p, seconds):
-        listed = " and ".join(f"{name} by {size:.4g}" for name, size in gives.items())
+        # The sizes are a local optimum at the last level that was solved: two digits are known.
+        listed = " and ".join(f"{name} by about {size:.2g}" for name, size in gives.items())
         return SolveError(
             f"no motion meets all limits; the least that has to give way is {listed}",
             "relax that, or what stands against it",

@@ -319,8 +319,9 @@ def _checks(plan: Plan) -> Iterator[Check]:
     off = abs(plan.recheck - plan.value)
     advice = f"the second route finds another criterion, by {off:.2g}; loosen limits of the course"
     yield Check("second route", off, _AGREED, advice)
-    advice = f"a limit is exceeded by {plan.excess:.2g} of it; widen it, or take more pieces"
-    yield Check("limits", plan.excess, _KEPT, advice)
+    over = float(np.maximum(plan.excess, 0.0))  # room to spare is no fault; keeps NaN
+    advice = f"a limit is exceeded by {over:.2g} of it; widen it, or take more pieces"
+    yield Check("limits", over, _KEPT, advice)
 
 
 def _facts(plan: Plan) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, repetition
 from wormopt.systems.spiked.crawl import Crawl, crawl
+from wormopt.systems.spiked.design.canonical import chosen
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
@@ -198,14 +199,24 @@ def objective_of(motion: Crawl, minimise: Cost | None) -> float:
 
 
 def of_trial(
-    task: GaitProblem, trial: Trial, error: float, ceiling: float, survey: Survey, ended: str
+    task: GaitProblem,
+    trial: Trial,
+    error: float,
+    ceiling: float,
+    survey: Survey,
+    ended: str,
+    gait: Trial | None = None,
 ) -> Design:
-    """Make a design of a trial as it is; the other parameters are those of `Design`."""
-    widths = trial.program.widths(trial.point)
-    sequence, durations, arcs = lasting_arcs(trial.sequence, trial.program.arcs, widths)
+    """Make a design of a trial as it is; the other parameters are those of `Design`.
+
+    `gait` is one that is as good, taken in place of the trial's own.
+    """
+    gait = gait or trial
+    widths = gait.program.widths(gait.point)
+    sequence, durations, arcs = lasting_arcs(gait.sequence, gait.program.arcs, widths)
     return Design(
         task=task,
-        gait=trial.program.gait(trial.point),
+        gait=gait.program.gait(gait.point),
         sequence=sequence,
         durations=durations,
         ceiling=ceiling,
@@ -213,9 +224,9 @@ def of_trial(
         survey=survey,
         solver={
             "status": "solved" if ended == "searched" else "cut short",
-            "violation": trial.program.bilinear.violation(trial.point.x),
+            "violation": gait.program.bilinear.violation(gait.point.x),
             "arcs_per_phase": arcs,
-            "degree": trial.program.degree + 1,
+            "degree": gait.program.degree + 1,
         },
         timings_s={},
         ended=ended,
@@ -251,9 +262,11 @@ def sharpest(
         (s for s in sound if s[0].value >= value - _TIE * abs(value)),
         key=lambda s: len(lasting(s[0].sequence, s[0].durations.tolist())[0]),
     )
+    gait = trial
     if ended == "searched":
         trial = _in_fewer_phases(trier, trial)
-    return of_trial(task, trial, error, bound, survey, ended)
+        trial, gait = _chosen(trier, trial, turn=settings.sequence is None)
+    return of_trial(task, trial, error, bound, survey, ended, gait)
 
 
 def _hopeful(best: Trial, sharp: Trial) -> float:
@@ -265,9 +278,18 @@ def finished(design: Design, trial: Trial) -> Design:
     """Make a design of a better, sharpened trial of the same task."""
     trier = Trier(design.task)
     sharp, error, _ = _sharpen(trier, trial, quickly=False)
-    sharp = _in_fewer_phases(trier, sharp)
-    found = of_trial(design.task, sharp, error, design.ceiling, design.survey, design.ended)
+    sharp, gait = _chosen(trier, _in_fewer_phases(trier, sharp), turn=True)
+    known = (design.ceiling, design.survey, design.ended)
+    found = of_trial(design.task, sharp, error, *known, gait)
     return replace(found, timings_s=design.timings_s)
+
+
+def _chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
+    """The trial in its canonical order, and the canonical gait among those as good."""
+    turned, gait = chosen(trier, trial, turn=turn)
+    if not _keeps(trier.task, turned):
+        return trial, trial
+    return turned, gait if _keeps(trier.task, gait) else turned
 
 
 def _in_fewer_phases(trier: Trier, trial: Trial) -> Trial:

@@ -279,6 +279,22 @@ class GaitRows:
             ]
             self.rows.add(jump, [], 0.0, np.inf)
 
+    @property
+    def period_row(self) -> int:
+        """Number of the row of the period."""
+        return self._period
+
+    def hold(self, value: float) -> None:
+        """Keep the objective, a speed or a peak with its sign changed, at no less than a value."""
+        if self._peak is not None:
+            self.rows.upper[self._peak] = -value
+            return
+        share = 1.0 / (self.degree + 1)
+        ways = [
+            (int(self.h[k]), int(v), share) for k, row in enumerate(self.v[:, :, 0]) for v in row
+        ]
+        self.rows.add([(int(h), -value) for h in self.h], ways, 0.0, np.inf)
+
     @cached_property
     def bilinear(self) -> BilinearProgram:
         """The program."""

@@ -97,6 +97,19 @@ class GaitProgram(GaitRows):
             return finer, finer.moving(*self._cut(point, widths / self.limits.time, parts))
         return finer, finer.start_arcs(np.repeat(widths, parts))
 
+    def cut(self, point: Point, parts: int) -> tuple[GaitProgram, np.ndarray]:
+        """The program with every arc cut in `parts`, those that only repeat joined before.
+
+        Gives the durations (arcs,) of the same motion too, in scaled units.
+        """
+        begins = self._joined(point)
+        first = np.flatnonzero(begins)
+        patterns = self.patterns and tuple(self.patterns[k] for k in np.repeat(first, parts))
+        arcs = parts * np.add.reduceat(begins.astype(int), self._edges[:-1])
+        widths = np.repeat(np.add.reduceat(point.x[self.h], first) / parts, parts)
+        same = (self.degree, patterns, self.limits)
+        return type(self)(self.task, self.sequence, self.period, arcs, *same), widths
+
     def lasting(self, point: Point) -> tuple[GaitProgram, Point | None]:
         """The same cycle without phases of next to no length, of which equal neighbours are one.
 

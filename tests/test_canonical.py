@@ -1,0 +1,97 @@
+"""Of gaits that are equally fast, the same one is designed whatever rounding does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design.optimize import design, designed
+from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.task import GaitProblem, Search, Worm
+
+ROBOT = {
+    "schema": 1,
+    "kind": "gait-design",
+    "units": "SI",
+    "worm": {"links": 4, "mass": "80 g", "slope": "10 deg"},
+    "gait": {"period": ["2 s", "12 s"], "length": ["50 mm", "70 mm"], "spike_load": "0.5 N"},
+    "motor": {"lead": "2 mm", "rate_max": 10.0, "acceleration_max": 40.0},
+    "objective": {"maximise": "speed"},
+    "search": {"effort": "quick"},
+}
+
+
+def problem(name: str) -> tuple[GaitProblem, Search]:
+    scene = wo.load_scene(ROBOT if name == "robot" else name)
+    return scene.table.task(scene.table.objective.objective), scene.table.search.search
+
+
+def nudged(task: GaitProblem, rng: np.random.Generator) -> GaitProblem:
+    """The same with each number off by up to four units in its last place."""
+
+    def off(value):
+        if isinstance(value, tuple):
+            return tuple(map(off, value))
+        if not isinstance(value, float):
+            return value
+        return value + int(rng.integers(-4, 5)) * float(np.spacing(value))
+
+    names = ("length", "rate", "acceleration", "spike_load")
+    limits = replace(task.limits, **{name: off(getattr(task.limits, name)) for name in names})
+    worm = replace(task.worm, mass=off(task.worm.mass), load=off(task.worm.load))
+    return replace(task, worm=worm, limits=limits)
+
+
+def lengths(found: Design) -> np.ndarray:
+    return np.array([found.gait(t).ravel() for t in np.linspace(0.0, found.period, 401)])
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "accepted"),
+    [
+        ("design_uphill_gait", 3, 1e-6),
+        ("design_fast_gait", 3, 1e-6),
+        # its speed has a round top: a share of 1e-12 of it moves phases by its root
+        ("design_spike_limited", 3, 2e-5),
+        pytest.param("robot", 8, 1e-6, marks=pytest.mark.slow),
+    ],
+)
+def test_rounding_does_not_choose_the_gait(name: str, times: int, accepted: float):
+    task, search = problem(name)
+    first = designed(task, search, lambda *_: None)
+    assert first.speed == pytest.approx(first.trial.value, rel=1e-9)
+    assert max(first.violations.values()) < 1e-9
+    rng = np.random.default_rng(5)
+    for _ in range(times):
+        other = designed(nudged(task, rng), search, lambda *_: None)
+        assert other.sequence == first.sequence
+        assert other.durations == pytest.approx(first.durations, abs=accepted * first.period)
+        assert lengths(other) == pytest.approx(lengths(first), rel=accepted)
+
+
+WORM, LIMITS = Worm(2, load=5.0), Limits(1.0, (0.7, 1.3), rate=1.0, acceleration=20.0)
+
+
+def test_a_cycle_begins_with_the_smallest_order():
+    """Mirror images and rotations are as fast; the design is the same one."""
+    found = design(WORM, LIMITS, search=Search(effort="quick"))
+    assert found.sequence == ((0,), (1,), (2,))
+
+
+@pytest.mark.parametrize("order", [((1,), (2,), (0,)), ((2,), (1,), (0,))])
+def test_an_order_that_is_asked_for_is_kept(order):
+    found = design(WORM, LIMITS, search=Search(sequence=order))
+    assert found.sequence == order
+    free = design(WORM, LIMITS, search=Search(effort="quick"))
+    assert found.speed == pytest.approx(free.speed, rel=1e-9)
+
+
+def test_links_are_as_long_as_they_can_be():
+    """Shorter links are as fast; the mean length is above that of the gait that is mirrored."""
+    found = design(WORM, LIMITS, search=Search(effort="quick"))
+    weights = 1.0 - np.arange(2) / 4
+    mean = lengths(found)[:-1].mean(axis=0) @ weights
+    mirrored = (2.0 - lengths(found)[:-1, ::-1]).mean(axis=0) @ weights
+    assert mean > mirrored - 1e-6
