@@ -173,8 +173,9 @@ def test_every_result_is_written_whole(path: Path, tmp_path: Path):
         assert np.array_equal(np.ravel(there["value"]), variable.values.ravel(), equal_nan=True)
         assert there["units"] == variable.unit
         assert np.atleast_1d(there["dims"]).tolist() == [*variable.dims]
+    fields = field_names([*result.scalars])
     for name, scalar in result.scalars.items():
-        there = found["scalars"][name]
+        there = found["scalars"][fields[name]]
         if isinstance(scalar.value, int | float):
             assert there == {"value": scalar.value, "units": scalar.unit}
     assert found["kind"] == result.kind
@@ -437,7 +438,9 @@ def test_trackers_of_a_result(scene: str, end: float, tmp_path: Path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("scene", ["own_model", "spiked_chain"])
+@pytest.mark.parametrize(
+    "scene", ["own_model", pytest.param("spiked_chain", marks=pytest.mark.slow)]
+)
 def test_a_simulated_model_that_time_moves(scene: str, tmp_path: Path):
     asked = load_scene(scene)
     result = Result(asked.name, "simulate", asked.title, scene_text=asked.text)

@@ -16,53 +16,54 @@ import wormopt as wo
 HEAVY = {"casadi", "numpy", "scipy", "matplotlib", "rich", "pandas", "xarray", "control"}
 
 
-def modules_after(code: str, folder: Path) -> set[str]:
-    """Top-level names in sys.modules after some code has run."""
+def modules_after(*codes: str) -> list[set[str]]:
+    """Top-level names in sys.modules after each of some lines of code, run one after another."""
     script = (
         "import contextlib, io, json, sys\n"
-        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
-        f"    exec({code!r})\n"
-        "print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))\n"
+        f"for code in {codes!r}:\n"
+        "    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
+        "        exec(code)\n"
+        "    print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=True
-    )
-    return set(json.loads(done.stdout))
+    command = [sys.executable, "-c", script]
+    with TemporaryDirectory() as folder:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
+    return [set(json.loads(line)) for line in done.stdout.splitlines()]
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import wormopt",
-        "from wormopt.cli import main; main(['--help'])",
-        "from wormopt.cli import main; main(['run', '--help'])",
-        "from wormopt.cli import main; main(['export', '--help'])",
-        "from wormopt.cli import main; assert main(['export', 'nothing']) == 2",
-        "from wormopt.cli import main; main(['plot', '--help'])",
-        "from wormopt.cli import main; main(['sweep', '--help'])",
-        "from wormopt.cli import main; main(['report', '--help'])",
-        "from wormopt.cli import main; assert main(['list']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'design_fast_gait']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",
-        "from wormopt.cli import main; assert main(['run', 'no_such_scene']) == 2",
-        "import wormopt as wo; wo.load_scene('pareto_speed_load')",
-        "from wormopt.cli import main; assert main(['check', 'fig05_lambda_trackers']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'own_model', 'random_links']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'fig12_stress_strain']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'film_field', 'fig27_float']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'film_forward']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'prototype_steps']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'linear_chain']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'fit_chain']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
-        "from wormopt.cli import main; assert main(['check', 'fig20_capsule']) == 0",
-        "import wormopt as wo; wo.load_scene('prototype_steps', {'gait.rest_length': '0.1 m'})",
-    ],
-)
-def test_reading_and_checking_load_no_numerics(code: str, tmp_path: Path):
-    assert modules_after(code, tmp_path) & HEAVY == set()
+LIGHT = [
+    "import wormopt",
+    "from wormopt.cli import main; main(['--help'])",
+    "from wormopt.cli import main; main(['run', '--help'])",
+    "from wormopt.cli import main; main(['export', '--help'])",
+    "from wormopt.cli import main; assert main(['export', 'nothing']) == 2",
+    "from wormopt.cli import main; main(['plot', '--help'])",
+    "from wormopt.cli import main; main(['sweep', '--help'])",
+    "from wormopt.cli import main; main(['report', '--help'])",
+    "from wormopt.cli import main; assert main(['list']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'design_fast_gait']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'no_such_scene']) == 2",
+    "from wormopt.cli import main; assert main(['run', 'no_such_scene']) == 2",
+    "import wormopt as wo; wo.load_scene('pareto_speed_load')",
+    "from wormopt.cli import main; assert main(['check', 'fig05_lambda_trackers']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'own_model', 'random_links']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'fig12_stress_strain']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'film_field', 'fig27_float']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'three_masses_harmonic']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'film_forward']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'prototype_steps']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'linear_chain']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'fit_chain']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'film_wave_design']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'coil_row_inverse']) == 0",
+    "from wormopt.cli import main; assert main(['check', 'fig20_capsule']) == 0",
+    "import wormopt as wo; wo.load_scene('prototype_steps', {'gait.rest_length': '0.1 m'})",
+]
+
+
+def test_reading_and_checking_load_no_numerics():
+    loaded = zip(LIGHT, modules_after(*LIGHT), strict=True)
+    assert {code: heavy for code, after in loaded if (heavy := after & HEAVY)} == {}
 
 
 @pytest.mark.parametrize("name", wo.__all__)
@@ -82,27 +83,49 @@ def test_no_public_name_is_hidden_by_a_module():
         assert not {name for module, name in names if module != own} & beside, stub
 
 
-def test_the_check_would_see_a_heavy_module(tmp_path: Path):
-    assert "numpy" in modules_after("import wormopt; wormopt.Gait", tmp_path)
+def test_the_check_would_see_a_heavy_module_and_a_result_is_held_without_scipy():
+    nothing, gait = modules_after("import wormopt; wormopt.Result('a', 'gait')", "wormopt.Gait")
+    assert "scipy" not in nothing
+    assert "numpy" in gait
 
 
-def test_a_result_is_held_without_scipy(tmp_path: Path):
-    assert "scipy" not in modules_after("import wormopt; wormopt.Result('a', 'gait')", tmp_path)
+ONE = ("search.sequence=[[0],[1],[2]]", 'search.effort="quick"')
+# Scenes that one process runs in this order, without pictures, and what is changed of them.
+RUNS = {
+    "fig12_stress_strain": (),
+    "fig15_film_flow": (),
+    "fast_gait": (),
+    "prototype_steps": (),
+    "travelling_field": ("coils.count=8", "line.margin=1"),
+    "design_fast_gait": ONE,
+}
 
 
 @cache
-def loaded_by_a_run(*arguments: str) -> set[str]:
-    """Full names of the modules in sys.modules after `wormopt run`, done once for all who ask."""
+def loaded_by_runs(*commands: tuple[str, ...]) -> list[set[str]]:
+    """Full names of the modules in sys.modules after each `wormopt run`, in one process."""
     script = (
         "import json, sys\n"
         "from wormopt.cli import main\n"
-        f"assert main({['run', *arguments]!r}) == 0\n"
-        "print(json.dumps(sorted(sys.modules)), file=sys.stderr)\n"
+        f"for arguments in {commands!r}:\n"
+        "    assert main(['run', '--json', *arguments]) == 0, arguments\n"
+        "    print('loaded', json.dumps(sorted(sys.modules)), file=sys.stderr)\n"
     )
     command = [sys.executable, "-c", script]
     with TemporaryDirectory() as folder:
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True)
-    return set(json.loads(done.stderr.splitlines()[-1]))
+    lines = done.stderr.splitlines()
+    return [set(json.loads(line[7:])) for line in lines if line.startswith("loaded ")]
+
+
+def with_changes(name: str, changes: tuple[str, ...]) -> tuple[str, ...]:
+    return (name, *(part for change in changes for part in ("--set", change)))
+
+
+def loaded_by(name: str) -> set[str]:
+    """Modules loaded after a run of RUNS, and those before it."""
+    runs = [(*with_changes(*run), "--no-plots") for run in RUNS.items()]
+    return dict(zip(RUNS, loaded_by_runs(*runs), strict=True))[name]
 
 
 def within(room: str, loaded: set[str]) -> set[str]:
@@ -118,7 +141,7 @@ def among(names: set[str], loaded: set[str]) -> set[str]:
 
 
 def test_a_kinematic_scene_loads_no_nonlinear_programming():
-    loaded = loaded_by_a_run("fast_gait", "--json", "--no-plots")
+    loaded = loaded_by("fast_gait")
     assert not within("wormopt.ocp", loaded)
     assert "casadi" not in loaded
     assert not among({"wormopt.systems.spiked.search.search"}, loaded)
@@ -126,19 +149,18 @@ def test_a_kinematic_scene_loads_no_nonlinear_programming():
 
 @pytest.mark.parametrize("name", ["fig12_stress_strain", "fig15_film_flow"])
 def test_a_material_and_a_film_load_no_solver(name: str):
-    loaded = loaded_by_a_run(name, "--json", "--no-plots")
+    loaded = loaded_by(name)
     assert not among({"casadi", "scipy.optimize", "scipy.integrate", "matplotlib"}, loaded)
 
 
 def test_a_switched_row_loads_no_casadi():
-    few = ["--set", "coils.count=8", "--set", "line.margin=1"]
-    loaded = loaded_by_a_run("travelling_field", "--json", "--no-plots", *few)
+    loaded = loaded_by("travelling_field")
     assert not among({"casadi", "matplotlib"}, loaded)
     assert not within("wormopt.ocp", loaded)
 
 
 def test_a_kinematic_scene_loads_no_compiled_simulation():
-    loaded = loaded_by_a_run("fast_gait", "--json", "--no-plots")
+    loaded = loaded_by("fast_gait")
     unwanted = ("native", "simulate", "automaton", "sundials", "ensemble")
     assert not among({f"wormopt.simulation.{name}" for name in unwanted}, loaded)
     assert not within("wormopt.control", loaded)
@@ -148,8 +170,8 @@ def test_a_kinematic_scene_loads_no_compiled_simulation():
 @pytest.mark.parametrize("name", ["fig05_lambda_trackers", "own_model"])
 def test_a_compiled_simulation_loads_no_integrator_of_scipy(name: str):
     # the second route of exact contact is in Python, over scipy
-    change = [] if name.startswith("fig05") else ["--set", "tolerance.recheck=false"]
-    loaded = loaded_by_a_run(name, "--json", "--no-plots", *change)
+    changes = () if name.startswith("fig05") else ("tolerance.recheck=false",)
+    (loaded,) = loaded_by_runs((*with_changes(name, changes), "--no-plots"))
     assert "wormopt.simulation.native.kernel" in loaded
     unwanted = {"scipy.integrate", "scipy.optimize", "scipy.interpolate", "matplotlib", "control"}
     assert not among(unwanted, loaded)
@@ -158,8 +180,7 @@ def test_a_compiled_simulation_loads_no_integrator_of_scipy(name: str):
 
 
 def test_a_design_of_one_sequence_loads_no_relaxation():
-    own = ["--set", "search.sequence=[[0],[1],[2]]", "--set", 'search.effort="quick"']
-    loaded = loaded_by_a_run("design_fast_gait", "--json", "--no-plots", *own)
+    loaded = loaded_by("design_fast_gait")
     assert "wormopt.systems.spiked.search.search" in loaded
     assert not among({"casadi", "wormopt.ocp.nlp"}, loaded)  # programs are linear, one by one
     proofs = ("certify.tree", "certify.relaxation", "runs.gait_certificate")
@@ -167,24 +188,31 @@ def test_a_design_of_one_sequence_loads_no_relaxation():
 
 
 def test_step_commands_load_no_casadi():
-    loaded = loaded_by_a_run("prototype_steps", "--json", "--no-plots")
+    loaded = loaded_by("prototype_steps")
     assert not among({"casadi", "matplotlib"}, loaded)
 
 
 def test_a_run_without_plots_loads_no_matplotlib():
-    loaded = loaded_by_a_run("fast_gait", "--json", "--no-plots")
+    loaded = loaded_by("fast_gait")
     assert "matplotlib" not in loaded
     assert "rich" not in loaded
 
 
+def loaded_with_pictures() -> set[str]:
+    """Modules loaded by a design of all orders that draws."""
+    quick = ('search.effort="quick"', 'want=["motion"]')
+    (loaded,) = loaded_by_runs(with_changes("design_fast_gait", quick))
+    return loaded
+
+
 def test_a_plain_run_loads_no_cluster_no_report_no_sweep():
-    loaded = loaded_by_a_run("design_fast_gait", "--json")
+    loaded = loaded_with_pictures()
     assert not among({"dask", "distributed", "filelock", "pandas", "xarray"}, loaded)
     for room in ("wormopt.sweeps", "wormopt.reports", "wormopt.exports"):
         assert not within(room, loaded), room
 
 
 def test_a_run_with_plots_leaves_pyplot_alone():
-    loaded = loaded_by_a_run("design_fast_gait", "--json")
+    loaded = loaded_with_pictures()
     assert "matplotlib" in loaded
     assert "matplotlib.pyplot" not in loaded

@@ -4,11 +4,11 @@ import dataclasses
 import io
 import json
 import re
-import subprocess
 import sys
 from functools import cache
 from itertools import combinations
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -37,26 +37,26 @@ SAVED = Path(__file__).parent / "results"
 # Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.
 SI = 'units="SI"'
 QUICK = ('search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1")
-SQUARE = 'stroke={course="polygon",corners=[[1.0,1.0],[-1.0,1.0],[-1.0,-1.0],[1.0,-1.0]]}'
+
+
+def two_trackers(end: float, links: int = 2) -> tuple[str, ...]:
+    """`track_sine` with so many links."""
+    places = [2.0 * (links - i) for i in range(links + 1)]
+    changes = (f"worm.links={links}", f"start.position={places}", "tolerance.recheck=false")
+    return ("track_sine", SI, *changes, f"time.end={end}", "time.samples=41")
+
+
 SCENES: dict[str, tuple[str, ...]] = {
     "limits": ("design_fast_gait", SI, *QUICK),
     "front": ("pareto_speed_load",),
-    "certificate": ("certified_gait", SI, *QUICK, "search.certify.gap=1e-2"),
-    "trackers": ("track_sine", SI, "time.end=2.0", "time.samples=41"),
+    "certificate": ("certified_gait",),
+    "trackers": two_trackers(2.0),
     "bode": ("linear_chain",),
     "poles": ("linear_chain",),
     "margins": ("linear_chain",),
     "predictive": ("track_predictive",),
     "estimates": ("track_predictive",),
-    "readings": (
-        "tracker_readings",
-        SI,
-        "readings.period=[1]",
-        "readings.growth=[1]",
-        'readings.signs=["printed"]',
-        "readings.rest_length=[0]",
-        "time.samples=41",
-    ),
+    "readings": ("tracker_readings",),
     "bands": ("random_links",),
     "signals": ("own_model", SI, "time.end=3.0"),
     "comparison": ("compare_tracking",),
@@ -73,22 +73,14 @@ SCENES: dict[str, tuple[str, ...]] = {
     "membrane": ("membrane",),
     "segment": ("peristaltic_segment",),
     "stroke": ("peristaltic_segment", "points=21"),
-    "worm": ("peristaltic_tube", "course.cycles=2", "course.settle=1"),
-    "course": ("peristaltic_tube", "course.cycles=2", "course.settle=1"),
+    "worm": ("peristaltic_tube",),
+    "course": ("peristaltic_tube",),
     "steps": ("prototype_steps",),
     "channel_velocity": ("fig19_channel_worm",),
     "segment_shapes": ("segment_shapes",),
     "coil_film": ("fig24_travelling_wave",),
     "cargo": ("coil_cargo",),
-    "carried": (
-        "body_in_film",
-        'units="SI"',
-        "course.periods=3.0",
-        "course.samples=301",
-        "film.fluid={mu_r=1.05, viscosity=0.02, density=1200.0, surface_tension=0.03, depth=1e-4, "
-        "wavelength=0.02, frequency=5.0}",
-        'body={on="ground", height=0.3, density=2700.0, friction_coefficient=0.4}',
-    ),
+    "carried": ("body_in_film",),
     "floats": ("fig27_float", "course.periods=3.0"),
     "travelling_field": ("travelling_field",),
     "coil_design": ("coil_cargo_design",),
@@ -101,18 +93,18 @@ SCENES: dict[str, tuple[str, ...]] = {
     "basins": ("film_basins",),
     "rod_motion": ("fig21_rod_motion",),
     "peristalsis": ("peristaltic_design", "worm.segments=3", "limits.reserve=1.0"),
-    "swim": ("planar_purcell", SI, SQUARE),
-    "heights": ("planar_purcell", SI, SQUARE),
+    "swim": ("planar_purcell",),
+    "heights": ("planar_purcell",),
     "serpenoid": ("planar_serpenoid", SI, "waves=[]"),
-    "plane": ("planar_chain", SI, "time.end=3.0", "time.samples=301"),
-    "forces": ("planar_chain", SI, "time.end=3.0", "time.samples=301"),
-    "block": ("planar_block", SI),
+    "plane": ("planar_chain",),
+    "forces": ("planar_chain",),
+    "block": ("planar_block",),
     "planar_gait": ("planar_gait_design",),
     "crawl": ("planar_three_link",),
-    "turning": ("planar_turn_in_place", SI),
+    "turning": ("planar_turn_in_place",),
     "path": ("planar_path",),
     "rod_frequency": ("fig22_frequency_response",),
-    "region": ("gait_region", SI),
+    "region": ("gait_region",),
     "recordings": ("fit_chain",),
     "correlation": ("fit_chain",),
     "prediction": ("fit_chain",),
@@ -121,7 +113,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "measurements": ("fit_channel_worm",),
     "errors": ("experiment_chain",),
     "regions": ("experiment_chain",),
-    "loads": ("fit_then_design", SI),
+    "loads": ("fit_then_design",),
     "shift": ("gait_shift",),
     "transitions": ("gait_shift",),
 }
@@ -150,11 +142,8 @@ def sample(picture: str) -> Result:
 
 def crawl(trackers: int = 2, links: int = 2) -> Result:
     """A chain of so many links under two trackers of `track_sine`, or a funnel besides."""
-    places = [2.0 * (links - i) for i in range(links + 1)]
-    changes = [f"worm.links={links}", f"start.position={places}", "tolerance.recheck=false"]
-    end = 2.0 if links == 2 else 0.1
-    more = (SI, THREE) if trackers == 3 else (SI,)
-    return real("track_sine", SI, *changes, f"time.end={end}", "time.samples=41", *more)
+    more = (THREE,) if trackers == 3 else ()
+    return real(*two_trackers(2.0 if links == 2 else 0.1, links), *more)
 
 
 def without(result: Result, *beginnings: str) -> Result:
@@ -177,13 +166,13 @@ def entries(drawn: Figure) -> list[str]:
 
 @cache
 def standard(picture: str) -> Figure:
-    """A picture in its usual size, to be looked at only."""
-    return figure(sample(picture), picture)
+    """A picture as wide as a column, where there is least room, to be looked at only."""
+    return figure(sample(picture), picture, width=85)
 
 
 # One of each way to draw: lines, bars, colours, shades, outlines. All others are drawn, though not
 # written, where their texts are looked at.
-WRITTEN = {"gait", "limits", "certificate", "trackers", "basins", "segment_shapes", "motion"}
+WRITTEN = {"gait", "limits", "certificate", "bands", "basins", "segment_shapes", "motion"}
 
 
 @pytest.mark.parametrize(
@@ -196,10 +185,10 @@ WRITTEN = {"gait", "limits", "certificate", "trackers", "basins", "segment_shape
 )
 def test_every_picture_is_written(picture: str, tmp_path: Path):
     path = tmp_path / f"{picture}.png"
-    draw(sample(picture), picture, path)
+    draw(sample(picture), picture, path, width=85)
     with Image.open(path) as image:
-        # as wide as a page; as tall as what it shows: three bars are a flat picture
-        assert image.width > 1000
+        # as wide as a column; as tall as what it shows: three bars are a flat picture
+        assert image.width > 500
         assert image.height > image.width / 5
         assert len(image.convert("RGB").getcolors(1_000_000) or []) > 20
     assert list(tmp_path.iterdir()) == [path]
@@ -244,7 +233,7 @@ def wave(links: int) -> Result:
 
 
 @pytest.mark.parametrize(
-    "links", [1, 3, 8, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 4, 5, 6, 7))]
+    "links", [1, 8, *(pytest.param(n, marks=pytest.mark.slow) for n in range(2, 8))]
 )
 def test_pictures_for_every_number_of_links(links: int):
     for picture in ("gait", "motion", "spikes", "animation"):
@@ -255,8 +244,9 @@ def test_pictures_for_every_number_of_links(links: int):
 
 @pytest.mark.parametrize("picture", PICTURES)
 def test_axes_carry_symbols_and_units(picture: str):
-    drawn = standard(picture)
-    last = [axes for axes in drawn.axes if axes.get_label() != "<colorbar>"][-1]
+    # those of readings stand side by side only on a page
+    drawn = figure(sample(picture), picture) if picture == "readings" else standard(picture)
+    last = [a for a in drawn.axes if a.get_visible() and a.get_label() != "<colorbar>"][-1]
     # waveforms are always dimensionless, and gains are told by the scene's numbers
     plain = {"waveform": "time $t$", "margins": "gain $k$"}
     assert last.get_xlabel().endswith(plain.get(picture, ")"))
@@ -450,7 +440,7 @@ def test_motion_shows_two_periods_and_the_masses_at_rest():
 
 
 @pytest.mark.parametrize(
-    "links", [2, 8, 9, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 30))]
+    "links", [2, 9, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8, 30))]
 )
 def test_pictures_of_chains_for_every_number_of_links(links: int):
     for picture in ("trackers", "motion"):
@@ -566,14 +556,14 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
 
 
 def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wormopt.systems.spiked.plots.animation.FRAMES", 24)  # of 72
+    monkeypatch.setattr("wormopt.systems.spiked.plots.animation.FRAMES", 12)  # of 72
     path = tmp_path / "animation.gif"
     draw(sample("animation"), "animation", path, width=50)
     assert path.stat().st_size < 2_000_000
     with Image.open(path) as film:
-        assert getattr(film, "n_frames", 1) == 24
+        assert getattr(film, "n_frames", 1) == 12
         first = np.asarray(film.convert("RGB"))
-        film.seek(20)
+        film.seek(6)
         assert (np.asarray(film.convert("RGB")) != first).any()
     assert list(tmp_path.iterdir()) == [path]
 
@@ -586,7 +576,7 @@ def test_letters_without_a_glyph_do_no_harm(tmp_path: Path):
 def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
     """Every text that is seen, its size in points, and its corners in pixels."""
     canvas = FigureCanvasAgg(drawn)
-    canvas.draw()
+    drawn.draw_without_rendering()
     hidden: set[Text] = set()
     for axis in (a for axes in drawn.axes for a in (axes.xaxis, axes.yaxis)):
         low, high = sorted(axis.get_view_interval())
@@ -614,7 +604,7 @@ def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
 @pytest.mark.parametrize("width", [85, pytest.param(180, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("picture", PICTURES)
 def test_text_is_legible_and_covers_no_other(picture: str, width: int):
-    drawn = figure(sample(picture), picture, width=width)
+    drawn = standard(picture) if width == 85 else figure(sample(picture), picture, width=width)
     assert drawn.get_figwidth() == pytest.approx(width / 25.4)
     assert drawn.get_figheight() < 240 / 25.4  # a page
     seen = boxes(drawn)
@@ -678,40 +668,44 @@ def test_facts_are_rounded_and_in_the_units_of_the_picture():
 FORMATS = {"png": b"\x89PNG\r\n", "pdf": b"%PDF-", "svg": b"<?xml"}
 
 
+@cache
+def written(picture: str, form: str) -> bytes:
+    """A file with a picture as wide as a column."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"a.{form}"
+        draw(sample(picture), picture, path, width=85)
+        return path.read_bytes()
+
+
 @pytest.mark.parametrize(
     ("picture", "form"),
     [
-        *(("gait", form) for form in FORMATS),
+        *(("motion", form) for form in FORMATS),
+        *(pytest.param("gait", form, marks=pytest.mark.slow) for form in FORMATS),
         pytest.param("coil_pressure", "png", marks=pytest.mark.slow),
         pytest.param("basins", "svg", marks=pytest.mark.slow),
     ],
 )
-def test_the_same_result_gives_the_same_file(picture: str, form: str, tmp_path: Path):
-    paths = [tmp_path / f"{name}.{form}" for name in "ab"]
-    for path in paths:
-        draw(sample(picture), picture, path, width=85)
-    first, second = (path.read_bytes() for path in paths)
-    assert first == second
+def test_the_same_result_gives_the_same_file(picture: str, form: str):
+    first = written(picture, form)
     assert first.startswith(FORMATS[form])
     memory = io.BytesIO()
     save(figure(sample(picture), picture, width=85), memory, form)
     assert sealed(memory.getvalue()) == first
 
 
-def test_formats_have_the_width_asked_for_and_fonts_that_journals_take(tmp_path: Path):
-    png, pdf, svg = (tmp_path / f"gait.{form}" for form in FORMATS)
-    for path in (png, pdf, svg):
-        draw(sample("gait"), "gait", path, width=85)
-    with Image.open(png) as image:
+def test_formats_have_the_width_asked_for_and_fonts_that_journals_take():
+    png, pdf, svg = (written("motion", form) for form in FORMATS)
+    with Image.open(io.BytesIO(png)) as image:
         assert image.size[0] == pytest.approx(85 / 25.4 * image.info["dpi"][0], abs=1)
-    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+)", pdf.read_bytes())
+    box = re.search(rb"/MediaBox \[ 0 0 ([0-9.]+)", pdf)
     assert box
     assert float(box[1]) == pytest.approx(85 / 25.4 * 72, abs=0.01)
-    assert b"/Type3" not in pdf.read_bytes()
-    assert b"/FontFile2" in pdf.read_bytes()
-    for path in (pdf, svg):
-        assert not re.search(rb"CreationDate|<dc:date>", path.read_bytes())
-    assert b"<text" not in svg.read_bytes()  # outlines: no font need be there
+    assert b"/Type3" not in pdf
+    assert b"/FontFile2" in pdf
+    for file in (pdf, svg):
+        assert not re.search(rb"CreationDate|<dc:date>", file)
+    assert b"<text" not in svg  # outlines: no font need be there
 
 
 def test_an_animation_is_still_as_a_picture_and_only_it_moves(tmp_path: Path):
@@ -774,11 +768,12 @@ def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: 
 
 def test_plot_writes_where_it_is_told(saved: Path, tmp_path: Path):
     out = tmp_path / "new" / "x.pdf"
-    assert main(["plot", str(saved), "gait", "-o", str(out), "--width", "8.5cm"]) == 0
+    assert main(["plot", str(saved), "motion", "-o", str(out), "--width", "8.5cm"]) == 0
     assert out.read_bytes().startswith(b"%PDF")
     folder = tmp_path / "folder"
-    assert main(["plot", str(saved), "gait", "motion", "-o", str(folder), "--no-title"]) == 0
-    assert {path.name for path in folder.iterdir()} == {"gait.png", "motion.png"}
+    two = ["spikes", "motion", "--width", "85mm"]
+    assert main(["plot", str(saved), *two, "-o", str(folder), "--no-title"]) == 0
+    assert {path.name for path in folder.iterdir()} == {"spikes.png", "motion.png"}
     assert {path.name for path in saved.iterdir()} == {"result.nc", "summary.json"}
 
 
@@ -793,11 +788,11 @@ def test_plot_replaces_only_what_is_its_own(saved: Path, tmp_path: Path, capsys:
     assert foreign.read_text() == "mine"
     # one of ours that is elsewhere is known by its mark
     for form in ("png", "pdf", "svg"):
-        elsewhere = ["gait", "-o", str(tmp_path / "new" / f"gait.{form}")]
-        assert main(["plot", str(saved), *elsewhere]) == 0
+        picture = tmp_path / "new" / f"motion.{form}"
+        elsewhere = ["motion", "-o", str(picture)]
+        assert main(["plot", str(saved), *elsewhere, "--width", "60mm"]) == 0
         assert main(["plot", str(saved), *elsewhere]) == 2
         assert main(["plot", str(saved), *elsewhere, "--force", "--width", "85mm"]) == 0
-        picture = tmp_path / "new" / f"gait.{form}"
         if form == "png":
             with Image.open(picture) as opened:
                 opened.verify()  # its checksums
@@ -864,11 +859,6 @@ def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
     without(result, "").save(saved)
     assert main(["plot", str(saved), "--force"]) == 2
     assert "holds nothing that can be drawn" in capsys.readouterr().err
-
-
-def test_no_pyplot_state():
-    code = "import sys, wormopt.plotting; sys.exit('matplotlib.pyplot' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_stretches():

@@ -64,8 +64,7 @@ def test_packaged_scenes_keep_to_the_schema(name: str):
     raw = tomllib.loads(packaged_scenes()[name].read_text(encoding="utf-8"))
     validator(raw["kind"]).validate(raw)
     wrong: dict[str, Any] = {**raw, "no_such_key": 1}
-    with pytest.raises(jsonschema.ValidationError):
-        validator(raw["kind"]).validate(wrong)
+    assert not validator(raw["kind"]).is_valid(wrong)
 
 
 def test_the_command_prints_the_schema(capsys: pytest.CaptureFixture[str]):

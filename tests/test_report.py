@@ -587,7 +587,7 @@ def test_a_sweep_of_one_key_is_a_line_and_of_three_a_table(
 
 def test_a_sweep_as_it_was_computed_opens(tmp_path: Path):
     out = tmp_path / "out"
-    over = ["--over", "worm.load=[10, 20]", "--over", "gait.elongation=[0.1, 0.15, 0.2]"]
+    over = ["--over", "worm.load=[30, 40]", "--over", "gait.elongation=[0.1, 0.15, 0.2]"]
     asked = ["sweep", "fast_gait", *over, "-o", str(out), "--engine", "serial", "--no-plots"]
     assert main([*asked, "--quiet"]) == 0
     page = page_of(out, tmp_path)

@@ -40,7 +40,8 @@ def listed(group: str, *, quick: bool) -> list[Any]:
 
 @pytest.mark.parametrize("group", GROUPS)
 def test_some_cases_of_each_kind_are_right(group: str):
-    for case in listed(group, quick=True)[::2]:
+    first = {case.group: case for case in reversed(listed(group, quick=True))}
+    for case in first.values():
         if case.group not in LONG:
             found = case.judge()
             assert found.verdict == "right", found

@@ -62,6 +62,28 @@ SCENES = {
     ],
     "gait_shift": ['units="SI"', "way.goal=12.0"],
     "gait_region": ['units="SI"'],
+    "certified_gait": [
+        'units="SI"', 'search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1",
+        "search.certify.gap=1e-2",
+    ],
+    "body_in_film": [
+        'units="SI"', "course.periods=3.0", "course.samples=301",
+        "film.fluid={mu_r=1.05, viscosity=0.02, density=1200.0, surface_tension=0.03, depth=1e-4, "
+        "wavelength=0.02, frequency=5.0}",
+        'body={on="ground", height=0.3, density=2700.0, friction_coefficient=0.4}',
+    ],
+    "planar_turn_in_place": ['units="SI"'],
+    "planar_purcell": [
+        'units="SI"',
+        'stroke={course="polygon",corners=[[1.0,1.0],[-1.0,1.0],[-1.0,-1.0],[1.0,-1.0]]}',
+    ],
+    "planar_chain": ['units="SI"', "time.end=3.0", "time.samples=101"],
+    "planar_block": ['units="SI"'],
+    "peristaltic_tube": ["course.cycles=2", "course.settle=1"],
+    "tracker_readings": [
+        'units="SI"', "readings.period=[1]", "readings.growth=[1]", 'readings.signs=["printed"]',
+        "readings.rest_length=[0]", "time.samples=41",
+    ],
     "fit_chain": [],
     "fit_pair": [],
     "fit_channel_worm": [],

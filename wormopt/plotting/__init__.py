@@ -190,8 +190,8 @@ def _form(path: Path, *, moves: bool) -> str:
 def _entitle(drawn: Figure, result: Result, height: float | None, title: bool) -> None:
     """Put title and facts above a picture, which grows by them where no height is asked for."""
     canvas = FigureCanvasAgg(drawn)
-    known = drawn.findobj(lambda artist: artist.get_label() == FACTS)
-    facts = "; ".join(text.get_text() for text in known if isinstance(text, Text))
+    known = [text for text in drawn.texts if text.get_label() == FACTS]
+    facts = "; ".join(text.get_text() for text in known)
     for text in known:
         text.remove()
     rows: list[tuple[Sequence[str], str, dict[str, Any]]] = []

@@ -47,7 +47,7 @@ def report(
     >>> import wormopt as wo
     >>> with TemporaryDirectory() as folder:
     ...     page = Path(folder) / "report.html"
-    ...     wo.report(wo.run("fast_gait"), page)
+    ...     wo.report(wo.run("fast_gait", {"want": []}), page)
     ...     "Fast gait (15) of a three-mass worm" in page.read_text("utf-8")
     True
     """

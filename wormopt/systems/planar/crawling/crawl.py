@@ -44,11 +44,11 @@ class Crawl:
     --------
     >>> import wormopt as wo
     >>> from wormopt.model.planar_friction import Elliptic
-    >>> worm = wo.planar.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-    >>> circle = wo.planar.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
-    >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), circle)
+    >>> worm = wo.planar.chain_shape(2, lengths=(1.0, 1.0))
+    >>> to_and_fro = wo.planar.Harmonics([0.7], cosine=[[0.5]], sine=[[0.0]])
+    >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), to_and_fro)
     >>> len(found.phases), round(found.work, 6)
-    (11, 17.014476)
+    (1, 3.794466)
     """
 
     phases: tuple[Phase, ...]

@@ -86,12 +86,12 @@ def crawl_gradient(found: Crawl, strokes: Sequence[Stroke] = ()) -> CrawlGradien
     --------
     >>> import wormopt as wo
     >>> from wormopt.model.planar_friction import Elliptic
-    >>> worm = wo.planar.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-    >>> circle = wo.planar.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
-    >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), circle)
-    >>> slopes = wo.planar.crawl_gradient(found, [circle])
+    >>> worm = wo.planar.chain_shape(2, lengths=(1.0, 1.0))
+    >>> to_and_fro = wo.planar.Harmonics([0.7], cosine=[[0.5]], sine=[[0.0]])
+    >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), to_and_fro)
+    >>> slopes = wo.planar.crawl_gradient(found, [to_and_fro])
     >>> slopes.stroke.shape, slopes.ground.shape
-    ((1, 4), (4, 3, 4))
+    ((1, 4), (3, 3, 4))
     """
     stroke = found.course.stroke
     for one in strokes:
