@@ -27,6 +27,7 @@ from wormopt.model.model import Contact, Model, Output, Signal, Switch, pack
 from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
+from wormopt.simulation.call import Call
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.pair.averaged import averaged_pair
 from wormopt.systems.pair.exact import magnetic_pair
@@ -62,8 +63,9 @@ class Brute:
         self.model, self.laws, self.period = model, laws, period
         scheduled = [s for each in model.schedules for s in (each.begin, each.symbol)]
         given = [model.t, pack(model.x), ca.vertcat(ca.SX(0, 1), *scheduled), pack(model.p)]
-        self._ode = ca.Function("f", [*given, model.forces], [model.ode])
-        self._velocity = ca.Function("v", given, [model.contact_velocities])
+        ode, velocities = ca.densify(model.ode), ca.densify(model.contact_velocities)
+        self._ode = Call(ca.Function("f", [*given, model.forces], [ode]))
+        self._velocity = Call(ca.Function("v", given, [velocities]))
         self._p = signal_values(model.p, None, "parameter")
 
     def _scheduled(self, t: float) -> np.ndarray:
@@ -74,14 +76,14 @@ class Brute:
         return np.concatenate([np.zeros(0), *found])
 
     def velocities(self, x: np.ndarray, t: float) -> np.ndarray:
-        return np.array(self._velocity(t, x, self._scheduled(t), self._p)).ravel()
+        return self._velocity(t, x, self._scheduled(t), self._p)[0].copy()
 
     def rate(self, x: np.ndarray, t: float, signs: np.ndarray) -> np.ndarray:
         slips = [
             float(law.slip_force(v, 1 if sign > 0 else -1))
             for law, v, sign in zip(self.laws, self.velocities(x, t), signs, strict=True)
         ]
-        return np.array(self._ode(t, x, self._scheduled(t), self._p, slips)).ravel()
+        return self._ode(t, x, self._scheduled(t), self._p, slips)[0].copy()
 
     def pieces(
         self, state: Callable[[float], np.ndarray], also: Sequence[float] = ()
