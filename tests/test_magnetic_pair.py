@@ -222,6 +222,8 @@ detuning = 0.5
 [pair]
 eps = 0.05
 friction = {kind = "coulomb", forward = 0.5, backward = 1.0}
+[averaging]
+nodes = 8
 [course]
 periods = 4
 """
