@@ -27,6 +27,7 @@ from wormopt.model.model import Contact, Model, Output, Signal, Switch, pack
 from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
+from wormopt.simulation.call import Call
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.pair.averaged import averaged_pair
 from wormopt.systems.pair.exact import magnetic_pair
@@ -62,8 +63,9 @@ class Brute:
         self.model, self.laws, self.period = model, laws, period
         scheduled = [s for each in model.schedules for s in (each.begin, each.symbol)]
         given = [model.t, pack(model.x), ca.vertcat(ca.SX(0, 1), *scheduled), pack(model.p)]
-        self._ode = ca.Function("f", [*given, model.forces], [model.ode])
-        self._velocity = ca.Function("v", given, [model.contact_velocities])
+        ode, velocities = ca.densify(model.ode), ca.densify(model.contact_velocities)
+        self._ode = Call(ca.Function("f", [*given, model.forces], [ode]))
+        self._velocity = Call(ca.Function("v", given, [velocities]))
         self._p = signal_values(model.p, None, "parameter")
 
     def _scheduled(self, t: float) -> np.ndarray:
@@ -74,14 +76,14 @@ class Brute:
         return np.concatenate([np.zeros(0), *found])
 
     def velocities(self, x: np.ndarray, t: float) -> np.ndarray:
-        return np.array(self._velocity(t, x, self._scheduled(t), self._p)).ravel()
+        return self._velocity(t, x, self._scheduled(t), self._p)[0].copy()
 
     def rate(self, x: np.ndarray, t: float, signs: np.ndarray) -> np.ndarray:
         slips = [
             float(law.slip_force(v, 1 if sign > 0 else -1))
             for law, v, sign in zip(self.laws, self.velocities(x, t), signs, strict=True)
         ]
-        return np.array(self._ode(t, x, self._scheduled(t), self._p, slips)).ravel()
+        return self._ode(t, x, self._scheduled(t), self._p, slips)[0].copy()
 
     def pieces(
         self, state: Callable[[float], np.ndarray], also: Sequence[float] = ()
@@ -459,7 +461,7 @@ def test_reversals_of_random_shapes(cos: list[float], sin: list[float], v: float
         return
     model = shaped(Coulomb(0.0, 1.0), cosines.tolist(), sines.tolist())
     found = rates_of(average(model, 2 * np.pi), scale=scale)([v])[0]
-    t = (np.arange(40_000) + 0.5) / 40_000 * 2 * np.pi
+    t = (np.arange(10_000) + 0.5) / 10_000 * 2 * np.pi
     turn = np.outer(np.arange(1, count + 1), t)
     values = v + scale * (cosines @ np.cos(turn) + sines @ np.sin(turn))
     # every reversal is within a point of the grid, and so is a dip that falls between two points

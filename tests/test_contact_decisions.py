@@ -164,12 +164,15 @@ def test_compiled_steps_stop_what_is_held_themselves(
     assert [(e.name, e.kind) for e in motion.events] == [("kick", "switch"), *hit]
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_many_that_act_on_each_other_are_let_go_one_by_one(route: Route):
-    """Twelve contacts, each pushed with more than they hold: as many decisions at one instant."""
-    v, f = ca.SX.sym("v", 12), ca.SX.sym("f", 12)
-    G, push = np.eye(12) + 0.01, np.linspace(3.0, 4.0, 12)
-    grounds = [Contact(f"foot {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(12)]
+@pytest.mark.parametrize(
+    ("route", "n"),
+    [("native", 7), ("python", 12), pytest.param("native", 12, marks=pytest.mark.slow)],
+)
+def test_many_that_act_on_each_other_are_let_go_one_by_one(route: Route, n: int):
+    """Each contact is pushed with more than it holds: as many decisions at one instant."""
+    v, f = ca.SX.sym("v", n), ca.SX.sym("f", n)
+    G, push = np.eye(n) + 0.01, np.linspace(3.0, 4.0, n)
+    grounds = [Contact(f"foot {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(n)]
     states = [Signal("v", v, value=0.0)]
     model = Model("many", states, ca.DM(push) + ca.DM(G) @ f, contacts=grounds)
     motion = simulate(model, 1.0, route=route)
@@ -344,8 +347,17 @@ def pushed(order: int) -> Model:
     return Model("pushed", states, ode, t=t, p=numbers, contacts=grounds[::order])
 
 
-@pytest.mark.parametrize("route", ROUTES)
-@pytest.mark.parametrize(("seed", "order"), [(61, -1), (106, 1), (106, -1), (430, 1)])
+SWINGING = [(61, -1), (106, 1), (106, -1), (430, 1)]  # seeds and orders
+
+
+@pytest.mark.parametrize(
+    ("seed", "order", "route"),
+    [
+        *((seed, order, "native") for seed, order in SWINGING),
+        (*SWINGING[1], "python"),
+        *(pytest.param(*SWINGING[i], "python", marks=pytest.mark.slow) for i in (0, 2, 3)),
+    ],
+)
 def test_what_is_held_is_not_let_go_by_a_force_that_swings_round(
     seed: int, order: int, route: Route, monkeypatch: pytest.MonkeyPatch
 ):

@@ -651,7 +651,7 @@ def test_a_ball_never_falls_through_a_floor_that_it_cannot_hit_exactly(
         route=route,
         x0={"h": floor + 4 * digit},
         p={"kept": kept, "floor": floor, "above": share * digit},
-        tolerance=Tolerance(max_steps=2000),
+        tolerance=Tolerance(max_steps=2000 if route == "native" else 500),
     )
     assert code in ("events_accumulate", "too_many_steps")
     assert motion.end[0] >= floor - 4 * digit
@@ -672,7 +672,8 @@ def test_a_guard_that_comes_back_to_0_and_no_higher_may_fire_there_on_either_sid
     unit: float, route: Route
 ):
     """Whether it fires is a matter of errors, by which it moves no more than by their root."""
-    for height in np.random.default_rng(0).uniform(0.1, 0.9, 20):
+    heights = np.random.default_rng(0).uniform(0.1, 0.9, 20 if route == "native" else 6)
+    for height in heights:
         motion = simulate(
             swinging_against_a_wall(),
             40.0,

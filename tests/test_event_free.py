@@ -1,6 +1,7 @@
 """Steps without events, against motions known in closed form and against located events."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -21,13 +22,19 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.proof import cross_check
 
+SPIKE = Spike()
 
-def driven(
-    count: int = 1, *, spring: float = 0.0, stiction: float = 1.0, law: Any = None, speed: float = 0
-) -> Model:
-    """Masses on springs and dry ground, of friction mu, each pulled by a cosine."""
+
+@cache
+def driven(count: int = 1, law: Any = None) -> Model:
+    """Masses on springs and dry ground, of friction mu, each pulled by a cosine.
+
+    Everything is a parameter or a start: the model is compiled once.
+    """
     x, v, rubbed = (ca.SX.sym(name, count) for name in ("x", "v", "rubbed"))
-    mu, pull = ca.SX.sym("mu"), ca.SX.sym("pull")
+    values = {"mu": 0.4, "pull": 1.0, "spring": 0.0, "stiction": 1.0}
+    p = [Signal(name, ca.SX.sym(name), value=value) for name, value in values.items()]
+    mu, pull, spring, stiction = (s.symbol for s in p)
     t: ca.SX = ca.SX.sym("t")
     law = law or Coulomb(mu, 2 * mu, stiction * mu, 2 * stiction * mu)
     springs = ca.SX.zeros(count)
@@ -38,10 +45,10 @@ def driven(
     pulls = ca.vertcat(*(pull * ca.cos(t + i) for i in range(count)))
     return Model(
         "driven",
-        x=[Signal("x", x, value=0.0), Signal("v", v, value=speed)],
+        x=[Signal("x", x, value=0.0), Signal("v", v, value=0.0)],
         ode=ca.vertcat(v, springs + pulls + rubbed),
         t=t,
-        p=[Signal("mu", mu, value=0.4), Signal("pull", pull, value=1.0)],
+        p=p,
         contacts=[Contact(f"ground_{i}", v[i], rubbed[i], law) for i in range(count)],
     )
 
@@ -58,15 +65,15 @@ def apart(motion: Trajectory, found: Ending) -> float:
 @given(st.floats(0.1, 3.0), st.floats(0.1, 2.0))
 @settings(max_examples=examples(30), deadline=None)
 def test_a_sliding_mass_stops_where_its_energy_is_spent(speed: float, mu: float):
-    model = driven(speed=speed)
-    motion = simulate(model, 1.3 * speed / mu, p={"mu": mu, "pull": 0.0})
+    p = {"mu": mu, "pull": 0.0}
+    motion = simulate(driven(), 1.3 * speed / mu, x0={"v": speed}, p=p)
     found = ending(motion, np.array([0.0, speed]), 1e-10)
     assert found.end == pytest.approx([speed**2 / (2 * mu), 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("stiction", [1.0, 1.7])
 def test_events_leave_the_order_two(stiction: float):
-    motion = simulate(driven(stiction=stiction), 30.0, tolerance=Tolerance(1e-13, 1e-13))
+    motion = simulate(driven(), 30.0, p={"stiction": stiction}, tolerance=Tolerance(1e-13, 1e-13))
     assert len(motion.events) > 8
     march, counts = _march(motion), 64 * np.array([64, 128, 256, 512, 1024])
     errors = [np.max(np.abs(march(np.zeros(2), int(n)) - motion.end)) for n in counts]
@@ -80,8 +87,8 @@ def test_events_leave_the_order_two(stiction: float):
 def test_ends_of_located_events_are_found_again(
     mu: float, pull: float, stiction: float, spring: float, data: st.DataObject
 ):
-    model = driven(3, spring=spring, stiction=stiction, speed=data.draw(st.floats(-1, 1)))
-    motion, found = ended(model, 12.0, p={"mu": mu, "pull": pull})
+    p = {"mu": mu, "pull": pull, "spring": spring, "stiction": stiction}
+    motion, found = ended(driven(3), 12.0, x0={"v": data.draw(st.floats(-1, 1))}, p=p)
     assert found.doubt < 1e-5
     assert apart(motion, found) < max(5 * found.doubt, 1e-9)
 
@@ -89,7 +96,7 @@ def test_ends_of_located_events_are_found_again(
 @given(st.floats(0.2, 3.0))
 @settings(max_examples=examples(15), deadline=None)
 def test_spikes_never_slide_back_and_are_known_as_well(pull: float):
-    motion, found = ended(driven(2, spring=1.0, law=Spike()), 15.0, p={"pull": pull})
+    motion, found = ended(driven(2, SPIKE), 15.0, p={"pull": pull, "spring": 1.0})
     assert found.end[2:].min() >= 0
     assert apart(motion, found) < max(5 * found.doubt, 1e-9)
 
@@ -160,9 +167,15 @@ def test_what_steps_without_events_do_not_know_is_refused():
 
 
 @pytest.mark.parametrize(
-    "scene", ["stiction", "three_masses_harmonic", "fig13_magnetic_pair", "spiked_chain"]
+    ("scene", "shorter"),
+    [
+        ("stiction", ["time.end=10"]),
+        ("three_masses_harmonic", ["course.periods=10"]),
+        ("fig13_magnetic_pair", ["course.end=10", "averaging.nodes=8"]),
+        ("spiked_chain", ["time.end=2"]),
+    ],
 )
-def test_scenes_take_the_route_that_shares_the_model_only(scene: str):
-    result = wo.run(wo.load_scene(scene, ['tolerance.recheck="independent"']))
+def test_scenes_take_the_route_that_shares_the_model_only(scene: str, shorter: list[str]):
+    result = wo.run(wo.load_scene(scene, ['tolerance.recheck="independent"', *shorter]))
     assert result.status == "ok"
     assert "steps without events" in str(dict(result.trust))

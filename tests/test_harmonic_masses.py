@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +45,11 @@ COULOMB = Coulomb(0.003, 0.01)
 WEAK = Stribeck(0.001, 0.001, stick_forward=0.03, stick_backward=0.03, v_stribeck=0.8)
 
 
-def solved(*changes: str) -> Result:
+def solved_anew(*changes: str) -> Result:
     return wo.run(load_scene(SCENE, changes))
+
+
+solved = cache(solved_anew)
 
 
 def value(result: Result, name: str) -> Any:
@@ -343,7 +347,8 @@ def by_hand(cosines: np.ndarray, sines: np.ndarray, law: Any, V: float) -> tuple
 
 @pytest.mark.parametrize("forward", [0.006, 0.015])
 def test_the_exact_motion_against_one_by_hand(forward: float):
-    result = solved(f"worm.friction.forward={forward}")
+    of_the_scene = forward == 0.006
+    result = solved() if of_the_scene else solved(f"worm.friction.forward={forward}")
     law, cosines, sines = Coulomb(forward, 0.02), np.cos(THIRDS), np.sin(THIRDS)
     start = root_scalar(
         lambda V: by_hand(cosines, sines, law, V)[0] - V, bracket=(0.1, 0.9), xtol=1e-13
@@ -509,7 +514,7 @@ def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.Monkey
     monkeypatch.setattr(Runner, "orbit", orbit)
     law = 'worm.friction={kind="stribeck", forward=0.001, backward=0.001, stick_forward=0.03, '
     law += "stick_backward=0.03, v_stribeck=0.8}"
-    result = solved(law, "course.velocity=0.1", "course.periods=2")
+    result = solved_anew(law, "course.velocity=0.1", "course.periods=2")
     assert result.status == "ok"
     back, rest, ahead = value(result, "exact_velocities")
     assert rest is None
@@ -517,7 +522,7 @@ def test_an_orbit_nobody_chose_takes_no_other_with_it(monkeypatch: pytest.Monkey
     assert "center" in {variable.name for variable in result.variables}
     assert any("no exact motion was found at the steady" in t for t in result.trust["warnings"])
     # the one chosen is needed
-    chosen = solved(law, "course.velocity=0", "course.periods=2")
+    chosen = solved_anew(law, "course.velocity=0", "course.periods=2")
     assert chosen.status == "failed"
     assert "none here" in chosen.reason
     assert "center" in {variable.name for variable in chosen.variables}
@@ -528,7 +533,7 @@ def test_without_recheck_there_is_none_and_a_warning(monkeypatch: pytest.MonkeyP
         raise AssertionError
 
     monkeypatch.setattr("wormopt.systems.shared.proof.simulate", never)
-    result = solved("tolerance.recheck=false", "course.periods=80")
+    result = solved_anew("tolerance.recheck=false")
     assert result.status == "ok"
     assert value(result, "recheck_error") is None
     assert result.trust["exact"]["recheck"] is None
@@ -588,7 +593,7 @@ def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatc
 
     honest = steadies.cross_check
     monkeypatch.setattr(steadies, "cross_check", elsewhere)
-    result = solved()
+    result = solved_anew()
     assert result.status == "failed"
     assert "ends elsewhere" in result.reason
     assert failed_checks(result) == ["second route"]
@@ -597,12 +602,12 @@ def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatc
 def test_too_few_nodes_fail(tmp_path: Path):
     law = 'worm.friction={kind="stribeck", forward=0.002, backward=0.004, stick_forward=0.02, '
     law += "stick_backward=0.03, v_stribeck=0.05}"
-    result = solved(law, "averaging.nodes=4")
+    options = ["--set", law, "--set", "averaging.nodes=4", "--quiet", "-o", str(tmp_path / "out")]
+    assert main(["run", SCENE, *options]) == 3
+    result = Result.load(tmp_path / "out")
     assert result.status == "failed"
     assert "larger averaging.nodes" in result.reason
     assert "averages on twice as many nodes" in failed_checks(result)
-    options = ["--set", law, "--set", "averaging.nodes=4", "--quiet", "-o", str(tmp_path / "out")]
-    assert main(["run", SCENE, *options]) == 3
 
 
 def test_masses_that_hand_their_rest_on_fail_with_what_was_found():
@@ -642,7 +647,7 @@ def test_averages_that_disagree_with_the_exact_motion_fail(monkeypatch: pytest.M
 
     honest = SlowVelocity.rate
     monkeypatch.setattr(SlowVelocity, "rate", wrong)
-    result = solved()
+    result = solved_anew()
     assert result.status == "failed"
     assert "the closed form is" in result.reason
     assert "exact mean velocity is not that of second-order averaging" in result.reason

@@ -6,8 +6,9 @@ smooth law and Moreau-Jean stepping.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -27,7 +28,7 @@ Load = Callable[[ca.SX], ca.SX]
 
 def body(
     points: np.ndarray,
-    laws: list[Elliptic],
+    laws: Sequence[Elliptic],
     load: Load,
     v0: tuple[float, ...] = (0.0, 0.0, 0.0),
     *,
@@ -84,7 +85,15 @@ def critical(
 
 ROD = np.array([[0.5, 0.0], [-0.5, 0.0]])
 TRIPOD = np.array([[0.0, 1.0], [-0.9, -0.5], [0.8, -0.6]])
+ROUND = (Elliptic(1.0, 1.0, 1.0), Elliptic(3.0, 3.0, 3.0))
 RING = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(12) / 12])
+
+
+@cache
+def pushed(laws: tuple[Elliptic, ...]) -> Model:
+    """The rod under a constant load, a parameter."""
+    push = ca.SX.sym("push", 3)
+    return replace(body(ROD, laws, lambda _: push), p=[Signal("push", push, value=0.0)])
 
 
 def releases(motion: Trajectory) -> dict[str, float]:
@@ -94,8 +103,7 @@ def releases(motion: Trajectory) -> dict[str, float]:
 @pytest.mark.parametrize("route", ROUTES)
 def test_a_rod_pulled_along_holds_what_both_ends_hold(route: Route):
     """Ends of 1 and 3 share a load until 4; then x'' = (t - 4) / 2."""
-    laws: list[Elliptic] = [Elliptic(F, F, F) for F in (1.0, 3.0)]
-    rod = body(ROD, laws, lambda t: ca.vertcat(t, 0, 0))
+    rod = body(ROD, ROUND, lambda t: ca.vertcat(t, 0, 0))
     motion = simulate(rod, 5.0, route=route)
     assert releases(motion) == pytest.approx({"point 0": 4.0, "point 1": 4.0}, abs=1e-9)
     assert motion.end[[0, 4]] == pytest.approx([1 / 12, 1 / 4], abs=1e-9)
@@ -108,15 +116,14 @@ def test_a_rod_pulled_from_the_start_slips_at_once_if_its_ends_do_not_hold_it(
     pull: float, route: Route
 ):
     """Ends of 1 and 3 share the load; then x'' = (pull - 4) / 2."""
-    laws: list[Elliptic] = [Elliptic(F, F, F) for F in (1.0, 3.0)]
-    motion = simulate(body(ROD, laws, lambda _: ca.SX([pull, 0, 0])), 1.0, route=route)
+    motion = simulate(pushed(ROUND), 1.0, p={"push": [pull, 0, 0]}, route=route)
     assert not motion.events
     rate = max(pull - 4, 0.0) / 2
     assert motion.end[[0, 4]] == pytest.approx([rate / 2, rate], abs=1e-9)
     assert motion.end[[1, 2, 3, 5, 6]] == pytest.approx([0, 0, 1, 0, 0], abs=1e-9)
 
 
-ELLIPSES: list[Elliptic] = [Elliptic(1.0, 1.0, 2.0), Elliptic(1.5, 1.5, 1.2)]
+ELLIPSES = (Elliptic(1.0, 1.0, 2.0), Elliptic(1.5, 1.5, 1.2))
 
 
 def largest(load: tuple[float, ...]) -> float:
@@ -156,28 +163,34 @@ def test_a_rod_rests_if_any_split_holds_its_load(
     load: tuple[float, ...], share: float, rests: bool
 ):
     """One of the two would have to give way if each held what falls to it by stiffness."""
-    push = ca.SX(share * largest(load) * ca.DM(load))
-    motion = simulate(body(ROD, ELLIPSES, lambda _: push), 0.1, route="python")
+    push = share * largest(load) * np.array(load)
+    motion = simulate(pushed(ELLIPSES), 0.1, p={"push": push}, route="python")
     assert (not motion.modes[0, 1:3].any()) == rests
     assert (np.abs(motion.end[4:7]).max() < 1e-12) == rests
     assert not motion.events
 
 
-@pytest.mark.parametrize("first", [0, 1])
-def test_of_two_rods_one_slips_and_the_other_rests(first: int):
-    """Their ends hold 4 together; one is pulled by t, the other by half of it."""
-    laws: list[Elliptic] = [Elliptic(F, F, F) for F in (1.0, 3.0)]
-    pulls = [1.0, 0.5] if first == 0 else [0.5, 1.0]
-    rods = [body(ROD, laws, lambda t, pull=pull: ca.vertcat(pull * t, 0, 0)) for pull in pulls]
-    both = Model(
+@cache
+def two_rods() -> Model:
+    """Two rods, each pulled by a multiple of time."""
+    pulls = ca.SX.sym("pulls", 2)
+    rods = [body(ROD, ROUND, lambda t, i=i: ca.vertcat(pulls[i] * t, 0, 0)) for i in range(2)]
+    return Model(
         "rods",
         [replace(x, name=f"{x.name} {i}") for i, rod in enumerate(rods) for x in rod.x],
         ca.vertcat(*(rod.ode for rod in rods)),
         contacts=[
             replace(c, name=f"{c.name} of {i}") for i, rod in enumerate(rods) for c in rod.contacts
         ],
+        p=[Signal("pulls", pulls, value=0.0)],
     )
-    motion = simulate(both, 5.0, route="python")
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_rods_one_slips_and_the_other_rests(first: int):
+    """Their ends hold 4 together; one is pulled by t, the other by half of it."""
+    pulls = [1.0, 0.5] if first == 0 else [0.5, 1.0]
+    motion = simulate(two_rods(), 5.0, p={"pulls": pulls}, route="python")
     slips = {f"point {k} of {first}": 4.0 for k in (0, 1)}
     assert releases(motion) == pytest.approx(slips, abs=1e-9)
     assert motion.end[8 * first] == pytest.approx(1 / 12, abs=1e-9)

@@ -198,13 +198,12 @@ def test_wrong_keys_are_told(change: str, key: str, message: str, capsys: Any):
 
 
 def test_a_body_that_does_not_reach_over_the_coils(tmp_path: Path, capsys: Any):
-    changes = ["rod.elements=24", "worm.length=12e-3", "rod.ampere_turns=500"]
-    with pytest.raises(SolveError, match="does not reach over the coils") as caught:
-        run(*changes)
-    assert caught.value.code == "no_segment"
+    changes = ["rod.elements=20", "worm.length=12e-3", "rod.ampere_turns=500"]
     sets = [word for change in changes for word in ("--set", change)]
     assert main(["run", "segment_shapes", "--quiet", "-o", str(tmp_path / "out"), *sets]) == 3
-    assert "rod.on" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "does not reach over the coils" in told
+    assert "rod.on" in told
 
 
 @pytest.mark.slow

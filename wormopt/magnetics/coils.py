@@ -252,10 +252,13 @@ class CoilRow:
         if not least > 0:
             raise ArgumentError("a coil lies inside the fluid: a point is in a winding")
         values = self.check_currents(currents)
-        one = _slopes(self.coil, self.axis, self.coil.nodes(float(least)))
+        nodes = self.coil.nodes(float(least))
+        one = _slopes(self.coil, self.axis, nodes).map(points.shape[1])
         H, J = np.zeros((3, points.shape[1])), np.zeros((3, 3, points.shape[1]))
         for k, middle in self._middles():
-            strength, slopes = one.map(points.shape[1])(points - middle[:, None])
+            if values[k] == 0:
+                continue
+            strength, slopes = one(points - middle[:, None])
             H += values[k] * np.asarray(strength)
             # CasADi sets the Jacobians of the points side by side
             J += values[k] * np.asarray(slopes).reshape(3, -1, 3).transpose(0, 2, 1)

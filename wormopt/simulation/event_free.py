@@ -38,8 +38,8 @@ from wormopt.simulation.trajectory import Trajectory
 _STRIDE, _FIRST = 64, 32
 # Speeds below this share of what a step could change are rest, but for rounding.
 _AT_REST = 1e-10
-# Sweeps over contacts that act on one another.
-_SWEEPS = 60
+# Sweeps over contacts that act on one another; after each so many, they end if nothing changes.
+_SWEEPS = (4, 8, 16, 32)
 # Ends are extrapolated where their changes fall with the power two, to so much; then such a share
 # of the last change counts as unknown, as extrapolations may agree by chance.
 _LIKE_TWO, _CHANCE = 0.3, 0.1
@@ -127,7 +127,7 @@ def _march(motion: Trajectory) -> Callable[[np.ndarray, int], np.ndarray]:
     ends = ends[np.diff(ends, prepend=-np.inf) > 1e-13 * max(abs(end), end - start)]
 
     def march(x0: np.ndarray, count: int) -> np.ndarray:
-        state = np.concatenate([x0, np.zeros(model.forces.numel()), [start]])
+        state = ca.DM(np.concatenate([x0, np.zeros(model.forces.numel()), [start]]))
         for a, b in pairwise(ends.tolist()):
             strides = int(np.ceil(count / _STRIDE * (b - a) / (end - start)))
             begun = [schedule.locate(np.array([(a + b) / 2])) for schedule in motion.schedules]
@@ -135,12 +135,13 @@ def _march(motion: Trajectory) -> Callable[[np.ndarray, int], np.ndarray]:
                 np.append(begin[0], schedule.values[piece[0]])
                 for schedule, (begin, piece) in zip(motion.schedules, begun, strict=True)
             ]
-            given = np.concatenate([fixed, *scheduled, [(b - a) / (strides * _STRIDE)]])
-            for _ in range(strides):
-                with interruptible():
-                    state = np.array(stride(state, given)).ravel()
+            h = (b - a) / (strides * _STRIDE)
+            given = ca.DM(np.concatenate([fixed, *scheduled, [h]]))
+            with interruptible():
+                for _ in range(strides):
+                    state = stride(state, given)
             state[-1] = b
-        return state[: len(x0)]
+        return np.array(state[: len(x0)]).ravel()
 
     return march
 
@@ -166,48 +167,70 @@ def _stride(model: Model) -> ca.Function:
     free = at(velocity, t + h, loose, none)
     speeds = velocity, at(velocity, half, middle, none), free
     rates = ca.jacobian(velocity, x) @ model.ode + ca.jacobian(velocity, t)
-    force = _forces(model.contacts, response, speeds, (forces, rates), h)
-    after = loose + h * pushes @ force
-    for switch in model.switches:
-        later = at(switch.guard, t + h, after, none)
-        share = _ratio(switch.guard, switch.guard - later)  # of the step, to where it switches
-        reset = at(switch.reset, t + share * h, x + share * (after - x), none)
-        rest = (1 - share) * h * at(model.ode, t + share * h, reset, force)
-        after = ca.if_else(ca.logic_and(switch.guard < 0, later >= 0), reset + rest, after)
-    state = ca.vertcat(x, forces, t)
-    step = ca.Function(
-        "step", [state, ca.vertcat(*given, h)], [ca.vertcat(after, force, t + h)], {"cse": True}
-    )
+    state, given = ca.vertcat(x, forces, t), ca.vertcat(*given, h)
+
+    def end(force: ca.SX) -> ca.SX:
+        after = loose + h * pushes @ force
+        for switch in model.switches:
+            later = at(switch.guard, t + h, after, none)
+            share = _ratio(switch.guard, switch.guard - later)  # of the step, to where it switches
+            reset = at(switch.reset, t + share * h, x + share * (after - x), none)
+            rest = (1 - share) * h * at(model.ode, t + share * h, reset, force)
+            after = ca.if_else(ca.logic_and(switch.guard < 0, later >= 0), reset + rest, after)
+        return ca.vertcat(after, force, t + h)
+
+    read, tidy = [response, *speeds, rates], {"cse": True}
+    if response.sparsity().nnz() == forces.numel():  # no contact acts on another one
+        force = _sweep(model.contacts, none, forces, read, h)
+        step = ca.Function("step", [state, given], [end(force)], tidy)
+    else:
+        prepare = ca.Function("prepare", [state, given], read, tidy)
+        symbols = [ca.SX.sym("read", part.sparsity()) for part in read]
+        force: ca.SX = ca.SX.sym("force", forces.numel())
+        swept = _sweep(model.contacts, force, forces, symbols, h)
+        sweep = ca.Function("sweep", [force, *symbols, state, given], [swept], tidy)
+        finish = ca.Function("finish", [force, state, given], [end(force)], tidy)
+        own = [ca.MX.sym("state", state.numel()), ca.MX.sym("given", given.numel())]
+        begun = ca.MX.zeros(forces.numel())
+        found = _settled(sweep)(begun, *prepare.call(own), *own)
+        step = ca.Function("step", own, [finish(found, *own)])
     assert step.size1_out(0) == n_x + forces.numel() + 1
     return repeated(step, _STRIDE)
 
 
-def _forces(
-    contacts: Sequence[Contact],
-    response: ca.SX,
-    speeds: tuple[ca.SX, ca.SX, ca.SX],
-    last: tuple[ca.SX, ca.SX],
-    h: ca.SX,
-) -> ca.SX:
-    """Mean forces over a step.
+def _settled(sweep: ca.Function) -> ca.Function:
+    """Forces after `_SWEEPS` sweeps, or after fewer if the next ones would change nothing."""
+    symbols = sweep.mx_in()
+    settled = same = ca.Function("same", symbols, [symbols[0]])
+    for count in reversed(_SWEEPS):
+        found = last = symbols[0]
+        for _ in range(count):
+            last, found = found, sweep(found, *symbols[1:])
+        changes = ca.sum1(found != last) > 0
+        further = ca.Function.if_else("further", settled, same)
+        settled = ca.Function("settled", symbols, [further(changes, found, *symbols[1:])])
+    return settled
 
-    `response` of velocities to impulses; `speeds` before it, about its middle, and after it if
-    there were no forces; `last`: mean forces over the step before, and rates of speeds by them.
+
+def _sweep(
+    contacts: Sequence[Contact], start: ca.SX, begin: ca.SX, read: Sequence[ca.SX], h: ca.SX
+) -> ca.SX:
+    """Mean forces over a step after one sweep over the contacts, of those of the sweep before.
+
+    `begin`: mean forces over the step before. `read`: response of velocities to impulses;
+    velocities before the step, about its middle, and after it if there were no forces; their rates
+    by the forces of the step before.
     """
-    (before, middle, free), (forces, rates) = speeds, last
-    size, force = free.numel(), ca.SX.zeros(free.numel())
-    coupled = response.sparsity().nnz() > size
-    for _ in range(_SWEEPS if coupled else 1):
-        first = 0
-        for contact in contacts:
-            rows = slice(first, first + contact.force.numel())
-            own = largest(response[rows, rows])
-            left = free[rows] + h * (response[rows, :] @ force - own * force[rows])
-            hold = -left / (h * own)
-            rest = (left - before[rows]) / (h * own)  # what would be left to hold at rest
-            begin = forces[rows] - rates[rows] / own
-            force[rows] = _mean(contact.law, hold, -rest, begin, middle[rows])
-            first = rows.stop
+    (response, before, middle, free, rates), force = read, ca.SX(start)
+    first = 0
+    for contact in contacts:
+        rows = slice(first, first + contact.force.numel())
+        own = largest(response[rows, rows])
+        left = free[rows] + h * (response[rows, :] @ force - own * force[rows])
+        hold = -left / (h * own)
+        rest = (left - before[rows]) / (h * own)  # what would be left to hold at rest
+        force[rows] = _mean(contact.law, hold, -rest, begin[rows] - rates[rows] / own, middle[rows])
+        first = rows.stop
     return force
 
 

@@ -14,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import itemgetter
 
 import casadi as ca
 import numpy as np
 from scipy.optimize import minimize, nnls
-from scipy.sparse.csgraph import connected_components
 
 from wormopt.model.model import Contact
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
@@ -98,10 +98,8 @@ class Sharing:
         together = np.abs(null @ null.T) > _NOTHING
         owner = self._row_contact[rows]
         together |= owner[:, None] == owner
-        count, label = connected_components(together, directed=False)
         found = []
-        for k in range(count):
-            own = label == k
+        for own in _components(together):
             left, sizes, _ = np.linalg.svd(null[own], full_matrices=False)
             if (sizes > 0.5).any():  # singular values of a share of a projection: 0 or 1
                 found.append((rows[own], left[:, sizes > 0.5]))
@@ -120,8 +118,10 @@ class Sharing:
 
         scale = max(float(np.abs(forces[rows]).max()), 1e-3 * self._nominal(contacts))
         first = null.T @ (self._last[rows] - forces[rows]) / scale
-        begin = min((first, 0 * first), key=lambda z: shares(z)[0].max())
-        best = begin if shares(begin)[0].max() < _EASY else _least_share(shares, begin)
+        largest, begin = min(
+            ((shares(z)[0].max(), z) for z in (first, 0 * first)), key=itemgetter(0)
+        )
+        best = begin if largest < _EASY else _least_share(shares, begin)
         largest = max(float(shares(best)[0].max()), 0.0)
         return Split(contacts, rows, null, every[rows].copy(), float(np.sqrt(largest)))
 
@@ -181,6 +181,18 @@ class Sharing:
             after = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
             f, ahead, momentum = new, new + (momentum - 1) / after * (new - f), after
         return own @ f + free
+
+
+def _components(together: np.ndarray) -> np.ndarray:
+    """Members (bool) of every connected component, one per row, of symmetric pairs (n, n).
+
+    Everything is together with itself. For few members this is faster than SciPy's search.
+    """
+    while True:
+        wider = together @ together
+        if (wider == together).all():
+            return together[np.unique(together.argmax(axis=1))]
+        together = wider
 
 
 @lru_cache(maxsize=64)
