@@ -237,7 +237,7 @@ def test_what_an_impossible_tube_lacks_is_the_same_in_all_units():
 
 
 def test_a_solve_that_is_late_is_told():
-    scene = load_scene("track_optimal", ["relaxation.time_limit=0.01"])
+    scene = load_scene("track_optimal", ["relaxation.time_limit=0.01", "time.end=1.5"])
     with pytest.raises(SolveError, match=r"in the time given.* larger relaxation\.time_limit"):
         wo.run(scene)
 
