@@ -312,7 +312,7 @@ def makings(**kinds) -> st.SearchStrategy[Making]:
     st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 10.0)),
     st.sampled_from([0.0, 0.3, 3.0]),
     st.sampled_from([0.0, 2.0]),
-    st.sampled_from([1, 3, 7]),
+    st.sampled_from([1, 2, 4]),
 )
 def test_a_true_motion_is_a_point_of_the_relaxation(making, masses, drag, margin, cells):
     """Whatever the solver does: the motion's own values obey every row, in any box."""
@@ -854,7 +854,7 @@ def test_momentum_over_a_phase_is_that_of_the_motion(wide):
 # -- convergence -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("cells", [1, 2, 4, 20])
+@pytest.mark.parametrize("cells", [1, 2, 4, pytest.param(20, marks=pytest.mark.slow)])
 def test_cells_of_one_link_are_exact(cells):
     """A trapezoid is a ramp, a level and a ramp: what cuts run along, wherever the corners are."""
     task = g1(links=1, length=(0.1, 2.0))
@@ -873,7 +873,7 @@ def test_two_cells_of_g1_are_exact(cells, most):
 
 def test_bounds_of_one_link_converge_with_order_two_in_the_box():
     """A ramp's loss 3/40 is divided by 1 + w², by which the secant passes the square."""
-    program = Relaxation(g1(links=1), ((0,), (1,)), 20)
+    program = Relaxation(g1(links=1), ((0,), (1,)), 8)
     widths = np.array([0.1, 0.05, 0.02, 0.01, 5e-3])
     excesses = [
         program.solve((*((0.5 - w / 2, 0.5 + w / 2),) * 2, ONE_CYCLE)).bound - 0.425 for w in widths

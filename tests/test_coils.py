@@ -217,7 +217,7 @@ def test_a_row_is_that_of_magpylib(name: str):
 @pytest.mark.parametrize("name", ROWS)
 def test_maxwells_equations_hold_in_air(name: str):
     row, place = ROWS[name], ca.SX.sym("place", 3)
-    H = row.expression(place, CURRENTS, 16)
+    H = row.expression(place, CURRENTS, 10)
     both = ca.Function("both", [place], [H, ca.jacobian(H, place)])
     # the second lies on the axis of a coil along the row, or in the middle of a gap
     for point in ([13e-3, 0.4e-3, HEIGHTS[name]], [20e-3, 0.0, HEIGHTS[name]]):

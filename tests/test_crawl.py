@@ -89,7 +89,7 @@ def test_gait_15_has_the_loads_of_theory():
     assert (motion.resting_min, motion.glides) == (1, [])
 
 
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(
     mass=st.floats(0.1, 5),
     drag=st.floats(0, 4),

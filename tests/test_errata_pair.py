@@ -114,7 +114,8 @@ def left_of_16(phase: Expression) -> list[Expression]:
     push = 1 + sp.cos(nu * t)
     first = sp.diff(X, t, 2) - sp.diff(z_rate, t) - 2 * z + eps * (F(v1) + push)
     second = sp.diff(X, t, 2) + sp.diff(z_rate, t) + 2 * z + eps * (F(v2) - push)
-    return [sp.simplify(part.subs(rates)) for part in (sp.diff(z, t) - z_rate, first, second)]
+    left = (sp.expand(part.subs(rates)) for part in (sp.diff(z, t) - z_rate, first, second))
+    return [sp.expand(part.subs(sp.sin(PHI) ** 2, 1 - sp.cos(PHI) ** 2)) for part in left]
 
 
 def test_17_follows_from_16():

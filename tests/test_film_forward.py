@@ -24,7 +24,7 @@ kind = "film-forward"
 delta = 0.5
 tension = 0.1
 [course]
-periods = 40
+periods = 20
 [grid]
 points = 64
 most = 64
@@ -50,7 +50,7 @@ def value(result: Result, name: str) -> Any:
 
 @cache
 def packaged() -> Result:
-    return wo.run(load_scene("film_forward"))
+    return wo.run(load_scene("film_forward", ["course.periods=20"]))
 
 
 # -- where films go --------------------------------------------------------------------------------
@@ -256,7 +256,7 @@ def test_a_field_that_is_off_makes_a_film_that_is_off(tmp_path: Path):
 def test_a_field_needs_no_wave(tmp_path: Path):
     field = "[field]\nsamples = [0.0, 0.3, 0.5, 0.5, 0.3, 0.1, 0.0, 0.0]\n"
     text = SCENE.replace("delta = 0.5\n", "") + field
-    result = run(tmp_path, text=text)
+    result = run(tmp_path, "course.periods=40", text=text)  # it settles slowly
     assert value(result, "outcome") == "other"
     assert value(result, "distance_to_wave") is None
     assert "thickness_wave" not in result

@@ -203,7 +203,8 @@ def test_floats_on_other_waves(length: float):
     )[0]
     drift = float_drift(other, length)
     assert drift.turn == pytest.approx(turn, rel=1e-11)
-    motion = simulate(floating(other, length=length), 4 * turn)
+    # compiling so long a mean would take longer than steps in Python
+    motion = simulate(floating(other, length=length), 4 * turn, route="python")
     assert drift_of(motion, "float 0") == pytest.approx(drift.velocity, abs=1e-9)
 
 

@@ -199,20 +199,18 @@ def test_a_strain_below_that_of_the_mean_field_leaves_lower_fields():
     assert any("beyond limits.strain" in text for text in result.trust["warnings"])
 
 
-def test_a_push_that_grows_is_told(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(waveform, "push_left", lambda *given: 1.2)
-    result = solved("mesh.arcs=60")
-    assert any("a small push does not fade" in text for text in result.trust["warnings"])
-
-
-def test_a_waveform_that_is_no_better_is_told(monkeypatch: pytest.MonkeyPatch):
+def test_a_push_that_grows_and_a_waveform_that_is_no_better_are_told(
+    monkeypatch: pytest.MonkeyPatch,
+):
     def faster(*given):
         found = best_harmonic(*given)
         orbit = dataclasses.replace(found.orbit, speed=0.6)
         return dataclasses.replace(found, orbit=orbit)
 
+    monkeypatch.setattr(waveform, "push_left", lambda *given: 1.2)
     monkeypatch.setattr(pair_waveform, "best_harmonic", faster)
     result = solved("mesh.arcs=60")
+    assert any("a small push does not fade" in text for text in result.trust["warnings"])
     assert value(result, "gain") < 1
     assert any("is not faster than the harmonic" in text for text in result.trust["warnings"])
 

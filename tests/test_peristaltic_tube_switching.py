@@ -154,7 +154,9 @@ def test_limits():
         search(THREE, "speed", replace(LIMITS, together=1), starts=2)
 
 
-@pytest.mark.parametrize("longest", ["20.0", "9223372036854775808"])
+@pytest.mark.parametrize(
+    "longest", [pytest.param("20.0", marks=pytest.mark.slow), "9223372036854775808"]
+)
 def test_the_scene_in_a_tube(longest: str):
     changes = ["want=[]", "worm.segments=3", f"limits.period=[0.1, {longest}]"]
     found = wo.run(load_scene("peristaltic_tube_switching", changes))

@@ -153,9 +153,11 @@ def test_cost_solved_again():
 
 def test_lists_add_up_to_the_one_number():
     """Also where a family of gaits is the best, as here: single multipliers differ by half."""
-    one = by_name(sensitivities(design(G1, LIMITS)))
+    search = Search(sequence=ORDER)
+    one = by_name(sensitivities(design(G1, LIMITS, search=search)))
     each = replace(LIMITS, rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
-    many = by_name(sensitivities(design(replace(G1, mass=(1.0, 1.0, 1.0)), each)))
+    worm = replace(G1, mass=(1.0, 1.0, 1.0))
+    many = by_name(sensitivities(design(worm, each, search=search)))
     for name, parts in (
         ("limits.acceleration", ["limits.acceleration[0]", "limits.acceleration[1]"]),
         (
@@ -206,7 +208,8 @@ def test_names_are_those_of_the_scene_and_each_moves_its_own_number():
 
 
 def test_scene_tells_what_binds(tmp_path: Path):
-    scene = wo.load_scene("design_fast_gait", ['units="SI"', "gait.acceleration=[20, 20]"])
+    change = ['units="SI"', "gait.acceleration=[20, 20]", "search.sequence=[[0], [1], [2]]"]
+    scene = wo.load_scene("design_fast_gait", change)
     result = wo.run(scene)
     rate = result.scalars["sensitivity.rate"]
     assert rate.value == pytest.approx(0.651333, abs=1e-6)

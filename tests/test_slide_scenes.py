@@ -167,12 +167,12 @@ def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
 
     simulate = optimum.simulate
     monkeypatch.setattr(optimum, "simulate", elsewhere)
-    result = wo.run("slide")
+    assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet", "--no-plots"]) == 3
+    result = Result.load(tmp_path / "out")
     assert result.status == "failed"
     assert "ends elsewhere, by 1.6e-05" in result.reason
     failed = [check.name for check in result.checks if not check.passed]
     assert failed == ["simulation of the inputs found"]
-    assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
 
 
 def test_a_defect_that_was_not_reached_is_told(monkeypatch: pytest.MonkeyPatch):
@@ -240,7 +240,7 @@ def test_an_unbounded_problem_ends_in_the_right_exit_code(
 
     problem_of = slide.problem_of
     monkeypatch.setattr(slide, "problem_of", without_limits)
-    assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet"]) == 3
+    assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet", "--no-plots"]) == 3
     assert "falls without bound; limit the inputs" in capsys.readouterr().err
 
 

@@ -585,7 +585,7 @@ def test_a_gait_from_a_file_is_commanded(tmp_path: Path):
     table = '[gait]\nshape = "file"\nfile = "result.nc"\nperiod = 300.0\n\n'
     scene = tmp_path / "filed.toml"
     scene.write_text(head + table + tail[tail.index("[motor]") :])
-    result = wo.run(load_scene(scene, ["motor.lead=0.02"]))
+    result = wo.run(load_scene(scene, ["motor.lead=0.02", "motor.microsteps=1"]))
     assert result.status == "ok", result.reason
     assert value(result, "speed_ideal") == pytest.approx(1.2 / 300, rel=1e-9)
 
@@ -652,7 +652,7 @@ def test_strokes_below_a_step_move_no_motor():
     ],
 )
 def test_doubts_are_named(changes: list[str], said: str):
-    result = wo.run(load_scene(SCENE, changes))
+    result = wo.run(load_scene(SCENE, ["motor.microsteps=1", *changes]))
     assert any(said in text for text in result.trust["warnings"])
 
 

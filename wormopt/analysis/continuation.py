@@ -284,6 +284,8 @@ class Walk:
         """Point of the branch `length` usual sizes along the tangent; None if none is near."""
         guess = y + length * tangent * self.size
         found = guess.copy()
+        # A step is short beside this. Newton's method that goes so far away finds nothing near.
+        far = 2 * max(self.largest, np.abs(guess / self.size).max())
         for _ in range(_STEPS):
             rates, by_y = self._linear(found)
             missing = np.append(rates, tangent @ ((found - guess) / self.size))
@@ -295,8 +297,11 @@ class Walk:
             except np.linalg.LinAlgError:
                 return None
             found = found + change * self.size
-            if np.abs(change).max() < _CONVERGED * (1 + np.abs(found / self.size).max()):
+            reach = np.abs(found / self.size).max()
+            if np.abs(change).max() < _CONVERGED * (1 + reach):
                 return found
+            if reach > far:
+                return None
         return None
 
     def go(

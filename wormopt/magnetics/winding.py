@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 # The most nodes: enough as near to the winding as a tenth of its depth.
 _MOST = 150
-# Points taken at a time: their intermediate values fit into the cache.
-_CHUNK = 2048
+# Points times nodes taken at a time: their intermediate values fit into the cache.
+_CHUNK = 4096
 # Beyond so many sizes of the coil both ends of a sheet all but cancel: loops are summed there, so
 # many along the coil and over its depth, and off by (1 / 20)^(2 nodes) or less.
 _FAR, _LOOPS = 10.0, (6, 5)
@@ -155,8 +155,15 @@ class Coil:
         # off the winding all sheets are inside or outside of the point alike
         # as comparisons that agree with those of the sheet for every rounding
         axial, radial = (s + half >= 0) * (s - half < 0) * (q < middle * middle), 0.0
-        for node, weight in zip(*_gauss(nodes), strict=True):
-            radius = middle + node * (self.outer - self.inner) / 2
+        places, weights = _gauss(nodes)
+        radii = [middle + place * (self.outer - self.inner) / 2 for place in places]
+        if isinstance(q, np.ndarray) or isinstance(s, np.ndarray):
+            # all sheets at once, along a first axis
+            sheets = np.reshape(radii, (-1, *[1] * max(np.ndim(q), np.ndim(s))))
+            one, other = sheet_field(sheets, half, q, s)
+            axial, radial = axial + np.tensordot(weights, one, 1), np.tensordot(weights, other, 1)
+            return axial / self.length, radial / self.length
+        for radius, weight in zip(radii, weights, strict=True):
             one, other = sheet_field(radius, half, q, s)
             axial, radial = axial + weight * one, radial + weight * other
         return axial / self.length, radial / self.length
@@ -187,14 +194,16 @@ class Coil:
             raise ArgumentError("a point lies in the winding of a coil")
         found = np.empty((2, *q.shape))
         far = np.flatnonzero(clearance > _FAR * math.hypot(self.outer, self.length))
-        found.reshape(2, -1)[:, far] = self._loops(q.flat[far], s.flat[far])
+        size = _CHUNK // math.prod(_LOOPS)
+        for part in (far[start : start + size] for start in range(0, len(far), size)):
+            found.reshape(2, -1)[:, part] = self._loops(q.flat[part], s.flat[part])
         # near points ask for many nodes; far ones need not have them too
         needed = np.array([self.nodes(float(d)) for d in clearance.flat]).reshape(q.shape)
         needed.flat[far] = 0
         for low, high in ((0, 6), (6, 12), (12, 30), (30, 80), (80, _MOST)):
             where = np.flatnonzero((needed > low) & (needed <= high))
-            for start in range(0, len(where), _CHUNK):
-                part = where[start : start + _CHUNK]
+            size = _CHUNK // high
+            for part in (where[start : start + size] for start in range(0, len(where), size)):
                 nodes = int(needed.flat[part].max())
                 found.reshape(2, -1)[:, part] = self.expression(q.flat[part], s.flat[part], nodes)
         return found[0], found[1]
@@ -203,12 +212,9 @@ class Coil:
         """Field (2, m) per ampere-turn at points far away."""
         (along, share), (deep, part) = map(_gauss, _LOOPS)
         middle, half = (self.inner + self.outer) / 2, (self.outer - self.inner) / 2
-        found = np.zeros((2, len(q)))
-        for place, weight in zip(along, share, strict=True):
-            for node, other in zip(deep, part, strict=True):
-                field = loop_field(middle + half * node, q, s - place * self.length / 2)
-                found += weight * other * np.array(field)
-        return found
+        radii = middle + half * np.reshape(deep, (-1, 1))
+        away = s - np.reshape(along, (-1, 1, 1)) * self.length / 2
+        return np.einsum("i,j,cijm->cm", share, part, np.array(loop_field(radii, q, away)))
 
 
 @lru_cache(maxsize=64)

@@ -266,7 +266,7 @@ def settle(
             found = _refined(equations, before, tolerance)
         if found is None:
             found = _Branch(equations, (floor, ceiling), report).follow(before, tolerance)
-        agrees = found.stop is not None and found.stop.uncertainty < _AGREE * found.stop.load
+        agrees = found.stop is not None and found.stop.uncertainty <= _AGREE * found.stop.load
         if agrees or (found.stop is None and found.resolved):
             return found
     assert found is not None

@@ -92,7 +92,7 @@ def periodic_stretches(
     Returns one period's stretches, times and sizes of spike impulses, and times at which the
     kinematic velocity W0 jumps down. Raises SolveError if it glides faster period by period.
     """
-    cells, w = kinematic_stretches(drive), 0.0
+    cells, w = _driven_cells(drive), 0.0
     for _ in range(500):
         stretches, impulses, drops, end = _one_period(drive, cells, w)
         if abs(end - w) <= 1e-13 * drive.rate_scale:
@@ -153,27 +153,51 @@ def _absorb_touching(cells: list[Stretch], spans: Series, tie: float) -> list[St
     return cells
 
 
-def _one_period(
-    drive: Drive, cells: list[Stretch], w: float
-) -> tuple[list[Stretch], list[tuple[float, float]], list[float], float]:
-    """Go once through the cells from common velocity ``w``; return also w at the end."""
+@dataclass(frozen=True, eq=False)
+class _Cell:
+    """A stretch of `kinematic_stretches`, and what drives the worm there in every period."""
+
+    stretch: Stretch
+    jump: float  # of the velocity of the centre at its start, while a mass rests
+    sigma: Series  # driving term of (7)
+    edges: np.ndarray  # start, zeros of sigma, stop
+
+
+def _driven_cells(drive: Drive) -> list[_Cell]:
     total = float(drive.mass.sum())
-    still = 1e-11 * drive.rate_scale
 
     def momentum(cell: Stretch, s: float) -> float:
         v, _ = drive.kinematic(cell.piece, cell.leader, np.array([s]))
         return (drive.mass @ v).item() / total
 
+    def driven(before: Stretch, cell: Stretch) -> _Cell:
+        jump = momentum(cell, cell.start) - momentum(before, before.stop)
+        sigma = resolve(
+            lambda s: drive.sigma(*drive.kinematic(cell.piece, cell.leader, s))[None],
+            cell.start, cell.stop, exact_degree(drive.gait),
+        )  # fmt: skip
+        edges = np.concatenate([[cell.start], sigma.roots(), [cell.stop]])
+        return _Cell(cell, jump, sigma, edges)
+
+    cells = kinematic_stretches(drive)
+    return [driven(cells[k - 1], cell) for k, cell in enumerate(cells)]
+
+
+def _one_period(
+    drive: Drive, cells: list[_Cell], w: float
+) -> tuple[list[Stretch], list[tuple[float, float]], list[float], float]:
+    """Go once through the cells from common velocity ``w``; return also w at the end."""
+    total = float(drive.mass.sum())
+    still = 1e-11 * drive.rate_scale
     stretches: list[Stretch] = []
     impulses: list[tuple[float, float]] = []
     drops: list[float] = []
-    for k, cell in enumerate(cells):
-        before = cells[k - 1]
-        jump = momentum(cell, cell.start) - momentum(before, before.stop)
-        if abs(jump) > 1e2 * still:
-            time = float(drive.gait.breaks[cell.piece])  # it jumps where pieces meet only
-            w -= jump
-            if jump < 0:
+    for cell in cells:
+        if abs(cell.jump) > 1e2 * still:
+            # it jumps where pieces meet only
+            time = float(drive.gait.breaks[cell.stretch.piece])
+            w -= cell.jump
+            if cell.jump < 0:
                 drops.append(time)
             if w < 0:
                 impulses.append((time, -w * total))
@@ -184,14 +208,9 @@ def _one_period(
     return stretches, impulses, drops, w
 
 
-def _glide_or_hold(drive: Drive, cell: Stretch, w: float) -> Iterator[Stretch]:
+def _glide_or_hold(drive: Drive, driven: _Cell, w: float) -> Iterator[Stretch]:
     """Split a cell into mode 2 (a mass rests) and mode 1 (the worm glides)."""
-
-    def driving(s: np.ndarray) -> np.ndarray:
-        return drive.sigma(*drive.kinematic(cell.piece, cell.leader, s))[None]
-
-    sigma = resolve(driving, cell.start, cell.stop, exact_degree(drive.gait))
-    edges = np.concatenate([[cell.start], sigma.roots(), [cell.stop]])
+    cell, sigma, edges = driven.stretch, driven.sigma, driven.edges
     now, end = cell.start, cell.stop
     touch, decay = 1e-9 * drive.force_scale, drive.drag / drive.mean_mass
     settled = False
