@@ -96,8 +96,11 @@ def test_all_who_are_there_agree_on_the_answer(name: str, most: float):
     for way in task.ways:
         if "diffrax" in way.name:  # compiles for long
             continue
-        error = task.error(way.make()(way.settings[-1]))
-        assert error <= most, way.name
+        try:
+            run = way.make()
+        except ModuleNotFoundError:  # a peer of the extra all-tests
+            continue
+        assert task.error(run(way.settings[-1])) <= most, way.name
 
 
 @pytest.mark.parametrize(("name", "other", "setting", "most"), [
@@ -108,7 +111,10 @@ def test_all_who_are_there_agree_on_the_answer(name: str, most: float):
 ])  # fmt: skip
 def test_peers_are_given_their_due(name: str, other: str, setting: float, most: float):
     task = task_of(name, quick=True)
-    run = next(way for way in task.ways if way.name == other).make()
+    try:
+        run = next(way for way in task.ways if way.name == other).make()
+    except ModuleNotFoundError as error:
+        pytest.skip(f"{error.name} is not installed")
     assert task.error(run(setting)) <= most
 
 

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from operator import itemgetter
 
+import math
+
 import casadi as ca
 import numpy as np
 from scipy.optimize import minimize, nnls
@@ -243,10 +245,11 @@ def _load(contact: Contact, force: ca.SX) -> ca.SX:
     if isinstance(contact.law, PlanarLaw):
         return ca.SX(contact.law.gauge(force) ** 2)
     low, high = (ca.SX(bound) for bound in contact.law.stick_interval)
-    if low.is_minus_inf() and high.is_inf():
+    below, above = (bound.is_constant() and math.isinf(float(bound)) for bound in (low, high))
+    if below and above:
         return ca.SX(0)
-    if low.is_minus_inf() or high.is_inf():
-        beyond = force - high if low.is_minus_inf() else low - force
+    if below or above:
+        beyond = force - high if below else low - force
         return ca.SX(1 + beyond / contact.nominal_force)
     return ca.SX(((2 * force - low - high) / (high - low)) ** 2)
 
