@@ -11,12 +11,11 @@ Mathematics 9 (1952) 381.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from operator import itemgetter
-
-import math
 
 import casadi as ca
 import numpy as np
