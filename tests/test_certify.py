@@ -996,19 +996,20 @@ def test_shares_of_cuts_are_the_best(decay, start, end, level):
     """Also where a decaying sum never comes to the level, and from above what it tends to."""
     cuts = Cuts([Cut(0, np.ones(1), Slope(3.0, decay), Slope(2.0, decay, True), level)])
     cuts.set_durations(np.array([0.4]), np.array([0.6]))
-    which, values = np.zeros(1, int), (np.array([[start]]), np.array([[end]]))
+    values = np.array([[start]]), np.array([[end]])
 
-    def bound(before: float, after: float) -> float:
-        shares = np.array([before]), np.array([after])
-        held = cuts.holds(which, *shares)
-        run = start * held[0] + end * held[1] + cuts.reach(which, *shares) / 2
-        return float(run[0]) + (1.0 - before - after) * level
+    def bound(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        which = np.zeros(len(before), int)
+        held = cuts.holds(which, before, after)
+        run = start * held[0] + end * held[1] + cuts.reach(which, before, after) / 2
+        return run + (1.0 - before - after) * level
 
     before, after = (
         float(v[0, 0]) for v in cuts.shares(*values, np.array([[level]]), np.ones((1, 1)))
     )
-    tries = [(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)]
-    assert bound(before, after) <= min(bound(*pair) for pair in tries) + 1e-12
+    tries = np.array([(a, b) for a in np.linspace(0, 1, 41) for b in np.linspace(0, 1 - a, 41)])
+    (found,) = bound(np.array([before]), np.array([after]))
+    assert found <= bound(*tries.T).min() + 1e-12
     if before + after == pytest.approx(1.0, abs=1e-12) and min(before, after) > 0.0:
         # the two runs pass the level, if at all, together: they meet
         ways = ((start, 3.0, 0.4 * decay, before), (end, 2.0, -0.6 * decay, after))

@@ -206,9 +206,8 @@ def test_the_optimum_is_the_same_in_all_units(units: tuple[float, float, float],
 
 def test_how_long_a_period_may_be_changes_nothing_where_the_best_is_short():
     here = objective_in(1.0, 1.0, 1.0, cost=False, longest=3.0)
-    for longest in (10.0, 100.0):
-        there = objective_in(1.0, 1.0, 1.0, cost=False, longest=longest)
-        assert there == pytest.approx(here, rel=1e-6)
+    there = objective_in(1.0, 1.0, 1.0, cost=False, longest=100.0)
+    assert there == pytest.approx(here, rel=1e-6)
 
 
 @pytest.mark.parametrize(
