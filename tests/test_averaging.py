@@ -461,7 +461,7 @@ def test_reversals_of_random_shapes(cos: list[float], sin: list[float], v: float
         return
     model = shaped(Coulomb(0.0, 1.0), cosines.tolist(), sines.tolist())
     found = rates_of(average(model, 2 * np.pi), scale=scale)([v])[0]
-    t = (np.arange(10_000) + 0.5) / 10_000 * 2 * np.pi
+    t = (np.arange(40_000) + 0.5) / 40_000 * 2 * np.pi
     turn = np.outer(np.arange(1, count + 1), t)
     values = v + scale * (cosines @ np.cos(turn) + sines @ np.sin(turn))
     # every reversal is within a point of the grid, and so is a dip that falls between two points
