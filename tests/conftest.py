@@ -18,7 +18,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
 from effort import FULL, examples  # noqa: E402
-from hypothesis import settings  # noqa: E402
+from hypothesis import HealthCheck, settings  # noqa: E402
 
 import wormopt as wo  # noqa: E402
 from wormopt.result import Result  # noqa: E402
@@ -30,7 +30,14 @@ def pytest_configure(config: pytest.Config) -> None:
     # Fast runs are the same every time: what chance finds is found by those with the slow tests,
     # and not in the way of a change that has nothing to do with it.
     fast = not os.environ.get(FULL)
-    settings.register_profile("effort", max_examples=examples(100), derandomize=fast)
+    # How long an example takes is no reason to fail: it depends on the load.
+    settings.register_profile(
+        "effort",
+        max_examples=examples(100),
+        derandomize=fast,
+        deadline=None,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
     settings.load_profile("effort")
 
 

@@ -49,7 +49,7 @@ def block(load: ca.SX | float = 0.0, t: ca.SX | None = None, **parameters: float
 # -- closed forms ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 @given(
     mass=st.floats(0.3, 3.0),
     friction=st.floats(0.3, 3.0),
@@ -258,7 +258,7 @@ def assert_as_forward(
     assert backward == pytest.approx(forward, abs=1e-8 * size)
 
 
-@settings(max_examples=examples(9), deadline=None)
+@settings(max_examples=examples(9))
 @given(seed=st.integers(0, 2**32 - 1))
 def test_chains_agree_with_sensitivities_forward_in_time(seed: int):
     random = np.random.default_rng(seed)

@@ -393,7 +393,7 @@ def forward_share(v: float, harmonics: np.ndarray) -> float:
     return float(np.diff(ends) @ ahead)
 
 
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 @given(st.integers(2, 5), st.integers(0, 2**32 - 1))
 def test_shapes_drawn_at_random_slide_forward_as_long_as_their_roots_say(n: int, seed: int):
     """Also where a narrow peak is all that reverses."""
@@ -446,7 +446,7 @@ def test_second_order_of_several_harmonics_by_brute_force(shape: Any):
         assert found == pytest.approx(expected, rel=0, abs=2e-5 * np.abs(expected).max())
 
 
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(40))
 @given(
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),

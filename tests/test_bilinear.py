@@ -36,7 +36,7 @@ def product(a: float, b: float, c: float) -> BilinearProgram:
 coefficients = st.floats(0.2, 5.0)
 
 
-@settings(max_examples=examples(30), deadline=None, derandomize=True)
+@settings(max_examples=examples(30), derandomize=True)
 @given(coefficients, coefficients, coefficients, st.floats(0.05, 0.95))
 def test_a_product_on_a_line(a, b, c, share):
     """Half of c for either factor: c^2 / (4 a b), inside the range and so at no vertex."""
@@ -52,7 +52,7 @@ def test_a_product_on_a_line(a, b, c, share):
     assert program.violation(sharp.x) <= 1e-9 * c
 
 
-@settings(max_examples=examples(30), deadline=None, derandomize=True)
+@settings(max_examples=examples(30), derandomize=True)
 @given(st.floats(0.2, 5.0), st.floats(0.1, 2.0), st.floats(0.01, 0.9))
 def test_a_ratio(c, delay, share):
     """The largest h v / (h + delay) with h + v <= c is at h = sqrt(delay^2 + delay c) - delay."""
@@ -79,7 +79,7 @@ def vertex(a: float, b: float) -> tuple[BilinearProgram, int]:
     return BilinearProgram(rows, np.array([y]), int(gain[0])), int(row[0])
 
 
-@settings(max_examples=examples(30), deadline=None, derandomize=True)
+@settings(max_examples=examples(30), derandomize=True)
 @given(st.floats(0.1, 5.0), st.floats(0.1, 5.0))
 def test_a_vertex_is_sharpened_to_rounding(a, b):
     """Both rows are active: x (x + a) = b; and b may be had for dx/db = 1 / (2 x + a)."""
@@ -194,7 +194,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @pytest.mark.slow
-@settings(max_examples=examples(15), deadline=None, derandomize=True)
+@settings(max_examples=examples(15), derandomize=True)
 @given(seeds, st.floats(0.0, 1.0))
 def test_one_held_column_against_brute_force(seed, first):
     drawn = Drawn(seed, held=1)
@@ -216,7 +216,7 @@ def test_one_held_column_against_brute_force(seed, first):
     assert best >= values.max() - 1e-7
 
 
-@settings(max_examples=examples(15), deadline=None, derandomize=True)
+@settings(max_examples=examples(15), derandomize=True)
 @given(seeds)
 def test_where_a_climb_ends_ipopt_gains_nothing(seed):
     """Nothing to first order: a saddle has no slope either."""
@@ -231,7 +231,7 @@ def test_where_a_climb_ends_ipopt_gains_nothing(seed):
     assert sharp.value >= found.value - 1e-7
 
 
-@settings(max_examples=examples(20), deadline=None, derandomize=True)
+@settings(max_examples=examples(20), derandomize=True)
 @given(seeds)
 def test_derivatives_are_those_of_the_values(seed):
     """Products are quadratic: central differences are exact but for rounding."""

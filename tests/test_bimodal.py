@@ -258,7 +258,7 @@ def test_a_mass_may_lead_until_it_ties_with_another_at_a_sample(phasors: list[co
     assert motion.speed == pytest.approx(crawl(gait, mass, 0.0, 1.0).speed, abs=1e-10)
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(
     phasors=st.lists(st.builds(complex, parts, parts), min_size=1, max_size=4),
     data=st.data(),

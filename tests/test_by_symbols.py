@@ -49,7 +49,7 @@ def test_a_branch_is_taken_only_where_its_sign_is_told():
     assert Symbols({"x": X}, ["x"]).one(ca.fabs(X)).is_positive
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(top=st.integers(-500, 500).filter(bool), bottom=st.integers(1, 500))
 def test_doubles_are_read_as_what_they_stand_for(top: int, bottom: int):
     share = sp.Rational(top, bottom)

@@ -42,7 +42,7 @@ def test_plants_that_failed_count_as_worst():
 
 
 @given(arrays(float, (3, 7), elements=st.one_of(st.floats(-5, 5), st.just(np.nan))))
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 def test_of_two_one_has_less_or_both_have_as_much(rows: np.ndarray):
     found = less(rows)
     known = np.nan_to_num(rows, nan=np.inf)

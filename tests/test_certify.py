@@ -299,9 +299,7 @@ def makings(**kinds) -> st.SearchStrategy[Making]:
 
 @settings(
     max_examples=examples(12),
-    deadline=None,
     derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow],
 )
 @given(
     st.one_of(
@@ -392,7 +390,7 @@ def test_every_plane_is_as_tight_as_it_may_be(plane):
 
 
 @pytest.mark.slow
-@settings(max_examples=examples(6), deadline=None, derandomize=True)
+@settings(max_examples=examples(6), derandomize=True)
 @given(
     makings(shape=st.just((2, 3))),
     st.sampled_from([(1e-3, 1e-3, 1e-3), (1e3, 60.0, 1e3), (1e-6, 1.0, 1e-9)]),
@@ -490,7 +488,7 @@ def test_one_link_by_hand():
     assert 0.425 * (1 - 1e-12) <= found.progress.bound <= 0.425 * (1 + 1e-4)
 
 
-@settings(max_examples=examples(15), deadline=None, derandomize=True)
+@settings(max_examples=examples(15), derandomize=True)
 @given(one_links)
 @example(  # between cycles of a third and a half of the period there are none
     {
@@ -683,7 +681,7 @@ def test_every_sequence_is_in_one_family(task):
 
 
 @pytest.mark.slow
-@settings(max_examples=examples(10), deadline=None, derandomize=True)
+@settings(max_examples=examples(10), derandomize=True)
 @given(
     makings(shape=st.sampled_from([(2, 3), (3, 3)])), st.sampled_from(["equal", "least_actuation"])
 )
@@ -749,7 +747,6 @@ def designed(given_: dict) -> tuple[GaitProblem, float]:
 
 @settings(
     max_examples=examples(2),
-    deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
@@ -762,7 +759,6 @@ def test_no_designed_gait_passes_its_bound(given_):
 @pytest.mark.slow
 @settings(
     max_examples=examples(15),
-    deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
@@ -1122,7 +1118,7 @@ class Dice:
         return Relaxed(bound, random.uniform(low - 0.1, high + 0.1), losses, slack)
 
 
-@settings(max_examples=examples(15), deadline=None, derandomize=True)
+@settings(max_examples=examples(15), derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.sampled_from([1.0, 0.8, 0.3]))
 def test_branches_together_hold_every_gait(seed, steps, shortest):
     """Nothing falls between boxes, whatever the relaxations say, and bounds only fall."""

@@ -19,7 +19,6 @@ from wormopt.systems.chain.build import chain
 seeds = st.integers(0, 10**6)
 NUMBERS: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
 DRY = Coulomb(1.0, 10.0)
-patient = settings(deadline=None)
 
 
 def worm(links: int, law: Law | Sequence[Law] | None = DRY, **numbers: Any) -> Model:
@@ -42,7 +41,6 @@ def value(model: Model, expression: ca.SX, at: dict[str, np.ndarray]) -> np.ndar
     return np.array(function(*(at[s.name] for s in signals), at["force"])).ravel()
 
 
-@patient
 @given(seed=seeds)
 def test_three_masses_obey_the_corrected_equations_of_motion(seed: int):
     """(10), written out by hand; exact, since all numbers are whole."""
@@ -70,7 +68,6 @@ def test_the_printed_row_of_the_middle_mass_breaks_newtons_third_law():
     assert head + (c2 * front - c1 * behind + d2 * v01 - d1 * v12) + tail != 0
 
 
-@patient
 @given(links=st.integers(1, 8), seed=seeds)
 def test_links_make_no_momentum(links: int, seed: int):
     """Newton's third law: the rate of the total momentum is the sum of the external forces."""
@@ -81,7 +78,6 @@ def test_links_make_no_momentum(links: int, seed: int):
     assert momentum_rate == external.sum()
 
 
-@patient
 @given(links=st.integers(1, 8), seed=seeds)
 def test_every_mass_obeys_newton_with_the_forces_shown(links: int, seed: int):
     """m_i v_i' = external_i + mu_i - mu_{i+1} with mu_j = c (l - l0) + d l' - u, (8)."""
@@ -109,7 +105,6 @@ def test_every_mass_obeys_newton_with_the_forces_shown(links: int, seed: int):
     assert center_velocity[0] == pytest.approx(at["mass"] @ at["velocity"] / total)
 
 
-@patient
 @given(links=st.integers(1, 8), seed=seeds)
 def test_energy_changes_by_the_power_of_inputs_less_what_is_lost(links: int, seed: int):
     model = worm(links)
@@ -121,7 +116,7 @@ def test_energy_changes_by_the_power_of_inputs_less_what_is_lost(links: int, see
     assert slope == pytest.approx(made - lost, abs=1e-10)
 
 
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=examples(25))
 @given(seed=seeds)
 def test_a_stiffness_that_varies_in_time_adds_its_own_power(seed: int):
     """With c(t) and nothing else, energy changes by c' (l - l0)^2 / 2, too."""

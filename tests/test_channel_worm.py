@@ -95,7 +95,7 @@ def test_counts_of_halves_and_of_arrays():
     assert [float(count(length)) for length in (24.0, 25.0)] == [2.0, 3.0]
 
 
-@settings(deadline=None, max_examples=examples(40))
+@settings(max_examples=examples(40))
 @given(slope=st.floats(1e-3, 10.0), pitch=st.floats(1e-3, 1e3))
 def test_arc_lengths_by_other_means(slope: float, pitch: float):
     """scipy's elliptic integral; adaptive quadrature; Pythagoras."""

@@ -55,7 +55,7 @@ def test_a_double_root_is_found_to_half_the_digits_or_not_at_all(place: float):
     assert np.all(np.abs(found - place) < 3e-8)
 
 
-@settings(max_examples=examples(200), deadline=None)
+@settings(max_examples=examples(200))
 @given(
     roots=st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=7, unique=True),
     ends=st.tuples(st.floats(-3, 3), st.floats(0.1, 10)),
@@ -80,7 +80,7 @@ def test_separate_roots_are_all_found(roots: list[float], ends: tuple[float, flo
     assert found == pytest.approx(inside, abs=1e-9 * (1 + width))
 
 
-@settings(max_examples=examples(150), deadline=None)
+@settings(max_examples=examples(150))
 @given(hundredths=arrays(int, st.integers(2, 9), elements=st.integers(-100, 100)))
 def test_polynomials_agree_with_numpy_roots_and_dense_samples(hundredths: np.ndarray):
     coefficients = hundredths / 100

@@ -154,7 +154,7 @@ def test_the_field_is_the_same_level_with_an_end_and_beside():
     assert at == pytest.approx(beside, rel=1e-11)
 
 
-@settings(deadline=None, max_examples=examples(40))
+@settings(max_examples=examples(40))
 @given(
     inner=st.floats(0.1, 2.0),
     depth=st.floats(0.1, 2.0),
@@ -338,7 +338,7 @@ def test_a_switched_row_shifts_by_one_coil_at_each_switch(every: int | None, on:
     assert course.period == pytest.approx(count / 50.0)
 
 
-@settings(deadline=None, max_examples=examples(30))
+@settings(max_examples=examples(30))
 @given(
     nodes=st.lists(st.floats(-5, 5), min_size=2, max_size=9),
     shift=st.floats(0.01, 3.0),

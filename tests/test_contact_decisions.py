@@ -69,7 +69,7 @@ def matrices(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return A @ A.T + 0.3 * np.eye(n), random.normal(size=n) * 3
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(st.integers(2, 3), st.integers(0, 2**32 - 1))
 def test_a_body_set_free_moves_in_the_only_way_that_the_laws_allow(n: int, seed: int):
     G, load = matrices(n, seed)
@@ -426,7 +426,7 @@ def test_one_stops_while_another_begins_to_slip(route: Route, order: int):
     assert motion.modes[-1, 3:].any()  # the onset of block 0 goes on
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_not(
     n: int, seed: int
@@ -444,7 +444,7 @@ def test_a_millionth_more_than_can_be_borne_lets_go_and_a_millionth_less_does_no
             assert not motion.events  # decided at the start, not by an event right after it
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(st.integers(2, 3), st.integers(0, 2**32 - 1))
 def test_a_growing_load_sets_a_body_free_when_a_contact_can_bear_no_more(n: int, seed: int):
     G, growth = matrices(n, seed)
@@ -512,7 +512,7 @@ def braked(sign: float) -> Model:
 
 @pytest.mark.parametrize("route", ROUTES)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 @given(st.floats(1.0, 9.0), st.floats(2e-5, 1e-3))
 def test_a_stop_within_one_long_step_is_not_passed_over(
     route: Route, sign: float, still: float, depth: float

@@ -570,8 +570,7 @@ def test_a_ball_bounces_as_high_up_as_on_the_ground(set_down: bool, floor: float
 @example(kept=0.8, floor=0.0, rounds=1.5)
 @settings(
     max_examples=examples(15),
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 def test_a_ball_never_falls_through_the_floor(
     set_down: bool, route: Route, kept: float, floor: float, rounds: float
@@ -636,8 +635,7 @@ def test_a_ball_put_on_the_floor_never_falls_through_it(speed: float, route: Rou
 @example(kept=0.5, size=19 / 3, share=-0.2)
 @settings(
     max_examples=examples(15),
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 def test_a_ball_never_falls_through_a_floor_that_it_cannot_hit_exactly(
     set_down: bool, route: Route, kept: float, size: float, share: float

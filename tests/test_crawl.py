@@ -89,7 +89,7 @@ def test_gait_15_has_the_loads_of_theory():
     assert (motion.resting_min, motion.glides) == (1, [])
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(
     mass=st.floats(0.1, 5),
     drag=st.floats(0, 4),
@@ -212,7 +212,7 @@ def safe_load_of_wave(links: int, acceleration: float) -> float:
 # --- Invariants of any smooth gait -------------------------------------------------------
 
 
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=examples(25))
 @given(
     gait=smooth_gaits(),
     drag=st.sampled_from([0.0, 0.3, 2.0]),
@@ -249,7 +249,7 @@ def test_laws_of_motion_hold_for_any_smooth_gait(
     assert x[:-1] - x[1:] == pytest.approx(gait(signals["time"] - 1e-300), abs=1e-12)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(
     gait=smooth_gaits(3),
     drag=st.floats(0, 3),
@@ -289,7 +289,7 @@ def test_a_wave_of_one_piece_moves_as_stepped_over_events(links: int, lag: float
     assert np.array(closed_glides(motion)) == pytest.approx(np.array(stepped.glides), abs=1e-7)
 
 
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 @given(gait=smooth_gaits(3), factor=st.floats(0.1, 10), share=st.floats(0.05, 1))
 def test_a_slower_clock_with_weaker_forces_gives_the_same_motion(
     gait: Gait, factor: float, share: float
@@ -309,7 +309,7 @@ def test_a_slower_clock_with_weaker_forces_gives_the_same_motion(
     assert two.smallest_period == pytest.approx(factor * one.smallest_period, rel=1e-9)
 
 
-@settings(max_examples=examples(5), deadline=None)
+@settings(max_examples=examples(5))
 @given(gait=smooth_gaits(3), drag=st.floats(0.1, 3), load=st.floats(0.5, 20))
 def test_thresholds_part_gliding_from_crawling(gait: Gait, drag: float, load: float):
     mass = [1.0] * (gait.links + 1)
@@ -353,7 +353,7 @@ def test_least_actuation_splits_as_solved_by_hand(
     assert even.sum() == pytest.approx(total)
 
 
-@settings(max_examples=examples(150), deadline=None)
+@settings(max_examples=examples(150))
 @given(links=st.integers(1, 8), total=st.floats(0.01, 20), seed=st.integers(0, 10**6))
 def test_least_actuation_is_the_constrained_least_squares_solution(
     links: int, total: float, seed: int
@@ -414,7 +414,7 @@ def test_no_kinks_are_looked_for_where_there_are_none(resting: int, rule: Sharin
 # --- Samples -----------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(5), deadline=None)
+@settings(max_examples=examples(5))
 @given(gait=smooth_gaits(3), share=st.floats(0.2, 1.1), points=st.integers(1, 300))
 def test_samples_are_as_dense_as_asked_and_no_denser(gait: Gait, share: float, points: int):
     mass = [1.0] * (gait.links + 1)
@@ -663,7 +663,7 @@ def test_without_load_drag_holds_a_worm_that_never_stops():
         assert bool(crawl(paced, [mass] * 3, drag, 0.0).glides) is glides
 
 
-@settings(max_examples=examples(10), deadline=None)
+@settings(max_examples=examples(10))
 @given(gait=smooth_gaits(3), drag=st.floats(0.1, 50))
 def test_the_smallest_load_is_0_where_drag_alone_holds_the_worm(gait: Gait, drag: float):
     """Without load kinematics rules where the smallest load is 0, above the smallest period."""

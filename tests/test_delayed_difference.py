@@ -75,7 +75,7 @@ def lagging_chain(numbers: dict[str, Any], lag: float, gamma: float, lam: float)
     return f
 
 
-@settings(deadline=None, max_examples=examples(12))
+@settings(max_examples=examples(12))
 @given(
     m=st.floats(0.5, 3),
     c=st.floats(0, 30),

@@ -54,7 +54,7 @@ def test_errors_fall_with_the_tolerance():
     assert np.all(errors < 3 * relative)
 
 
-@settings(deadline=None, max_examples=examples(9))
+@settings(max_examples=examples(9))
 @given(
     rate=st.floats(-2, 0.5),
     lags=st.tuples(st.floats(0.05, 1.2), st.floats(0.05, 1.2)),

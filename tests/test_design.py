@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effort import examples
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
@@ -194,9 +194,7 @@ limits_ = st.builds(
 @pytest.mark.slow
 @settings(
     max_examples=examples(5),
-    deadline=None,
     derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow],
 )
 @given(limits_)
 def test_no_designed_gait_passes_the_ceiling(given_):

@@ -100,7 +100,7 @@ def test_small_rises_give_the_beam():
         assert found.energy == pytest.approx(6e-6, rel=1e-4)
 
 
-@settings(deadline=None, max_examples=examples(30))
+@settings(max_examples=examples(30))
 @given(delta=st.floats(1e-6, 1.5), closing=st.sampled_from(BOTH))
 def test_closed_forms_are_the_integrals_over_the_angle(delta: float, closing: Any):
     """Curvature as a function of the angle, from the first integral, by quadrature."""

@@ -63,7 +63,7 @@ def apart(motion: Trajectory, found: Ending) -> float:
 
 
 @given(st.floats(0.1, 3.0), st.floats(0.1, 2.0))
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 def test_a_sliding_mass_stops_where_its_energy_is_spent(speed: float, mu: float):
     p = {"mu": mu, "pull": 0.0}
     motion = simulate(driven(), 1.3 * speed / mu, x0={"v": speed}, p=p)
@@ -83,7 +83,7 @@ def test_events_leave_the_order_two(stiction: float):
 
 
 @given(st.floats(0.05, 0.9), st.floats(0.3, 3.0), st.floats(1.0, 2.5), st.floats(0, 2), st.data())
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 def test_ends_of_located_events_are_found_again(
     mu: float, pull: float, stiction: float, spring: float, data: st.DataObject
 ):
@@ -94,7 +94,7 @@ def test_ends_of_located_events_are_found_again(
 
 
 @given(st.floats(0.2, 3.0))
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 def test_spikes_never_slide_back_and_are_known_as_well(pull: float):
     motion, found = ended(driven(2, SPIKE), 15.0, p={"pull": pull, "spring": 1.0})
     assert found.end[2:].min() >= 0

@@ -281,7 +281,7 @@ def shape(rows: list[tuple[float, float]], half: float) -> FourierWave:
     return FourierWave([half * a / total for a, _ in rows], [half * b / total for _, b in rows])
 
 
-@settings(deadline=None, max_examples=examples(60))
+@settings(max_examples=examples(60))
 @given(rows=SHAPES, half=st.floats(0.1, 0.9), other=st.floats(-1.5, 1.5))
 def test_the_field_is_periodic_for_that_constant_and_for_no_other(
     rows: list[tuple[float, float]], half: float, other: float
@@ -305,7 +305,7 @@ def test_the_field_is_periodic_for_that_constant_and_for_no_other(
     assert np.max(on_grid) <= peak.value + 1e-11 * np.max(h**-3)
 
 
-@settings(deadline=None, max_examples=examples(200))
+@settings(max_examples=examples(200))
 @given(rows=SHAPES, delta=st.floats(0.05, 0.95))
 def test_no_shape_carries_more_than_the_square_wave(rows: list[tuple[float, float]], delta: float):
     wave = shape(rows, 1.0 - 1e-9)

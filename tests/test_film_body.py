@@ -77,7 +77,6 @@ def test_weight_helps_the_front_face_to_hold_it() -> None:
     assert math.sin(held["phase"][0, -1]) < 0  # where the surface at a fixed place rises
 
 
-@settings(deadline=None)
 @given(
     delta=st.floats(0.05, 0.9),
     mass=st.floats(0.05, 5.0),
@@ -155,7 +154,7 @@ def test_between_the_two_it_creeps_against_the_wave() -> None:
     assert back["velocity"].max() == 0
 
 
-@settings(deadline=None, max_examples=examples(50))
+@settings(max_examples=examples(50))
 @given(
     delta=st.floats(0.05, 0.7),
     height=st.floats(0.0, 0.25),

@@ -195,7 +195,7 @@ NUMBERS = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, ma
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=examples(25))
+@settings(max_examples=examples(25))
 @given(rows=NUMBERS, half=st.floats(0.05, 0.8), reach=st.floats(0.1, REACH))
 def test_bars_hold_flow_in_two_dimensions(
     rows: list[tuple[float, float]], half: float, reach: float

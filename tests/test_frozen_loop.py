@@ -23,7 +23,7 @@ from wormopt.systems.chain.runs import linear
 from wormopt.systems.spiked.construct import fast_gait
 
 seeds = st.integers(0, 10**6)
-patient = settings(deadline=None, max_examples=examples(24))
+patient = settings(max_examples=examples(24))
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +163,7 @@ def test_peak_gain_of_a_creeping_loop_is_static():
     assert peak_gains(loop)[0, 0] == pytest.approx(1 / 9, rel=1e-6)
 
 
-@settings(deadline=None, max_examples=examples(12))
+@settings(max_examples=examples(12))
 @given(seed=seeds, feedback=st.sampled_from(["derivative", "filter"]))
 def test_no_course_of_friction_breaks_the_bound(seed: int, feedback: Any):
     """Forces that jump at random times between the ends of their range, through lsim."""

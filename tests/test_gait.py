@@ -238,7 +238,7 @@ def test_names_of_columns_are_free_and_numpy_writes_them_as_a_remark(
     assert np.array_equal(Gait.from_csv(path)(t), table[:, 1:].T)
 
 
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(40))
 @given(
     omega=st.floats(0.1, 10),
     sizes=st.lists(st.floats(0.01, 0.45), min_size=1, max_size=3),

@@ -104,7 +104,7 @@ def gears_of(found: Walk) -> list[int]:
 # -- ground and gears ----------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(
     values=st.lists(st.floats(0, 10), min_size=1, max_size=5),
     place=st.lists(st.floats(-3, 8), min_size=1, max_size=4),
@@ -124,7 +124,7 @@ def test_places_ascend(place: list[float]):
         Ground(np.array(place), numbers, numbers, numbers)
 
 
-@settings(max_examples=examples(12), deadline=None)
+@settings(max_examples=examples(12))
 @given(
     links=st.integers(1, 6),
     share=st.floats(0, 1),
@@ -319,7 +319,7 @@ def test_transitions_that_cannot_be_are_refused():
 # -- supervisor ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(12), deadline=None)
+@settings(max_examples=examples(12))
 @given(gear=st.integers(0, 2), share=st.floats(0.02, 0.98))
 def test_measured_means_tell_the_load_exactly(gear: int, share: float):
     """On even ground sums over a cycle are those in closed form, so thresholds mean loads."""
@@ -338,7 +338,7 @@ def test_measured_means_tell_the_load_exactly(gear: int, share: float):
     assert sums / own.period == pytest.approx(expected, rel=1e-9)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(load=st.floats(1.3, 5.5), gear=st.integers(0, 2))
 def test_on_even_ground_the_worm_settles_in_one_gear(load: float, gear: int):
     """No hunting: it shifts one way only, and ends in a gear whose peaks stay below `down`."""

@@ -157,7 +157,7 @@ def phasors(draw: Any) -> np.ndarray:
     return np.round(found, 3)
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(st.data())
 def test_random_phasors_average_to_the_closed_form(data: st.DataObject):
     raw = phasors(data.draw)

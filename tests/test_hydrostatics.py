@@ -69,7 +69,7 @@ def parts(*changes: str) -> tuple[Fluid, Placed, Profile, float]:
 # -- laws ------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=examples(100))
+@settings(max_examples=examples(100))
 @given(y=st.floats(1e-6, 1e4))
 def test_langevins_function_and_its_integral(y: float):
     with mp.workdps(40):
@@ -106,7 +106,6 @@ def test_weak_fields_and_strong_ones():
     assert law.energy(strong**2) == pytest.approx(2e4 * strong, rel=2e-3)
 
 
-@settings(deadline=None)
 @given(
     x=st.floats(-1e5, 1e5), z=st.floats(-1e5, 1e5), slope=st.floats(-10, 10), turn=st.floats(-1, 1)
 )
@@ -141,7 +140,7 @@ def test_what_a_flat_layer_of_saturated_fluid_loses(
     assert 1 - weak / strong == pytest.approx(lost, abs=5e-4)
 
 
-@settings(deadline=None, max_examples=examples(50))
+@settings(max_examples=examples(50))
 @given(
     chi=st.floats(0.01, 10), angle=st.floats(-math.pi, math.pi), H0=st.floats(1.0, 1e6),
     slope=st.floats(-3, 3),
@@ -451,7 +450,7 @@ def test_a_thin_layer_runs_dry():
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=examples(8))
+@settings(max_examples=examples(8))
 @given(
     chi=st.floats(0.01, 3), thickness=st.floats(1e-3, 1e-2), tension=st.floats(0.01, 0.1),
     current=st.floats(1e-3, 600), saturated=st.booleans(),

@@ -109,7 +109,7 @@ def test_an_error_as_large_as_the_number_is_weak():
     assert known.words == ("b is known to 125 % only",)
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(st.integers(2, 7), st.integers(1, 3), st.integers(0, 10**6))
 def test_a_sparse_basis_spans_the_same_and_finds_pairs(n: int, pairs: int, seed: int):
     rng = np.random.default_rng(seed)

@@ -32,7 +32,7 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
 
 seeds = st.integers(0, 10**6)
-patient = settings(deadline=None, max_examples=examples(40))
+patient = settings(max_examples=examples(40))
 DRY = Coulomb(1.0, 10.0)
 
 

@@ -128,7 +128,7 @@ def programs(draw, columns=FEW, rows=FEW) -> Numbers:
     return Numbers(some(n), some(n * m).reshape(m, n), low, high, least, most)
 
 
-@settings(max_examples=examples(60), deadline=None, derandomize=True)
+@settings(max_examples=examples(60), derandomize=True)
 @given(programs(), st.data())
 def test_any_multipliers_bound_the_maximum_in_exact_numbers(numbers, data):
     m = len(numbers.low)
@@ -144,7 +144,7 @@ def test_any_multipliers_bound_the_maximum_in_exact_numbers(numbers, data):
     assert float(bound - promised) <= 1e-12 * size
 
 
-@settings(max_examples=examples(60), deadline=None, derandomize=True)
+@settings(max_examples=examples(60), derandomize=True)
 @given(programs(), st.data())
 def test_the_bound_holds_for_coefficients_a_few_roundoffs_away(numbers, data):
     """Coefficients come from sums and products of their own, and so are not exact."""
@@ -158,7 +158,7 @@ def test_the_bound_holds_for_coefficients_a_few_roundoffs_away(numbers, data):
     assert Fraction(numbers.program().bound(duals)) >= promised
 
 
-@settings(max_examples=examples(80), deadline=None, derandomize=True)
+@settings(max_examples=examples(80), derandomize=True)
 @given(programs())
 def test_the_bound_is_never_below_the_exact_maximum(numbers):
     found = numbers.program().maximise()
@@ -171,7 +171,7 @@ def test_the_bound_is_never_below_the_exact_maximum(numbers):
     assert float(Fraction(found.bound) - best) <= 1e-6 * (1 + duals)
 
 
-@settings(max_examples=examples(60), deadline=None, derandomize=True)
+@settings(max_examples=examples(60), derandomize=True)
 @given(programs(columns=st.integers(2, 7), rows=st.integers(1, 8)))
 def test_bounds_agree_with_a_second_route(numbers):
     """SciPy's interior-point method, with presolve and another form of the same program."""
@@ -192,7 +192,7 @@ def test_bounds_agree_with_a_second_route(numbers):
         assert np.all(numbers.A @ found.x >= numbers.low - 1e-7)
 
 
-@settings(max_examples=examples(30), deadline=None, derandomize=True)
+@settings(max_examples=examples(30), derandomize=True)
 @given(
     st.integers(1, 4).flatmap(
         lambda n: st.integers(1, 4).flatmap(

@@ -170,7 +170,7 @@ OPERATIONS = (
         max_size=6,
     )
 )
-@settings(max_examples=examples(4), deadline=None)
+@settings(max_examples=examples(4))
 def test_whatever_neighbours_do_to_each_other(steps: list):
     x, p = ca.SX.sym("x", 13), ca.SX.sym("p", 2)
     y = x

@@ -24,7 +24,7 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 seeds = st.integers(0, 10**6)
-few = settings(deadline=None, max_examples=examples(25))
+few = settings(max_examples=examples(25))
 
 
 def worm(links: int = 2, **numbers: Any) -> Model:

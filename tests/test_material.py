@@ -89,7 +89,6 @@ shares = st.floats(0.01, 0.99)
 bars = st.builds(MagnetoElastic, st.floats(1.01, 20.0), st.floats(1e2, 1e7))
 
 
-@settings(deadline=None)
 @given(bar=bars, share=shares)
 def test_a_field_lengthens_and_softens(bar: MagnetoElastic, share: float):
     low, high = share * bar.largest_field, min(1.01 * share, 0.995) * bar.largest_field
@@ -101,7 +100,6 @@ def test_a_field_lengthens_and_softens(bar: MagnetoElastic, share: float):
     assert left == pytest.approx(-(G**2) / 12 / (1 + G / 2), rel=1e-6, abs=1e-15)
 
 
-@settings(deadline=None)
 @given(bar=bars, share=shares, stress=st.floats(-1e4, 1e4))
 def test_stress_and_strain_are_each_others_inverse(
     bar: MagnetoElastic, share: float, stress: float
@@ -134,7 +132,6 @@ def test_a_field_too_strong_is_refused_with_what_would_do():
             use(1.5e5)
 
 
-@settings(deadline=None)
 @given(bar=bars)
 def test_what_the_refusal_names_is_the_border(bar: MagnetoElastic):
     limit = bar.largest_field
@@ -272,7 +269,7 @@ def test_the_cubic_is_what_elimination_leaves():
     assert {factor for factor, _ in left} - {found} <= {X, X + 5}
 
 
-@settings(deadline=None, max_examples=examples(60))
+@settings(max_examples=examples(60))
 @given(u0=st.fractions(min_value="1/10000", max_value=3, max_denominator=10**5),
        e=st.fractions(min_value="1/10000", max_value=10**4, max_denominator=10**5))  # fmt: skip
 def test_exactly_one_root_is_positive_and_a_material(u0: Any, e: Any):
@@ -354,7 +351,7 @@ def test_all_roots_are_found(u0: float, e: float):
     assert any(root.lame_eta is None for root in roots) == (not all(r.is_real for r in exact))
 
 
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 @given(bar=bars, share=shares)
 def test_a_material_is_found_from_what_it_does(bar: MagnetoElastic, share: float):
     field = share * bar.largest_field
@@ -369,7 +366,7 @@ def test_a_material_is_found_from_what_it_does(bar: MagnetoElastic, share: float
 sizes = st.floats(-30, 30).map(lambda k: 10.0**k)
 
 
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 @given(u0=sizes, modulus=sizes, field=sizes)
 @example(u0=10.0**4.5625, modulus=10.0**3.5078125, field=1e5)
 def test_whatever_was_measured_is_identified_or_refused(u0: float, modulus: float, field: float):
@@ -392,7 +389,6 @@ def test_whatever_was_measured_is_identified_or_refused(u0: float, modulus: floa
     assert bar.softening(field) > -1.5
 
 
-@settings(deadline=None)
 @given(u0=st.floats(1e-4, 1.0), modulus=st.floats(1e2, 1e7), field=st.floats(1e4, 1e6))
 def test_nothing_a_laboratory_measures_is_refused(u0: float, modulus: float, field: float):
     # where mu_r - 1 is below 2e-4, a double does not tell it to 12 digits

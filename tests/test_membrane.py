@@ -80,7 +80,7 @@ def test_what_is_no_membrane_is_refused(place: int, bad: Any):
         Membrane(*numbers)
 
 
-@settings(deadline=None, max_examples=examples(20))
+@settings(max_examples=examples(20))
 @given(
     loss=st.floats(1e-3, 0.9), stress=st.floats(1e3, 1e6), strain=st.floats(1e-3, 1.0),
     lifetime=st.floats(1e5, 1e9),

@@ -88,7 +88,7 @@ def test_the_symbolic_worm_moves_as_the_closed_form_crawl(
     assert checked >= 7 * min(2, len(motion.stretches))
 
 
-@settings(max_examples=examples(50), deadline=None)
+@settings(max_examples=examples(50))
 @given(mass=masses, drag=st.floats(0, 3), load=st.floats(0, 9), seed=st.integers(0, 10**6))
 def test_newtons_law_holds_for_every_mass(mass: list[float], drag: float, load: float, seed: int):
     """m_i v_i' = reaction_i - k v_i - Gamma + mu_i - mu_{i+1}, mu_0 = mu_{n+1} = 0."""

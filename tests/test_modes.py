@@ -93,7 +93,7 @@ def all_sets(links: int, least: int) -> list[tuple[int, ...]]:
     return [s for size in range(least, links + 2) for s in combinations(masses, size)]
 
 
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 @given(data=st.data(), links=st.integers(1, 4))
 def test_limits_only_lower_the_ceiling(data: st.DataObject, links: int):
     """Fewer modes or slower links never raise it; more resting masses in a mode change nothing."""
@@ -114,7 +114,7 @@ def test_limits_only_lower_the_ceiling(data: st.DataObject, links: int):
     assert mirrored == pytest.approx(whole, abs=slack)
 
 
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(40))
 @given(data=st.data(), links=st.integers(1, 6))
 def test_the_ceiling_is_that_of_all_sets_listed(data: st.DataObject, links: int):
     rates = st.lists(st.floats(0.05, 3), min_size=links, max_size=links)
@@ -134,7 +134,7 @@ def test_the_ceiling_of_eight_links_is_that_of_all_sets_listed(resting: int):
     assert ceiling(contraction, extension, resting) == pytest.approx(exact, rel=1e-9)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(data=st.data(), links=st.integers(1, 12), factor=st.floats(1e-6, 1e6))
 def test_the_ceiling_scales_mirrors_and_falls_with_resting_masses(
     data: st.DataObject, links: int, factor: float
@@ -386,7 +386,7 @@ def test_long_worms_take_no_longer_than_seconds(links: int):
     assert time.perf_counter() - begun < 20  # about 1 on a machine with nothing else to do
 
 
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=examples(25))
 @given(data=st.data(), links=st.integers(1, 5), stroke=st.floats(0.05, 1))
 def test_no_block_wave_passes_the_ceiling_of_its_own_rates(
     data: st.DataObject, links: int, stroke: float

@@ -46,7 +46,7 @@ def kinetic(steps: StepRecord) -> np.ndarray:
 
 
 @given(st.floats(0.2, 5.0), st.integers(100, 3000))
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 def test_a_sliding_block_stops_after_the_distance_of_coulomb(speed: float, count: int):
     duration = 1.5 * speed / (MU * G)
     step = duration / count

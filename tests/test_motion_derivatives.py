@@ -379,7 +379,7 @@ def test_the_magneto_elastic_pair_agrees_with_differences_after_369_events(label
 
 
 @pytest.mark.slow
-@settings(max_examples=examples(12), deadline=None)
+@settings(max_examples=examples(12))
 @given(st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_random_chains_agree_with_differences_of_another_integrator(links: int, seed: int):
     rng = np.random.default_rng(seed)

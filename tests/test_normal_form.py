@@ -26,7 +26,7 @@ from wormopt.systems.chain.build import chain
 
 INTERNAL = ["center_of_mass", "center_velocity"]
 seeds = st.integers(0, 10**6)
-patient = settings(deadline=None, max_examples=examples(30))
+patient = settings(max_examples=examples(30))
 
 _STEPS = {
     ca.OP_ADD: lambda a, b: a + b,
@@ -259,7 +259,7 @@ def test_gain_has_its_sign_and_zeros_are_those_of_the_zero_dynamics(seed: int):
     assert whole.phase_kind == "minimum phase"
 
 
-@settings(deadline=None, max_examples=examples(6))
+@settings(max_examples=examples(6))
 @given(seed=seeds)
 def test_motions_with_lengths_held_approach_each_other(seed: int):
     """|W1 - W2| falls at least like exp(-t sum k / sum m), if no friction falls."""

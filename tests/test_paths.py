@@ -5,7 +5,7 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from wormopt.model.path import ParameterPath, ornstein_uhlenbeck, piecewise_constant
@@ -64,7 +64,6 @@ def test_ornstein_uhlenbeck_along_one_long_path():
         assert (z[lag:] * z[:-lag]).mean() == pytest.approx(np.exp(-lag * step / tau), abs=0.02)
 
 
-@settings(deadline=None)
 @given(
     seed=st.integers(0, 10**6),
     step=st.floats(0.01, 1.0),

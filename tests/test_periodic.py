@@ -38,7 +38,7 @@ THREE = linear(3)
     push=st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3),
     frequency=st.floats(0.5, 4.0),
 )
-@settings(max_examples=examples(12), deadline=None)
+@settings(max_examples=examples(12))
 def test_linear_systems_answer_as_theory_says(
     entries: list[float], push: list[float], frequency: float
 ):

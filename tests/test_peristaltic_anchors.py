@@ -72,7 +72,7 @@ def test_the_ceiling_of_clamped_segments_is_that_of_spikes_by_another_rule_of_wh
         assert ceiling_of_spikes(fewer, fewer, anchors) == pytest.approx(own, rel=1e-8)
 
 
-@settings(deadline=None, max_examples=examples(50))
+@settings(max_examples=examples(50))
 @given(wave=waves, stroke=sizes, step=sizes)
 def test_waves_of_any_length(wave: tuple[int, int], stroke: float, step: float):
     segments, short = wave
@@ -90,7 +90,7 @@ def test_waves_of_any_length(wave: tuple[int, int], stroke: float, step: float):
         assert gait.speed <= most * (1 + 1e-9)
 
 
-@settings(deadline=None, max_examples=examples(10))
+@settings(max_examples=examples(10))
 @given(wave=waves)
 def test_rigid_anchors_are_spikes_and_the_wave_is_that_of_a_block_at_rest(wave: tuple[int, int]):
     """Rings as masses with spikes crawl by the same lengths; segments as masses advance as far."""
@@ -124,7 +124,6 @@ def test_what_statics_does_not_tell_is_told():
 frictions = st.tuples(st.floats(-3, 3), st.floats(0.1, 2), st.floats(0.1, 2))
 
 
-@settings(deadline=None)
 @given(contacts=st.lists(frictions, min_size=1, max_size=6), share=st.floats(-0.95, 0.95))
 def test_slides_dissipate_least(contacts: list[tuple[float, float, float]], share: float):
     """No other velocity dissipates less, and between the two told all dissipate the same."""

@@ -234,7 +234,7 @@ def test_drag_that_does_not_depend_on_length_moves_nothing_whatever_the_gait(seg
 
 
 @given(st.lists(st.lists(st.floats(0.0, 1.5), min_size=3, max_size=3), min_size=4, max_size=4))
-@settings(max_examples=examples(10), deadline=None)
+@settings(max_examples=examples(10))
 def test_nor_does_any_course_of_fields(shares: list[list[float]]):
     course = Gait(0.02 * np.arange(5.0), FIELD * np.array(shares)[:, :, None])
     _, motion = follow(body(3), DragGround(0.2, 0.0), course)
@@ -273,7 +273,7 @@ def test_as_the_wall_becomes_rigid_its_force_becomes_that_of_the_rigid_tube():
 
 
 @given(st.floats(0.85, 1.1))
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 def test_the_wall_keeps_energy(stretch: float):
     lam = ca.SX.sym("lam")
     slope = ca.Function("f", [lam], [ca.jacobian(BED.energy(SEGMENT, lam), lam)])

@@ -77,7 +77,7 @@ def test_drag_that_does_not_hang_on_length_moves_nothing(segments: int):
     assert np.abs(np.asarray(ca.evalf(per_rate))).max() < 1e-16
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(SEEDS, st.integers(2, 6))
 def test_no_gait_goes_anywhere_with_exponent_0(seed: int, segments: int):
     assert abs(displacement(random_gait(seed, segments), 0.0)) < 1e-14
@@ -112,7 +112,7 @@ def test_the_drags_sum_to_zero_and_rings_keep_their_lengths():
     assert pull == pytest.approx(0, abs=1e-14)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(SEEDS, st.sampled_from([-2.0, -1.0, 1.0, 1.7]))
 def test_symmetries(seed: int, exponent: float):
     gait = random_gait(seed, 3)
@@ -197,7 +197,7 @@ def test_a_wave_of_fixed_length_is_quadratic_at_any_amplitude():
         2 * np.pi**2 * 0.09 * 3), 1.0) == pytest.approx(0.0816209714, abs=6e-11)  # fmt: skip
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(SEEDS, st.integers(3, 7))
 def test_no_gait_of_fixed_length_outdoes_the_wave(seed: int, segments: int):
     gait = random_gait(seed, segments, keeps_length=True)

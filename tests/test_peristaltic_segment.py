@@ -71,7 +71,7 @@ def at(expression: Any, **numbers: float) -> float:
 
 
 @given(STRETCHES, STRETCHES, SHARES)
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 def test_tensions_are_slopes_of_the_energy(lam: float, hoop: float, a: float):
     w = density(LAM, HOOP, SHARE)
     hessian, gradient = ca.hessian(w, ca.vertcat(LAM, HOOP))
@@ -94,7 +94,7 @@ def test_a_uniform_pressure_does_nothing_to_a_sealed_cylinder():
 
 
 @given(STRETCHES, SHARES, st.floats(0.0, 0.49))
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 def test_pulls_are_slopes_of_energies(lam: float, a: float, c: float):
     segment = Segment(20e-3, 5e-3, 0.3e-3, 20e3, c, a)
     for energy, pull in (
@@ -106,7 +106,7 @@ def test_pulls_are_slopes_of_energies(lam: float, a: float, c: float):
 
 
 @given(st.floats(5.005e-3, 6.5e-3), SHARES)
-@settings(max_examples=examples(10), deadline=None)
+@settings(max_examples=examples(10))
 def test_the_wall_takes_what_the_energy_gives(radius: float, a: float):
     segment = Segment(20e-3, 5e-3, 0.3e-3, 20e3, 0.5, a)
     wide = ca.SX.sym("R_t")
@@ -192,7 +192,7 @@ def test_the_limit_is_the_largest_pressure(a: float):
 
 
 @given(STRETCHES, STRETCHES, SHARES)
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 def test_both_invariants_have_the_same_limit(lam: float, hoop: float, a: float):
     # (1 / lam, lam hoop) exchanges them and keeps the volume
     assert density(1 / lam, lam * hoop, 1 - a) == pytest.approx(density(lam, hoop, a), abs=1e-11)
@@ -207,7 +207,7 @@ def test_no_limit_where_rubber_stiffens():
 
 
 @given(st.floats(0.01, 0.7), st.sampled_from([1.0, 0.9, 0.5, 0.0]))
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 def test_inflated_is_where_energy_less_work_is_stationary(loading: float, a: float):
     _, hoop, stretch = inflated(loading, a)
     rest = density(LAM, HOOP, SHARE) - loading * HOOP**2 * LAM / 2

@@ -75,7 +75,7 @@ def _power(shape, laws, s, ds, twist):
     return sum(np.hypot(f * v_t, law.sideways * v_n) for f, law, (v_t, v_n) in rows)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.integers(0, 10**6))
 def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
     shape, laws, s, ds = _worm(seed, one_sided=True)
@@ -91,7 +91,7 @@ def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(st.integers(0, 10**6))
 def test_a_stroke_backward_undoes_itself(seed):
     shape, laws, mean, amplitude = _worm(seed)
@@ -140,7 +140,7 @@ def test_turn_in_place_turns_and_goes_nowhere():
     assert [x + turned[0], y + turned[1]] == pytest.approx(middle, abs=1e-12)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(st.floats(0.2, 0.98), st.floats(0.5, 2.5), st.floats(-2.8, 2.8))
 @example(0.5, 1.0, 7e-189)
 def test_the_long_link_rests_while_the_closed_form_says_so(ratio, grip, phi):

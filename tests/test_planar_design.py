@@ -95,7 +95,7 @@ def test_given_instants_and_exact_breaks_agree():
     assert sides.work.sum() == pytest.approx(exact.work, rel=3e-4)
 
 
-@settings(max_examples=examples(8), deadline=None)
+@settings(max_examples=examples(8))
 @given(SEEDS, st.sampled_from(BODIES))
 def test_mirrors_and_paces(seed: int, body: tuple[Shape, Ground]):
     shape, ground = body
@@ -115,7 +115,7 @@ def test_mirrors_and_paces(seed: int, body: tuple[Shape, Ground]):
 # -- bounds ----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(12), deadline=None)
+@settings(max_examples=examples(12))
 @given(SEEDS, st.sampled_from(BODIES[:2]), st.booleans())
 def test_no_course_takes_less_work_than_its_bound(seed: int, body: tuple[Shape, Dry], closed: bool):
     shape, ground = body
@@ -141,7 +141,7 @@ def test_the_bound_is_reached_by_a_shape_that_pulls_one_mass_the_easy_way():
     assert work == pytest.approx(1.0)
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(st.tuples(*[st.floats(-2, 2)] * 2, st.floats(-3, 3)), st.integers(1, 7))
 def test_roots_of_poses_lead_there_when_repeated(pose: tuple[float, float, float], cycles: int):
     step, found = root(np.array(pose), cycles), np.zeros(3)
@@ -177,7 +177,7 @@ def test_crossing_links_are_seen():
     assert not list(crossings(open_[None]))
 
 
-@settings(max_examples=examples(6), deadline=None)
+@settings(max_examples=examples(6))
 @given(SEEDS, st.floats(1.05, 3.0))
 def test_a_mass_that_holds_what_all_others_pull_never_moves(seed: int, more: float):
     noise = np.random.default_rng(seed)

@@ -40,7 +40,7 @@ def test_infinite(alpha: float, ratio: float, ground: str, speed: float) -> None
 
 
 @pytest.mark.parametrize("ground", ["viscous", "elliptic", "unit"])
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(alpha=st.floats(0.1, 2.3), ratio=st.floats(1.1, 20))
 def test_by_another_way(ground: str, alpha: float, ratio: float) -> None:
     accepted = 1e-6 if ground == "elliptic" else 1e-10
@@ -49,7 +49,7 @@ def test_by_another_way(ground: str, alpha: float, ratio: float) -> None:
 
 
 @given(alpha=st.floats(0.1, 2.3))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_isotropic_ground(alpha: float) -> None:
     """Viscous, no wave gets anywhere; dry, both laws are one."""
     assert abs(serpenoid_speed(alpha, 1.0)) < 1e-15

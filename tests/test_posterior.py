@@ -78,7 +78,7 @@ def test_gradients_are_those_of_the_density(loss: str):
     assert density.log(y)[1] == pytest.approx(slopes, rel=1e-4, abs=1e-5)
 
 
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 @given(
     st.sampled_from([(-np.inf, np.inf), (1.0, np.inf), (-np.inf, 4.0), (1.0, 4.0)]),
     st.floats(-20, 20),

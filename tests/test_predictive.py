@@ -162,7 +162,7 @@ def random_stages(seed: int, n: int, n_x: int, n_u: int) -> tuple[Linearised, np
     ), rng.normal(size=(n, n_x))
 
 
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 @given(
     seed=st.integers(0, 10**6),
     n=st.integers(1, 6),
@@ -194,7 +194,7 @@ def test_no_step_improves_the_solution_of_a_stage_program(
     assert end == pytest.approx(last[0], abs=1e-6)
 
 
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 @given(
     seed=st.integers(0, 10**6),
     n=st.integers(1, 8),
@@ -392,7 +392,7 @@ def followed(plan: Plan, inputs: np.ndarray, p: np.ndarray) -> tuple[np.ndarray,
     return np.array(rows), np.array(states)
 
 
-@settings(max_examples=examples(6), deadline=None)
+@settings(max_examples=examples(6))
 @given(st.lists(st.floats(0.75, 1.3), min_size=3, max_size=3))
 def test_estimation_finds_the_parameters_of_exact_measurements(factors: list[float]):
     plan, names = planned(), ("mass", "friction_forward", "friction_backward")

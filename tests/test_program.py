@@ -77,7 +77,7 @@ def check(found: Design, tolerance: float = 1e-8) -> None:
 # -- closed forms ------------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(25), deadline=None, derandomize=True)
+@settings(max_examples=examples(25), derandomize=True)
 @given(one_links)
 def test_one_link_is_designed_to_its_closed_form(given_: dict[str, Any]):
     """Trapezoids by hand; as many strokes a period as are best for them."""
@@ -144,7 +144,7 @@ def climbed(task: GaitProblem, sequence, arcs: int, degree: int) -> tuple[GaitPr
 orders = st.sampled_from([((0,), (2,)), G1_ORDER, ((0,), (1,), (2,)), ((0,), (1,), (0,), (2,))])
 
 
-@settings(max_examples=examples(20), deadline=None, derandomize=True)
+@settings(max_examples=examples(20), derandomize=True)
 @example(0.203125, 5.0, 0.0, ((0,), (2,), (1,)), 4, 1)  # a length turns next to a joint of arcs
 @given(
     st.floats(0.2, 2.0),
@@ -174,7 +174,7 @@ def test_halving_the_arcs_never_loses(room, acceleration, drag, sequence, arcs, 
     assert trier.finer(trial).value >= trial.value
 
 
-@settings(max_examples=examples(10), deadline=None, derandomize=True)
+@settings(max_examples=examples(10), derandomize=True)
 @given(st.floats(0.3, 1.0), st.floats(8.0, 40.0), orders)
 def test_sharpening_ends_at_rounding_and_loses_nothing(room, acceleration, sequence):
     limits = replace(G1_LIMITS, length=(0.7, 0.7 + room), acceleration=acceleration)
@@ -225,7 +225,7 @@ def test_no_rival_of_any_order_is_faster_on_random_problems(index: int):
     assert speed <= found.speed * (1 + 1e-6)
 
 
-@settings(max_examples=examples(8), deadline=None, derandomize=True)
+@settings(max_examples=examples(8), derandomize=True)
 @given(st.integers(0, 10_000))
 def test_every_gait_keeps_its_limits(seed):
     """Random problems of two and three links by the judge, by integration and by `crawl`."""

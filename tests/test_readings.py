@@ -152,7 +152,7 @@ ANY = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=examples(15))
+@settings(max_examples=examples(15))
 @given(reading=ANY, feedback=st.sampled_from(TRACKERS))
 def test_a_reading_moves_as_it_does_by_hand(reading: Reading, feedback: Feedback):
     """Signs, order of links, what u is: as equations typed in by hand have them."""
@@ -167,7 +167,7 @@ def test_a_reading_moves_as_it_does_by_hand(reading: Reading, feedback: Feedback
         assert sign * motion["filter"][:, 0] == pytest.approx([1.0, 1.0])
 
 
-@settings(deadline=None, max_examples=examples(10))
+@settings(max_examples=examples(10))
 @given(reading=ANY, feedback=st.sampled_from(TRACKERS))
 def test_mirror_images_have_the_same_errors(reading: Reading, feedback: Feedback):
     """Seen in a mirror forward is back and the first link the last: x_i -> -x_(n-i)."""

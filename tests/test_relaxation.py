@@ -118,7 +118,7 @@ def test_columns_are_there_where_masses_may_move(jumps):
     assert np.all(program._z < 0)
 
 
-@settings(max_examples=examples(25), deadline=None, derandomize=True)
+@settings(max_examples=examples(25), derandomize=True)
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=3, max_size=3))
 def test_boxes_are_drawn_in_to_shares_that_add_up_to_the_period(ends):
     """As far as linear programs say, and by a rounding less."""

@@ -69,7 +69,7 @@ def check(rest: Rest, rounding: float = 1e-9) -> None:
 # -- exact answers --------------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(8), deadline=None)
+@settings(max_examples=examples(8))
 @given(load=st.floats(0.05, 5.0), side=st.sampled_from([1.0, -1.0]))
 def test_an_even_load_presses_a_rod_flat_on_a_wall(load: float, side: float):
     """Every node is pressed by its own load; the rod is straight and has no elastic energy."""
@@ -226,7 +226,7 @@ def test_a_rod_is_bent_from_wall_to_wall():
     assert load[: rod.count].sum() == pytest.approx(0, abs=1e-9)
 
 
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-6, 1e-3))
 def test_no_admissible_move_lowers_the_energy(seed: int, size: float):
     """Random moves, smooth and rough, brought back between the walls where they left them."""

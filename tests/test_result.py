@@ -9,7 +9,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 import xarray
-from hypothesis import given, settings
+from hypothesis import given
 
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
 from wormopt.result import Result
@@ -58,7 +58,6 @@ def test_a_result_loads_as_it_was_saved(tmp_path: Path, name: str):
     assert contents(Result.load(tmp_path / name)) == contents(example())
 
 
-@settings(deadline=None)
 @given(
     values=hnp.arrays(
         st.sampled_from([np.float64, np.float32, np.int32, np.int64, np.bool_, np.uint8]),

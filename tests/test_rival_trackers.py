@@ -46,7 +46,7 @@ def following(plant: Model) -> Reference:
 # -- forces at a point, by hand ------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=examples(20))
+@settings(max_examples=examples(20))
 @given(seed=st.integers(0, 10**6))
 def test_the_force_of_backstepping_and_of_switching_at_a_point(seed: int):
     random = np.random.default_rng(seed)
@@ -114,7 +114,7 @@ def test_trackers_start_and_grow_by_1_if_nothing_else_is_said(feedback: Feedback
 numbers_of_funnels = st.floats(0.1, 5.0)
 
 
-@settings(deadline=None, max_examples=examples(100))
+@settings(max_examples=examples(100))
 @given(st.builds(Funnel, *[numbers_of_funnels] * 3), st.builds(Funnel, *[numbers_of_funnels] * 3))
 @example(Funnel(2.0, 0.1, 3.0), Funnel(5.0, 0.2, 0.2))  # too narrow on the way only
 @example(Funnel(2.0, 1.0, 1.0), Funnel(1.5, 0.5, 0.1))  # early on the way only
@@ -140,7 +140,7 @@ def test_an_error_at_the_edge_of_its_funnel_can_follow_it(funnel: Funnel, rate_f
             _check_room(funnel, rate_funnel)
 
 
-@settings(deadline=None, max_examples=examples(20))
+@settings(max_examples=examples(20))
 @given(seed=st.integers(0, 10**6))
 def test_the_force_of_two_gains_at_a_point(seed: int):
     random = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ worms = st.fixed_dictionaries(
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=examples(6))
+@settings(max_examples=examples(6))
 @given(numbers=worms, feedback=st.sampled_from(["derivative", "filter", "difference"]))
 def test_gains_grow_by_what_is_outside_of_the_tube_and_keep_it_there(
     numbers: dict[str, Any], feedback: Feedback
@@ -205,7 +205,7 @@ def test_gains_grow_by_what_is_outside_of_the_tube_and_keep_it_there(
     assert excess[t > 5].max() < 0.15 * lam
 
 
-@settings(deadline=None, max_examples=examples(6))
+@settings(max_examples=examples(6))
 @given(
     numbers=worms,
     factor=st.floats(1.2, 3),
@@ -238,7 +238,7 @@ def test_switching_keeps_what_is_prescribed(
     assert set(np.round(np.log(gain / 2) / np.log(factor), 9)) <= set(range(failed + 1))
 
 
-@settings(deadline=None, max_examples=examples(6))
+@settings(max_examples=examples(6))
 @given(numbers=worms, law=st.sampled_from(["recursive", "two gains"]))
 def test_errors_stay_in_their_funnels_and_gains_are_bounded(
     numbers: dict[str, Any], law: FunnelLaw
@@ -259,7 +259,7 @@ def test_errors_stay_in_their_funnels_and_gains_are_bounded(
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=examples(6))
+@settings(max_examples=examples(6))
 @given(mass=st.floats(0.5, 2), stiffness=st.floats(5, 15), lam=st.floats(0.3, 0.5))
 def test_backstepping_tracks_by_small_gains(mass: float, stiffness: float, lam: float):
     """With a feed-forward of the springs; the gain is the integral of what is outside."""
@@ -286,7 +286,7 @@ def test_backstepping_tracks_by_small_gains(mass: float, stiffness: float, lam: 
 # -- what is refused -----------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=examples(60))
+@settings(max_examples=examples(60))
 @given(numbers=st.lists(st.floats(0.1, 10), min_size=6, max_size=6))
 def test_a_rate_funnel_leaves_room_at_all_times_or_is_refused(numbers: list[float]):
     """psi_1 > -psi_0' on a fine grid, whatever the closed form says."""

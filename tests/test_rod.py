@@ -109,7 +109,7 @@ def test_weights_and_nodes_are_those_of_lobatto(degree: int):
 
 @pytest.mark.parametrize("degree", DEGREES)
 @given(st.floats(-0.5, 3.0), st.just(0.0) | st.floats(-2.0, 2.0), st.floats(-3.2, 3.2))
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=examples(25))
 def test_constant_stretch_and_shear_are_exact(
     degree: int, stretch: float, shear: float, angle: float
 ):
@@ -144,7 +144,7 @@ def test_constant_curvature_is_exact_and_asks_for_moments_at_the_ends_only(degre
 
 @pytest.mark.parametrize("degree", DEGREES)
 @given(st.floats(-1e3, 1e3), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
-@settings(max_examples=examples(50), deadline=None)
+@settings(max_examples=examples(50))
 def test_rigid_motions_of_any_size_leave_no_strain(
     degree: int, turn: float, along: float, across: float
 ):
@@ -159,7 +159,7 @@ def test_rigid_motions_of_any_size_leave_no_strain(
 
 
 @given(st.floats(-6.0, 6.0), st.integers(0, 2**31))
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 def test_energy_does_not_see_a_rigid_motion_of_a_bent_rod(turn: float, seed: int):
     rod, rng = rubber(elements=3), np.random.default_rng(seed)
     bent = np.vstack([rod.nodes, 0 * rod.nodes, 0 * rod.nodes])

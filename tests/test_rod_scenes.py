@@ -152,7 +152,7 @@ def test_blocks_move_one_coil_each_switch():
     shift=st.floats(-0.8, 0.8),
     every=st.integers(6, 12),
 )
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 def test_every_coil_is_on_as_long_as_asked(duration: float, shift: float, every: int):
     blocks = switched_blocks(every, 1.0, duration, shift)
     lengths = np.diff(blocks.breaks)
@@ -180,7 +180,7 @@ def test_switching_that_cannot_be_is_refused(wrong: dict[str, float]):
 
 
 @given(speed=st.floats(-2.0, 2.0), phase=st.floats(0.0, 6.0), swing=st.floats(0.0, 0.5))
-@settings(max_examples=examples(40), deadline=None)
+@settings(max_examples=examples(40))
 def test_the_mean_of_what_repeats_itself_is_exact(speed: float, phase: float, swing: float):
     t = np.linspace(0.0, 20.0, 4001)
     place = speed * t + swing * np.sin(2 * np.pi * t + phase)

@@ -121,7 +121,7 @@ def test_every_load_of_a_range_is_kept_to():
     assert form.below * limits.force == pytest.approx(4 * (1 - 0.5), rel=1e-12)
 
 
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(60))
 @given(
     st.sets(st.integers(0, 3), min_size=1, max_size=3),
     st.integers(0, 2**32 - 1),

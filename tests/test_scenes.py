@@ -424,7 +424,7 @@ KEYS = st.sampled_from(
 )
 
 
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 @given(
     text=st.sampled_from([DESIGN, GAIT, FAST, FILE, PARETO, MATERIAL, SWINGING]),
     changes=st.lists(st.tuples(KEYS, VALUES), max_size=3),
@@ -443,7 +443,6 @@ def test_any_scene_is_read_or_refused(
         assert "Infinity" not in scene.text
 
 
-@settings(deadline=None)
 @given(content=st.binary(max_size=60) | st.text(max_size=60).map(str.encode))
 def test_any_file_is_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes):
     path = write(tmp_path_factory.mktemp("scene"), content)

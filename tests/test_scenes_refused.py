@@ -380,7 +380,7 @@ KEYS = st.sampled_from(
 )
 
 
-@settings(deadline=None, max_examples=examples(300))
+@settings(max_examples=examples(300))
 @given(
     text=st.sampled_from([TRACK, RANDOM, SIMULATE, MODEL]),
     changes=st.lists(st.tuples(KEYS, VALUES), max_size=3),

@@ -69,7 +69,7 @@ def test_a_search_of_all_orders_finds_them_too():
 
 
 @pytest.mark.slow
-@settings(max_examples=examples(4), deadline=None, derandomize=True)
+@settings(max_examples=examples(4), derandomize=True)
 @given(st.floats(0.4, 1.2), st.floats(1.05, 2.5), st.floats(0.0, 1.0))
 def test_a_range_of_periods_is_no_worse_than_any_period_in_it(shortest, widening, share):
     longest = shortest * widening
@@ -92,7 +92,7 @@ some = st.floats(0.5, 2.0)
 three, two = st.tuples(some, some, some), st.tuples(some, some)
 
 
-@settings(max_examples=examples(6), deadline=None, derandomize=True)
+@settings(max_examples=examples(6), derandomize=True)
 @given(three, two, two, two, st.floats(3.0, 20.0), orders)
 def test_the_mirror_image_is_as_fast(mass, rooms, contraction, extension, load, order):
     """Head and tail exchanged, and with them contraction and extension.
@@ -149,7 +149,7 @@ def test_an_order_and_its_rotations_are_one():
 
 
 @pytest.mark.slow
-@settings(max_examples=examples(4), deadline=None, derandomize=True)
+@settings(max_examples=examples(4), derandomize=True)
 @given(
     three,
     st.floats(2.0, 10.0),

@@ -115,7 +115,7 @@ def test_a_gain_grows_by_the_error_that_is_seen():
 
 
 @given(st.floats(1e-4, 10), st.floats(1e-3, 1), st.integers(1, 40), st.integers(1, 4))
-@settings(max_examples=examples(30), deadline=None)
+@settings(max_examples=examples(30))
 def test_noise_passes_its_samples_with_a_continuous_rate(
     deviation: float, interval: float, count: int, entries: int
 ):

@@ -77,7 +77,7 @@ def assert_confirmed(found: Design, again=climbed_again, share: float = 1e-3) ->
     mass=st.floats(0.5, 2.0),
     period=st.floats(0.9, 1.2),
 )
-@settings(max_examples=examples(10), deadline=None)
+@settings(max_examples=examples(10))
 def test_two_masses_have_a_formula(rate, acceleration, load, mass, period):
     """A trapezoid of the rate: up with the acceleration, down with what the load holds back."""
     fall = 2 * load / mass
@@ -172,7 +172,7 @@ def test_lists_add_up_to_the_one_number():
 
 @pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=examples(8), deadline=None)
+@settings(max_examples=examples(8))
 def test_other_units_describe_the_same_worm(seed):
     """Elasticities times powers of a unit add up to that of the speed."""
     random = np.random.default_rng(seed)

@@ -37,7 +37,7 @@ def splits(draw: st.DrawFn) -> Split:
     return unloaded, total, resting, most, loads.ravel()
 
 
-@settings(max_examples=examples(300), deadline=None)
+@settings(max_examples=examples(300))
 @given(split=splits())
 def test_no_shift_of_load_between_spikes_makes_actuation_less(split: Split):
     """Shifts from one spike to another span all feasible directions of a convex problem."""
@@ -55,7 +55,7 @@ def test_no_shift_of_load_between_spikes_makes_actuation_less(split: Split):
             assert slope >= -1e-11 * scale
 
 
-@settings(max_examples=examples(100), deadline=None)
+@settings(max_examples=examples(100))
 @given(split=splits())
 def test_capped_split_is_the_bounded_least_squares_solution(split: Split):
     """Against a solver for boxes, the sum held by a heavily weighted row."""

@@ -143,7 +143,7 @@ def test_a_schedule_is_followed_to_the_instant():
 
 
 @given(forward=st.floats(0.1, 3.0), backward=st.floats(0.1, 3.0), speed=st.floats(-3.0, 3.0))
-@settings(deadline=None, max_examples=examples(25))
+@settings(max_examples=examples(25))
 def test_a_thrown_block_stops_where_its_energy_is_spent(
     forward: float, backward: float, speed: float
 ):
@@ -668,7 +668,7 @@ def test_what_is_not_of_its_kind_is_not_taken_for_something_else(options: dict, 
 
 @pytest.mark.parametrize("route", ["native", "python"])
 @given(height=st.floats(0.1, 50.0), push=st.floats(-5.0, 5.0))
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 def test_a_terminal_switch_ends_the_motion(route: Route, height: float, push: float):
     x, v = ca.SX.sym("x"), ca.SX.sym("v")
     states = [Signal("height", x, value=height), Signal("velocity", v, value=push)]

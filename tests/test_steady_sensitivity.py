@@ -33,7 +33,7 @@ def linear(n: int) -> Model:
 TWO = linear(2)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(
     upper=st.floats(-0.5, 0.5),
     lower=st.floats(-0.5, 0.5),

@@ -50,7 +50,7 @@ BOX = {"center_velocity": (-2.0, 2.0), "swing": (-2.0, 2.0)}
 # -- steady states ---------------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=examples(25))
 @given(roots=st.lists(st.integers(-8, 8), min_size=1, max_size=5, unique=True))
 def test_all_roots_of_a_polynomial_are_found_with_their_stability(roots: list[int]):
     model = scalar_model(lambda x, r: math.prod((x - root / 4 for root in roots), start=-1) + 0 * r)

@@ -93,7 +93,7 @@ def counted(text: str, gait: Gait) -> float:
 # -- step times ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=examples(25))
 @given(gaits(), st.sampled_from([0.003, 0.017, 0.11]), st.sampled_from([0.0, 0.05, 0.4]))
 def test_a_replay_by_counting_stays_within_a_microstep(gait: Gait, travel: float, margin: float):
     stepper = motor(travel, margin)
@@ -106,7 +106,7 @@ def test_a_replay_by_counting_stays_within_a_microstep(gait: Gait, travel: float
         assert steps.of_motor(j)[1].sum() == 0
 
 
-@settings(max_examples=examples(25), deadline=None)
+@settings(max_examples=examples(25))
 @given(gaits(), st.sampled_from([0.004, 0.05]))
 def test_lengths_are_at_their_levels_when_motors_step(gait: Gait, travel: float):
     steps = step_times(gait, motor(travel))
@@ -218,7 +218,7 @@ def test_demands_of_the_fast_gait_in_closed_form():
     assert limits["acceleration_max"] == pytest.approx(period * np.sqrt(a * cosine), rel=1e-10)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(gaits(), st.floats(0.5, 3), st.floats(1, 30), st.sampled_from([0.0, 0.1, 0.5]))
 def test_the_smallest_period_is_where_sampled_demands_just_fit(
     gait: Gait, rate: float, acceleration: float, share: float
@@ -309,7 +309,7 @@ def from_rest(steps: Steps, backslip: float, periods: int, finer: int = 1) -> fl
     return (heads[-1] - heads[half - 1]) / (steps.period * (periods - half))
 
 
-@settings(max_examples=examples(15), deadline=None)
+@settings(max_examples=examples(15))
 @given(gaits(), st.sampled_from([0.0, 0.02, 0.05, 0.13]))
 def test_the_cycle_mean_is_the_speed_of_the_law_applied_from_rest(gait: Gait, slip: float):
     steps = step_times(gait, motor(0.05, 0.05))
@@ -324,7 +324,7 @@ def test_the_cycle_mean_is_the_speed_of_the_law_applied_from_rest(gait: Gait, sl
     assert from_rest(steps, slip, 8, 7) == pytest.approx(from_rest(steps, slip, 8), abs=1e-9)
 
 
-@settings(max_examples=examples(20), deadline=None)
+@settings(max_examples=examples(20))
 @given(gaits(), st.sampled_from([0.0, 0.02, 0.13]), st.sampled_from([0.0, 0.03]))
 def test_laws_of_the_bristles_hold(gait: Gait, slip: float, settle: float):
     steps = step_times(gait, motor(0.02))
@@ -378,7 +378,7 @@ def test_without_backslip_the_speed_is_of_first_order_in_the_step():
     assert ratchet(step_times(gait, motor(0.6 / 77)), 0.0).speed == pytest.approx(exact, abs=1e-12)
 
 
-@settings(max_examples=examples(10), deadline=None)
+@settings(max_examples=examples(10))
 @given(gaits())
 def test_a_backslip_of_a_step_keeps_steps_in_turns_from_making_way(gait: Gait):
     """Links that shorten and lengthen together step in turns; that must not carry the worm."""

@@ -198,7 +198,6 @@ def evaluated(reference: Reference, time: ca.SX, t: float) -> list[np.ndarray]:
     return [np.array(part).ravel() for part in function(t, schedule.values[piece], begin)]
 
 
-@settings(deadline=None)
 @given(
     name=st.sampled_from(sorted(GAITS)),
     t=st.floats(-5, 20),
@@ -262,7 +261,7 @@ def point(loop: Model, x: dict[str, Any], reference: list[np.ndarray]) -> dict[s
     return dict(zip(names, (np.array(f).ravel() for f in found), strict=True))
 
 
-@settings(deadline=None, max_examples=examples(30))
+@settings(max_examples=examples(30))
 @given(seed=st.integers(0, 10**6), feedback=st.sampled_from(["derivative", "filter"]))
 def test_the_force_of_a_tracker_at_a_point(seed: int, feedback: Feedback):
     """(13): -(k e + k' e + k e'); (14): -(k th + k' th + k th'), th' = -k^2 th + k^2 e."""
@@ -508,7 +507,7 @@ def test_the_funnel_controller_keeps_both_errors_in_their_funnels():
     assert run["error_norm"][-1] < 0.1
 
 
-@settings(deadline=None, max_examples=examples(20))
+@settings(max_examples=examples(20))
 @given(seed=st.integers(0, 10**6))
 def test_the_force_of_the_funnel_controller_at_a_point(seed: int):
     """k_0 = 1/(1 - |e|^2/psi_0^2), e_1 = e' + k_0 e, k_1 likewise, u = -gain k_1 e_1."""

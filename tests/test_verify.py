@@ -169,7 +169,7 @@ def test_a_worm_that_stands_still_keeps_to_everything():
     )
 
 
-@settings(max_examples=examples(8), deadline=None)
+@settings(max_examples=examples(8))
 @given(smooth_gaits(), st.integers(0, 10**6), st.floats(0.0, 2.0))
 def test_a_limit_drawn_around_samples_holds_and_one_drawn_within_does_not(
     gait: Gait, seed: int, drag: float
