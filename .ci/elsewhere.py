@@ -1,47 +1,60 @@
 """Pytest plugin that runs the tests as another machine might, for `.ci/run --elsewhere`.
 
-Numbers that the scene reader and a model's signals give are moved by one or two units in the last
-place, equal ones alike; C is compiled at -O1 without fused multiplication; files of tests, and the
-tests within each, are run in another order. Child processes keep the numbers as written.
+Numbers of scenes that are run, and of a model's signals, are moved by one or two units in the last
+place, equal ones alike, unless they are whole; C is compiled at -O1 without fused multiplication;
+files of tests, and the tests within each, are run in another order. Child processes keep the
+numbers as they are written.
 """
 
+import dataclasses
 import random
 import sys
 from collections.abc import Callable
 from itertools import groupby
+from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
+from wormopt.kind import Kind
 from wormopt.model import values
-from wormopt.scene import read
 from wormopt.simulation.native import build
 
 SEED = 1
 
 
-def moved(number: float) -> float:
-    """Move a number by one or two units in the last place."""
-    if number == 0 or not np.isfinite(number):
-        return number
-    steps = random.Random(f"{SEED} {number!r}").choice((-2, -1, 1, 2))  # noqa: S311
-    return number * (1 + steps * sys.float_info.epsilon)
+def moved(value: Any) -> Any:
+    """Move every number by one or two units in the last place that is not whole."""
+    if isinstance(value, msgspec.Struct):
+        inside = {name: moved(getattr(value, name)) for name in value.__struct_fields__}
+        return msgspec.structs.replace(value, **inside)
+    if isinstance(value, tuple):
+        return tuple(map(moved, value))
+    if not isinstance(value, float) or not np.isfinite(value) or value.is_integer():
+        return value
+    steps = random.Random(f"{SEED} {value!r}").choice((-2, -1, 1, 2))  # noqa: S311
+    return value * (1 + steps * sys.float_info.epsilon)
 
 
 def pytest_configure() -> None:
-    """Change what is read, and how C is compiled."""
-    read_value, signal_values = read.read_value, values.signal_values
+    """Change what is computed with, and how C is compiled."""
+    load_study, signal_values = Kind.load_study, values.signal_values
 
-    def reading(*given: Any) -> Any:
-        value = read_value(*given)
-        return moved(value) if type(value) is float else value
+    def study(kind: Kind) -> Any:
+        module = vars(load_study(kind))
 
-    def stacking(*given: Any, **more: Any) -> np.ndarray:
+        def run(scene: Any, report: Any) -> Any:
+            return module["run"](dataclasses.replace(scene, table=moved(scene.table)), report)
+
+        return SimpleNamespace(**{**module, "run": run})
+
+    def stacked(*given: Any, **more: Any) -> np.ndarray:
         return np.array([moved(float(value)) for value in signal_values(*given, **more)])
 
-    _put_in_place(read_value, reading)
-    _put_in_place(signal_values, stacking)
+    Kind.load_study = study
+    _put_in_place(signal_values, stacked)
     build._FLAGS = (*build._FLAGS, "-O1", "-ffp-contract=off")  # noqa: SLF001
 
 

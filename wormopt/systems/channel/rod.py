@@ -252,7 +252,8 @@ def _lobatto(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Gauss-Lobatto nodes on [-1, 1] and their weights."""
     series = np.zeros(degree + 1)
     series[-1] = 1.0
-    nodes = np.concatenate([[-1.0], np.sort(legendre.legroots(legendre.legder(series))), [1.0]])
+    inner = legendre.legroots(legendre.legder(series)).real
+    nodes = np.concatenate([[-1.0], np.sort(inner), [1.0]])
     return nodes, 2 / (degree * (degree + 1) * legendre.legval(nodes, series) ** 2)
 
 

@@ -16,8 +16,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 from scipy.optimize import linprog
-from scipy.sparse import csr_matrix, eye_array, hstack, kron, vstack
+from scipy.sparse import coo_array, csr_array, eye_array, hstack, vstack
 
 from wormopt.errors import SolveError
 from wormopt.systems.gears.gear import Gear, Limits
@@ -195,9 +196,9 @@ class _Rows:
     def wide(self, links: int) -> tuple[Matrix, Matrix, Matrix, np.ndarray]:
         """The same rows of all unknowns: lengths, velocities, peak."""
         count = len(self.side)
-        length = self.length if self.length is not None else csr_matrix((count, links))
-        peak, none = csr_matrix(np.full((count, 1), self.peak)), csr_matrix((count, 1))
-        still = csr_matrix((count, links))
+        length = self.length if self.length is not None else csr_array((count, links))
+        peak, none = csr_array(np.full((count, 1), self.peak)), csr_array((count, 1))
+        still = csr_array((count, links))
         return (
             hstack([still, self.by_step, none]),
             hstack([length, self.plain, peak]),
@@ -231,12 +232,12 @@ class _Programs:
         by_step, plain, times_step, side = self._rows(task.resting)
         weights = np.ones((1, self.arcs + 1))
         weights[0, [0, -1]] = 0.5  # the rule of trapezoids, which is exact here
-        ways, width = kron(weights, eye_array(masses)), plain.shape[1]
+        ways, width = _kron(weights, eye_array(masses)), plain.shape[1]
         found = linprog(
             np.eye(width)[-1],
             A_ub=by_step / step + plain + times_step * step,
             b_ub=side,
-            A_eq=hstack([csr_matrix((masses, masses - 1)), ways, csr_matrix((masses, 1))]),
+            A_eq=hstack([csr_array((masses, masses - 1)), ways, csr_array((masses, 1))]),
             b_eq=task.way / step,
             bounds=self._bounds(task),
             method="highs-ds",
@@ -261,7 +262,7 @@ class _Programs:
             links = len(self.mass) - 1
             blocks = [*_link_rows(links, self.limits, self.arcs), *self._force_rows(resting)]
             *parts, sides = zip(*(block.wide(links) for block in blocks), strict=True)
-            stacked = [csr_matrix(vstack(part)) for part in parts]
+            stacked = [csr_array(vstack(part)) for part in parts]
             self._known[resting] = (stacked[0], stacked[1], stacked[2], np.concatenate(sides))
         return self._known[resting]
 
@@ -272,9 +273,9 @@ class _Programs:
         share[list(resting)] = 1 / len(resting)
         # mu_j is what spikes ahead of the link carry, less what masses there need
         split = np.cumsum(share[:, None] - np.eye(masses), axis=0)[:-1]
-        every, each = kron(eye_array(arcs), np.ones((1, masses))), kron(eye_array(arcs), split)
-        none = csr_matrix((arcs, (arcs + 1) * masses))
-        nothing = csr_matrix((arcs * (masses - 1), (arcs + 1) * masses))
+        every, each = _kron(eye_array(arcs), np.ones((1, masses))), _kron(eye_array(arcs), split)
+        none = csr_array((arcs, (arcs + 1) * masses))
+        nothing = csr_array((arcs * (masses - 1), (arcs + 1) * masses))
         least, most = (np.full(arcs, masses * load) for load in self.load)
         for inertia, slowing in _needs(self.mass, self.drag, arcs):
             total = every @ inertia, every @ slowing
@@ -291,19 +292,19 @@ class _Programs:
 def _link_rows(links: int, limits: Limits, arcs: int) -> Iterator[_Rows]:
     """Rates, accelerations and lengths of the links."""
     link = eye_array(links, links + 1) - eye_array(links, links + 1, k=1)
-    rate: Matrix = csr_matrix(kron(eye_array(arcs + 1), link))
-    bend: Matrix = csr_matrix(kron(_change(arcs), link))
+    rate: Matrix = csr_array(_kron(eye_array(arcs + 1), link))
+    bend: Matrix = csr_array(_kron(_change(arcs), link))
     for sign in (1.0, -1.0):
-        none = csr_matrix(rate.shape)
+        none = csr_array(rate.shape)
         yield _Rows(none, sign * rate, none, np.full(rate.shape[0], limits.rate))
-        none = csr_matrix(bend.shape)
+        none = csr_array(bend.shape)
         yield _Rows(sign * bend, none, none, np.full(bend.shape[0], limits.acceleration))
     # lengths are quadratics on an arc: within their Bernstein coefficients
     below = np.tril(np.ones((arcs, arcs)), -1)
     grown = below @ (np.eye(arcs, arcs + 1) + np.eye(arcs, arcs + 1, k=1)) / 2
     for part in (grown[1:], grown + np.eye(arcs, arcs + 1) / 2):
-        rows: Matrix = csr_matrix(kron(part, link))
-        none, begin = csr_matrix(rows.shape), kron(np.ones((len(part), 1)), eye_array(links))
+        rows: Matrix = csr_array(_kron(part, link))
+        none, begin = csr_array(rows.shape), _kron(np.ones((len(part), 1)), eye_array(links))
         for sign, side in ((1.0, limits.length[1]), (-1.0, -limits.length[0])):
             yield _Rows(none, none, sign * rows, np.full(rows.shape[0], side), sign * begin)
 
@@ -311,8 +312,8 @@ def _link_rows(links: int, limits: Limits, arcs: int) -> Iterator[_Rows]:
 def _needs(mass: np.ndarray, drag: float, arcs: int) -> Iterator[tuple[Matrix, Matrix]]:
     """Inertia (by the step) and drag of every mass at the begin and at the end of every arc."""
     for end in (0, 1):
-        slowing = kron(eye_array(arcs, arcs + 1, k=end), drag * eye_array(len(mass)))
-        yield csr_matrix(kron(_change(arcs), np.diag(mass))), csr_matrix(slowing)
+        slowing = _kron(eye_array(arcs, arcs + 1, k=end), drag * eye_array(len(mass)))
+        yield csr_array(_kron(_change(arcs), np.diag(mass))), csr_array(slowing)
 
 
 def _change(arcs: int) -> Matrix:
@@ -333,3 +334,8 @@ def _strokes(task: _Task, nodes: np.ndarray, duration: float) -> Iterator[Stroke
             np.stack([nodes[begin], (nodes[end] - nodes[begin]) / ((end - begin) * step)], axis=1),
             task.resting,
         )
+
+
+def _kron(one: Matrix | np.ndarray, other: Matrix | np.ndarray) -> Matrix:
+    # of dense arrays SciPy gives a matrix, and warns of it since 1.18
+    return sparse.kron(coo_array(one), coo_array(other))
