@@ -1,9 +1,9 @@
 """Pytest plugin that runs the tests as another machine might, for `.ci/run --elsewhere`.
 
 Numbers of scenes that are run, and of a model's signals, are moved by one or two units in the last
-place, equal ones alike, unless they are whole; C is compiled at -O1 without fused multiplication;
-files of tests, and the tests within each, are run in another order. Child processes keep the
-numbers as they are written.
+place, equal ones alike, unless they are multiples of 1/8, as bounds of keys are. Files of tests,
+and the tests within each, are run in another order. Child processes keep the numbers as they are
+written.
 """
 
 import dataclasses
@@ -20,29 +20,29 @@ import pytest
 
 from wormopt.kind import Kind
 from wormopt.model import values
-from wormopt.simulation.native import build
 
 SEED = 1
 
 
 def moved(value: Any) -> Any:
-    """Move every number by one or two units in the last place that is not whole."""
+    """Move numbers by one or two units in the last place, but for eighths."""
     if isinstance(value, msgspec.Struct):
         inside = {name: moved(getattr(value, name)) for name in value.__struct_fields__}
         return msgspec.structs.replace(value, **inside)
     if isinstance(value, tuple):
         return tuple(map(moved, value))
-    if not isinstance(value, float) or not np.isfinite(value) or value.is_integer():
+    if not isinstance(value, float) or not np.isfinite(value) or (8 * value).is_integer():
         return value
     steps = random.Random(f"{SEED} {value!r}").choice((-2, -1, 1, 2))  # noqa: S311
     return value * (1 + steps * sys.float_info.epsilon)
 
 
 def pytest_configure() -> None:
-    """Change what is computed with, and how C is compiled."""
+    """Change what is computed with."""
     load_study, signal_values = Kind.load_study, values.signal_values
 
     def study(kind: Kind) -> Any:
+        """Load the module that computes scenes of this kind, with numbers moved."""
         module = vars(load_study(kind))
 
         def run(scene: Any, report: Any) -> Any:
@@ -55,7 +55,6 @@ def pytest_configure() -> None:
 
     Kind.load_study = study
     _put_in_place(signal_values, stacked)
-    build._FLAGS = (*build._FLAGS, "-O1", "-ffp-contract=off")  # noqa: SLF001
 
 
 def _put_in_place(old: Callable[..., Any], new: Callable[..., Any]) -> None:

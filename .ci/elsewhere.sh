@@ -23,8 +23,8 @@ plain=$work/plain/bin/python
 environment plain "$python"
 for name in "${names[@]}"; do
     case $name in
-    moved) # numbers, order of tests, compiler flags: see elsewhere.py
-        try moved "$plain" -p elsewhere -n 4 ;;
+    moved) # numbers and the order of tests, see elsewhere.py, and what the compiler does
+        CC=$PWD/.ci/cc try moved "$plain" -p elsewhere -n 4 ;;
     python) # no compiler
         CC=none try python "$plain" ;;
     threads) # in the libraries, and one process

@@ -110,7 +110,7 @@ def test_run_writes_numbers_and_pictures(tmp_path: Path, capsys: pytest.CaptureF
     assert "gap  unknown" in out
     assert str(folder) in out
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    assert summary["table"]["gait"]["elongation"] == 0.15
+    assert summary["table"]["gait"]["elongation"] == pytest.approx(0.15, rel=1e-12)
     assert summary["title"] == "Fast gait (15) of a three-mass worm"
 
 

@@ -77,7 +77,9 @@ def listed(contraction: list[float], extension: list[float], sets: list) -> floa
     sums = np.vstack([np.eye(1, n + 2), change])
     answer = linprog(
         np.tile(-np.eye(1, n + 2, 1), len(sets)).ravel(),
-        A_ub=sparse.kron(np.eye(len(sets)), np.vstack([too_long, too_short]), format="csr"),
+        A_ub=sparse.kron(
+            sparse.eye_array(len(sets)), np.vstack([too_long, too_short]), format="csr"
+        ),
         b_ub=np.zeros(2 * n * len(sets)),
         A_eq=np.tile(sums, len(sets)),
         b_eq=np.eye(n + 1)[0],

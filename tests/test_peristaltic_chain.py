@@ -190,7 +190,7 @@ def test_steps_of_the_second_route_are_stable_where_drag_or_damping_is_fast(
 def test_a_worm_that_rests_agrees_with_the_second_route():
     model, motion = follow(body(2), DryGround(1e3, 1e3), wave(2), "clamp")
     assert np.ptp(motion["position"], axis=1).max() == 0
-    assert second_route(model, wave(2), motion).coarse == 0
+    assert second_route(model, wave(2), motion).coarse < 1e-15  # rounding
 
 
 def test_smooth_friction_tends_to_the_exact_one():

@@ -155,7 +155,9 @@ def test_tracked_worms_arrive_where_the_benchmark_says(feedback: str, route: Rou
     tolerance = SHARP if route != "cvodes" else DEFAULT
     motion = simulate(tracked(feedback), 10.0, contact=Smooth(), tolerance=tolerance, route=route)
     assert motion.route == route
-    assert motion.end == pytest.approx(TRACK[feedback], abs=1e-9)
+    # at the looser tolerance rounding decides steps of CVODES, and their errors with them
+    accepted = 1e-9 if route != "cvodes" else 1e-8
+    assert motion.end == pytest.approx(TRACK[feedback], abs=accepted)
 
 
 @pytest.mark.parametrize("route", STEPPING)

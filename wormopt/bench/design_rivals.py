@@ -136,7 +136,11 @@ def _program(limits: Arrays, grid: Grid) -> Any:
     rows = zip(*_limits_of_step(limits, grid.period / N), strict=True)
     here, there, low, high = (np.concatenate(part) for part in rows)
     following = np.roll(np.eye(N), 1, axis=1)
-    matrix = sparse.csr_matrix(sparse.kron(np.eye(N), here) + sparse.kron(following, there))
+    here, there = (
+        sparse.kron(sparse.coo_array(steps), part)
+        for steps, part in ((np.eye(N), here), (following, there))
+    )
+    matrix = sparse.csr_array(here + there)
     program: Any = highspy.HighsLp()
     program.sense_ = highspy.ObjSense.kMaximize
     program.num_row_, program.num_col_ = N * len(low), N * (3 * n + 2)

@@ -98,6 +98,8 @@ def _refuse_obstacles(output: Output, files: Sequence[str]) -> None:
     folder, elsewhere = output.folder, "choose another folder with -o"
     if folder.exists() and not folder.is_dir():
         raise OutputError(f"{folder}: is a file, not a folder; {elsewhere}")
+    if folder.is_symlink() and not folder.is_dir():
+        raise OutputError(f"{folder}: cannot be written: the link leads nowhere; {elsewhere}")
     if not folder.is_dir():
         return
     earlier = earlier_result(folder)

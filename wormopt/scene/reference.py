@@ -35,8 +35,9 @@ def schema(kind: str) -> dict[str, Any]:
     }
     found = {**about, **found, "$defs": parts}
     parts[table.__name__]["properties"]["sweep"] = sweep
+    for part in parts.values():
+        part["description"] = inspect.cleandoc(part.get("description", ""))
     for part in (*tables_below(table), Swept):
-        parts[part.__name__]["description"] = inspect.getdoc(part) or ""
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
             quantity, what = meaning(field.type)
