@@ -670,7 +670,7 @@ def zigzag(*changes: str) -> Result:
     [
         (["motor.start_rate=5"], True),
         (["motor.start_rate=5", "gait.period=2"], False),  # eight times as fast is still slow
-        (["motor.start_rate=5", "motor.hysteresis=0.4"], False),  # no turn just past a level
+        (["motor.start_rate=5", "motor.hysteresis=0.39"], False),  # no turn just past a level
     ],
 )
 def test_reversals_faster_than_the_motor_starts_are_told(changes: list[str], warned: bool):
