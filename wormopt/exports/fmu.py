@@ -74,8 +74,6 @@ def make(plants: Sequence[Plant], stem: str) -> dict[str, bytes]:
 
 def _archive(plant: Plant, stem: str) -> bytes:
     name = f"{identifier(stem)}_model"  # no function of C is called so
-    if not hasattr(ca.DaeBuilder, "compile_fmu"):
-        raise ArgumentError(f"an FMU needs CasADi 3.8 or newer, here is {ca.CasadiMeta.version()}")
     _refuse(plant.model)
     dae = _builder(plant, name)
     with tempfile.TemporaryDirectory() as folder, chdir(folder):  # where CasADi writes to
