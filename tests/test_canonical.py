@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import wormopt as wo
+from wormopt.systems.spiked.design import design as designs
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.limits import Limits
@@ -95,3 +96,34 @@ def test_links_are_as_long_as_they_can_be():
     mean = lengths(found)[:-1].mean(axis=0) @ weights
     mirrored = (2.0 - lengths(found)[:-1, ::-1]).mean(axis=0) @ weights
     assert mean > mirrored - 1e-6
+
+
+@pytest.mark.parametrize(
+    ("worm", "limits"),
+    [
+        (WORM, LIMITS),
+        (Worm(3, load=5.0), LIMITS),
+        pytest.param(Worm(4, load=5.0), replace(LIMITS, resting=2), marks=pytest.mark.slow),
+        pytest.param(Worm(6, load=5.0), LIMITS, marks=pytest.mark.slow),
+        pytest.param(Worm(2, load=5.0, drag=0.5), LIMITS, marks=pytest.mark.slow),
+        pytest.param(WORM, replace(LIMITS, spike_load=27.0), marks=pytest.mark.slow),
+    ],
+)
+def test_the_choice_costs_nothing(worm: Worm, limits: Limits, monkeypatch: pytest.MonkeyPatch):
+    """Neither speed nor limits, against the gait that the search found."""
+    search = Search(effort="quick", workers=1)
+    found = design(worm, limits, search=search)
+    monkeypatch.setattr(designs, "chosen", lambda trier, trial, *, turn: (trial, trial))
+    first = design(worm, limits, search=search)
+    assert found.speed >= first.speed * (1 - 1e-11)
+    assert max(found.violations.values()) <= max(1e-11, *first.violations.values())
+
+
+def test_an_interrupted_choice_keeps_the_gait_that_was_found(monkeypatch: pytest.MonkeyPatch):
+    def interrupted(*_: object, turn: bool):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(designs, "chosen", interrupted)
+    found = design(WORM, LIMITS, search=Search(effort="quick", workers=1))
+    assert found.ended == "interrupted"
+    assert found.speed == pytest.approx(14 * 1394**0.5 / 125 - 839 / 250, rel=1e-9)

@@ -203,7 +203,7 @@ def certified(
         if fitted is None:
             return -np.inf
         finer = trier.finer(trier.finer(fitted))
-        if finer.value > record:
+        if finer.value > record + 1e-11 * abs(record):  # by more than rounding
             best.append(finer)
         return finer.value
 

@@ -22,44 +22,43 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 
 # Arcs stay longer than this share of the cycle: limits are kept times their duration.
 _SHORTEST = 1e-3
-# Shares of the objective that may be given up, the first that leaves room for a vertex; and what
-# counts as none between two images, or two gaits.
-_HELD, _SAME = (1e-15, 1e-12, 1e-11), 1e-9
-# How far limits may be off, at best and at most; share of the mean length that it may cost to
-# meet them exactly.
-_OFF, _MOST_OFF, _LOST = 1e-12, 3e-10, 1e-6
+# Shares of the objective that may be given up, the first that leaves room for a vertex; what an
+# image may lose; and what counts as no difference between mean lengths.
+_HELD, _SAME, _AS_LONG = (1e-15, 1e-12, 1e-11), 1e-12, 1e-9
+# How far limits may be off; share of the mean length that it may cost to meet them exactly.
+_OFF, _LOST = 1e-12, 1e-6
 # Arcs are cut in so many parts in turn, which counts where the mean length gains more than a
 # share; last, arcs that only repeat are joined.
 _PARTS, _GAIN = (4, 2, 1), 1e-10
 _UNTIL, _AGAIN = Climb(tolerance=1e-12, steps=40), Climb(tolerance=1e-13, steps=15)
-# Programs with more unknowns are left where they are: choosing takes longer than the design.
-_MOST_UNKNOWNS = 450
+# Links of gaits with more unknowns stay as they are: to lengthen them takes as long as the design.
+_MOST_UNKNOWNS = 250
 
 
 def chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
     """Choose the canonical one of the gaits that are as good as a trial.
 
     Gives the trial in its canonical order of rest, as a vertex of its own program, and the gait
-    chosen, which is below it by a share of 1e-11 at most. Both are the trial itself where the
-    objective is smooth, where velocities of all masses are those of one, and where the program
-    is large. `turn`: whether the cycle may begin elsewhere or be mirrored.
+    chosen, which is below it by a share of 1e-11 at most and meets limits as exactly. Both are the
+    trial itself where the optimum is no face: where the objective is smooth or the worm is dragged,
+    or where velocities of all masses are those of one. `turn`: whether the cycle may begin
+    elsewhere or be mirrored.
     """
-    program = trial.program
-    if (
-        trier.task.objective.is_smooth
-        or isinstance(program, WaveProgram)
-        or len(trial.point.x) > _MOST_UNKNOWNS
-    ):
+    task = trier.task
+    if task.objective.is_smooth or task.worm.drag or isinstance(trial.program, WaveProgram):
         return trial, trial
-    best: tuple[Trial, Trial] | None = None
-    most = -np.inf
-    for image in _images(trial) if turn else (trial,):
-        if image.value < trial.value - _SAME * abs(trial.value):
-            continue
-        gait, mean = _drawn_out(image)
-        if best is None or mean > most + _SAME * abs(most):
+    least = trial.value - _SAME * abs(trial.value)
+    images = [image for image in _images(trial) if image.value >= least] if turn else [trial]
+    if not images:
+        return trial, trial
+    if len(trial.point.x) > _MOST_UNKNOWNS:
+        return images[0], images[0]
+    best, most = (images[0], images[0]), -np.inf
+    for image in images:
+        gait, mean = _lengthened(image)
+        if np.isfinite(mean) and (np.isneginf(most) or mean > most + _AS_LONG * abs(most)):
             best, most = (image, gait), mean
-    return best or (trial, trial)
+    return best
 
 
 def _images(trial: Trial) -> Iterator[Trial]:
@@ -69,7 +68,6 @@ def _images(trial: Trial) -> Iterator[Trial]:
     mirror = is_mirror_symmetric(task)
     first = canonical(trial.sequence, masses, mirror=mirror)
     arcs = np.split(np.arange(program.total), np.cumsum(program.arcs)[:-1])
-    widths = program.widths(trial.point)
     for mirrors in (False, True) if mirror else (False,):
         word = mirrored(trial.sequence, masses) if mirrors else trial.sequence
         for k in range(count):
@@ -85,27 +83,41 @@ def _images(trial: Trial) -> Iterator[Trial]:
             )
             same = (program.degree, patterns, program.limits)
             image = GaitProgram(task, first, program.period, np.roll(program.arcs, -k), *same)
-            point = image.start_arcs(widths[order])
+            point = _mirrored(trial, image, order) if mirrors else _turned(trial, image, order)
             if point is not None:
-                sharp, _ = image.bilinear.sharpen(point)
-                yield replace(trial, program=image, point=sharp)
+                yield replace(trial, program=image, point=point)
 
 
-def _drawn_out(trial: Trial) -> tuple[Trial, float]:
-    """Make the links as long as the objective allows; the gait, and their mean length."""
+def _turned(trial: Trial, image: GaitProgram, order: np.ndarray) -> Point | None:
+    """The same motion from another arc on; None where the programs have other columns."""
+    program = trial.program
+    if len(image.bilinear.upper) != len(trial.point.x):
+        return None
+    x = trial.point.x.copy()
+    for there, here in ((image.h, program.h), (image.v, program.v), (image.length, program.length)):
+        x[there] = trial.point.x[here[order]]
+    off = max(_OFF, program.bilinear.violation(trial.point.x))
+    return Point(x, image.bilinear.value(x)) if image.bilinear.violation(x) <= off else None
+
+
+def _mirrored(trial: Trial, image: GaitProgram, order: np.ndarray) -> Point | None:
+    """The best motion with the same durations of arcs."""
+    point = image.start_arcs(trial.program.widths(trial.point)[order])
+    return None if point is None else image.bilinear.sharpen(point)[0]
+
+
+def _lengthened(trial: Trial) -> tuple[Trial, float]:
+    """Lengthen the links at a fixed objective; return the gait and its mean length."""
     value, mean = trial.point.value, -np.inf
     for parts in _PARTS:
-        least = mean * (1 - _SAME if parts == 1 else 1 + _GAIN)
+        least = mean * (1 - _AS_LONG if parts == 1 else 1 + _GAIN)
         program, widths = trial.program.cut(trial.point, parts)
-        found = None
         for held in _HELD:
-            tried = _LongestLinks(program, value - held * abs(value)).best(widths)
-            if tried is not None and tried[2] < (_MOST_OFF if found is None else found[2]):
-                found = tried
+            found = _LongestLinks(program, value - held * abs(value)).best(widths)
             if found is not None and found[2] <= _OFF:
+                if found[1] > least:
+                    trial, mean = replace(trial, program=program, point=found[0]), found[1]
                 break
-        if found is not None and found[1] > least:
-            trial, mean = replace(trial, program=program, point=found[0]), found[1]
     return trial, mean
 
 
@@ -145,7 +157,10 @@ class _LongestLinks:
         self.second = BilinearProgram(rows, np.unique(own.h), gain, own.period_row, None, 1e-10)
 
     def best(self, widths: np.ndarray) -> tuple[Point, float, float] | None:
-        """Best point from durations of arcs on, its mean length, and by how much limits are off."""
+        """Maximise the mean length from given durations of arcs.
+
+        Gives the point, its mean length, and by how much limits are off.
+        """
         x = np.zeros(len(self.second.upper))
         x[self.own.h] = widths
         self.second.lower[self.own.h] = np.minimum(widths, _SHORTEST * widths.sum())
@@ -161,7 +176,7 @@ class _LongestLinks:
         return Point(x, self.program.bilinear.value(x)), found.value, off
 
     def _moved(self, widths: np.ndarray) -> np.ndarray:
-        """Durations of arcs at which the objective is at its best again."""
+        """Durations of arcs that restore the objective."""
         program = self.program
         x = np.zeros(len(program.bilinear.upper))
         x[program.h] = widths

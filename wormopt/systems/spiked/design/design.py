@@ -262,11 +262,16 @@ def sharpest(
         (s for s in sound if s[0].value >= value - _TIE * abs(value)),
         key=lambda s: len(lasting(s[0].sequence, s[0].durations.tolist())[0]),
     )
-    gait = trial
+    both = trial, trial
     if ended == "searched":
-        trial = _in_fewer_phases(trier, trial)
-        trial, gait = _chosen(trier, trial, turn=settings.sequence is None)
-    return of_trial(task, trial, error, bound, survey, ended, gait)
+        try:
+            report("choosing among equal gaits", 0.95)
+            trial = _in_fewer_phases(trier, trial)
+            both = trial, trial
+            both = _chosen(trier, trial, turn=settings.sequence is None)
+        except KeyboardInterrupt:
+            ended = "interrupted"
+    return of_trial(task, both[0], error, bound, survey, ended, both[1])
 
 
 def _hopeful(best: Trial, sharp: Trial) -> float:
