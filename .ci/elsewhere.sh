@@ -39,13 +39,13 @@ for needed in project["dependencies"] + project["optional-dependencies"]["test"]
     name, _, oldest = needed.partition(">=")
     print(f"{name}=={oldest}{'' if '.' in oldest else '.0'}.*")
 PYTHON
-        environment oldest "$python" -c "$work/oldest.txt"
+        environment oldest "$python" -c "$work/oldest.txt" || { failed+=(oldest) && continue; }
         # which warn of each other
         try oldest "$work/oldest/bin/python" -o filterwarnings=default ;;
     newer) # versions of Python, where they are installed
         for newer in python3.12 python3.13 python3.14; do
             "$newer" -c "" 2> /dev/null || continue
-            environment "$newer" "$newer"
+            environment "$newer" "$newer" || { failed+=("$newer") && continue; }
             try "$newer" "$work/$newer/bin/python"
         done ;;
     *) echo "no variation $name" >&2; exit 2 ;;

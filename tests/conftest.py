@@ -30,7 +30,8 @@ def pytest_configure(config: pytest.Config) -> None:
     # Fast runs are the same every time: what chance finds is found by those with the slow tests,
     # and not in the way of a change that has nothing to do with it.
     fast = not os.environ.get(FULL)
-    # How long an example takes is no reason to fail: it depends on the load.
+    # How long an example takes is no reason to fail: it depends on the load. A test that suppresses
+    # other health checks must name `too_slow` too.
     settings.register_profile(
         "effort",
         max_examples=examples(100),

@@ -297,7 +297,6 @@ def test_the_slide_is_the_same_program_for_all(tmp_path: Path, capsys: pytest.Ca
             assert told[grid, peer]["build_s"] > 0
             assert told[grid, peer]["iterations"] > 0
     assert [target["grid"] for target in found["targets"]] == grids
-    assert all(target["ratio"] > 0 for target in found["targets"])
     assert (tmp_path / "ocp.png").is_file()
     assert "solve at most 2 of" in run.table(found)
 

@@ -98,7 +98,9 @@ def test_all_who_are_there_agree_on_the_answer(name: str, most: float):
             continue
         try:
             run = way.make()
-        except ModuleNotFoundError:  # a peer of the extra all-tests
+        except ModuleNotFoundError as error:  # a peer of the extra all-tests
+            if error.name not in ("magpylib", "skfem"):
+                raise
             continue
         assert task.error(run(way.settings[-1])) <= most, way.name
 
@@ -114,6 +116,8 @@ def test_peers_are_given_their_due(name: str, other: str, setting: float, most: 
     try:
         run = next(way for way in task.ways if way.name == other).make()
     except ModuleNotFoundError as error:
+        if error.name not in ("magpylib", "skfem"):
+            raise
         pytest.skip(f"{error.name} is not installed")
     assert task.error(run(setting)) <= most
 

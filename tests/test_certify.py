@@ -310,7 +310,7 @@ def makings(**kinds) -> st.SearchStrategy[Making]:
     st.tuples(st.floats(0.1, 10.0), st.floats(0.1, 10.0)),
     st.sampled_from([0.0, 0.3, 3.0]),
     st.sampled_from([0.0, 2.0]),
-    st.sampled_from([1, 2, 4]),
+    st.sampled_from([1, 3, 4]),
 )
 def test_a_true_motion_is_a_point_of_the_relaxation(making, masses, drag, margin, cells):
     """Whatever the solver does: the motion's own values obey every row, in any box."""

@@ -138,13 +138,13 @@ def test_a_motion_that_is_given_up_is_kept_as_far_as_it_came(
 ):
     path = write(tmp_path, TRACK)
     out = tmp_path / "out"
-    change = ["--set", "tolerance.max_steps=60", "--set", 'want=["motion"]']
+    change = ["--set", "tolerance.max_steps=60", "--set", 'want=["trackers", "motion"]']
     assert main(["run", str(path), "-o", str(out), *change]) == 3
     assert "60 steps were spent" in capsys.readouterr().err
     loaded = Result.load(out)
     assert loaded.status == "failed"
     assert 1 < len(loaded["time"].values) < 2001
-    assert {p.name for p in out.iterdir()} >= {"motion.png", "result.nc"}
+    assert {p.name for p in out.iterdir()} >= {"trackers.png", "motion.png", "result.nc"}
     with pytest.raises(SolveError) as caught:
         wo.run(load_scene(write(tmp_path, SIMULATE), ["tolerance.max_steps=1", "worm.load=5"]))
     assert caught.value.code == "too_many_steps"

@@ -486,7 +486,7 @@ def test_a_gait_of_several_cycles_is_not_above_its_bound(tmp_path: Path, monkeyp
     from wormopt.systems.spiked.runs import gait_certificate
 
     monkeypatch.setattr(gait_certificate, "checkpoints", lambda what, _: tmp_path / what)
-    changes = ["gait.period=4.0", "search.sequence=[[0],[1],[2]]", "search.certify.time_limit=0.1"]
+    changes = ["gait.period=4.0", "search.sequence=[[0],[1],[2]]", "search.certify.time_limit=1.0"]
     result = wo.run(wo.load_scene("certified_gait", changes))
     assert result.status == "ok", result.reason
     assert result.scalars["bound"].value >= result.scalars["speed"].value * (1 - 1e-12)

@@ -1,4 +1,4 @@
-"""Python as it is on Windows, as far as wormopt can tell; every process of a test begins with it.
+"""Python as it is on Windows, as seen by wormopt; every process of a test begins with it.
 
 What wormopt imports lacks what only POSIX has, its `sys.platform` is that of Windows, and it can
 neither replace nor remove what this process has open. All else is left alone: loky and the standard

@@ -15,8 +15,8 @@ def growth(work: Callable[[], Answer]) -> tuple[Answer, float | None]:
     """Do some work; its answer, and the bytes by which the process grew at most meanwhile.
 
     Memory that was free before counts for nothing, so that first runs tell most. Only on Linux
-    can the mark of the most be set back; elsewhere what is below an earlier mark is 0, and on
-    Windows, whose Python does not tell, it is None.
+    can the mark of the most be set back; elsewhere what is below an earlier mark is 0. On
+    Windows, where Python does not report memory, the value is None.
     """
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

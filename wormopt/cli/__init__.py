@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _nobody_reads(error: OSError) -> bool:
-    """Whether whoever read our output has had enough, of which Windows tells by EINVAL."""
+    """Return whether the reader closed our output; Windows reports this as EINVAL."""
     if sys.platform == "win32" and error.errno == errno.EINVAL and error.filename is None:
         return True
     return isinstance(error, BrokenPipeError)

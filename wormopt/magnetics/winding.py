@@ -157,7 +157,7 @@ class Coil:
         axial, radial = (s + half >= 0) * (s - half < 0) * (q < middle * middle), 0.0
         places, weights = _gauss(nodes)
         radii = [middle + place * (self.outer - self.inner) / 2 for place in places]
-        if isinstance(q, np.ndarray) or isinstance(s, np.ndarray):
+        if all(isinstance(part, (np.ndarray, float, int)) for part in (q, s)):
             # all sheets at once, along a first axis
             sheets = np.reshape(radii, (-1, *[1] * max(np.ndim(q), np.ndim(s))))
             one, other = sheet_field(sheets, half, q, s)

@@ -291,7 +291,7 @@ def _as_worker(work: Callable[[Job], Answer], job: Job) -> Answer:
 
 def _end_with(parent: int) -> None:
     """End this process when the one that began it is gone, even if killed: nobody waits."""
-    if sys.platform == "win32":  # where the number of a parent that is gone stays
+    if sys.platform == "win32":  # keeps the parent's process id after the parent has ended
         begun_by = parent_process()
         assert begun_by is not None
         begun_by.join()

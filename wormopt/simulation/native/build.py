@@ -24,7 +24,7 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
-"""With which names of shared libraries end here."""
+"""File suffix of shared libraries on this system."""
 SHARED = ("-std=c11", "-shared", *(() if sys.platform == "win32" else ("-fPIC",)))
 """Flags that make a shared library."""
 ALL_EXPORTED = "-DCASADI_SYMBOL_EXPORT="
@@ -48,7 +48,7 @@ class CompilerError(Exception):
 def compiler() -> tuple[str, ...] | None:
     """Command of the C compiler: ``$CC``, the system's, or that of the package ziglang.
 
-    On Windows the system's is not taken: GCC puts vectors there where they crash (its bug 54412).
+    On Windows the system's is not used: GCC misaligns vectors there (GCC bug 54412).
     """
     named = os.environ.get("CC", "").strip()
     if named:
@@ -103,7 +103,7 @@ def library(name: str, sources: Sequence[tuple[str, str]], optimise: str = "-O2"
 
 
 def said(done: subprocess.CompletedProcess[bytes]) -> str:
-    """What a compiler complains of."""
+    """Error output of a compiler run."""
     return done.stderr.decode(errors="replace").strip()
 
 

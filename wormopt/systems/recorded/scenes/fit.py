@@ -228,7 +228,8 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
         "prediction_coverage": (
             "share",
             "readings of a run kept aside that lie in the 95 % band of its prediction, a list "
-            "where there are several runs; 95 % over many fits, more in one that came out well",
+            "where there are several runs; 95 % on average over many fits; a single fit may give "
+            "more or fewer",
         ),
         "prediction_chi2": (
             "1",
