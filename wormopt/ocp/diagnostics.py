@@ -99,12 +99,20 @@ def _conflict(
     treatment = program.treatment
     relaxed = Transcription(loose, program.mesh, treatment)
     n = len(loose.design) - len(problem.design)
-    w = np.concatenate([np.where(np.isfinite(start), start, 0.0), np.full(n, 1.0)])
+    w = np.concatenate([np.where(np.isfinite(start), start, 0.0), np.zeros(n)])
     objective = 0.0
     for each in _levels_from(treatment, level):  # the sharper the law, the more must give way
         bounds = relaxed.bounds(each, p=by_name(problem.model.p, p))
-        answer = relaxed.nlp.solve(w, bounds, Ipopt(tolerance=1e-7, seconds=seconds))
-        if answer.violation > _MET:
+        if each == level:  # far too much slack meets every limit at the start
+            g = relaxed.nlp.constraints(w, bounds)
+            w[-n:] = 1.0 + np.max(np.maximum(bounds.lbg - g, g - bounds.ubg), initial=0.0)
+        # which barrier leads to the end is a matter of luck
+        for barrier in (0.1, 1e-3):
+            patient = Ipopt(tolerance=1e-7, iterations=1000, mu_init=barrier, seconds=seconds)
+            answer = relaxed.nlp.solve(w, bounds, patient)
+            if answer.violation <= _MET:
+                break
+        else:
             break
         w, objective = answer.w, answer.objective
     if objective < _GIVES_WAY:
