@@ -92,13 +92,22 @@ def positive(value: Expression) -> bool:
 class _TwoWay:
     """What laws share that let a contact slide in both directions."""
 
+    forward: Expression
+    backward: Expression
+
     @property
     def directions(self) -> tuple[int, ...]:
-        """Both directions are possible."""
-        return (1, -1)
+        """Those in which the force is finite."""
+        ways = ((1, self.forward), (-1, self.backward))
+        return tuple(way for way, force in ways if isinstance(force, ca.SX) or force < math.inf)
 
     def smooth(self, v: Expression, v_reg: Expression) -> Expression:
         """Blend of both sliding forces by tanh(v / v_reg), as in chapter 2.4; stiction is lost."""
+        if len(self.directions) < 2:
+            raise ArgumentError(
+                f"smooth contact needs finite friction, not {self}; write a finite force, or treat "
+                "contact as exact"
+            )
         ahead, behind = self.slip_force(v, 1), self.slip_force(v, -1)
         return (ahead + behind) / 2 + (ahead - behind) / 2 * ca.tanh(v / v_reg)
 
@@ -155,9 +164,10 @@ class Coulomb(_TwoWay):
     Parameters
     ----------
     forward : float or casadi.SX
-        Sliding force F+ that opposes forward motion, in force units, not negative.
+        Sliding force F+ that opposes forward motion, in force units, not negative. With
+        ``math.inf`` it never slides forward; this takes exact contact.
     backward : float or casadi.SX
-        Sliding force F- that opposes backward motion.
+        Sliding force F- that opposes backward motion, likewise.
     stick_forward, stick_backward : float or casadi.SX, optional
         Largest resistance at rest against being moved forward and backward (stiction). They
         default to the sliding forces.
@@ -275,6 +285,11 @@ class Viscous(_TwoWay):
         check_numbers(self)
         if not _ascend(0.0, self.drag):
             raise ArgumentError("drag must not be negative")
+
+    @property
+    def directions(self) -> tuple[int, ...]:
+        """Both directions are possible."""
+        return (1, -1)
 
     @property
     def stick_interval(self) -> tuple[float, float]:

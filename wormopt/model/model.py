@@ -198,12 +198,16 @@ class Switch:
         Column of the states after it.
     terminal : bool, optional
         Whether the motion ends with it.
+    crosses : bool, optional
+        Whether the motion must leave the guard after it; one that is led back to it at once is
+        refused.
     """
 
     name: str
     guard: ca.SX
     reset: ca.SX
     terminal: bool = False
+    crosses: bool = False
 
 
 @dataclass(frozen=True, eq=False)

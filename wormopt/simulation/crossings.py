@@ -153,11 +153,15 @@ class Watch:
         """Lower the level of a switch that has fired.
 
         It may fire again at once if its guard falls now, be it from a rounding error above 0
-        (bouncing ball), else once it was below 0 by more than `error` (0 where it jumped).
+        (bouncing ball), else once it was below 0 by more than `error` (0 where it jumped). Raises
+        GivenUp where it must be crossed and rises.
         """
         which, residual, rate = self.n_contacts + k, *error
-        value = self.value(which, t, x)
-        if self._rate(k, t, x) < -1e-9 * rate and value >= -residual:
+        value, now = self.value(which, t, x), self._rate(k, t, x)
+        crosses = self._task.system.model.switches[k].crosses
+        if crosses and now > 1e-9 * rate and value >= -residual:
+            raise GivenUp("events_accumulate")
+        if now < -1e-9 * rate and value >= -residual:
             self._levels[which] = 2 * min(value, 0.0) - 1e-300
         else:
             self._levels[which] = -np.inf

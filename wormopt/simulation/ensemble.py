@@ -18,6 +18,7 @@ from wormopt.model.model import Model
 from wormopt.numerics.workers import thread_pool
 from wormopt.progress import Report, silent
 from wormopt.shown import lines
+from wormopt.simulation.held import hold
 from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.options import Exact, Route, Tolerance, Treatment
 from wormopt.simulation.routes import STIFF_STEPS
@@ -319,8 +320,12 @@ def _work(
                 return
             try:
                 made = task(member)
-            except ArgumentError as error:
+                held = hold(made, switches=True)
+            except (ArgumentError, SolveError) as error:
                 future.set_exception(error)
+                continue
+            if held is not None:  # it goes by a system of its own
+                future.set_result(alone(member))
                 continue
             taken[made] = member, future
             yield made

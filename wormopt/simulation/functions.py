@@ -425,6 +425,8 @@ class System:
         signals = (*self.model.p, *(self._input(u) for u in self.model.u))
         fixed = signal_values(signals, given, "parameter or input")
         self._laws.check(fixed)
+        if np.isinf(fixed).any():
+            fixed = self._laws.finite(fixed)
         v_reg = self.treatment.v_reg if isinstance(self.treatment, Smooth) else 0.0
         schedules = (*self.model.schedules, *self.memories)
         scheduled = sum(1 + s.symbol.numel() for s in schedules)

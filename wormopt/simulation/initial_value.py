@@ -153,9 +153,12 @@ class InitialValueProblem:
         call = Call(self.system.probe)  # an ordinary call takes as long as 2000 evaluations
         (probe,) = call(self.span[0], self.x0, p, self.system.sliding)
         held = np.abs(probe[3 * n : 5 * n].reshape(2, n))
-        held = np.where(np.isfinite(held), held, 0.0).max(axis=0, initial=0.0)
+        # the smaller of both ways: what holds the other way, however much, does not act
+        some = np.isfinite(held) & (held > 0)
+        least = np.where(some, held, np.inf).min(axis=0, initial=np.inf)
         nominal = np.array([c.nominal_force for c in self.system.contacts])
-        return F_REST * np.where(held > 0, held, nominal)
+        none = ~some.any(axis=0) | (held == 0).any(axis=0)
+        return F_REST * np.where(none, np.minimum(least, nominal), least)
 
     @property
     def small_value(self) -> float:

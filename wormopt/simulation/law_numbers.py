@@ -16,6 +16,9 @@ from wormopt.model.given import fields_of
 from wormopt.model.model import Model
 
 
+_HUGE = 1e100
+
+
 @dataclass(frozen=True, eq=False)
 class _Alike:
     """Contacts whose laws differ in numbers alone."""
@@ -48,6 +51,12 @@ class LawNumbers:
                 first.setdefault(numbers, contact)
             for numbers, contact in first.items():
                 self._ask(contact, dict(zip(alike.names, numbers, strict=True)))
+
+    def finite(self, fixed: np.ndarray) -> np.ndarray:
+        """Values with a huge number for infinity where laws use them: 0 times infinity is none."""
+        column = self._column(self._decided[0])[0]
+        used = np.array(ca.which_depends(column, self.fixed, 1, False), dtype=bool)
+        return np.where(np.isinf(fixed) & used, np.copysign(_HUGE, fixed), fixed)
 
     def _ask(self, i: int, numbers: dict[str, float]) -> None:
         contact = self.model.contacts[i]

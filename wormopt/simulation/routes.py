@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from wormopt.progress import Report
+from wormopt.simulation.held import hold
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Route
 
@@ -20,9 +21,18 @@ STIFF_STEPS = 1_000_000
 def integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcome:
     """Integrate by the route asked for; "auto" is the first that can.
 
+    Conditions in the right-hand side are held between the instants at which they change.
+
     Raises ValueError if the route cannot take the task, CompilerError if the native route is
     asked for and there is no compiler.
     """
+    held = hold(task, switches=route != "cvodes")
+    if held is None:
+        return _integrate(task, route, report)
+    return held.outcome(_integrate(held.task, route, report))
+
+
+def _integrate(task: InitialValueProblem, route: Route, report: Report) -> Outcome:
     if task.system.model.alg.numel() or route == "cvodes":
         return _implicitly(task, report)
     if route in ("python", "radau"):

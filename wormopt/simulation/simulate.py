@@ -49,6 +49,12 @@ _REFUSALS = {
         "treat contact as smooth, or change what chatters: a law, or a switch, by one that is "
         "terminal, or a state of rest",
     ),
+    "slides_on_condition": (
+        "the motion stays where the right-hand side jumps, at t = {t:.6g}: on both sides of a "
+        "condition it is led back to it",
+        "write a Contact for what sticks, a Switch with a state of rest, or a steep but smooth "
+        "function",
+    ),
     "no_contact_mode": (
         "no choice of resting and sliding contacts fits the forces at t = {t:.6g}, or several "
         "contacts that share one degree of freedom rest at once and leave their forces open",

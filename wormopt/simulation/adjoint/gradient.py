@@ -15,6 +15,7 @@ from wormopt.model.model import pack
 from wormopt.model.values import by_name, check_names, nominal_of, numbers
 from wormopt.simulation.adjoint.costate import Backwards, Kicks
 from wormopt.simulation.adjoint.jumps import Instants, Jump
+from wormopt.simulation.held import jumps_move
 from wormopt.simulation.options import Route, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Doubt, Trajectory
@@ -120,6 +121,11 @@ def _check(motion: object, route: object) -> None:
     if motion.dense is None:
         raise ArgumentError("simulate with dense=True for the gradient of the motion")
     system.model.refuse_delays("the gradient of a motion")
+    if jumps_move(system.model):
+        raise ArgumentError(
+            f"the right-hand side of {name} jumps at instants that parameters or states move, "
+            "where the gradient of a motion is not known; take simulate(..., sensitivities=[...])"
+        )
     if system.exact and (len(system.planar) or system.shares):
         raise ArgumentError(
             f"contacts of {name} slide in the plane or share loads, where exact treatment has no "

@@ -52,6 +52,7 @@ typedef struct {
     const long long *row_contact, *row_state; /* per component of velocity */
     const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */
     const long long *terminal;       /* per switch: whether the motion ends with it */
+    const long long *crosses;        /* per switch: whether the motion must leave it, see Switch */
     const double *v_rest;            /* per contact: slower counts as at rest */
     const double *v_drift;           /* the same for one that rests already */
     const double *f_rest;            /* per contact: force that does not count */

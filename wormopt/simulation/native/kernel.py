@@ -77,7 +77,7 @@ class _Problem(Structure):
             (name, c_void_p)
             for name in (
                 *("velocity_state", "planar", "row_contact", "row_state"),
-                *("directions", "terminal"),
+                *("directions", "terminal", "crosses"),
                 *(
                     "v_rest",
                     "v_drift",
@@ -189,6 +189,7 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
         "nominal_force": np.array([c.nominal_force for c in system.contacts], dtype=float),
         "directions": np.array(directions, dtype=np.int64),
         "terminal": np.array([s.terminal for s in system.model.switches], dtype=np.int64),
+        "crosses": np.array([s.crosses for s in system.model.switches], dtype=np.int64),
     }
     fields |= {name: array.ctypes.data for name, array in arrays.items()}
     entries = variation.entries if variation else ()

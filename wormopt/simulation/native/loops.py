@@ -16,7 +16,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from wormopt.simulation.native.instructions import read
+from wormopt.numerics.instructions import read
 from wormopt.simulation.native.lanes import LANES, OPERATIONS, number
 
 # Operations of one expression: longer ones are cut, for a line shall not grow without end.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -12,6 +13,7 @@ _NUMBERS_ALONE = bytes(c if c in _DIGITS else ord(" ") for c in range(256))
 _PLACE = re.compile(rb"([@\[]?)(\d+)")
 
 
+@lru_cache(maxsize=4)
 def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
     """Operations (n,) of a function of scalars, and where they write and read (n, 3).
 
@@ -39,4 +41,5 @@ def read(function: ca.Function) -> tuple[np.ndarray, np.ndarray]:
             raise ValueError(f"{lines[k].decode()!r} is not understood")
         rows = np.flatnonzero(kind == i)
         places[rows, : len(where)] = numbers[starts[rows, None] + np.array(where, dtype=np.int64)]
+    operations.flags.writeable = places.flags.writeable = False
     return operations, places

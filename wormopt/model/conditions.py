@@ -1,0 +1,430 @@
+"""Conditions in a Model: where its right-hand side jumps or bends, read off its expressions.
+
+An integrator that steps over a jump loses its order, and one that steps over a pulse never sees it.
+So conditions of time are given to it as a schedule, and those of states by which the right-hand
+side jumps as switches: in between each is held, whatever it says there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from wormopt.model.given import fields_of
+from wormopt.model.model import Contact, Model, Signal, Switch, pack
+from wormopt.model.schedule import Schedule
+from wormopt.model.values import nominal_of, signal_values
+from wormopt.numerics.instructions import read
+
+NAME = "conditions"
+"""Name of the schedule and of the state that hold them."""
+
+# What a result depends on.
+_TIME, _FIXED, _PIECES, _STATE = 1, 2, 4, 8
+
+# Where a guard is looked for, and how near to it is at it.
+_TRIALS, _NEWTON, _AT_GUARD = 4, 30, 1e-12
+# Share of the right-hand side that is no jump but rounding.
+_JUMP = 1e-8
+
+
+class _Kind(NamedTuple):
+    """How a condition is decided, and what takes its place."""
+
+    says: Callable[..., ca.SX]  # its value, which is held
+    guard: Callable[..., ca.SX]  # the value changes where this passes 0, or a bound
+    instead: Callable[..., ca.SX]  # the operation, of the value held and its arguments
+    # where the value is m, it changes to m - 1 and m + 1 at these
+    bounds: Callable[[ca.SX], tuple[ca.SX, ca.SX]] | None = None
+    jumps: bool = True  # or only bends
+    low: float = 0.0  # value where the guard is negative; 1 where it is positive
+
+
+def _difference(a: ca.SX, b: ca.SX) -> ca.SX:
+    return b - a
+
+
+def _same(a: ca.SX) -> ca.SX:
+    return a
+
+
+def _second(_: ca.SX, b: ca.SX) -> ca.SX:
+    return b
+
+
+def _held(m: ca.SX, *_: ca.SX) -> ca.SX:
+    return m
+
+
+def _side(a: ca.SX) -> ca.SX:
+    return 2 * (a > 0) - 1
+
+
+def _whole(a: ca.SX) -> ca.SX:
+    return ca.if_else(a < 0, ca.ceil(a), ca.floor(a))
+
+
+_KINDS = {
+    ca.OP_LT: _Kind(lambda a, b: a < b, _difference, _held),
+    ca.OP_LE: _Kind(lambda a, b: a <= b, _difference, _held),
+    ca.OP_SIGN: _Kind(ca.sign, _same, _held, low=-1.0),
+    ca.OP_FLOOR: _Kind(ca.floor, _same, _held, lambda m: (m, m + 1)),
+    ca.OP_CEIL: _Kind(ca.ceil, _same, _held, lambda m: (m - 1, m)),
+    ca.OP_FMOD: _Kind(
+        lambda a, b: _whole(a / b),
+        lambda a, b: a / b,
+        lambda m, a, b: a - m * b,
+        lambda m: (m - (m <= 0), m + (m >= 0)),
+    ),
+    ca.OP_COPYSIGN: _Kind(lambda _, b: _side(b), _second, lambda m, a, _: m * ca.fabs(a), low=-1.0),
+    ca.OP_FABS: _Kind(_side, _same, lambda m, a: m * a, jumps=False),
+    ca.OP_FMIN: _Kind(lambda a, b: a < b, _difference, ca.if_else, jumps=False),
+    ca.OP_FMAX: _Kind(
+        lambda a, b: a < b, _difference, lambda m, a, b: ca.if_else(m, b, a), jumps=False
+    ),
+}
+
+# Functions of time that may be narrow. Polynomials are not, and what is made of narrow ones is.
+_CURVED = (
+    *(ca.OP_EXP, ca.OP_EXPM1, ca.OP_LOG, ca.OP_LOG1P, ca.OP_SQRT, ca.OP_POW, ca.OP_CONSTPOW),
+    *(ca.OP_DIV, ca.OP_INV, ca.OP_SIN, ca.OP_COS, ca.OP_TAN, ca.OP_ASIN, ca.OP_ACOS, ca.OP_ATAN),
+    *(ca.OP_SINH, ca.OP_COSH, ca.OP_TANH, ca.OP_ASINH, ca.OP_ACOSH, ca.OP_ATANH, ca.OP_ERF),
+    *(ca.OP_ATAN2, ca.OP_HYPOT),
+)
+# So many of them are looked at.
+_MOST_COURSES = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """Functions of time in a model's right-hand side, by the symbols of `inputs`."""
+
+    inputs: ca.SX  # column of time, parameters, inputs and, of each schedule, begin and symbol
+    n_fixed: int  # how many parameters and inputs there are
+    values: ca.SX  # column, what conditions say
+    guards: ca.SX  # column, where these pass 0 or a whole number the values change
+    levels: np.ndarray  # (m,) whether it is a whole number
+    jumping: ca.SX  # column, guards of those that do not only bend
+    courses: ca.SX  # column of functions that may be narrow
+
+
+@dataclass(frozen=True, eq=False)
+class Lifted:
+    """A model whose conditions are held between the instants at which they change.
+
+    Those of time are the last schedule of the model, whose breaks are still to be found; those of
+    states are its last state.
+    """
+
+    model: Model
+    timed: Timed
+    start: ca.SX  # initial values of the last state, by the others, time, parameters and schedules
+
+    @property
+    def held(self) -> int:
+        """How many conditions of states are held."""
+        return self.start.numel()
+
+
+@lru_cache(maxsize=64)
+def lifted(model: Model, states: bool, *, moving: bool) -> Lifted | None:
+    """Hold the conditions of a model; None where nothing in it is to be looked at.
+
+    `states`: also those of states, for who knows switches. `moving`: jumps at instants of time are
+    switches too, so that derivatives know how the instants move.
+    """
+    return _Graph(model).lifted(states, moving)
+
+
+def may_have(model: Model, operations: np.ndarray) -> bool:
+    """Whether a model may have conditions, or narrow functions of time.
+
+    `operations`: those of a function in which its ode stands.
+    """
+    if np.isin(operations, list(_KINDS)).any() or any(_composed(c) for c in model.contacts):
+        return True
+    curved = np.isin(operations, _CURVED).any()
+    return bool(curved and ca.depends_on(ca.vertcat(model.ode, model.contact_velocities), model.t))
+
+
+def expressions_of(model: Model) -> ca.SX:
+    """Column of all that the right-hand side of a model consists of."""
+    laws = [s for c in model.contacts for s in _composed(c).values()]
+    return ca.vertcat(model.ode, model.alg, model.contact_velocities, *laws)
+
+
+def _composed(contact: Contact) -> dict[str, ca.SX]:
+    """Expressions of a contact's law that are more than a symbol."""
+    fields = fields_of(contact.law).items()
+    return {k: v for k, v in fields if isinstance(v, ca.SX) and not v.is_valid_input()}
+
+
+@dataclass(frozen=True, eq=False)
+class _Condition:
+    kind: _Kind
+    depends: int
+    at: int  # instruction
+    arguments: list[ca.SX]  # as they are
+    symbol: ca.SX
+
+    @property
+    def of_time(self) -> bool:
+        return not self.depends & _STATE
+
+    @property
+    def guard(self) -> ca.SX:
+        return self.kind.guard(*self.arguments)
+
+    @property
+    def value(self) -> ca.SX:
+        return self.kind.says(*self.arguments)
+
+    @property
+    def side(self) -> ca.SX:
+        """Value, and one of the two on its guard."""
+        return _side(self.guard) if self.kind.low else self.value
+
+
+class _Graph:
+    """Instructions of a model's right-hand side."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._states = ca.vertcat(pack(model.x), pack(model.z), model.forces, pack(model.delays))
+        pieces = ca.vertcat(*(ca.vertcat(s.begin, s.symbol) for s in model.schedules))
+        fixed = ca.vertcat(pack(model.p), pack(model.u))
+        kinds = ((model.t, _TIME), (fixed, _FIXED), (pieces, _PIECES), (self._states, _STATE))
+        self._symbols = ca.vertcat(*(symbols for symbols, _ in kinds))
+        self._kinds = np.repeat([kind for _, kind in kinds], [s.numel() for s, _ in kinds]).tolist()
+        expression = ca.densify(expressions_of(model))
+        self._function = ca.Function("f", [self._symbols], [expression])
+        self._operations, self._places = (part.tolist() for part in read(self._function))
+
+    def _walk(
+        self,
+        instead: Callable[[int, list[ca.SX], int], ca.SX | None],
+        until: int = _TIME | _FIXED | _PIECES | _STATE,
+    ) -> ca.SX:
+        """Build the expressions anew; `instead` may give something else for an operation.
+
+        It is given the instruction, its arguments and what they depend on. What depends on more
+        than `until` is not built.
+        """
+        nothing = ca.SX(0)
+        work = [(nothing, 0)] * self._function.sz_w()
+        result = [nothing] * self._function.nnz_out(0)
+        for k, (operation, place) in enumerate(zip(self._operations, self._places, strict=True)):
+            target, *source = place
+            if operation == ca.OP_INPUT:
+                work[target] = self._symbols[source[1]], self._kinds[source[1]]
+            elif operation == ca.OP_OUTPUT:
+                result[place[1]] = work[place[2]][0]
+            elif operation == ca.OP_CONST:
+                work[target] = ca.SX(self._function.instruction_constant(k)), 0
+            else:
+                parts = [work[i] for i in source if i >= 0]
+                depends = 0
+                for _, each in parts:
+                    depends |= each
+                if depends | until != until:
+                    work[target] = nothing, depends
+                    continue
+                arguments = [part for part, _ in parts]
+                found = instead(k, arguments, depends)
+                if found is None:
+                    apply = ca.SX.unary if len(arguments) == 1 else ca.SX.binary
+                    found = apply(operation, *arguments)
+                work[target] = found, depends
+        return ca.vertcat(*result)
+
+    def _conditions(self) -> list[_Condition]:
+        """Conditions that change with time or states."""
+        found = list[_Condition]()
+
+        def note(k: int, arguments: list[ca.SX], depends: int) -> None:
+            kind = _KINDS.get(self._operations[k])
+            if kind is None or not depends & (_TIME | _STATE):
+                return
+            if kind.jumps or not depends & _STATE:
+                symbol = ca.SX.sym(f"condition_{len(found)}")
+                found.append(_Condition(kind, depends, k, arguments, symbol))
+
+        if not np.isin(self._operations, list(_KINDS)).any():
+            return []
+        self._walk(note)
+        return found
+
+    def _courses(self) -> ca.SX:
+        """Functions of time that may be narrow, each once."""
+        found = dict[int, ca.SX]()
+
+        def note(k: int, arguments: list[ca.SX], depends: int) -> ca.SX | None:
+            operation = self._operations[k]
+            if operation in _CURVED and depends & _TIME:
+                apply = ca.SX.unary if len(arguments) == 1 else ca.SX.binary
+                course = apply(operation, *arguments)
+                return found.setdefault(course.element_hash(), course)
+            return None
+
+        if ca.depends_on(self._function(self._symbols), self._model.t):
+            self._walk(note, until=_TIME | _FIXED | _PIECES)
+        return ca.vertcat(ca.SX(0, 1), *list(found.values())[:_MOST_COURSES])
+
+    def _holding(self, chosen: Sequence[_Condition]) -> tuple[ca.SX, dict[int, list[ca.SX]]]:
+        """Expressions with conditions held, and the arguments of these."""
+        at, arguments_of = {c.at: c for c in chosen}, dict[int, list[ca.SX]]()
+
+        def hold(k: int, arguments: list[ca.SX], _: int) -> ca.SX | None:
+            if k not in at:
+                return None
+            arguments_of[k] = arguments
+            return at[k].kind.instead(at[k].symbol, *arguments)
+
+        return self._walk(hold), arguments_of
+
+    def lifted(self, states: bool, moving: bool) -> Lifted | None:
+        """The model with its conditions held; None where there is nothing to look at."""
+        conditions = self._conditions()
+        timed = [c for c in conditions if c.of_time]
+        jumps = self._jumping([c for c in conditions if not c.of_time]) if states else []
+        switched = [*jumps, *(c for c in timed if c.kind.jumps)] if moving else jumps
+        courses = self._courses()
+        if not (timed or jumps or courses.numel()):
+            return None
+        model = self._model
+        inputs = self._symbols[: self._symbols.numel() - self._states.numel()]
+        found = Timed(
+            inputs,
+            n_fixed=sum(s.size for s in (*model.p, *model.u)),
+            values=ca.vertcat(ca.SX(0, 1), *(c.value for c in timed)),
+            guards=ca.vertcat(ca.SX(0, 1), *(c.guard for c in timed)),
+            levels=np.array([c.kind.bounds is not None for c in timed], dtype=bool),
+            jumping=ca.vertcat(ca.SX(0, 1), *(c.guard for c in timed if c.kind.jumps)),
+            courses=courses,
+        )
+        scheduled = [c for c in timed if c not in switched]
+        if timed or jumps:
+            expressions, arguments = self._holding([*timed, *jumps])
+            model = _with(model, expressions)
+            if switched:
+                model = _switched(model, switched, arguments)
+        # of what is switched the schedule has the instants alone
+        symbols = [c.symbol if c in scheduled else ca.SX.sym("unused") for c in timed]
+        pieces = Schedule(
+            NAME,
+            ca.vertcat(ca.SX(0, 1), *symbols),
+            ca.SX.sym("begin"),
+            np.array([0.0, 1.0]),
+            np.zeros((1, len(timed))),
+        )
+        start = ca.vertcat(ca.SX(0, 1), *(c.side for c in switched))
+        return Lifted(replace(model, schedules=[*model.schedules, pieces]), found, start)
+
+    def _jumping(self, candidates: list[_Condition]) -> list[_Condition]:
+        """Those by which the right-hand side jumps, among conditions of states."""
+        model = self._model
+        out_of_reach = ca.vertcat(pack(model.z), model.forces, pack(model.delays))
+        known = [c for c in candidates if not ca.depends_on(c.guard, out_of_reach)]
+        if not known:
+            return []
+        expressions, arguments = self._holding(known)
+        held = ca.vertcat(*(c.symbol for c in known))
+        values = ca.vertcat(*(c.value for c in known))
+        guards = ca.vertcat(*(c.kind.guard(*arguments[c.at]) for c in known))
+        guards = ca.substitute(guards, held, values)
+        look = ca.Function("look", [self._symbols], [values, guards])
+        slopes = ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)])
+        right = ca.Function("right", [self._symbols, held], [expressions])
+        return [c for k, c in enumerate(known) if self._jumps(k, c.kind, look, slopes, right)]
+
+    def _jumps(
+        self, k: int, kind: _Kind, look: ca.Function, slopes: ca.Function, right: ca.Function
+    ) -> bool:
+        """Whether the right-hand side differs on the two sides of where a condition changes."""
+        random, (size, own) = np.random.default_rng(k), self._sizes()
+        first = len(size) - self._states.numel()
+        for trial in range(_TRIALS):
+            at = size * random.normal(size=len(size)) * 3.0**trial
+            at[1 : 1 + len(own)] = own
+            target, steep = None, 0.0
+            for _ in range(_NEWTON):
+                level, slope = float(look(at)[1][k]), np.array(slopes(at)[k, :]).ravel()
+                if target is None:
+                    target = np.floor(level) or 1.0 if kind.bounds else 0.0
+                steep = float(slope**2 @ size[first:] ** 2)
+                if abs(level - target) <= _AT_GUARD * np.sqrt(steep) or not steep > 0:
+                    break
+                at[first:] -= slope * size[first:] ** 2 * (level - target) / steep
+            else:
+                return True  # it cannot be seen
+            if not steep > 0 or target is None:
+                continue
+            sides, values = [], np.array(look(at)[0]).ravel()
+            for values[k] in _around(kind, target):
+                sides.append(np.array(right(at, values)).ravel())
+            with np.errstate(invalid="ignore"):
+                largest = np.maximum(*map(np.abs, sides)).max()
+                if not np.all(np.abs(sides[1] - sides[0]) <= _JUMP * largest):
+                    return True
+        return False
+
+    def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Usual sizes of all symbols, and values of parameters and inputs."""
+        model = self._model
+        signals = (*model.p, *model.u)
+        values = [replace(s, value=1.0 if s.value is None else s.value) for s in signals]
+        size, usual = np.ones(self._symbols.numel()), nominal_of((*model.x, *model.z))
+        first = len(size) - self._states.numel()
+        size[first : first + len(usual)] = usual
+        return size, signal_values(values, None, "parameter")
+
+
+def _around(kind: _Kind, level: float) -> tuple[float, float]:
+    """Values on the two sides of where a condition changes."""
+    if kind.bounds is None:
+        return kind.low, 1.0
+    below = next(m for m in (level - 1, level) if float(kind.bounds(ca.SX(m))[1]) == level)
+    return below, below + 1
+
+
+def _with(model: Model, expressions: ca.SX) -> Model:
+    """The model with other expressions, in the order of `expressions_of`."""
+    rest = iter(ca.vertsplit(expressions))
+
+    def take(old: ca.SX) -> ca.SX:
+        entries = [next(rest) for _ in range(old.numel())]
+        return ca.reshape(ca.vertcat(ca.SX(0, 1), *entries), *old.shape)
+
+    ode, alg = take(model.ode), take(model.alg)
+    velocities = [take(c.velocity) for c in model.contacts]
+    contacts = []
+    for contact, velocity in zip(model.contacts, velocities, strict=True):
+        fields = {name: take(old) for name, old in _composed(contact).items()}
+        law = replace(contact.law, **fields) if fields else contact.law  # type: ignore[type-var]
+        contacts.append(replace(contact, velocity=velocity, law=law))
+    return replace(model, ode=ode, alg=alg, contacts=contacts)
+
+
+def _switched(model: Model, jumps: list[_Condition], arguments: dict[int, list[ca.SX]]) -> Model:
+    """The model with a state for its conditions, behind its own, and switches that change it."""
+    symbols, x = [c.symbol for c in jumps], pack(model.x)
+    held = ca.vertcat(*symbols)
+    switches = [replace(s, reset=ca.vertcat(s.reset, held)) for s in model.switches]
+    for k, c in enumerate(jumps):
+        guard, m = c.kind.guard(*arguments[c.at]), c.symbol
+        if c.kind.bounds:
+            low, high = c.kind.bounds(m)
+            guard, after = ca.fmax(low - guard, guard - high), m + ca.sign(2 * guard - low - high)
+        elif c.kind.low == 0:
+            guard, after = (1 - 2 * m) * guard, 1 - m
+        else:
+            guard, after = -m * guard, -m
+        column = [*symbols[:k], after, *symbols[k + 1 :]]
+        switches.append(Switch(NAME, guard, ca.vertcat(x, *column), crosses=True))
+    ode = ca.vertcat(model.ode, ca.SX.zeros(len(jumps)))
+    return replace(model, x=[*model.x, Signal(NAME, held)], ode=ode, switches=switches)

@@ -1,0 +1,278 @@
+"""Instants at which steps must end: where conditions of time change, and about what is narrow.
+
+Bounds of the functions of time over cells of it say where nothing changes; elsewhere cells are
+halved. Samples alone would miss what a step misses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from wormopt.errors import SolveError
+from wormopt.model.conditions import Timed
+from wormopt.model.schedule import Schedule
+from wormopt.numerics.enclosure import Enclosure
+
+# Cells to begin with, and how many there may be at once.
+_CELLS, _MOST_CELLS = 64, 200_000
+# Shares of the span: cells are not halved below it; and share of a function's size that is nothing.
+_SHORTEST, _QUIET = 1e-12, 1e-13
+_HALVINGS = 60
+# Of so many changes a motion is not followed.
+_MOST_CHANGES = 100_000
+# A cell is fine enough if the function bends on it by no more than this share of its size.
+_BEND = 0.25
+# What is missed by steps of some length: stretches of cells of less than an eighth of it, shorter
+# than two of it, with cells in them that are much finer.
+_FINE, _SHORT, _MUCH = 1 / 8, 2.0, 1 / 8
+_LEVELS = 14
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Cells of time and the other inputs of functions on them."""
+
+    low: np.ndarray  # (m,)
+    high: np.ndarray  # (m,)
+    given: np.ndarray  # (inputs, m)
+
+    def those(self, chosen: np.ndarray) -> _Cells:
+        """Some of them."""
+        return _Cells(self.low[chosen], self.high[chosen], self.given[:, chosen])
+
+    @property
+    def halves(self) -> _Cells:
+        middle = (self.low + self.high) / 2
+        low, high = np.stack([self.low, middle], 1), np.stack([middle, self.high], 1)
+        return _Cells(low.ravel(), high.ravel(), np.repeat(self.given, 2, axis=1))
+
+    def bounds(self, enclosure: Enclosure) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of values and of rates, each (2, functions, m)."""
+        low, high = np.vstack([self.low, self.given]), np.vstack([self.high, self.given])
+        values, rates = np.split(np.array(enclosure(low, high)), 2, axis=1)
+        return values, rates
+
+
+@dataclass(frozen=True, eq=False)
+class _Functions:
+    """A model's functions of time, made once."""
+
+    timed: Timed
+
+    def _enclosure(self, of: ca.SX) -> Enclosure:
+        inputs = self.timed.inputs
+        rates = ca.jacobian(of, inputs[0])
+        return Enclosure(ca.Function("f", [inputs], [ca.densify(ca.vertcat(of, rates))]))
+
+    @cached_property
+    def guards(self) -> Enclosure:
+        return self._enclosure(self.timed.guards)
+
+    @cached_property
+    def courses(self) -> Enclosure:
+        return self._enclosure(self.timed.courses)
+
+    @cached_property
+    def values(self) -> ca.Function:
+        return ca.Function("values", [self.timed.inputs], [ca.densify(self.timed.values)])
+
+    def at(self, t: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """What conditions say at times (m,), (conditions, m)."""
+        return np.array(self.values(np.vstack([t, given])))
+
+
+@lru_cache(maxsize=64)
+def _functions(timed: Timed) -> _Functions:
+    return _Functions(timed)
+
+
+def scheduled(
+    timed: Timed,
+    held: Schedule,
+    span: tuple[float, float],
+    fixed: np.ndarray,
+    schedules: tuple[Schedule, ...],
+    longest: float,
+) -> Schedule:
+    """The schedule `held` with the instants of a motion and what conditions say in between.
+
+    Parameters
+    ----------
+    timed : Timed
+        Functions of time.
+    held : Schedule
+        Its symbols take the place of the conditions.
+    span : (float, float)
+        First and last time.
+    fixed : ndarray
+        Values of parameters and inputs.
+    schedules : tuple of Schedule
+        The model's own.
+    longest : float
+        Longest step.
+
+    Raises
+    ------
+    SolveError
+        If conditions change too often to be followed.
+    """
+    used = _used(timed)
+    # members of an ensemble that differ elsewhere have the same instants
+    given = np.where(used.fixed, fixed, 0.0)
+    key = tuple(given.tolist()), schedules if used.pieces else ()
+    inner = _instants(timed, span, longest, *key)
+    ends = np.concatenate([span[:1], inner, span[1:]])
+    middle = (ends[:-1] + ends[1:]) / 2
+    said = _functions(timed).at(middle, _given(timed, given, key[1], middle)).T
+    return replace(held, start=span[0], breaks=ends - span[0], values=said)
+
+
+class _Used(NamedTuple):
+    """What functions of time depend on besides time."""
+
+    fixed: np.ndarray  # (parameters and inputs,)
+    pieces: bool  # on schedules
+    by_pieces: bool  # so do conditions
+
+
+@lru_cache(maxsize=64)
+def _used(timed: Timed) -> _Used:
+    pieces = timed.inputs[1 + timed.n_fixed :]
+    all_ = ca.vertcat(timed.values, timed.guards, timed.courses)
+    used = np.array(ca.which_depends(all_, timed.inputs, 1, False), dtype=bool)
+    by_pieces = bool(pieces.numel()) and ca.depends_on(timed.values, pieces)
+    return _Used(used[1 : 1 + timed.n_fixed], bool(np.any(used[1 + timed.n_fixed :])), by_pieces)
+
+
+@lru_cache(maxsize=256)
+def _instants(
+    timed: Timed,
+    span: tuple[float, float],
+    longest: float,
+    fixed: tuple[float, ...],
+    schedules: tuple[Schedule, ...],
+) -> np.ndarray:
+    """Instants within a span at which steps must end, ascending."""
+    functions = _functions(timed)
+    breaks = _breaks(schedules, span)
+    ends = np.unique(np.concatenate([np.linspace(*span, _CELLS + 1), breaks]))
+    middle = (ends[:-1] + ends[1:]) / 2
+    given = _given(timed, np.array(fixed), schedules, middle)
+    cells, found = _Cells(ends[:-1], ends[1:], given), np.zeros(0)
+    if timed.guards.numel():
+        found = _changes(functions, cells, span)
+    if timed.courses.numel():
+        found = np.append(found, _narrow(functions, cells, span, longest))
+    if _used(timed).by_pieces:
+        found = np.append(found, breaks)
+    found, least = np.unique(found), 4 * np.spacing(max(map(abs, span)))
+    found = found[(span[0] + least < found) & (found < span[1] - least)]
+    return found[np.diff(found, prepend=-np.inf) > least]
+
+
+def _given(
+    timed: Timed, fixed: np.ndarray, schedules: tuple[Schedule, ...], t: np.ndarray
+) -> np.ndarray:
+    """Inputs of the functions of time but for time itself, at times (m,)."""
+    rows = [np.repeat(fixed[:, None], len(t), axis=1)]
+    for schedule in schedules:
+        begin, piece = schedule.locate(t)
+        rows += [begin[None], schedule.values[piece].T]
+    rows.append(np.zeros((timed.inputs.numel() - 1 - sum(map(len, rows)), len(t))))
+    return np.vstack(rows)
+
+
+def _breaks(schedules: tuple[Schedule, ...], span: tuple[float, float]) -> np.ndarray:
+    found = list[float]()
+    for schedule in schedules:
+        t = schedule.next_break(span[0])
+        while t < span[1]:
+            found.append(t)
+            t = schedule.next_break(t)
+    return np.array(found)
+
+
+def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) -> np.ndarray:
+    """Instants at which conditions change, each the first number at which it has."""
+    levels = functions.timed.levels[:, None]
+    least = _SHORTEST * max(span[1] - span[0], *map(abs, span))
+    found = list[_Cells]()
+    while cells.low.size:
+        (low, high), (slowest, fastest) = cells.bounds(functions.guards)
+        same = np.where(
+            levels,
+            (np.floor(low) == np.floor(high)) & (np.ceil(low) == np.ceil(high)),
+            (low > 0) | (high < 0) | (low == high),
+        )
+        once = ((slowest > 0) | (fastest < 0)) & (~levels | (high - low < 1))
+        quiet = np.all(same, axis=0)
+        done = ~quiet & (np.all(same | once, axis=0) | (cells.high - cells.low <= least))
+        found.append(cells.those(done))
+        cells = cells.those(~quiet & ~done).halves
+        if cells.low.size + sum(c.low.size for c in found) > _MOST_CHANGES:
+            raise SolveError(
+                "conditions of time change more than "
+                f"{_MOST_CHANGES} times between t = {span[0]:g} and {span[1]:g}",
+                "shorten the time, or write what changes so fast as its mean",
+                None,
+                "too_many_steps",
+            )
+    low = np.concatenate([c.low for c in found])
+    high = np.concatenate([c.high for c in found])
+    given = np.hstack([c.given for c in found])
+    before, after = functions.at(low, given), functions.at(high, given)
+    which, where = np.nonzero(before != after)
+    low, high, given = low[where], high[where], given[:, where]
+    before, row = before[which, where], np.arange(len(which))
+    for _ in range(_HALVINGS if row.size else 0):  # to the last bit
+        middle = low + (high - low) / 2
+        still = functions.at(middle, given)[which, row] == before
+        low, high = np.where(still, middle, low), np.where(still, high, middle)
+    return high
+
+
+def _narrow(
+    functions: _Functions, cells: _Cells, span: tuple[float, float], longest: float
+) -> np.ndarray:
+    """Ends of the cells where a function of time is so narrow that steps might miss it."""
+    whole = span[1] - span[0]
+    least = _SHORTEST * max(whole, *map(abs, span))
+    done, size = list[_Cells](), None
+    while cells.low.size:
+        (low, high), (slowest, fastest) = cells.bounds(functions.courses)
+        largest = np.maximum(np.abs(low), np.abs(high))
+        known = np.where(np.isfinite(largest), largest, 0.0).max(axis=1, keepdims=True)
+        size = known if size is None else np.maximum(size, known)
+        width = cells.high - cells.low
+        quiet = high - low <= _QUIET * size
+        smooth = width * (fastest - slowest) <= _BEND * size
+        fine = np.all(quiet | smooth, axis=0) | (width <= least)
+        done.append(cells.those(fine))
+        cells = cells.those(~fine).halves
+        if cells.low.size + sum(c.low.size for c in done) > _MOST_CELLS:
+            done.append(cells)
+            break
+    low = np.concatenate([c.low for c in done])
+    order = np.argsort(low)
+    low, high = low[order], np.concatenate([c.high for c in done])[order]
+    return _isolated(low, high, longest)
+
+
+def _isolated(low: np.ndarray, high: np.ndarray, longest: float) -> np.ndarray:
+    """Ends of fine cells between coarse ones."""
+    width, found = high - low, list[np.ndarray]()
+    for level in range(_LEVELS):
+        step = longest / 4.0**level
+        if not np.any(width < _MUCH * _FINE * step):
+            break
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], width < _FINE * step, [0]])))
+        for begin, end in edges.reshape(-1, 2):
+            short = high[end - 1] - low[begin] < _SHORT * step
+            if short and width[begin:end].min() < _MUCH * _FINE * step:
+                found.append(np.append(low[begin:end], high[end - 1]))
+    return np.concatenate([np.zeros(0), *found])
