@@ -67,8 +67,7 @@ class Tolerance:
     max_steps : int, optional
         Steps after which the run is given up.
     max_step : float, optional
-        Longest step; a fiftieth of the time if left out. While nothing moves, an input shorter
-        than a tenth of it may go unseen.
+        Longest step; a fiftieth of the time if left out.
     stop : float, optional
         In the plane, share of a contact's usual speed below which it stops if it can be held; ten
         times the errors of a step if left out. Slower slip is not resolved: a larger one helps
