@@ -7,9 +7,10 @@ from scipy.special import erf
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.model.conditions import lifted
 from wormopt.simulation.adjoint.gradient import gradient
+from wormopt.simulation.conditions import lifted
 from wormopt.simulation.ensemble import Scenario, simulate_ensemble
+from wormopt.simulation.event_free import ending
 
 t, x, v, f = (ca.SX.sym(name) for name in "txvf")
 ROUTES = ["native", "python"]
@@ -118,6 +119,14 @@ def test_conditions_that_change_too_often_are_refused():
         wo.simulate(scalar(ca.floor(1e7 * t)), 1.0)
 
 
+def test_pulses_that_are_too_many_to_be_looked_at_are_told():
+    train = scalar(ca.exp(-((ca.sin(ca.pi * t) / 0.01) ** 2)))
+    assert wo.simulate(train, 100.0).warnings == ()
+    assert any("narrow at more places" in text for text in wo.simulate(train, 1e5).warnings)
+    # what goes up and down all the time is not narrow
+    assert wo.simulate(scalar(ca.sin(ca.pi * t)), 1e5).warnings == ()
+
+
 @pytest.mark.parametrize("route", ROUTES)
 def test_derivatives_know_that_an_instant_moves(route):
     p = signals(when=9.842)
@@ -222,6 +231,14 @@ def test_conditions_stay_out_of_what_is_shown():
     assert motion.names == ("x",)
     assert motion.end.shape == (1,)
     assert motion.at([0.25])["x"].item() == pytest.approx(0.5)
+
+
+def test_steps_without_events_know_conditions_too():
+    """The independent route: it has no guards of contact, and the same breaks of time."""
+    push = ca.if_else(t >= 0.842, 2.22, 0) + ca.if_else(x > 0.1, 0.5, 0)
+    motion = wo.simulate(block(push), 2.0)
+    found = ending(motion, np.zeros(2), 1e-8)
+    assert found.end == pytest.approx(motion.end, rel=1e-7)
 
 
 # -- what holds without limit ----------------------------------------------------------------

@@ -16,7 +16,7 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Coulomb, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.progress import silent
-from wormopt.simulation.event_free import Ending, _march, ending
+from wormopt.simulation.event_free import Ending, _march, _task, ending
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -75,8 +75,9 @@ def test_a_sliding_mass_stops_where_its_energy_is_spent(speed: float, mu: float)
 def test_events_leave_the_order_two(stiction: float):
     motion = simulate(driven(), 30.0, p={"stiction": stiction}, tolerance=Tolerance(1e-13, 1e-13))
     assert len(motion.events) > 8
-    march, counts = _march(motion), 64 * np.array([64, 128, 256, 512, 1024])
-    errors = [np.max(np.abs(march(np.zeros(2), int(n)) - motion.end)) for n in counts]
+    start = np.zeros(2)
+    march, counts = _march(_task(motion, start)), 64 * np.array([64, 128, 256, 512, 1024])
+    errors = [np.max(np.abs(march(start, int(n)) - motion.end)) for n in counts]
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert 1.7 < slope < 2.4
     assert errors[-1] < 1e-6

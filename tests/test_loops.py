@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wormopt.bench.sweeps import long_chain
-from wormopt.simulation.native import build, instructions, loops, model_code
+from wormopt.numerics import instructions
+from wormopt.simulation.native import build, loops, model_code
 from wormopt.simulation.options import Exact, Smooth, Tolerance
 from wormopt.simulation.simulate import simulate, system_of
 

@@ -702,7 +702,7 @@ def test_as_many_events_are_allowed_as_functions_are_watched(
     clock = Model(
         "clock",
         x=[Signal("w", w, value=0.0), Signal("n", n, value=0.0)],
-        ode=ca.vertcat(n < 150, 0),
+        ode=ca.vertcat(ca.tanh(1e3 * (150 - n)), 0),
         switches=[
             Switch("tick", w - tick, ca.vertcat(0, n + 1)),
             Switch("never", -1 - n, ca.vertcat(w, n)),

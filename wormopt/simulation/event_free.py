@@ -30,8 +30,11 @@ from wormopt.model.model import Contact, Model, pack
 from wormopt.model.planar_friction import Elliptic, PlanarLaw
 from wormopt.model.values import nominal_of
 from wormopt.progress import Report, silent
+from wormopt.simulation.held import hold
 from wormopt.simulation.impulses import friction, largest
+from wormopt.simulation.initial_value import InitialValueProblem
 from wormopt.simulation.native.function import repeated
+from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
 
 # Steps taken at once; the first number of steps is of so many strides or more.
@@ -86,13 +89,14 @@ def ending(
         If the model has walls, delays, algebraic variables, laws that this does not know, or
         switches that end the motion.
     """
-    model, march = motion.system.model, _march(motion)
-    sizes = nominal_of(model.x)
+    task = _task(motion, x0)
+    march, n_x = _march(task), len(x0)
+    sizes, x0 = nominal_of(motion.system.model.x), task.x0[: task.system.model.n_x]
     count = _STRIDE * _FIRST
-    last, change, before = march(x0, count // 2), math.inf, None
+    last, change, before = march(x0, count // 2)[:n_x], math.inf, None
     while True:
         report("rechecking", None)
-        found = march(x0, count)
+        found = march(x0, count)[:n_x]
         change, earlier = _distance(found, last, sizes), change
         best, doubt = found, 2 * max(change, _CHANCE * earlier)
         if 0 < change < math.inf and abs(math.log2(earlier / change) - 2) < _LIKE_TWO:
@@ -112,13 +116,29 @@ def _distance(a: np.ndarray, b: np.ndarray, sizes: np.ndarray) -> float:
     return float(np.max(np.abs(a - b) / np.maximum(sizes, np.abs(a))))
 
 
-def _march(motion: Trajectory) -> Callable[[np.ndarray, int], np.ndarray]:
+def _task(motion: Trajectory, x0: np.ndarray) -> InitialValueProblem:
+    """The motion's task, with conditions held between the instants at which they change."""
+    _refuse(motion.system.model)
+    task = InitialValueProblem(
+        system=motion.system,
+        span=(float(motion.time[0]), motion.end_time),
+        x0=np.append(x0, np.zeros(motion.system.n_pushes)),
+        p=motion.p,
+        schedules=motion.schedules,
+        tolerance=Tolerance(),
+        times=np.zeros(0),
+    )
+    held = hold(task, switches=True)
+    return held.task if held else task
+
+
+def _march(task: InitialValueProblem) -> Callable[[np.ndarray, int], np.ndarray]:
     """Function of the start and a number of steps: the end."""
-    model, (start, end) = motion.system.model, (float(motion.time[0]), motion.end_time)
+    model, (start, end) = task.system.model, task.span
     stride = _stride(model)
-    fixed = motion.p[: sum(s.size for s in (*model.p, *model.u))]
+    fixed = task.p[: sum(s.size for s in (*model.p, *model.u))]
     breaks = [start]
-    for schedule in motion.schedules:
+    for schedule in task.schedules:
         t = schedule.next_break(start)
         while t < end:
             breaks.append(t)
@@ -130,10 +150,10 @@ def _march(motion: Trajectory) -> Callable[[np.ndarray, int], np.ndarray]:
         state = ca.DM(np.concatenate([x0, np.zeros(model.forces.numel()), [start]]))
         for a, b in pairwise(ends.tolist()):
             strides = int(np.ceil(count / _STRIDE * (b - a) / (end - start)))
-            begun = [schedule.locate(np.array([(a + b) / 2])) for schedule in motion.schedules]
+            begun = [schedule.locate(np.array([(a + b) / 2])) for schedule in task.schedules]
             scheduled = [
                 np.append(begin[0], schedule.values[piece[0]])
-                for schedule, (begin, piece) in zip(motion.schedules, begun, strict=True)
+                for schedule, (begin, piece) in zip(task.schedules, begun, strict=True)
             ]
             h = (b - a) / (strides * _STRIDE)
             given = ca.DM(np.concatenate([fixed, *scheduled, [h]]))
@@ -149,7 +169,6 @@ def _march(motion: Trajectory) -> Callable[[np.ndarray, int], np.ndarray]:
 @lru_cache(maxsize=16)
 def _stride(model: Model) -> ca.Function:
     """Many steps of one size: state, contact forces and time; then all that is given, and h."""
-    _refuse(model)
     x, n_x, forces = pack(model.x), model.n_x, model.forces
     given = [pack(model.p), pack(model.u)]
     given += [ca.vertcat(s.begin, s.symbol) for s in model.schedules]

@@ -9,14 +9,19 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.conditions import Lifted, lifted, may_have
 from wormopt.model.model import Model, pack
 from wormopt.numerics.instructions import read
+from wormopt.simulation.conditions import Lifted, lifted, may_have
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.instants import scheduled
 from wormopt.simulation.options import Treatment
 from wormopt.simulation.sensitivity.directions import Directions
+
+_MISSED = (
+    "functions of time are narrow at more places than are looked at; pulses between steps may have "
+    "been missed: shorten the time, or give a smaller max_step"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +30,7 @@ class Held:
 
     task: InitialValueProblem
     asked: InitialValueProblem
+    complete: bool  # whether all that is narrow has been found
 
     def outcome(self, found: Outcome) -> Outcome:
         """What was found, in the terms of the task that was asked for."""
@@ -49,6 +55,7 @@ class Held:
             dense=as_asked(found.dense) if len(found.dense) else found.dense,
             events=found.events[found.events[:, 1] < own],
             doubts=found.doubts[found.doubts[:, 1] < own],
+            notes=() if self.complete else (_MISSED,),
         )
 
 
@@ -81,7 +88,7 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
         assert found is not None
     own, given = len(model.schedules), len(task.p[: task.system.n_fixed - 1])
     schedules = task.schedules[:own]
-    new = scheduled(
+    new, complete = scheduled(
         found.timed,
         found.model.schedules[own],
         task.span,
@@ -90,7 +97,7 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
         task.max_step,
     )
     if found.model.ode is model.ode and new.pieces == 1:
-        return None
+        return None if complete else Held(task, task, complete)
     system = _system(found, task.system.treatment)
     start = _start(found, model, task)
     at = task.system.n_fixed + sum(1 + s.symbol.numel() for s in model.schedules)
@@ -113,13 +120,15 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
         schedules=(*schedules, new, *task.schedules[own:]),
         directions=along,
     )
-    return Held(ready, task)
+    return Held(ready, task, complete)
 
 
 @lru_cache(maxsize=64)
 def _may_have(system: System) -> bool:
     """Whether there may be conditions, by instructions that are read anyway to compile them."""
-    return not system.rhs.is_a("SXFunction") or may_have(system.model, read(system.rhs)[0])
+    if system.model.alg.numel() or not system.rhs.is_a("SXFunction"):
+        return True
+    return may_have(system.model, read(system.rhs)[0])
 
 
 @lru_cache(maxsize=64)

@@ -215,3 +215,4 @@ class Outcome:
     dense_time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     # (steps, 8, n_x) polynomials, see `Dense`
     dense: np.ndarray = field(default_factory=lambda: np.zeros((0, 8, 0)))
+    notes: tuple[str, ...] = ()  # what may have been missed

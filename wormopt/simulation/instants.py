@@ -14,12 +14,12 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import SolveError
-from wormopt.model.conditions import Timed
 from wormopt.model.schedule import Schedule
 from wormopt.numerics.enclosure import Enclosure
+from wormopt.simulation.conditions import Timed
 
 # Cells to begin with, and how many there may be at once.
-_CELLS, _MOST_CELLS = 64, 200_000
+_CELLS, _MOST_CELLS = 64, 50_000
 # Shares of the span: cells are not halved below it; and share of a function's size that is nothing.
 _SHORTEST, _QUIET = 1e-12, 1e-13
 _HALVINGS = 60
@@ -98,8 +98,10 @@ def scheduled(
     fixed: np.ndarray,
     schedules: tuple[Schedule, ...],
     longest: float,
-) -> Schedule:
+) -> tuple[Schedule, bool]:
     """The schedule `held` with the instants of a motion and what conditions say in between.
+
+    Gives it, and whether all that is narrow has been found.
 
     Parameters
     ----------
@@ -125,11 +127,11 @@ def scheduled(
     # members of an ensemble that differ elsewhere have the same instants
     given = np.where(used.fixed, fixed, 0.0)
     key = tuple(given.tolist()), schedules if used.pieces else ()
-    inner = _instants(timed, span, longest, *key)
+    inner, complete = _instants(timed, span, longest, *key)
     ends = np.concatenate([span[:1], inner, span[1:]])
     middle = (ends[:-1] + ends[1:]) / 2
     said = _functions(timed).at(middle, _given(timed, given, key[1], middle)).T
-    return replace(held, start=span[0], breaks=ends - span[0], values=said)
+    return replace(held, start=span[0], breaks=ends - span[0], values=said), complete
 
 
 class _Used(NamedTuple):
@@ -156,23 +158,24 @@ def _instants(
     longest: float,
     fixed: tuple[float, ...],
     schedules: tuple[Schedule, ...],
-) -> np.ndarray:
-    """Instants within a span at which steps must end, ascending."""
+) -> tuple[np.ndarray, bool]:
+    """Instants within a span at which steps must end, ascending, and whether these are all."""
     functions = _functions(timed)
     breaks = _breaks(schedules, span)
     ends = np.unique(np.concatenate([np.linspace(*span, _CELLS + 1), breaks]))
     middle = (ends[:-1] + ends[1:]) / 2
     given = _given(timed, np.array(fixed), schedules, middle)
-    cells, found = _Cells(ends[:-1], ends[1:], given), np.zeros(0)
+    cells, found, complete = _Cells(ends[:-1], ends[1:], given), np.zeros(0), True
     if timed.guards.numel():
         found = _changes(functions, cells, span)
     if timed.courses.numel():
-        found = np.append(found, _narrow(functions, cells, span, longest))
+        narrow, complete = _narrow(functions, cells, span, longest)
+        found = np.append(found, narrow)
     if _used(timed).by_pieces:
         found = np.append(found, breaks)
     found, least = np.unique(found), 4 * np.spacing(max(map(abs, span)))
     found = found[(span[0] + least < found) & (found < span[1] - least)]
-    return found[np.diff(found, prepend=-np.inf) > least]
+    return found[np.diff(found, prepend=-np.inf) > least], complete
 
 
 def _given(
@@ -238,11 +241,15 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
 
 def _narrow(
     functions: _Functions, cells: _Cells, span: tuple[float, float], longest: float
-) -> np.ndarray:
-    """Ends of the cells where a function of time is so narrow that steps might miss it."""
+) -> tuple[np.ndarray, bool]:
+    """Ends of the cells where a function of time is so narrow that steps might miss it.
+
+    Gives them, and whether there was room for all. A function that is quiet nowhere, a sine say,
+    is not narrow, and needs none.
+    """
     whole = span[1] - span[0]
     least = _SHORTEST * max(whole, *map(abs, span))
-    done, size = list[_Cells](), None
+    done, size, rests = list[_Cells](), None, np.zeros(1, dtype=bool)
     while cells.low.size:
         (low, high), (slowest, fastest) = cells.bounds(functions.courses)
         largest = np.maximum(np.abs(low), np.abs(high))
@@ -251,16 +258,17 @@ def _narrow(
         width = cells.high - cells.low
         quiet = high - low <= _QUIET * size
         smooth = width * (fastest - slowest) <= _BEND * size
+        rests = rests | quiet.any(axis=1)
         fine = np.all(quiet | smooth, axis=0) | (width <= least)
         done.append(cells.those(fine))
         cells = cells.those(~fine).halves
         if cells.low.size + sum(c.low.size for c in done) > _MOST_CELLS:
-            done.append(cells)
-            break
+            coarse = np.any(~(quiet | smooth)[:, ~fine], axis=1)
+            return np.zeros(0), not np.any(rests & coarse)
     low = np.concatenate([c.low for c in done])
     order = np.argsort(low)
     low, high = low[order], np.concatenate([c.high for c in done])[order]
-    return _isolated(low, high, longest)
+    return _isolated(low, high, min(longest, whole)), True
 
 
 def _isolated(low: np.ndarray, high: np.ndarray, longest: float) -> np.ndarray:

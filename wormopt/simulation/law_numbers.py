@@ -15,7 +15,6 @@ from wormopt.model.friction import symbols_of
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model
 
-
 _HUGE = 1e100
 
 

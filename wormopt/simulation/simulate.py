@@ -274,6 +274,7 @@ def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         along=task.directions,
         state_derivatives=outcome.samples[:, first:].T.reshape(n_x, task.k, len(reached)),
         end_derivative=outcome.x[first:].reshape(n_x, task.k),
+        notes=outcome.notes,
     )
     if len(outcome.doubts):
         motion = replace(motion, doubts=_doubts(motion, outcome.doubts))

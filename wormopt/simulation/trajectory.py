@@ -142,6 +142,8 @@ class Trajectory(SampledMotion):
         Of the last state, at its time; where a switch ends the motion, at that of the switch.
     doubts : tuple of Doubt
         Where derivatives do not exist, or hold on one side only.
+    notes : tuple of str
+        What may have been missed.
     """
 
     system: System
@@ -162,6 +164,7 @@ class Trajectory(SampledMotion):
     state_derivatives: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     end_derivative: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     doubts: tuple[Doubt, ...] = ()
+    notes: tuple[str, ...] = ()
 
     __repr__ = SampledMotion.__repr__
 
@@ -247,8 +250,8 @@ class Trajectory(SampledMotion):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a law of friction leaves open, for the trust report."""
-        return self.system.warnings
+        """What a law of friction leaves open and what may have been missed."""
+        return self.system.warnings + self.notes
 
     def at(self, t: np.ndarray) -> Trajectory:
         """Sample the motion anew, at any times within it.

@@ -31,6 +31,8 @@ _TIME, _FIXED, _PIECES, _STATE = 1, 2, 4, 8
 _TRIALS, _NEWTON, _AT_GUARD = 4, 30, 1e-12
 # Share of the right-hand side that is no jump but rounding.
 _JUMP = 1e-8
+# How far beyond its guard, in usual sizes, what is held must have a value.
+_BEYOND = 1e-3
 
 
 class _Kind(NamedTuple):
@@ -364,13 +366,17 @@ class _Graph:
                 return True  # it cannot be seen
             if not steep > 0 or target is None:
                 continue
+            way = np.zeros(len(at))
+            way[first:] = slope * size[first:] ** 2 / np.sqrt(steep)
             sides, values = [], np.array(look(at)[0]).ravel()
             for values[k] in _around(kind, target):
                 sides.append(np.array(right(at, values)).ravel())
-            with np.errstate(invalid="ignore"):
-                largest = np.maximum(*map(np.abs, sides)).max()
-                if not np.all(np.abs(sides[1] - sides[0]) <= _JUMP * largest):
-                    return True
+                beyond = [right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
+                if not np.all(np.isfinite(np.array(beyond))):
+                    return False  # what is held would have no value where a step may look
+            largest = np.maximum(*map(np.abs, sides)).max()
+            if not np.all(np.abs(sides[1] - sides[0]) <= _JUMP * largest):
+                return True
         return False
 
     def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
