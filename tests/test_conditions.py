@@ -200,7 +200,7 @@ def test_sliding_on_a_condition_is_refused_at_once(route):
     assert caught.value.code == "slides_on_condition"
     assert caught.value.partial.end_time == pytest.approx(0.5)
     with pytest.raises(SolveError, match="write a Contact"):
-        wo.simulate(scalar(-ca.sign(x), start=1.0), 2.0, route=route)
+        wo.simulate(scalar(0.3 - ca.sign(x), start=1.0), 2.0, route=route)
 
 
 @pytest.mark.parametrize("route", ROUTES)

@@ -29,6 +29,8 @@ _TIME, _FIXED, _PIECES, _STATE = 1, 2, 4, 8
 
 # Where a guard is looked for, and how near to it is at it.
 _TRIALS, _NEWTON, _AT_GUARD = 4, 30, 1e-12
+# A guard that is 0 for a while is on one side by this.
+_BARELY = 1e-280
 # Share of the right-hand side that is no jump but rounding.
 _JUMP = 1e-8
 # How far beyond its guard, in usual sizes, what is held must have a value.
@@ -41,10 +43,12 @@ class _Kind(NamedTuple):
     says: Callable[..., ca.SX]  # its value, which is held
     guard: Callable[..., ca.SX]  # the value changes where this passes 0, or a bound
     instead: Callable[..., ca.SX]  # the operation, of the value held and its arguments
-    # where the value is m, it changes to m - 1 and m + 1 at these
-    bounds: Callable[[ca.SX], tuple[ca.SX, ca.SX]] | None = None
+    # where the value is m it changes to m - 1 below the first bound, to m + 1 above the second;
+    # then whether it does so at the bound too
+    bounds: Callable[[ca.SX], tuple[ca.SX, ca.SX, ca.SX, ca.SX]] | None = None
     jumps: bool = True  # or only bends
-    low: float = 0.0  # value where the guard is negative; 1 where it is positive
+    # without bounds: what it is where the guard is negative, positive and 0
+    sides: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
 
 def _difference(a: ca.SX, b: ca.SX) -> ca.SX:
@@ -63,33 +67,39 @@ def _held(m: ca.SX, *_: ca.SX) -> ca.SX:
     return m
 
 
-def _side(a: ca.SX) -> ca.SX:
-    return 2 * (a > 0) - 1
+def _sign_of(b: ca.SX) -> ca.SX:
+    return 1 - 2 * (b < 0)
 
 
 def _whole(a: ca.SX) -> ca.SX:
     return ca.if_else(a < 0, ca.ceil(a), ca.floor(a))
 
 
+_NO, _YES = ca.SX(0), ca.SX(1)
 _KINDS = {
     ca.OP_LT: _Kind(lambda a, b: a < b, _difference, _held),
-    ca.OP_LE: _Kind(lambda a, b: a <= b, _difference, _held),
-    ca.OP_SIGN: _Kind(ca.sign, _same, _held, low=-1.0),
-    ca.OP_FLOOR: _Kind(ca.floor, _same, _held, lambda m: (m, m + 1)),
-    ca.OP_CEIL: _Kind(ca.ceil, _same, _held, lambda m: (m - 1, m)),
+    ca.OP_LE: _Kind(lambda a, b: a <= b, _difference, _held, sides=(0.0, 1.0, 1.0)),
+    ca.OP_FLOOR: _Kind(ca.floor, _same, _held, lambda m: (m, m + 1, _NO, _YES)),
+    ca.OP_CEIL: _Kind(ca.ceil, _same, _held, lambda m: (m - 1, m, _YES, _NO)),
     ca.OP_FMOD: _Kind(
         lambda a, b: _whole(a / b),
         lambda a, b: a / b,
         lambda m, a, b: a - m * b,
-        lambda m: (m - (m <= 0), m + (m >= 0)),
+        lambda m: (m - (m <= 0), m + (m >= 0), m <= 0, m >= 0),
     ),
-    ca.OP_COPYSIGN: _Kind(lambda _, b: _side(b), _second, lambda m, a, _: m * ca.fabs(a), low=-1.0),
-    ca.OP_FABS: _Kind(_side, _same, lambda m, a: m * a, jumps=False),
+    ca.OP_COPYSIGN: _Kind(
+        lambda _, b: _sign_of(b),
+        _second,
+        lambda m, a, _: m * ca.fabs(a),
+        sides=(-1.0, 1.0, 1.0),
+    ),
+    ca.OP_FABS: _Kind(_sign_of, _same, lambda m, a: m * a, jumps=False),
     ca.OP_FMIN: _Kind(lambda a, b: a < b, _difference, ca.if_else, jumps=False),
     ca.OP_FMAX: _Kind(
         lambda a, b: a < b, _difference, lambda m, a, b: ca.if_else(m, b, a), jumps=False
     ),
 }
+_JUMPING = [operation for operation, kind in _KINDS.items() if kind.jumps]
 
 # Functions of time that may be narrow. Polynomials are not, and what is made of narrow ones is.
 _CURVED = (
@@ -110,7 +120,9 @@ class Timed:
     n_fixed: int  # how many parameters and inputs there are
     values: ca.SX  # column, what conditions say
     guards: ca.SX  # column, where these pass 0 or a whole number the values change
+    sizes: ca.SX  # column, sizes of what guards are differences of
     levels: np.ndarray  # (m,) whether it is a whole number
+    nested: np.ndarray  # (m,) whether a guard may jump, by other conditions
     jumping: ca.SX  # column, guards of those that do not only bend
     courses: ca.SX  # column of functions that may be narrow
 
@@ -125,7 +137,7 @@ class Lifted:
 
     model: Model
     timed: Timed
-    start: ca.SX  # initial values of the last state, by the others, time, parameters and schedules
+    start: ca.SX  # values of the last state, by all that comes before it and the schedules
 
     @property
     def held(self) -> int:
@@ -148,7 +160,9 @@ def may_have(model: Model, operations: np.ndarray) -> bool:
 
     `operations`: those of a function in which its ode stands.
     """
-    if np.isin(operations, list(_KINDS)).any() or any(_composed(c) for c in model.contacts):
+    if np.isin(operations, [ca.OP_SIGN, *_KINDS]).any() or any(
+        _composed(c) for c in model.contacts
+    ):
         return True
     curved = np.isin(operations, _CURVED).any()
     return bool(curved and ca.depends_on(ca.vertcat(model.ode, model.contact_velocities), model.t))
@@ -183,13 +197,21 @@ class _Condition:
         return self.kind.guard(*self.arguments)
 
     @property
+    def size(self) -> ca.SX:
+        if self.kind.guard is not _difference:
+            return ca.fabs(self.guard)
+        return ca.fabs(self.arguments[0]) + ca.fabs(self.arguments[1])
+
+    @property
     def value(self) -> ca.SX:
         return self.kind.says(*self.arguments)
 
     @property
-    def side(self) -> ca.SX:
-        """Value, and one of the two on its guard."""
-        return _side(self.guard) if self.kind.low else self.value
+    def is_nested(self) -> bool:
+        """Whether its guard may jump."""
+        symbols = ca.vertcat(*ca.symvar(self.guard))
+        operations = read(ca.Function("guard", [symbols], [ca.densify(self.guard)]))[0]
+        return bool(np.isin(operations, _JUMPING).any())
 
 
 class _Graph:
@@ -203,9 +225,20 @@ class _Graph:
         kinds = ((model.t, _TIME), (fixed, _FIXED), (pieces, _PIECES), (self._states, _STATE))
         self._symbols = ca.vertcat(*(symbols for symbols, _ in kinds))
         self._kinds = np.repeat([kind for _, kind in kinds], [s.numel() for s, _ in kinds]).tolist()
-        expression = ca.densify(expressions_of(model))
+        self._read(ca.densify(expressions_of(model)))
+        if ca.OP_SIGN in self._operations:
+            self._read(self._walk(self._sides))
+
+    def _read(self, expression: ca.SX) -> None:
         self._function = ca.Function("f", [self._symbols], [expression])
         self._operations, self._places = (part.tolist() for part in read(self._function))
+
+    def _sides(self, k: int, arguments: list[ca.SX], _: int) -> ca.SX | None:
+        """Two comparisons for a sign, which has three values."""
+        if self._operations[k] != ca.OP_SIGN:
+            return None
+        (a,) = arguments
+        return (a > 0) - (a < 0)
 
     def _walk(
         self,
@@ -305,11 +338,14 @@ class _Graph:
             n_fixed=sum(s.size for s in (*model.p, *model.u)),
             values=ca.vertcat(ca.SX(0, 1), *(c.value for c in timed)),
             guards=ca.vertcat(ca.SX(0, 1), *(c.guard for c in timed)),
+            sizes=ca.vertcat(ca.SX(0, 1), *(c.size for c in timed)),
             levels=np.array([c.kind.bounds is not None for c in timed], dtype=bool),
+            nested=np.array([c.is_nested for c in timed], dtype=bool),
             jumping=ca.vertcat(ca.SX(0, 1), *(c.guard for c in timed if c.kind.jumps)),
             courses=courses,
         )
         scheduled = [c for c in timed if c not in switched]
+        arguments = dict[int, list[ca.SX]]()
         if timed or jumps:
             expressions, arguments = self._holding([*timed, *jumps])
             model = _with(model, expressions)
@@ -317,14 +353,18 @@ class _Graph:
                 model = _switched(model, switched, arguments)
         # of what is switched the schedule has the instants alone
         symbols = [c.symbol if c in scheduled else ca.SX.sym("unused") for c in timed]
+        symbols = ca.vertcat(ca.SX(0, 1), *symbols)
         pieces = Schedule(
             NAME,
-            ca.vertcat(ca.SX(0, 1), *symbols),
+            symbols,
             ca.SX.sym("begin"),
             np.array([0.0, 1.0]),
             np.zeros((1, len(timed))),
         )
-        start = ca.vertcat(ca.SX(0, 1), *(c.side for c in switched))
+        start = ca.SX(0, 1)
+        for k, c in enumerate(switched):  # a condition holds none that come after it
+            before = ca.vertcat(ca.SX(0, 1), *(other.symbol for other in switched[:k]))
+            start = ca.vertcat(start, ca.substitute(c.kind.says(*arguments[c.at]), before, start))
         return Lifted(replace(model, schedules=[*model.schedules, pieces]), found, start)
 
     def _jumping(self, candidates: list[_Condition]) -> list[_Condition]:
@@ -393,7 +433,7 @@ class _Graph:
 def _around(kind: _Kind, level: float) -> tuple[float, float]:
     """Values on the two sides of where a condition changes."""
     if kind.bounds is None:
-        return kind.low, 1.0
+        return kind.sides[:2]
     below = next(m for m in (level - 1, level) if float(kind.bounds(ca.SX(m))[1]) == level)
     return below, below + 1
 
@@ -424,12 +464,17 @@ def _switched(model: Model, jumps: list[_Condition], arguments: dict[int, list[c
     for k, c in enumerate(jumps):
         guard, m = c.kind.guard(*arguments[c.at]), c.symbol
         if c.kind.bounds:
-            low, high = c.kind.bounds(m)
-            guard, after = ca.fmax(low - guard, guard - high), m + ca.sign(2 * guard - low - high)
-        elif c.kind.low == 0:
-            guard, after = (1 - 2 * m) * guard, 1 - m
+            low, high, down, up = c.kind.bounds(m)
+            ways = low - guard + _BARELY * down, guard - high + _BARELY * up
+            after = m + ca.if_else(ways[1] >= ways[0], 1, -1)
+            guard = ca.fmax(*ways)
         else:
-            guard, after = -m * guard, -m
+            least, most, at = c.kind.sides
+            below = m < (least + most) / 2  # it is what it is where the guard is negative
+            guard = ca.if_else(
+                below, guard + _BARELY * (at == most), -guard + _BARELY * (at == least)
+            )
+            after = least + most - m
         column = [*symbols[:k], after, *symbols[k + 1 :]]
         switches.append(Switch(NAME, guard, ca.vertcat(x, *column), crosses=True))
     ode = ca.vertcat(model.ode, ca.SX.zeros(len(jumps)))

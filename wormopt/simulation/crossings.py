@@ -159,12 +159,11 @@ class Watch:
         which, residual, rate = self.n_contacts + k, *error
         value, now = self.value(which, t, x), self._rate(k, t, x)
         crosses = self._task.system.model.switches[k].crosses
-        if crosses and now > 1e-9 * rate and value >= -residual:
+        near, rises = value >= -residual, now > 1e-9 * rate
+        if crosses and near and rises:
             raise GivenUp("events_accumulate")
-        if now < -1e-9 * rate and value >= -residual:
-            self._levels[which] = 2 * min(value, 0.0) - 1e-300
-        else:
-            self._levels[which] = -np.inf
+        again = not rises if crosses else now < -1e-9 * rate
+        self._levels[which] = 2 * min(value, 0.0) - 1e-300 if again and near else -np.inf
         self._passed[k], self._fired[k] = residual, t
 
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:

@@ -99,7 +99,7 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
     if found.model.ode is model.ode and new.pieces == 1:
         return None if complete else Held(task, task, complete)
     system = _system(found, task.system.treatment)
-    start = _start(found, model, task)
+    start = _start(found, model, task, new.values[0])
     at = task.system.n_fixed + sum(1 + s.symbol.numel() for s in model.schedules)
     more = 1 + new.symbol.numel()
     n_x = model.n_x
@@ -156,14 +156,15 @@ def _moves(found: Lifted, along: Directions) -> bool:
     return bool(symbols) and bool(ca.depends_on(found.timed.jumping, ca.vertcat(*symbols)))
 
 
-def _start(found: Lifted, model: Model, task: InitialValueProblem) -> np.ndarray:
-    """What conditions of states say at the start."""
+def _start(found: Lifted, model: Model, task: InitialValueProblem, first: np.ndarray) -> np.ndarray:
+    """What conditions of states say at the start, where those of time say `first`."""
     if not found.held:
         return np.zeros(0)
     inputs = found.timed.inputs
-    says = ca.Function("says", [inputs, pack(model.x)], [found.start])
+    held = found.model.schedules[len(model.schedules)].symbol
+    says = ca.Function("says", [inputs, pack(model.x), held], [found.start])
     p = task.system.scheduled(task.p, task.schedules, np.array([task.span[0]]))[:, 0]
     fixed, rest = np.split(p, [task.system.n_fixed])
     rest = rest[: inputs.numel() - len(fixed)]  # without v_reg, and time in its place
     given = np.concatenate([task.span[:1], fixed[:-1], rest])
-    return np.array(says(given, task.x0[: model.n_x])).ravel()
+    return np.array(says(given, task.x0[: model.n_x], first)).ravel()

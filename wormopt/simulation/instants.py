@@ -74,6 +74,11 @@ class _Functions:
         return self._enclosure(self.timed.guards)
 
     @cached_property
+    def sizes(self) -> Enclosure:
+        timed = self.timed
+        return Enclosure(ca.Function("sizes", [timed.inputs], [ca.densify(timed.sizes)]))
+
+    @cached_property
     def courses(self) -> Enclosure:
         return self._enclosure(self.timed.courses)
 
@@ -207,13 +212,19 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
     found = list[_Cells]()
     while cells.low.size:
         (low, high), (slowest, fastest) = cells.bounds(functions.guards)
-        same = np.where(
+        largest = functions.sizes(
+            np.vstack([cells.low, cells.given]), np.vstack([cells.high, cells.given])
+        )[1]
+        nothing = np.maximum(np.abs(low), np.abs(high)) <= _QUIET * largest
+        same = nothing | np.where(
             levels,
             (np.floor(low) == np.floor(high)) & (np.ceil(low) == np.ceil(high)),
             (low > 0) | (high < 0) | (low == high),
         )
         once = ((slowest > 0) | (fastest < 0)) & (~levels | (high - low < 1))
         quiet = np.all(same, axis=0)
+        # what holds other conditions changes once only where these do not
+        once &= ~functions.timed.nested[:, None] | ((~same).sum(axis=0) <= 1)
         done = ~quiet & (np.all(same | once, axis=0) | (cells.high - cells.low <= least))
         found.append(cells.those(done))
         cells = cells.those(~quiet & ~done).halves

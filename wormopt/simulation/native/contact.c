@@ -239,9 +239,10 @@ static void note_fired(Run *run, long long which, double residual, double rate) 
     const long long k = which - n_exact(run);
     const int falls = run->guard[run->in.n_switches + k] < -1e-9 * rate;
     const int near = value >= -residual; /* left clearly above 0, it must come from below */
-    run->level[which] = falls && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
-    if (run->in.crosses[k] && near && run->guard[run->in.n_switches + k] > 1e-9 * rate)
-        run->out.status = EVENTS_ACCUMULATE;
+    const int rises = run->guard[run->in.n_switches + k] > 1e-9 * rate;
+    const int again = run->in.crosses[k] ? !rises : falls;
+    run->level[which] = again && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
+    if (run->in.crosses[k] && near && rises) run->out.status = EVENTS_ACCUMULATE;
     run->passed[k] = residual, run->fired[k] = run->out.t;
 }
 
