@@ -456,6 +456,11 @@ def _with(model: Model, expressions: ca.SX) -> Model:
     return replace(model, ode=ode, alg=alg, contacts=contacts)
 
 
+def _barely(at_guard: ca.SX) -> ca.SX:
+    """What makes a guard that is 0 positive or negative: whether a condition changes there."""
+    return _BARELY * (2 * at_guard - 1)
+
+
 def _switched(model: Model, jumps: list[_Condition], arguments: dict[int, list[ca.SX]]) -> Model:
     """The model with a state for its conditions, behind its own, and switches that change it."""
     symbols, x = [c.symbol for c in jumps], pack(model.x)
@@ -465,15 +470,14 @@ def _switched(model: Model, jumps: list[_Condition], arguments: dict[int, list[c
         guard, m = c.kind.guard(*arguments[c.at]), c.symbol
         if c.kind.bounds:
             low, high, down, up = c.kind.bounds(m)
-            ways = low - guard + _BARELY * down, guard - high + _BARELY * up
+            ways = low - guard + _barely(down), guard - high + _barely(up)
             after = m + ca.if_else(ways[1] >= ways[0], 1, -1)
             guard = ca.fmax(*ways)
         else:
             least, most, at = c.kind.sides
             below = m < (least + most) / 2  # it is what it is where the guard is negative
-            guard = ca.if_else(
-                below, guard + _BARELY * (at == most), -guard + _BARELY * (at == least)
-            )
+            up, down = _barely(ca.SX(at == most)), _barely(ca.SX(at == least))
+            guard = ca.if_else(below, guard + up, down - guard)
             after = least + most - m
         column = [*symbols[:k], after, *symbols[k + 1 :]]
         switches.append(Switch(NAME, guard, ca.vertcat(x, *column), crosses=True))
