@@ -122,6 +122,7 @@ class Timed:
     guards: ca.SX  # column, where these pass 0 or a whole number the values change
     sizes: ca.SX  # column, sizes of what guards are differences of
     levels: np.ndarray  # (m,) whether it is a whole number
+    jumps: np.ndarray  # (m,) whether a value jumps, or only bends
     nested: np.ndarray  # (m,) whether a guard may jump, by other conditions
     jumping: ca.SX  # column, guards of those that do not only bend
     courses: ca.SX  # column of functions that may be narrow
@@ -340,6 +341,7 @@ class _Graph:
             guards=ca.vertcat(ca.SX(0, 1), *(c.guard for c in timed)),
             sizes=ca.vertcat(ca.SX(0, 1), *(c.size for c in timed)),
             levels=np.array([c.kind.bounds is not None for c in timed], dtype=bool),
+            jumps=np.array([c.kind.jumps for c in timed], dtype=bool),
             nested=np.array([c.is_nested for c in timed], dtype=bool),
             jumping=ca.vertcat(ca.SX(0, 1), *(c.guard for c in timed if c.kind.jumps)),
             courses=courses,

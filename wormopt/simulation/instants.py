@@ -24,7 +24,7 @@ _CELLS, _MOST_CELLS, _SAMPLE = 64, 50_000, 8
 _SHORTEST, _QUIET = 1e-12, 1e-13
 _HALVINGS = 60
 # Of so many changes a motion is not followed.
-_MOST_CHANGES = 100_000
+_MOST_CHANGES = 20_000
 # A cell is fine enough if the function bends on it by no more than this share of its size.
 _BEND = 0.25
 # What is missed by steps of some length: stretches of cells of less than an eighth of it, shorter
@@ -50,6 +50,16 @@ class _Cells:
         middle = (self.low + self.high) / 2
         low, high = np.stack([self.low, middle], 1), np.stack([middle, self.high], 1)
         return _Cells(low.ravel(), high.ravel(), np.repeat(self.given, 2, axis=1))
+
+    @property
+    def middles(self) -> _Cells:
+        middle = (self.low + self.high) / 2
+        return _Cells(middle, middle, self.given)
+
+    def largest(self, enclosure: Enclosure) -> np.ndarray:
+        """Upper bounds (functions, m)."""
+        low, high = np.vstack([self.low, self.given]), np.vstack([self.high, self.given])
+        return enclosure(low, high)[1]
 
     def bounds(self, enclosure: Enclosure) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of values and of rates, each (2, functions, m)."""
@@ -207,28 +217,33 @@ def _breaks(schedules: tuple[Schedule, ...], span: tuple[float, float]) -> np.nd
 
 def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) -> np.ndarray:
     """Instants at which conditions change, each the first number at which it has."""
-    levels = functions.timed.levels[:, None]
+    timed = functions.timed
+    levels, nested, scale = timed.levels[:, None], timed.nested[:, None], np.zeros(1)
     least = _SHORTEST * max(span[1] - span[0], *map(abs, span))
-    found = list[_Cells]()
+    found, ignored = list[_Cells](), np.zeros((1, 1), dtype=bool)
     while cells.low.size:
-        (low, high), (slowest, fastest) = cells.bounds(functions.guards)
-        largest = functions.sizes(
-            np.vstack([cells.low, cells.given]), np.vstack([cells.high, cells.given])
-        )[1]
-        nothing = np.maximum(np.abs(low), np.abs(high)) <= _QUIET * largest
-        same = nothing | np.where(
-            levels,
-            (np.floor(low) == np.floor(high)) & (np.ceil(low) == np.ceil(high)),
-            (low > 0) | (high < 0) | (low == high),
-        )
-        once = ((slowest > 0) | (fastest < 0)) & (~levels | (high - low < 1))
+        bounds, (slowest, fastest) = cells.bounds(functions.guards)
+        largest = np.abs(bounds).max(axis=0)
+        scale = np.maximum(scale, np.where(np.isfinite(largest), largest, 0).max(1, keepdims=True))
+        nothing = _QUIET * np.maximum(scale, cells.largest(functions.sizes))
+        same = _same(*bounds, levels, nothing)
+        # what holds other conditions may jump, unless these do not change
+        open_ = ~same & timed.jumps[:, None]
+        smooth = ~nested | (open_.sum(axis=0) - open_ <= 0)
+        middle, half = cells.middles.bounds(functions.guards)[0], (cells.high - cells.low) / 2
+        reach = half * np.maximum(np.abs(slowest), np.abs(fastest))
+        low = np.where(smooth, np.fmax(bounds[0], middle[0] - reach), bounds[0])
+        high = np.where(smooth, np.fmin(bounds[1], middle[1] + reach), bounds[1])
+        same = _same(low, high, levels, nothing) | ignored
+        once = smooth & ((slowest > 0) | (fastest < 0)) & (~levels | (high - low < 1))
         quiet = np.all(same, axis=0)
-        # what holds other conditions changes once only where these do not
-        once &= ~functions.timed.nested[:, None] | ((~same).sum(axis=0) <= 1)
         done = ~quiet & (np.all(same | once, axis=0) | (cells.high - cells.low <= least))
         found.append(cells.those(done))
         cells = cells.those(~quiet & ~done).halves
-        if cells.low.size + sum(c.low.size for c in found) > _MOST_CHANGES:
+        many = cells.low.size + sum(c.low.size for c in found)
+        if many > _MOST_CHANGES and not (np.all(timed.jumps) or np.any(ignored)):
+            ignored = ~timed.jumps[:, None]  # what only bends can be done without
+        elif many > (2 if np.any(ignored) else 1) * _MOST_CHANGES:
             raise SolveError(
                 "conditions of time change more than "
                 f"{_MOST_CHANGES} times between t = {span[0]:g} and {span[1]:g}",
@@ -248,6 +263,15 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
         still = functions.at(middle, given)[which, row] == before
         low, high = np.where(still, middle, low), np.where(still, high, middle)
     return high
+
+
+def _same(low: np.ndarray, high: np.ndarray, levels: np.ndarray, nothing: np.ndarray) -> np.ndarray:
+    """Whether what guards decide is the same all over a cell; what is `nothing` decides nothing."""
+    whole = (np.floor(low) == np.floor(high)) & (np.ceil(low) == np.ceil(high))
+    level = np.round(low)
+    whole |= np.maximum(np.abs(low - level), np.abs(high - level)) <= nothing
+    apart = (low > 0) | (high < 0) | (np.maximum(np.abs(low), np.abs(high)) <= nothing)
+    return np.where(levels, whole, apart)
 
 
 def _narrow(
@@ -273,7 +297,10 @@ def _narrow(
         fine = np.all(quiet | smooth, axis=0) | (width <= least)
         done.append(cells.those(fine))
         cells = cells.those(~fine).halves
-        if sample is None and cells.low.size + sum(c.low.size for c in done) > _MOST_CELLS:
+        many = cells.low.size + sum(c.low.size for c in done)
+        if many > 2 * _MOST_CELLS:
+            break
+        if sample is None and many > _MOST_CELLS:
             # a few of them show whether what goes on there is narrow
             sample = np.linspace(0, cells.low.size - 1, _SAMPLE).astype(int)
             cells = cells.those(sample)
