@@ -21,7 +21,7 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.scene.scene import scene_within
 from wormopt.systems.chain import chain
-from wormopt.systems.recorded.columns import read_csv
+from wormopt.systems.recorded.columns import read_columns
 from wormopt.systems.recorded.recordings import Run, runs_of
 from wormopt.systems.recorded.runs import fit as fit_run
 from wormopt.systems.recorded.scenes.fit import RecordingTable
@@ -70,13 +70,19 @@ def written(folder: Path, text: str) -> Path:
         ("time,x\n0,1\n1,2\n1,3\n", "line 4: time 1 stands twice"),
         ("time,x\n0,1\n1,2\n0.5,3\n", "line 4: time goes back from 1 to 0.5"),
         ("time,x\n0,1\n1,2,3\n", "line 3: 3 cells for 2 columns"),
-        ("time;x\n0;1,5\n1;2\n", r'line 2, column x: "1,5" has a decimal comma; write 1\.5'),
+        (
+            "time;x\n0;1,5\n1;2.5\n2;3,5\n",
+            r'line 3, column x: "2\.5" and, in line 2, "1,5" have different decimal signs',
+        ),
+        ('time,x\n0,"1,500"\n1,"2,500"\n', r'line 2, column x: "1,500" may be 1500 or 1\.500'),
+        ("time;x\n0;1.234,5\n1;2\n", r'"1\.234,5" has separators of thousands; write 1234\.5'),
+        ("time;x\n12:03:01;1\n12:03:02;2\n", r'column time: "12:03:01" is a date or a time of'),
         ("time,x\n0,1_000\n1,2\n", 'line 2, column x: "1_000" is no number'),
     ],
 )
 def test_what_is_wrong_in_a_file_is_told_by_its_place(tmp_path: Path, text: str, said: str):
     faults: list[Fault] = []
-    assert read_csv(written(tmp_path, text), "time", faults, "recording[0].file") is None
+    assert read_columns(written(tmp_path, text), "time", faults, "recording[0].file") is None
     assert faults[0][0] == "recording[0].file"
     assert re.search(said, faults[0][1]), faults
 
@@ -84,7 +90,7 @@ def test_what_is_wrong_in_a_file_is_told_by_its_place(tmp_path: Path, text: str,
 def test_many_faults_are_counted_not_listed(tmp_path: Path):
     path = written(tmp_path, "time,x\n-1,0\n" + "".join(f"{k},?\n" for k in range(40)))
     faults: list[Fault] = []
-    read_csv(path, "time", faults, "file")
+    read_columns(path, "time", faults, "file")
     assert len(faults) == 6
     assert "35 more" in faults[-1][1]
 
@@ -93,7 +99,7 @@ def test_many_faults_are_counted_not_listed(tmp_path: Path):
 def test_columns_units_and_gaps_are_read(tmp_path: Path, separator: str):
     text = "\ufeff# by hand\ntime (s), x [mm] ,position[1]\n0,1,\n\n0.5,NaN,2e-3\n1,3,\n"
     faults: list[Fault] = []
-    found = read_csv(written(tmp_path, text.replace(",", separator)), "time", faults, "file")
+    found = read_columns(written(tmp_path, text.replace(",", separator)), "time", faults, "file")
     assert found is not None
     assert faults == []
     assert found.units == {"": "s", "x": "mm"}

@@ -20,7 +20,7 @@ from wormopt.errors import SceneError
 from wormopt.quantities import UNITS
 from wormopt.scene import load_scene
 from wormopt.scene.reference import schema
-from wormopt.scene.units import has_unit, parsed, to_number
+from wormopt.units import has_unit, parsed, to_number
 
 PINT = pint.UnitRegistry()
 PREFIXES = ["", "n", "u", "µ", "m", "c", "d", "k", "M", "G"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
-from wormopt.scene.units import parsed
+from wormopt.units import parsed
 from wormopt.version import VERSION
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from wormopt.errors import ArgumentError
 from wormopt.exports.files import target
 from wormopt.files import write_files
-from wormopt.scene.units import has_unit, to_number
+from wormopt.units import has_unit, to_number
 
 if TYPE_CHECKING:
     from wormopt.model.gait import Gait

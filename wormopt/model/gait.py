@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.quantities import unit_of
 
+_ARRAYS = ("breaks", "polynomial", "omega", "cosine", "sine")
 # Columns of a table: what is derived from lengths so many times.
 _COLUMNS = ("length", "rate", "acceleration")
 # Rows of a table that a periodic cubic spline can join.
@@ -42,6 +41,8 @@ class Gait:
         Angular frequency of the harmonic.
     cosine, sine : array_like, shape (pieces, n), optional
         Its amplitudes.
+    warnings : tuple of str, optional
+        What to know about the file that it was read from.
 
     Raises
     ------
@@ -60,9 +61,10 @@ class Gait:
     omega: np.ndarray | None = None
     cosine: np.ndarray | None = None
     sine: np.ndarray | None = None
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
+        for name in _ARRAYS:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _numbers(name, getattr(self, name)))
         if self.polynomial.ndim != 3:
@@ -166,12 +168,12 @@ class Gait:
         omega = None if self.omega is None else self.omega / factor
         breaks = self.breaks * factor
         breaks[-1] = period
-        return Gait(breaks, self.polynomial * powers, omega, self.cosine, self.sine)
+        arrays = (self.polynomial * powers, omega, self.cosine, self.sine)
+        return Gait(breaks, *arrays, warnings=self.warnings)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays that define the gait, by their parameter names."""
-        names = ("breaks", "polynomial", "omega", "cosine", "sine")
-        return {k: getattr(self, k) for k in names if getattr(self, k) is not None}
+        return {k: getattr(self, k) for k in _ARRAYS if getattr(self, k) is not None}
 
     def to_csv(
         self,
@@ -243,82 +245,39 @@ class Gait:
             yield from (f"{name}_{j}{its}" for j in range(self.links))
 
     @classmethod
-    def from_csv(cls, path: str | Path) -> Gait:
-        """Read a table t, l_0, l_1, ... over one closed period, joined by a periodic cubic spline.
+    def from_csv(cls, path: str | Path, *, units: Literal["dimensionless", "SI"] = "SI") -> Gait:
+        """Read a table t, l_0, l_1, ... over one closed period.
+
+        Lengths between the rows are those of a periodic cubic spline or, where it would leave the
+        lengths of the table, of a shape-preserving one (PCHIP). An instant with two rows is a
+        break, where rates may jump.
 
         Parameters
         ----------
         path : path
-            File with one header line; lines that begin with # are remarks, or the last of them the
-            header, as NumPy writes it. Names of columns are free, but those that begin with `rate`
-            or `acceleration` are passed over, and beside `time` and `length_0`, as `to_csv` and
-            exports of results write them, all others.
+            Text file with a line of names; see `wormopt.tables` for what it may look like. Names
+            are free, but columns that begin with `rate` or `acceleration` are skipped. In tables
+            that `to_csv` or an export of a result made, the gait's columns are read.
+        units : {"dimensionless", "SI"}, optional
+            Units in the names, ``t [ms]``, are converted to s and m, or refused.
 
         Returns
         -------
         Gait
-            Twice continuously differentiable.
+            Twice continuously differentiable but for breaks and steep tables; its `warnings` name
+            gaps, steep rows, and where the spline adds more than 1 % to the lengths of the table.
 
         Raises
         ------
         ArgumentError
-            If the table is not text in UTF-8, has no header, is not numeric, has fewer than 4
-            rows or rows of different lengths, its times do not ascend from 0, a length is not
-            positive, or the last row does not repeat the first.
+            If the file holds no such table: the message names line and column.
+        OSError
+            If the file cannot be read.
         """
-        try:
-            rows = _rows_of(Path(path))
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise ArgumentError(f"a gait table must be CSV text in UTF-8 ({error})") from None
-        needs = f"a gait table needs a header t,l_0,l_1,... and at least {_FEWEST_ROWS} rows"
-        if len(rows) <= _FEWEST_ROWS or len(rows[0]) < 2 or _is_number(rows[0][0]):
-            raise ArgumentError(needs)
-        for number, row in enumerate(rows[1:], start=1):
-            if len(row) != len(rows[0]):
-                raise ArgumentError(
-                    f"row {number} has {len(row)} entries, the header {len(rows[0])}"
-                )
-        columns = _length_columns([name.strip() for name in rows[0]])
-        if not columns:
-            raise ArgumentError(needs)
-        try:
-            table = np.array([[float(row[k]) for k in (0, *columns)] for row in rows[1:]])
-        except ValueError as error:
-            raise ArgumentError(f"every row after the header must hold numbers ({error})") from None
-        t, lengths = table[:, 0], table[:, 1:]
-        if not np.all(np.isfinite(table)):
-            raise ArgumentError("times and lengths must be finite")
-        if t[0] != 0 or np.any(np.diff(t) <= 0):
-            raise ArgumentError("times must ascend from 0, each once")
-        if np.any(lengths <= 0):
-            raise ArgumentError("link lengths must be positive")
-        if np.abs(lengths[-1] - lengths[0]).max() > 1e-9 * np.abs(lengths).max():
-            raise ArgumentError("the last row must repeat the first: one closed period")
-        lengths[-1] = lengths[0]
-        from scipy.interpolate import CubicSpline  # loads for half a second, for tables only
+        from wormopt.model.gait_table import read_gait  # which loads SciPy
 
-        spline = CubicSpline(t, lengths, bc_type="periodic")
-        return cls(t.copy(), np.transpose(spline.c[::-1], (1, 2, 0)))
-
-
-def _rows_of(path: Path) -> list[list[str]]:
-    """Header and rows of a table, without remarks."""
-    with path.open(newline="", encoding="utf-8-sig") as stream:
-        lines = [line.strip() for line in stream if line.strip()]
-    remarks = [line.lstrip("# ") for line in lines if line.startswith("#")]
-    rows = [*csv.reader(line for line in lines if not line.startswith("#"))]
-    header = next(csv.reader(remarks[-1:]), [])
-    if rows and _is_number(rows[0][0]) and len(header) == len(rows[0]):
-        return [header, *rows]
-    return rows
-
-
-def _length_columns(names: Sequence[str]) -> list[int]:
-    """Columns after the first that hold lengths."""
-    told = [k for k, name in enumerate(names) if re.fullmatch(r"length(_\d+)?( \[.*\])?", name)]
-    if told and names[0].startswith("time"):
-        return told
-    return [k for k, name in enumerate(names) if k and not name.startswith(_COLUMNS[1:])]
+        breaks, polynomial, said = read_gait(Path(path), units)
+        return cls(breaks, polynomial, warnings=said)
 
 
 def _instants(period: float, samples: int, step: float | None) -> np.ndarray:
@@ -333,14 +292,6 @@ def _instants(period: float, samples: int, step: float | None) -> np.ndarray:
     if steps < _FEWEST_ROWS - 1:
         raise ArgumentError(f"step = {step!r} is too large; write at most {period / 3:.6g}")
     return np.array([*(float(k * part) for k in range(steps)), period])
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _numbers(name: str, value: Any) -> np.ndarray:

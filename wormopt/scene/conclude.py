@@ -32,6 +32,7 @@ def conclude(
     if checks:
         trust["checks"] = {check.name: check.found() for check in checks}
         assert len(trust["checks"]) == len(checks), [check.name for check in checks]
+    warnings = [*scene.warnings, *table.file_warnings(scene.folder, table.units), *warnings]
     reasons = dict.fromkeys(c.advice for c in checks if not c.passed)
     return Result(
         scene.name,
@@ -46,7 +47,7 @@ def conclude(
             for name, value in scalars.items()
         },
         variables=tuple(_arrays(table, variables)),
-        trust=trust | {"warnings": list(dict.fromkeys([*scene.warnings, *warnings]))},
+        trust=trust | {"warnings": list(dict.fromkeys(warnings))},
         timings_s=timings or {},
         scene_text=scene.text,
         attributes=attributes or {},

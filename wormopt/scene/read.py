@@ -14,7 +14,7 @@ import msgspec
 
 from wormopt.errors import Fault
 from wormopt.scene.types import meaning
-from wormopt.scene.units import bare_number, has_unit, to_number
+from wormopt.units import bare_number, has_unit, to_number
 
 T = TypeVar("T", bound=msgspec.Struct)
 _fields = cache(msgspec.structs.fields)

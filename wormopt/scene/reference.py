@@ -18,7 +18,7 @@ from wormopt.quantities import unit_of
 from wormopt.scene.read import bare, describe, tables_in
 from wormopt.scene.swept import Swept
 from wormopt.scene.types import SceneTable, default_of, meaning
-from wormopt.scene.units import WITH_UNIT
+from wormopt.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")
 

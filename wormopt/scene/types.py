@@ -124,6 +124,14 @@ class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         tables = [table for table in below if isinstance(table, Table)]
         return {key: fact for table in tables for key, fact in table.facts.items()}
 
+    def file_warnings(self, folder: Path, units: str) -> Iterator[str]:
+        """Yield what to know about the files that the table and those in it name."""
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            for table in value if isinstance(value, tuple) else (value,):
+                if isinstance(table, Table):
+                    yield from table.file_warnings(folder, units)
+
 
 class SceneTable(Table, frozen=True, kw_only=True):
     """Keys that every scene shares, and the numbers that its results hold."""

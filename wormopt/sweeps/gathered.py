@@ -18,9 +18,9 @@ from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Result
 from wormopt.scene import Scene
 from wormopt.scene.reference import quantity_of
-from wormopt.scene.units import has_unit, to_number
 from wormopt.sweeps.axes import Plan, dim_of
 from wormopt.sweeps.store import Record, Status
+from wormopt.units import has_unit, to_number
 
 if TYPE_CHECKING:
     import pandas

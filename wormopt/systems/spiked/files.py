@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -39,8 +40,12 @@ def _gait_of_point(result: Result, point: int) -> Gait:
     return Gait(own, pieces[point][: len(own) - 1])
 
 
-def load_gait(path: str | Path, point: int | None = None) -> Gait:
-    """Load a gait from a CSV table (t, l_0, l_1, ...) or from a saved Result.
+def load_gait(
+    path: str | Path,
+    point: int | None = None,
+    units: Literal["dimensionless", "SI"] | None = None,
+) -> Gait:
+    """Load a gait from a table (t, l_0, l_1, ...) or from a saved Result.
 
     Parameters
     ----------
@@ -48,6 +53,9 @@ def load_gait(path: str | Path, point: int | None = None) -> Gait:
         A ``.csv`` file, a ``result.nc``, or a result's folder.
     point : int, optional
         Of a front (kind ``gait-pareto``) the point, from 0, the slowest; its knee if left out.
+    units : {"dimensionless", "SI"}, optional
+        What the gait is for: lengths in m and times in s, or numbers without units. By default
+        units of a table are converted to SI, and those of a result are left as they are.
 
     Returns
     -------
@@ -58,11 +66,19 @@ def load_gait(path: str | Path, point: int | None = None) -> Gait:
     OSError
         If the file cannot be read.
     ArgumentError
-        If it is neither a gait table nor a result with a gait, or has no such point.
+        If it is neither a gait table nor a result with a gait, has no such point, or other units.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv":
         if point is not None:
             raise ArgumentError("a gait table holds one gait; leave out point")
-        return Gait.from_csv(path)
-    return gait_of_result(Result.load(path), point)
+        return Gait.from_csv(path, units=units or "SI")
+    result = Result.load(path)
+    gait = gait_of_result(result, point)
+    unit = result["gait_polynomial"].unit if "gait_polynomial" in result else "1"
+    if units == "SI" and unit not in ("1", "m"):
+        raise ArgumentError(f"its gait is in {unit}, not in m; name a result with lengths of links")
+    if units == "dimensionless" and unit != "1":
+        what = f'its gait is in {unit}, in a scene without units; write units = "SI"'
+        raise ArgumentError(f"{what}, or write a table without units")
+    return gait

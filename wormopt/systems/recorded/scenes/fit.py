@@ -14,8 +14,7 @@ from wormopt.files import is_there
 from wormopt.scene.numerics import Contacts, ExactContact
 from wormopt.scene.scene import packaged_folder
 from wormopt.scene.types import Positive, SceneTable, Table, Title, says
-from wormopt.scene.units import scale
-from wormopt.systems.recorded.columns import Columns, read_csv
+from wormopt.systems.recorded.columns import Columns, read_columns
 from wormopt.systems.recorded.scenes.tables import (
     FOUND,
     FiniteOrList,
@@ -28,6 +27,7 @@ from wormopt.systems.recorded.scenes.tables import (
     near,
     scene_of,
 )
+from wormopt.units import scale
 
 _ENTRY = re.compile(r"([A-Za-z][A-Za-z0-9_]*?)(?:\[(\d+)\])?")
 Draws = Annotated[int, Meta(ge=100, le=100_000, description="a whole number, 100 to 100000")]
@@ -125,7 +125,7 @@ class RecordingTable(Table, frozen=True, kw_only=True):
             return None
         if path.suffix.lower() == ".nc":
             return None
-        return read_csv(path, self.time, faults, f"{key}.file")
+        return read_columns(path, self.time, faults, f"{key}.file")
 
     def _faults_of_columns(self, columns: Columns, units: str, key: str) -> Iterator[Fault]:
         for name in ("columns", "units"):

@@ -40,11 +40,13 @@ def gait_of_shape(shape: Shape, scene: Scene[Any], key: str = "gait") -> Gait:
 def _from_file(shape: FileShape, scene: Scene[Any], key: str) -> Gait:
     path = scene.folder / Path(shape.file)
     try:
-        gait = load_gait(path, shape.point)
+        gait = load_gait(path, shape.point, scene.table.units)
     except UnknownNameError as error:
         raise SceneError(scene.name, [(f"{key}.point", f"{shape.file}: {error}")]) from None
     except (OSError, ValueError) as error:
-        raise SceneError(scene.name, [(f"{key}.file", f"{shape.file}: {error}")]) from None
+        said = str(error)
+        named = said if said.startswith(path.name) else f"{shape.file}: {said}"
+        raise SceneError(scene.name, [(f"{key}.file", named)]) from None
     if gait.links != scene.table.worm.links:
         message = f"the file has {gait.links} links; set worm.links = {gait.links}"
         raise SceneError(scene.name, [(f"{key}.file", message)])

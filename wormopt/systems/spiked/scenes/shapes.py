@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import Fault
+from wormopt.errors import ArgumentError, Fault
 from wormopt.scene.types import Finite, Pair, Positive, Table, says, wrong_order
 
 Elongation = Annotated[float, Meta(gt=0, lt=0.5, description="a number above 0 and below 0.5")]
@@ -132,15 +133,21 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
 class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file"):
     """A gait from a file.
 
-    Refused: a file that cannot be read, is no gait, or has another number of links than the worm.
+    Tables hold times and lengths over one closed period, in text as spreadsheets and programs
+    write it. Units in the names, `l_0 [mm]`, are converted to those of the scene. An instant with
+    two rows is a break of the rates. Steep tables are interpolated so that lengths stay between
+    the rows; the trust report says so, and where interpolation adds more than 1 %.
+
+    Refused: a file that cannot be read, is no gait, or has another number of links than the worm;
+    units in a scene without.
     """
 
     file: Annotated[
         GaitPath,
         says(
             "",
-            "table `t,l_0,l_1,...`, or the `result.nc` of any scene with a gait; relative to the "
-            "scene's folder",
+            "table `t,l_0,l_1,...` (`.csv`), or the `result.nc` of any scene with a gait; "
+            "relative to the scene's folder",
         ),
     ]
     point: Annotated[
@@ -166,6 +173,16 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
             yield f"{key}.file", f'"{self.file}" cannot be read from {folder}: {unreadable}'
         if self.point is not None and path.suffix.lower() == ".csv":
             yield f"{key}.point", "a table holds one gait; leave it out"
+
+    def file_warnings(self, folder: Path, units: str) -> Iterator[str]:
+        """Yield what to know about how a table is interpolated."""
+        path = folder / self.file
+        if path.suffix.lower() == ".csv":
+            from wormopt.model.gait_table import read_gait
+
+            with suppress(OSError, ArgumentError):  # which the run reports
+                _, _, said = read_gait(path, "SI" if units == "SI" else "dimensionless")
+                yield from (f"{self.file}: {what}" for what in said)
 
 
 Shape = FastShape | BlockWaveShape | AccordionShape | SineShape | FileShape

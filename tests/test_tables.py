@@ -1,0 +1,322 @@
+"""Tables in text files: what spreadsheets, loggers and programs write is read back."""
+
+import csv
+import io
+import math
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effort import examples
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, SceneError
+from wormopt.model.gait import Gait
+from wormopt.tables import TextTable, Wrong, parse_table, read_table
+
+
+def read(content: str | bytes, folder: Path, **how: str) -> tuple[TextTable | None, list[Wrong]]:
+    path, wrong = folder / "table.csv", list[Wrong]()
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return read_table(path, wrong, **how), wrong  # pyright: ignore[reportArgumentType]
+
+
+# -- dialects --------------------------------------------------------------------------------------
+
+DIALECTS = {
+    "plain": {},
+    "spreadsheet in Germany": {"separator": ";", "comma": True, "end": "\r\n", "tail": ";"},
+    "spreadsheet as Unicode text": {"separator": "\t", "comma": True, "encoding": "utf-16"},
+    "decimal commas in quotes": {"comma": True, "quoted": True},
+    "byte order mark": {"encoding": "utf-8-sig", "end": "\r\n"},
+    "NumPy": {"separator": " ", "remark": True, "gap": "nan"},
+    "logger": {"separator": "\t", "above": ["Logger 3.2", "run 7; 50 Hz"], "units": "below"},
+    "Windows": {"separator": ";", "encoding": "cp1252", "gap": "#NV", "units": "round"},
+    "UTF-16 without a mark": {"encoding": "utf-16-le", "gap": "#N/A"},
+    "old Macintosh": {"end": "\r", "gap": "NULL", "units": "quotient"},
+    "blanks in line": {"separator": "  ", "gap": "--", "comma": True},
+}
+
+
+def written(
+    table: np.ndarray,
+    *,
+    separator: str = ",",
+    comma: bool = False,
+    quoted: bool = False,
+    encoding: str = "utf-8",
+    end: str = "\n",
+    tail: str = "",
+    gap: str = "",
+    remark: bool = False,
+    units: str = "square",
+    above: tuple[str, ...] | list[str] = (),
+) -> bytes:
+    """Three columns t in ms, x in µm, and n without a unit."""
+    names, their = ["t", "x", "n"], ["ms", "µm", ""]
+    form = {"square": "{} [{}]", "round": "{} ({})", "quotient": "{} / {}", "below": "{}"}[units]
+    heads = [form.format(n, u) if u else n for n, u in zip(names, their, strict=True)]
+    rows = [heads] + [their] * (units == "below")
+    for row in table.tolist():
+        cells = [gap if math.isnan(v) else repr(v) for v in row]
+        rows.append([c.replace(".", ",") for c in cells] if comma else cells)
+    if quoted:
+        rows = [[f'"{cell}"' for cell in row] for row in rows]
+    lines = [separator.join(row) + tail for row in rows]
+    lines[0] = f"# {lines[0]}" if remark else lines[0]
+    middle = len(lines) // 2 + 1
+    lines = [*above, "# made by hand; 1, 2", *lines[:middle], "", "# a remark", *lines[middle:]]
+    return end.join([*lines, ""]).encode(encoding)
+
+
+NUMBERS = st.one_of(st.floats(-1e9, 1e9), st.integers(-1000, 1000).map(float), st.just(math.nan))
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@settings(max_examples=examples(20))
+@given(
+    rows=st.lists(st.tuples(NUMBERS, NUMBERS), min_size=4, max_size=12),
+    step=st.floats(0.01, 1000.0),
+)
+def test_ten_dialects_hold_the_same_numbers(
+    tmp_path_factory: pytest.TempPathFactory,
+    dialect: str,
+    rows: list[tuple[float, float]],
+    step: float,
+):
+    table = np.array([[step * k, *row] for k, row in enumerate(rows)])
+    table[0, 1:] = [0.5, -2.0]  # so that no column is all gaps
+    content = written(table, **DIALECTS[dialect])
+    found, wrong = read(content, tmp_path_factory.mktemp("table"), time="t")
+    assert wrong == []
+    assert found is not None
+    assert found.units == {"t": "ms", "x": "µm"}
+    assert list(found.values) == ["t", "x", "n"]
+    assert np.array_equal(np.array([*found.values.values()]).T, table, equal_nan=True)
+
+
+def test_names_are_found_without_a_column_that_is_known(tmp_path: Path):
+    table = np.array([[0.0, 1.5, 2.0], [1.0, -2.5, 3.0], [2.0, math.nan, 4.0]])
+    for how in DIALECTS.values():
+        found, wrong = read(written(table, **how), tmp_path)
+        assert wrong == []
+        assert found is not None
+        assert found.units == {"t": "ms", "x": "µm"}
+        assert np.array_equal(np.array([*found.values.values()]).T, table, equal_nan=True)
+
+
+def test_a_gap_at_the_start_of_a_line_is_no_remark():
+    wrong: list[Wrong] = []
+    found = parse_table("x,time\n#N/A,0\n#DIV/0!,1\n3,2\n# 4,3\n", wrong, time="time")
+    assert found is not None
+    assert found.values["time"] == (0.0, 1.0, 2.0)
+    assert np.isnan(found.values["x"][:2]).all()
+
+
+def test_a_name_may_go_on_in_the_next_line():
+    wrong: list[Wrong] = []
+    found = parse_table('time,"head\n[mm]",tail\n0,1,2\n1,2,3\n', wrong, time="time")
+    assert found is not None
+    assert found.units == {"head": "mm"}
+    assert found.lines == (3, 4)
+
+
+def test_rows_and_cells_of_a_spreadsheet_that_are_empty_are_left_out():
+    wrong: list[Wrong] = []
+    found = parse_table("time;x;;\n0;1;;\n;;;\n1;2;;\n;;;\n", wrong, time="time")
+    assert wrong == []
+    assert found is not None
+    assert found.values == {"time": (0.0, 1.0), "x": (1.0, 2.0)}
+
+
+def test_a_typesetters_minus_is_a_minus():
+    wrong: list[Wrong] = []
+    found = parse_table("time;x\n0;\u22121,5\n1;2\n", wrong, time="time")
+    assert found is not None
+    assert found.values["x"] == (-1.5, 2.0)
+
+
+# -- gait tables -----------------------------------------------------------------------------------
+
+
+def gait_file(folder: Path, text: str | bytes) -> Path:
+    path = folder / "gait.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+SMOOTH = "0;60;60\n400;75;50\n800;65;70\n1200;60;60\n"
+
+
+@pytest.mark.parametrize(
+    "head", ["t [ms];l_0 [mm];l_1 [mm]", "t (ms);l_0 (mm);l_1 (mm)", "t / ms;l_0/mm;l_1/mm",
+             "t;l_0;l_1\nms;mm;mm", "time [ms];length_0 [mm];length_1 [mm]"]
+)  # fmt: skip
+def test_units_of_a_gait_table_are_converted(tmp_path: Path, head: str):
+    gait = wo.load_gait(gait_file(tmp_path, f"{head}\n{SMOOTH}"))
+    assert gait.period == pytest.approx(1.2, rel=1e-15)
+    assert gait([0.0, 0.4, 0.8]) == pytest.approx(
+        np.array([[0.06, 0.075, 0.065], [0.06, 0.05, 0.07]]), rel=1e-14
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "units", "said"),
+    [
+        ("t [ms];l_0 [mm];l_1 [mm]", "dimensionless", 'column t: a unit, "ms", in a scene without'),
+        ("t [mm];l_0 [mm];l_1 [mm]", "SI", 'column t: "mm" is no unit of time; write "s" or "ms"'),
+        ("t [ms];l_0 [mm];l_1 [N]", "SI", 'column l_1: "N" is no unit of length; write "m" or'),
+        ("t [ms];l_0 [furlong];l_1", "SI", 'column l_0: "furlong" has a unit that is not known'),
+        ("t_ms;l_0_mm;l_1_mm", "SI", r'column t_ms: "ms" seems to be its unit; write t \[ms\]'),
+    ],
+)
+def test_units_that_cannot_be_converted_are_refused(
+    tmp_path: Path, head: str, units: str, said: str
+):
+    path = gait_file(tmp_path, f"{head}\n{SMOOTH}")
+    with pytest.raises(ArgumentError, match=rf"gait\.csv.*{said}"):
+        wo.load_gait(path, units=units)  # pyright: ignore[reportArgumentType]
+
+
+def scene_of(folder: Path, units: str) -> dict:
+    return {
+        "schema": 1, "kind": "gait", "units": units,
+        "worm": {"links": 2, "mass": 1.0, "load": 20.0},
+        "want": ["gait"],
+        "gait": {"shape": "file", "file": str(folder / "gait.csv")},
+    }  # fmt: skip
+
+
+def test_a_scene_in_si_converts_the_units_of_its_gait(tmp_path: Path):
+    gait_file(tmp_path, f"t [ms];l_0 [mm];l_1 [mm]\n{SMOOTH}")
+    result = wo.run(scene_of(tmp_path, "SI"))
+    assert result["length"].values.max() < 0.08
+    assert result["time"].values[-1] == pytest.approx(1.2)
+    with pytest.raises(SceneError, match=r'gait\.file: gait\.csv line 1, column t: a unit, "ms"'):
+        wo.run(scene_of(tmp_path, "dimensionless"))
+
+
+def test_a_result_in_si_is_no_gait_of_a_scene_without_units(tmp_path: Path):
+    gait_file(tmp_path, f"t [ms];l_0 [mm];l_1 [mm]\n{SMOOTH}")
+    (tmp_path / "si").mkdir()
+    wo.run(scene_of(tmp_path, "SI")).save(tmp_path / "si")
+    scene = scene_of(tmp_path, "dimensionless")
+    scene["gait"]["file"] = str(tmp_path / "si" / "result.nc")
+    with pytest.raises(SceneError, match=r'gait\.file: .*its gait is in m, .* write units = "SI"'):
+        wo.run(scene)
+
+
+STEPS = [(0.0, 1.0), (0.2, 1.0), (0.201, 1.2), (0.4, 1.2), (0.401, 1.0), (0.6, 1.0), (0.601, 1.1),
+         (0.8, 1.1), (0.801, 1.0), (1.0, 1.0)]  # fmt: skip
+
+
+def test_a_steep_table_keeps_within_its_own_lengths(tmp_path: Path):
+    rows = "".join(f"{t},{a},{2.2 - a}\n" for t, a in STEPS)
+    gait = wo.load_gait(gait_file(tmp_path, f"t,l_0,l_1\n{rows}"))
+    t = np.linspace(0.0, 1.0, 100_001)
+    lengths = gait(t)
+    assert lengths[0].min() >= 1.0 - 1e-12
+    assert lengths.max() <= 1.2 + 1e-12
+    # between two rows it is never outside them, either
+    a = np.array([a for _, a in STEPS])
+    k = np.clip(np.searchsorted([t for t, _ in STEPS], t, side="right") - 1, 0, len(a) - 2)
+    low, high = np.minimum(a[k], a[k + 1]), np.maximum(a[k], a[k + 1])
+    assert np.all((lengths[0] >= low - 1e-12) & (lengths[0] <= high + 1e-12))
+    assert len(gait.warnings) == 2
+    assert "column l_0 is steep (after line 2, 4, 6, ...)" in gait.warnings[0]
+    widths = np.diff(gait.breaks)
+    before = [gait.on_piece(p - 1, widths[[p - 1]], 1)[:, 0] for p in range(gait.pieces)]
+    jumps = gait(gait.breaks[:-1], 1) - np.transpose(before)
+    assert np.abs(jumps).max() < 1e-9 * np.abs(gait(t, 1)).max()
+
+
+def test_a_step_within_one_of_many_rows_is_steep_too(tmp_path: Path):
+    """A spline would leave the two levels by an eighth of the step, on both sides of it."""
+    rows = "".join(f"{k / 100},{1.0 + 0.1 * (20 <= k < 60)}\n" for k in range(101))
+    gait = wo.load_gait(gait_file(tmp_path, f"t,l_0\n{rows}"))
+    lengths = gait(np.linspace(0.0, 1.0, 10_001))
+    assert (lengths.min(), lengths.max()) == pytest.approx((1.0, 1.1), abs=1e-12)
+
+
+def test_the_scene_says_that_its_table_is_steep(tmp_path: Path):
+    rows = "".join(f"{t},{a},{2.2 - a}\n" for t, a in STEPS)
+    gait_file(tmp_path, f"t,l_0,l_1\n{rows}")
+    result = wo.run(scene_of(tmp_path, "dimensionless"))
+    said = [w for w in result.trust["warnings"] if "is steep" in w]
+    assert len(said) == 2
+    assert "interpolated by PCHIP" in said[0]
+
+
+@pytest.mark.parametrize(("rows", "told"), [(12, True), (40, False)])
+def test_a_spline_that_adds_more_than_one_percent_is_told(tmp_path: Path, rows: int, told: bool):
+    """Rows of a sine that has its extremes in the middle between two of them."""
+    t = np.linspace(0.0, 1.0, rows + 1)
+    lengths = 1.0 + 0.1 * np.sin(2 * math.pi * t + math.pi / rows + math.pi / 2)
+    text = "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), lengths.tolist(), strict=True))
+    gait = wo.load_gait(gait_file(tmp_path, f"t,l_0\n{text}"))
+    assert gait(np.linspace(0, 1, 2001)).max() == pytest.approx(1.1, abs=1e-3 if told else 1e-6)
+    found = [re.search(r"l_0: the spline adds up to (\S+) % ", text) for text in gait.warnings]
+    added = 100 * (1 - math.cos(math.pi / rows)) / (2 * math.cos(math.pi / rows))
+    assert [float(m[1]) for m in found if m] == [pytest.approx(added, rel=0.05)] * told
+
+
+def test_gaps_of_a_gait_table_are_bridged_and_told(tmp_path: Path):
+    t = np.linspace(0.0, 1.0, 41)
+    lengths = 1.0 + 0.1 * np.cos(2 * math.pi * t)
+    cells = [repr(v) for v in lengths.tolist()]
+    cells[7], cells[30] = "#N/A", ""
+    text = "".join(f"{a!r},{b},1\n" for a, b in zip(t.tolist(), cells, strict=True))
+    gait = wo.load_gait(gait_file(tmp_path, f"t,l_0,l_1\n{text}"))
+    assert gait(t)[0] == pytest.approx(lengths, abs=1e-5)
+    assert gait.warnings == ("column l_0: 2 gaps are bridged by interpolation",)
+
+
+def test_a_gait_table_of_a_spreadsheet_is_read(tmp_path: Path):
+    text = "\r\n".join(["Zeit;;", "t;l_0;l_1", "0;1;1", "0,3;1,2;1", "0,6;1,1;0,9", "1;1;1"])
+    for encoding in ("utf-8", "utf-8-sig", "utf-16", "cp1252"):
+        gait = wo.load_gait(gait_file(tmp_path, text.encode(encoding)))
+        assert gait([0.3, 0.6]) == pytest.approx(np.array([[1.2, 1.1], [1.0, 0.9]]), rel=1e-15)
+
+
+def test_an_instant_with_two_rows_is_a_break_of_the_rates(tmp_path: Path):
+    """A triangle: the rate is 1, then -1, and no spline rounds its corners."""
+    text = "t,l_0\n0,1\n0.25,1.25\n0.5,1.5\n0.5,1.5\n0.75,1.25\n1,1\n"
+    gait = wo.load_gait(gait_file(tmp_path, text))
+    t = np.array([0.1, 0.4999, 0.5, 0.9])
+    assert gait(t)[0] == pytest.approx([1.1, 1.4999, 1.5, 1.1], rel=1e-14)
+    assert gait(t, 1)[0] == pytest.approx([1.0, 1.0, -1.0, -1.0], rel=1e-12)
+
+
+def test_lengths_that_jump_are_refused_by_their_line(tmp_path: Path):
+    text = "t,l_0\n0,1\n0.25,1.25\n0.5,1.5\n0.5,1.4\n0.75,1.25\n1,1\n"
+    with pytest.raises(ArgumentError, match=r"line 5: time 0\.5 stands twice, and the lengths"):
+        wo.load_gait(gait_file(tmp_path, text))
+
+
+@settings(max_examples=examples(30))
+@given(
+    cuts=st.lists(st.floats(0.05, 1.0), min_size=1, max_size=4),
+    knots=st.lists(st.floats(0.5, 2.0), min_size=8, max_size=8),
+)
+def test_a_piecewise_cubic_with_its_breaks_is_read_to_the_last_digits(
+    tmp_path_factory: pytest.TempPathFactory, cuts: list[float], knots: list[float]
+):
+    breaks = np.concatenate([[0.0], np.cumsum([0.5, *cuts])])
+    lengths = np.array([*knots[: len(breaks) - 1], knots[0]])
+    slope = np.diff(lengths) / np.diff(breaks)
+    bend = np.array(knots[: len(slope)]) / 10  # a parabola that is 0 at both ends of a piece
+    pieces = np.stack([lengths[:-1], slope - bend * np.diff(breaks), bend], axis=1)
+    gait = Gait(breaks, pieces[:, None, :])
+    stream = io.StringIO()
+    writer = csv.writer(stream)
+    writer.writerow(["t", "l_0"])
+    for piece, (a, b) in enumerate(pairwise(breaks.tolist())):
+        for t in (a, (2 * a + b) / 3, (a + 2 * b) / 3, b):
+            writer.writerow([t, *gait.on_piece(piece, np.array([t - a])).ravel().tolist()])
+    path = gait_file(tmp_path_factory.mktemp("gait"), stream.getvalue())
+    back, t = wo.load_gait(path), np.linspace(0.0, float(breaks[-1]), 501)
+    assert back(t) == pytest.approx(gait(t), abs=1e-9)

@@ -1,0 +1,298 @@
+"""Tables of link lengths over a period, read from text files and interpolated."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
+
+from wormopt.errors import ArgumentError
+from wormopt.tables import TextTable, Wrong, read_table, unit_at_end
+from wormopt.units import scale
+
+_FEWEST_ROWS = 4
+# How far the last row may be from the first, and the last time from the cycle, relatively.
+_CLOSED = 1e-9
+# Part of a link's range by which a spline may leave the rows without a word.
+_FREE = 0.01
+# Places between two rows at which a spline is compared with them.
+_BETWEEN = np.linspace(0.0, 1.0, 18)[1:-1]
+# Lines of a file that a message names.
+_NAMED = 3
+_OF_GAIT = re.compile(r"gait: (?P<signal>\w+), cycle (?P<cycle>\S+)(?: (?P<unit>\S.*))?")
+_SKIPPED = ("rate", "acceleration")
+
+
+def remark_of_gait(signal: str, cycle: float, unit: str) -> str:
+    """Return the remark by which an exported table is read back: whose columns, which cycle."""
+    return f"gait: {signal}, cycle {cycle!r}{'' if unit == '1' else f' {unit}'}"
+
+
+def read_gait(
+    path: Path, units: Literal["dimensionless", "SI"]
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Breaks and polynomials of a gait in a table, and what to know about them.
+
+    Raises ArgumentError if there is no gait, OSError if the file cannot be read.
+    """
+    wrong: list[Wrong] = []
+    table = read_table(path, wrong)
+    if table is None:
+        raise ArgumentError(f"{path.name}{wrong[0][1]}")
+    time, columns, cycle = _roles(table)
+    if not columns:
+        there = ", ".join(table.values)
+        raise ArgumentError(
+            f"{path.name} has no column of lengths besides the times, only {there}; write a "
+            f"header t,l_0,l_1,... and at least {_FEWEST_ROWS} rows"
+        )
+    # what is wrong in columns that are not read is no matter
+    for column, what in wrong:
+        if column in ("", time, *columns):
+            raise ArgumentError(f"{path.name}{what}")
+    for name in columns:
+        if name in table.texts:
+            raise ArgumentError(f"{path.name}: column {name} holds text, no numbers; remove it")
+    try:
+        pace = _factor(time, "s", table, units)
+        t = pace * np.array(table.values[time])
+        lengths = np.array(
+            [_factor(n, "m", table, units) * np.array(table.values[n]) for n in columns]
+        )
+        end = None if cycle is None else float(cycle[0]) * _size(cycle[1], "s", units)
+        rows = _Rows(t, lengths, table.lines, tuple(columns), time)
+        return rows.closed(end).joined()
+    except ArgumentError as error:
+        raise ArgumentError(f"{path.name}{error}") from None
+
+
+# -- columns and units -----------------------------------------------------------------------------
+
+
+def _roles(table: TextTable) -> tuple[str, list[str], tuple[str, str] | None]:
+    """Column of times, columns of lengths, and the cycle and its unit if the file tells it."""
+    names = list(table.values)
+    time = next((name for name in names if name.lower() in ("t", "time")), names[0])
+    said = next((m for m in map(_OF_GAIT.fullmatch, table.remarks) if m), None)
+    if said is not None:
+        own = [name for name in names if re.fullmatch(rf"{said['signal']}_\d+", name)]
+        return time, own, (said["cycle"], said["unit"] or "")
+    own = [name for name in names if re.fullmatch(r"length(_\d+)?", name)]
+    if not own or not time.startswith("time"):
+        own = [name for name in names if name != time and not name.startswith(_SKIPPED)]
+    return time, own, None
+
+
+def _factor(name: str, wanted: str, table: TextTable, units: str) -> float:
+    """What a column is multiplied by, to be in s or m."""
+    unit = table.units.get(name, "")
+    at_end = unit_at_end(name)
+    if not unit and units == "SI" and at_end not in ("", wanted):
+        raise ArgumentError(
+            f': column {name}: "{at_end}" seems to be its unit; write '
+            f"{name.removesuffix(f'_{at_end}')} [{at_end}]"
+        )
+    try:
+        return _size(unit, wanted, units)
+    except ArgumentError as error:
+        raise ArgumentError(f" line {table.head}, column {name}: {error}") from None
+
+
+def _size(unit: str, wanted: str, units: str) -> float:
+    if unit in ("", "1"):
+        return 1.0
+    if units != "SI":
+        raise ArgumentError(f'a unit, "{unit}", in a scene without; write units = "SI", or no unit')
+    what = "time" if wanted == "s" else "length"
+    example = '"s" or "ms"' if wanted == "s" else '"m" or "mm"'
+    try:
+        size, dimension = scale(unit)
+    except ValueError as error:
+        raise ArgumentError(f'"{unit}" {error}; write {example}') from None
+    if dimension != {wanted: 1} or size <= 0:
+        raise ArgumentError(f'"{unit}" is no unit of {what}; write {example}, or remove the column')
+    return float(size)
+
+
+# -- rows ------------------------------------------------------------------------------------------
+
+
+class _Rows:
+    """Times (m,) and lengths (n, m), NaN for gaps, and the lines they are in."""
+
+    def __init__(
+        self,
+        t: np.ndarray,
+        lengths: np.ndarray,
+        lines: Sequence[int],
+        names: tuple[str, ...],
+        time: str,
+    ) -> None:
+        self.t, self.lengths, self.lines, self.names, self.time = t, lengths, lines, names, time
+
+    def closed(self, cycle: float | None) -> _Rows:
+        """Rows over one closed period, checked; the last one repeats the first."""
+        t, lengths, lines = self.t, self.lengths, list(self.lines)
+        if len(t) < (_FEWEST_ROWS if cycle is None else _FEWEST_ROWS - 1):
+            raise ArgumentError(
+                f" has {len(t)} rows of numbers; write at least {_FEWEST_ROWS} rows"
+            )
+        for k in range(len(t)):
+            if not math.isfinite(t[k]):
+                raise ArgumentError(f" line {lines[k]}, column {self.time}: the time is missing; "
+                                    "write it, all times must be finite")  # fmt: skip
+            if t[0] != 0 or (k and t[k] < t[k - 1]):
+                raise ArgumentError(
+                    f" line {lines[k]}: time {t[k]:g}; times must ascend from 0, write rows in "
+                    "order of time"
+                )
+        bad = np.argwhere(lengths.T <= 0)
+        if bad.size:
+            row, link = bad[0]
+            raise ArgumentError(
+                f" line {lines[row]}, column {self.names[link]}: {lengths[link, row]:g}; link "
+                "lengths must be positive"
+            )
+        if cycle is not None and cycle > 0:
+            kept = t <= cycle * (1 + _CLOSED)
+            t, lengths = t[kept], lengths[:, kept]
+            if t[-1] >= cycle * (1 - _CLOSED):
+                t = np.append(t[:-1], cycle)
+            else:
+                t, lengths = np.append(t, cycle), np.hstack([lengths, lengths[:, :1]])
+                lines.append(lines[0])
+        for link, name in enumerate(self.names):
+            for k in (0, -1):
+                if np.isnan(lengths[link, k]):
+                    raise ArgumentError(
+                        f" line {lines[k]}, column {name}: the length is missing; write it in the "
+                        "first row and in the last"
+                    )
+        size = np.nanmax(np.abs(lengths))
+        apart = np.abs(lengths[:, -1] - lengths[:, 0])
+        if apart.max() > _CLOSED * size:
+            link = int(apart.argmax())
+            raise ArgumentError(
+                f" line {lines[len(t) - 1]}, column {self.names[link]}: {lengths[link, -1]:g}, "
+                f"where the first row has {lengths[link, 0]:g}; the last row must repeat the "
+                "first: one closed period"
+            )
+        lengths = lengths.copy()
+        lengths[:, -1] = lengths[:, 0]
+        twice = np.flatnonzero(np.diff(t) == 0)
+        for k in twice:
+            before, after = lengths[:, k], lengths[:, k + 1]
+            if np.any(np.abs(after - before) > _CLOSED * size):
+                raise ArgumentError(
+                    f" line {lines[k + 1]}: time {t[k]:g} stands twice, and the lengths jump; "
+                    "times must ascend, each once but for breaks of the rates"
+                )
+            lengths[:, k] = lengths[:, k + 1] = np.where(np.isnan(before), after, before)
+        if np.any(np.diff(twice) == 1):
+            raise ArgumentError(f" line {lines[twice[0]]}: time {t[twice[0]]:g} stands three times")
+        return _Rows(t, lengths, lines, self.names, self.time)
+
+    def joined(self) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+        """Breaks, polynomials (pieces, n, 4), and warnings."""
+        breaks = np.unique(self.t)
+        found = np.empty((len(breaks) - 1, len(self.names), 4))
+        said: list[str] = []
+        for link, name in enumerate(self.names):
+            there = np.isfinite(self.lengths[link])
+            count = int(np.sum(~there))
+            if there.sum() < _FEWEST_ROWS:
+                raise ArgumentError(
+                    f": column {name} has {there.sum()} numbers; write at least {_FEWEST_ROWS} rows"
+                )
+            if count:
+                said.append(f"column {name}: {count} gaps are bridged by interpolation")
+            found[:, link], more = self._link(link, there, breaks)
+            said += more
+        return breaks, found, tuple(said)
+
+    def _link(
+        self, link: int, there: np.ndarray, breaks: np.ndarray
+    ) -> tuple[np.ndarray, list[str]]:
+        t, lengths = self.t[there], self.lengths[link, there]
+        lines, name = np.array(self.lines)[: len(self.t)][there], self.names[link]
+        size = max(float(np.ptp(lengths)), _CLOSED * float(lengths.max()))
+        ends = [0, *(np.flatnonzero(np.diff(t) == 0) + 1), len(t)]
+        found, said = np.empty((len(breaks) - 1, 4)), list[str]()
+        for first, last in pairwise(ends):
+            if last - first < 2:  # a break at 0 or at the period
+                continue
+            part = slice(first, last)
+            whole = last - first == len(t)
+            spline = _spline(t[part], lengths[part], periodic=whole)
+            excess = _excess(spline, lengths[part]) / size
+            beyond = lines[part][:-1][excess > _FREE]
+            at = ", ".join(map(str, beyond[:_NAMED])) + ", ..." * (len(beyond) > _NAMED)
+            if excess.max() > _as_a_sine(last - first - 1) or _least(spline) <= 0:
+                spline = _pchip(t[part], lengths[part], periodic=whole)
+                said.append(
+                    f"column {name} is steep (after line {at}): its lengths are interpolated by "
+                    "PCHIP, whose accelerations jump at the rows; write more rows there"
+                )
+            elif beyond.size:
+                said.append(
+                    f"column {name}: the spline adds up to {100 * excess.max():.2g} % to the range "
+                    f"of the table (after line {at}); write more rows there"
+                )
+            inside = (breaks[:-1] >= t[first]) & (breaks[:-1] < t[last - 1])
+            for k in range(4):
+                found[inside, k] = spline(breaks[:-1][inside], k) / math.factorial(k)
+        return found, said
+
+
+# -- interpolation ---------------------------------------------------------------------------------
+
+
+def _spline(t: np.ndarray, lengths: np.ndarray, *, periodic: bool) -> PPoly:
+    """Cubic spline; over a part between two breaks its ends are free (not-a-knot)."""
+    return CubicSpline(t, lengths, bc_type="periodic" if periodic else "not-a-knot")
+
+
+def _pchip(t: np.ndarray, lengths: np.ndarray, *, periodic: bool) -> PPoly:
+    """Piecewise cubic that stays between the rows (Fritsch and Butland)."""
+    if not periodic:
+        return PchipInterpolator(t, lengths)
+    # its slopes depend on the two neighbours
+    before, after = t[-3:-1] - t[-1], t[1:3] + t[-1]
+    return PchipInterpolator(
+        np.concatenate([before, t, after]),
+        np.concatenate([lengths[-3:-1], lengths, lengths[1:3]]),
+    )
+
+
+def _between(spline: PPoly, rows: int) -> np.ndarray:
+    """Values (rows - 1, places) between the rows of a spline."""
+    t = spline.x
+    assert len(t) == rows
+    return spline(t[:-1, None] + np.diff(t)[:, None] * _BETWEEN)
+
+
+def _excess(spline: PPoly, lengths: np.ndarray) -> np.ndarray:
+    """How far a spline leaves the lengths of the two rows beside it, between each two."""
+    values = _between(spline, len(lengths))
+    low, high = np.minimum(lengths[:-1], lengths[1:]), np.maximum(lengths[:-1], lengths[1:])
+    return np.maximum(np.maximum(values.max(axis=1) - high, low - values.min(axis=1)), 0.0)
+
+
+def _least(spline: PPoly) -> float:
+    return float(_between(spline, len(spline.x)).min())
+
+
+def _as_a_sine(rows: int) -> float:
+    """Share of the range by which a spline may leave its rows and still pass for smooth.
+
+    A sine with its extremes in the middle between rows leaves them by (1 − cos a)/(2 cos a) of
+    the range of the table, with a = π over the rows per period; steep tables by far more.
+    """
+    angle = math.pi / max(rows, 3)
+    return 1.5 * (1 - math.cos(angle)) / (2 * math.cos(angle)) + _FREE

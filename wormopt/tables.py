@@ -1,0 +1,411 @@
+"""The one reader of tables in text files: recordings, gait tables and fields.
+
+It takes what spreadsheets, loggers and programs write: separators `;`, tab, `,` or blanks, decimal
+points or commas, UTF-8 or UTF-16, lines above the names, remarks, units in the names or below
+them, gaps. It loads no numerics, so that `wormopt check` reads files, too.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from wormopt.units import scale
+
+_SPREADSHEET_ERRORS = tuple(
+    "#n/a #na #nv #n/d #null! #div/0! #value! #wert! #ref! #bezug! #name? #num! #zahl!".split()
+)
+# Cells that stand for a reading that is not there; NumPy prints what is masked as --.
+_GAPS = frozenset(
+    (
+        *("", "-", "--", "na", "n/a", "<na>", "null", "none", *_SPREADSHEET_ERRORS),
+        *("nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"),
+    )
+)
+_MOST_BYTES = 500_000_000
+# Lines that may be above the names; lines at the end that show what separates cells.
+_MOST_ABOVE, _LOOKED_AT = 100, 30
+# Lines that a cell in quotation marks may have.
+_MOST_LINES_OF_CELL = 5
+_SEPARATORS = (";", "\t", ",", " ")
+_BRACKETS = re.compile(
+    r"(?P<name>.*?)\s*(?:\[(?P<square>(?!\d+\])[^\]]+)\]|\((?P<round>[^)]*)\))\s*"
+)
+_QUOTIENT = re.compile(r"(?P<name>\S.*?)\s*/\s*(?P<unit>[^/]+)")
+_BLANKS = re.compile(
+    r'"[^"]*"|[^\s"\[(]+(?:[ \t]*\[[^\]]*\]|[ \t]*\([^)]*\))*|\[[^\]]*\]|\([^)]*\)'
+)
+_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+")
+_CLOCK = re.compile(r"(\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4})?[T ]*(\d\d?:\d\d.*)?")
+
+Wrong = tuple[str, str]
+"""Column that something is wrong with, "" for the whole table, and what, with its line."""
+Row = tuple[int, list[str]]
+"""Number of a line, and its cells."""
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Columns of numbers by name, NaN for gaps, as a file has them.
+
+    Attributes
+    ----------
+    values : dict of str to sequence of float
+        Columns, in the order of the file.
+    units : dict of str to str
+        Units of the columns that have one.
+    texts : frozenset of str
+        Columns without a number; all their values are NaN.
+    remarks : tuple of str
+        Lines that begin with # or %, without it.
+    head : int
+        Number of the line of names, 0 if there is none.
+    lines : tuple of int
+        Number of the line of each row.
+    """
+
+    values: dict[str, Sequence[float]]
+    units: dict[str, str]
+    texts: frozenset[str]
+    remarks: tuple[str, ...]
+    head: int
+    lines: tuple[int, ...]
+
+
+def read_table(
+    path: Path, wrong: list[Wrong], *, time: str = "", named: bool = True
+) -> TextTable | None:
+    """Read a table from a file; parameters and value are those of `parse_table`.
+
+    Raises OSError if the file cannot be read.
+    """
+    if path.stat().st_size > _MOST_BYTES:
+        wrong.append(("", " is larger than 500 MB; keep fewer samples, a hundred per period say"))
+        return None
+    text = _decoded(path.read_bytes())
+    if text is None:
+        wrong.append(("", " is no text; save it as CSV text in UTF-8"))
+        return None
+    return parse_table(text, wrong, time=time, named=named)
+
+
+def parse_table(
+    text: str, wrong: list[Wrong], *, time: str = "", named: bool = True
+) -> TextTable | None:
+    """Read a table; faults are added to `wrong`, and None is returned if nothing can be read.
+
+    Parameters
+    ----------
+    text : str
+        Content of the file.
+    wrong : list of (str, str)
+        For each fault the column, "" for the whole table, and what is wrong, to be written behind
+        the name of the file: it begins with the number of the line.
+    time : str
+        Column by which the line of names is found. Without it, the line of names is the last one
+        above the numbers.
+    named : bool
+        Whether a line of names is needed. Without it, columns are called "1", "2" and so on.
+
+    Returns
+    -------
+    TextTable or None
+    """
+    lines, remarks = _split(text)
+    if not lines:
+        what = " is empty; write a header with the names of its columns, then the numbers"
+        wrong.append(("", what))
+        return None
+    try:
+        separator = _separator(lines)
+        first, separator = _line_of_names(lines, separator, time)
+        rows = [(n, _cells(line, separator)) for n, line in lines[max(first, 0) :]]
+    except csv.Error as error:
+        wrong.append(("", f" is no CSV text ({error}); save it as CSV text in UTF-8"))
+        return None
+    rows = [row for row in rows if any(row[1])]
+    head: Row | None = rows.pop(0) if first >= 0 else _remark_of_names(remarks, rows, time)
+    if head is None and named:
+        example = f"{time},position[0],position[1]" if time else "t,l_0,l_1"
+        what = f" line {rows[0][0]}: names of columns are missing; write a header {example}"
+        wrong.append(("", what))
+        return None
+    at, heads = head or (0, [str(k + 1) for k in range(len(rows[0][1]))])
+    # a separator at the end of every line makes no column
+    while not heads[-1] and not any(any(cells[len(heads) - 1 :]) for _, cells in rows):
+        heads = heads[:-1]
+    names, units = _names((at, heads), wrong)
+    if wrong:
+        return None
+    if not units and rows and (below := _units(rows[0][1], names)):
+        units, rows = below, rows[1:]
+    width = len(names)
+    rows = [(n, cells if any(cells[width:]) else cells[:width]) for n, cells in rows]
+    rows = [row for row in rows if _fits(row, names, wrong)]
+    comma = _has_decimal_commas(rows, names, separator, wrong)
+    values: dict[str, Sequence[float]] = {}
+    texts = set[str]()
+    for k, name in enumerate(names):
+        cells = [(n, row[k]) for n, row in rows]
+        numbers = [_number(cell, comma) for _, cell in cells]
+        if None in numbers and not any(v is not None and v == v for v in numbers) and name != time:
+            texts.add(name)
+        else:
+            for (n, cell), number in zip(cells, numbers, strict=True):
+                if number is None:
+                    wrong.append((name, f" line {n}, column {name}: {_why_none(cell)}"))
+                elif math.isinf(number):
+                    what = "is infinite; leave the cell empty where there is no number"
+                    wrong.append((name, f" line {n}, column {name}: {cell} {what}"))
+        values[name] = tuple(math.nan if v is None or name in texts else v for v in numbers)
+    wrong.sort(key=_line_of)
+    said = tuple(text for _, text in remarks)
+    return TextTable(values, units, frozenset(texts), said, at, tuple(n for n, _ in rows))
+
+
+def unit_at_end(name: str) -> str:
+    """Unit that a name seems to end in, ``ms`` of ``t_ms``; "" if it does not."""
+    found = re.fullmatch(r".*[A-Za-z0-9\]]_([a-zA-Zµμ]{2,3}|s|m)", name)
+    if found is None or found[1] not in "ns us µs μs ms s min um µm μm mm cm dm m".split():
+        return ""
+    return found[1]
+
+
+# -- text and lines --------------------------------------------------------------------------------
+
+
+def _decoded(content: bytes) -> str | None:
+    """Text of a file, in UTF-8, UTF-16, UTF-32 or as Windows writes it; None if it is none."""
+    for mark, encoding in (
+        (codecs.BOM_UTF32_LE, "utf-32"),  # begins as that of UTF-16
+        (codecs.BOM_UTF32_BE, "utf-32"),
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if content.startswith(mark):
+            return _as(content, encoding)
+    if b"\0" in content:  # UTF-16 without a mark: every other byte of ASCII letters is 0
+        return _as(content, "utf-16-le" if b"\0" in content[1::2] else "utf-16-be")
+    found = _as(content, "utf-8")
+    return _as(content, "cp1252") if found is None else found
+
+
+def _as(content: bytes, encoding: str) -> str | None:
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError:
+        return None
+    return None if re.search("[\0-\x08\x0e-\x1b]", text) else text
+
+
+def _split(text: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
+    """Lines of the table, and remarks, each with its number."""
+    lines: list[tuple[int, str]] = []
+    remarks: list[tuple[int, str]] = []
+    whole = [*enumerate(re.split(r"\r\n|\r|\n", text), 1)][::-1]
+    while whole:
+        number, line = whole.pop()
+        bare = line.strip(" \ufeff\xa0")
+        # "#N/A" at the start of a line is a gap in the first column
+        if bare[:1] in ("#", "%") and not bare.lower().startswith(_SPREADSHEET_ERRORS):
+            remarks.append((number, bare.lstrip("#% \t")))
+            continue
+        if line.count('"') % 2:  # a name in quotation marks that goes on in the next lines
+            more = [text for _, text in whole[: -_MOST_LINES_OF_CELL - 1 : -1]]
+            ends = [k for k, text in enumerate(more, 1) if text.count('"') % 2]
+            if ends:
+                line = " ".join([line, *more[: ends[0]]])
+                del whole[-ends[0] :]
+        if bare:
+            lines.append((number, line))
+    return lines, remarks
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        found = [cell.strip('"') for cell in _BLANKS.findall(line)]
+    elif separator:
+        found = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    else:
+        found = [line.strip().strip('"')]
+    # typesetters have a minus sign of their own
+    return [" ".join(cell.split()).replace("\u2212", "-") for cell in found]
+
+
+def _separator(lines: list[tuple[int, str]]) -> str:
+    """What separates the cells of the last lines, "" where they have one only.
+
+    It is what cuts them into as many cells each, of which most are numbers.
+    """
+
+    def share(separator: str) -> float:
+        rows = [_cells(line, separator) for _, line in lines[-_LOOKED_AT:]]
+        width = Counter(map(len, rows)).most_common(1)[0][0]
+        if width < 2:
+            return 0.0
+        good = sum(_is_number(cell) for row in rows for cell in row if len(row) == width)
+        return good / (width * len(rows))
+
+    shares = {separator: share(separator) for separator in _SEPARATORS}
+    best = max(shares, key=shares.__getitem__)  # the first of several that are as good
+    return best if shares[best] else ""
+
+
+def _line_of_names(lines: list[tuple[int, str]], separator: str, time: str) -> tuple[int, str]:
+    """Index of the line that names the columns, and what separates its cells.
+
+    It is the line with the column of times. Where none has it, it is the last line of words above
+    the numbers; -1 if there is none.
+    """
+    for each in (separator, *_SEPARATORS) if time else ():
+        for k, (_, line) in enumerate(lines[:_MOST_ABOVE]):
+            cells = _cells(line, each)
+            if len(cells) > 1 and time in (name_and_unit(cell)[0] for cell in cells):
+                return k, each
+    rows = [_cells(line, separator) for _, line in lines[:_MOST_ABOVE]]
+    tail = [_cells(line, separator) for _, line in lines[-_LOOKED_AT:]]
+    # cells of a usual row, and how many of them are numbers or empty
+    width, usual = Counter((len(row), _filled(row)) for row in tail).most_common(1)[0][0]
+    numbers = (k for k, row in enumerate(rows) if len(row) == width and _filled(row) >= usual)
+    above = rows[: next(numbers, len(rows)) if usual else 1]
+    words = [k for k, row in enumerate(above) if not _is_number(row[0])]
+    wide = [k for k in words if len(rows[k]) == width] or words[-1:]
+    if len(wide) > 1 and _units(rows[wide[-1]], rows[wide[-2]]):
+        wide.pop()
+    return (wide[-1] if wide else -1), separator
+
+
+def _filled(row: list[str]) -> int:
+    return sum(not cell or _is_number(cell) for cell in row)
+
+
+def _remark_of_names(remarks: list[tuple[int, str]], rows: list[Row], time: str) -> Row | None:
+    """The last remark above the rows that has a name for each column, as NumPy writes it."""
+    for number, text in reversed(remarks):
+        if number > rows[0][0]:
+            continue
+        for separator in _SEPARATORS:
+            cells = _cells(text, separator)
+            known = not time or time in (name_and_unit(cell)[0] for cell in cells)
+            if len(cells) == len(rows[0][1]) and not any(map(_is_number, cells)) and known:
+                return number, cells
+    return None
+
+
+# -- names and units -------------------------------------------------------------------------------
+
+
+def name_and_unit(cell: str) -> tuple[str, str]:
+    """Name and unit, "" if there is none, of a head like ``x [mm]``, ``x (mm)`` or ``x / mm``."""
+    found = _BRACKETS.fullmatch(cell)
+    if found is not None:
+        return found["name"].strip("\"' "), (found["square"] or found["round"] or "").strip()
+    found = _QUOTIENT.fullmatch(cell)
+    if found is not None and _is_unit(found["unit"]):
+        return found["name"], found["unit"]
+    return cell, ""
+
+
+def _names(head: Row, wrong: list[Wrong]) -> tuple[list[str], dict[str, str]]:
+    number, cells = head
+    names, units = [], {}
+    for k, cell in enumerate(cells):
+        name, unit = name_and_unit(cell)
+        if unit:
+            units[name] = unit
+        if not name:
+            wrong.append(("", f" line {number}: column {k + 1} has no name; write one"))
+        elif name in names:
+            what = f" line {number}: two columns are called {name}; rename one of them"
+            wrong.append(("", what))
+        names.append(name)
+    return names, units
+
+
+def _units(cells: list[str], names: list[str]) -> dict[str, str]:
+    """Units that a line below the names holds, if it holds nothing else."""
+    bare = [re.sub(r"^[\[(](.*)[\])]$", r"\1", cell).strip() for cell in cells]
+    if len(bare) != len(names) or not all(_is_unit(unit) or unit in ("", "-") for unit in bare):
+        return {}
+    return {name: unit for name, unit in zip(names, bare, strict=True) if unit not in ("", "-")}
+
+
+def _is_unit(text: str) -> bool:
+    try:
+        scale(text)
+    except ValueError:
+        return False
+    return not _is_number(text)
+
+
+# -- cells -----------------------------------------------------------------------------------------
+
+
+def _fits(row: Row, names: list[str], wrong: list[Wrong]) -> bool:
+    number, cells = row
+    if len(cells) != len(names):
+        what = f" line {number}: {len(cells)} cells for {len(names)} columns; write one per column"
+        wrong.append(("", f"{what}, empty where nothing was measured"))
+    return len(cells) == len(names)
+
+
+def _has_decimal_commas(
+    rows: list[Row], names: list[str], separator: str, wrong: list[Wrong]
+) -> bool:
+    """Whether numbers have decimal commas; a table with commas and points is refused."""
+    commas: list[tuple[int, str, str]] = []
+    points: list[tuple[int, str, str]] = []
+    for number, cells in rows:
+        for name, cell in zip(names, cells, strict=True):
+            if "," in cell and _COMMA.fullmatch(cell):
+                commas.append((number, name, cell))
+            elif "." in cell and _number(cell, comma=False) is not None:
+                points.append((number, name, cell))
+    if commas and points:
+        few, many = sorted((commas, points), key=len)
+        (number, name, cell), (other, _, usual) = few[0], many[0]
+        what = f'"{cell}" and, in line {other}, "{usual}" have different decimal signs; write one'
+        wrong.append((name, f" line {number}, column {name}: {what} kind in all cells"))
+    elif commas and separator == "," and all(_THOUSANDS.fullmatch(cell) for _, _, cell in commas):
+        number, name, cell = commas[0]
+        what = f'"{cell}" may be {cell.replace(",", "")} or {cell.replace(",", ".", 1)}; write one'
+        wrong.append((name, f" line {number}, column {name}: {what} of these"))
+    return bool(commas)
+
+
+def _number(cell: str, comma: bool) -> float | None:
+    """Value of a cell, NaN for a gap, None if it is no number."""
+    if comma and _COMMA.fullmatch(cell):
+        cell = cell.replace(",", ".")
+    try:
+        return float(cell) if "_" not in cell else None
+    except ValueError:
+        return math.nan if cell.lower() in _GAPS else None
+
+
+def _is_number(cell: str) -> bool:
+    """Whether a cell is a number with a point or a comma, or a gap that is written."""
+    return bool(cell) and _number(cell, comma=True) is not None
+
+
+def _why_none(cell: str) -> str:
+    shown = cell if len(cell) <= 30 else cell[:27] + "..."
+    if re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d*)?", cell):
+        plain = re.sub(r"[., '](?=\d{3}([., ']|$))", "", cell)
+        return f'"{shown}" has separators of thousands; write {plain.replace(",", ".")}'
+    if cell and _CLOCK.fullmatch(cell):
+        return f'"{shown}" is a date or a time of day; write seconds from the start'
+    return f'"{shown}" is no number; write one, or leave the cell empty'
+
+
+def _line_of(fault: Wrong) -> int:
+    found = re.match(r" line (\d+)", fault[1])
+    return int(found[1]) if found else 0
