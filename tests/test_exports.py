@@ -26,7 +26,10 @@ from wormopt.exports.matlab import field_names
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.scene import load_scene
+from wormopt.systems.chain import chain
 from wormopt.systems.chain.runs import simulate, track
+from wormopt.systems.recorded.recordings import runs_of
+from wormopt.systems.recorded.scenes.fit import RecordingTable
 
 SAVED = sorted((Path(__file__).parent / "results").glob("*.nc"))
 GCC = shutil.which("gcc")
@@ -208,6 +211,143 @@ def test_tenths_are_tenths(tmp_path: Path):
     assert table["x [m]"].tolist() == [0, 0, 0, 2, 2, 2, 2, 2, 2, 2, 5]
 
 
+# -- read back -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def walk() -> Result:
+    """A gait in SI units, whose cycle is no multiple of 10 ms."""
+    scene = {"units": "SI", "gait": {"period": 37 / 30, "rest_length": 0.07, "elongation": 0.2}}
+    return wo.run("fast_gait", scene)
+
+
+@pytest.fixture(scope="module")
+def designed() -> Result:
+    """A gait of polynomials that runs as its cycle begins."""
+    return Result.load(Path(__file__).parent / "results" / "certified_gait.nc")
+
+
+def test_a_gait_is_read_back_from_its_table(designed: Result, walk: Result, tmp_path: Path):
+    """With its breaks it is the same to the last digits where it is polynomial."""
+    for result, error in ((designed, 1e-13), (walk, 1e-9)):
+        (file, *_) = wo.export(result, "csv", tmp_path)
+        back, gait = wo.load_gait(file), gait_in(result)
+        t = np.linspace(0.0, gait.period, 1999)
+        assert back.period == gait.period
+        assert back.warnings == ()
+        assert np.abs(back(t) - gait(t)).max() < error * gait(t).max()
+
+
+@pytest.mark.parametrize("columns", [(), ("length",)])
+def test_a_gait_is_read_back_from_rows_at_ticks(
+    walk: Result, columns: tuple[str, ...], tmp_path: Path
+):
+    (file, *_) = wo.export(walk, "csv", tmp_path, step="10 ms", columns=columns)
+    back, gait = wo.load_gait(file), gait_in(walk)
+    assert f"# gait: length, cycle {gait.period!r} s" in file.read_text("utf-8").splitlines()
+    assert back.period == gait.period
+    rows = np.arange(124) / 100
+    assert np.abs(back(rows) - gait(rows)).max() < 1e-15
+    t = np.linspace(0.0, gait.period, 1999)
+    # at a break within a step a spline is off by at most the change of slope times the step
+    assert np.abs(back(t) - gait(t)).max() < 1.0 * 0.01**2
+
+
+def test_a_cycle_of_whole_ticks(walk: Result, tmp_path: Path):
+    """At 100 Hz a cycle of 37/30 s takes 1.24 s: slower, so that its limits hold."""
+    (file,) = wo.export(
+        walk, "csv", tmp_path / "a.csv", step="10 ms", whole_steps=True, columns=["length"]
+    )
+    text = file.read_text("utf-8")
+    assert "# gait: length, cycle 1.24 s" in text
+    assert "# cycle of 1.24 s, a multiple of the step, for 1.23333333333333" in text
+    table = columns(text)
+    assert list(table) == ["time [s]", "length_0 [m]", "length_1 [m]"]
+    assert table["time [s]"].tolist() == [k / 100 for k in range(125)]
+    slow = gait_in(walk).with_period(1.24)
+    found = np.array([table["length_0 [m]"], table["length_1 [m]"]])
+    assert np.abs(found - slow(table["time [s]"])).max() < 1e-15
+    assert np.array_equal(found[:, 0], found[:, -1])
+    assert wo.load_gait(file).period == 1.24
+
+
+def test_a_whole_cycle_holds_rates_and_accelerations(walk: Result, tmp_path: Path):
+    (file,) = wo.export(walk, "csv", tmp_path / "a.csv", step=0.01, whole_steps=True)
+    table = columns(file.read_text("utf-8"))
+    slow, t = gait_in(walk).with_period(1.24), table["time [s]"]
+    heads = ("length_{} [m]", "rate_{} [m s-1]", "acceleration_{} [m s-2]")
+    for derivative, head in enumerate(heads):
+        found = np.array([table[head.format(j)] for j in range(2)])
+        assert np.array_equal(found, slow(t, derivative))
+
+
+def test_a_cycle_that_is_a_multiple_stays_as_it_is(fast: Result, tmp_path: Path):
+    (file,) = wo.export(fast, "csv", tmp_path / "a.csv", step=0.1, whole_steps=True)
+    text = file.read_text("utf-8")
+    assert "multiple of the step" not in text
+    assert columns(text)["time [1]"].tolist() == [k / 10 for k in range(11)]
+
+
+def test_columns_that_are_not_there_are_refused(
+    walk: Result, fast: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(ValueError, match=r"has no column 'lenght'; it has 'time', .*'length_0'"):
+        wo.export(walk, "csv", tmp_path, columns=["lenght"])
+    with pytest.raises(ValueError, match="whole_steps needs a step"):
+        wo.export(walk, "csv", tmp_path, whole_steps=True)
+    with pytest.raises(ValueError, match=r"fewer than 3 steps of 0\.7; .* at most 0\.411"):
+        wo.export(walk, "csv", tmp_path, step=0.7, whole_steps=True)
+    fast.save(made(tmp_path / "fast"))
+    folder = str(tmp_path / "fast")
+    assert main(["export", folder, "--csv", "--columns", "lenght", "-o", str(tmp_path)]) == 2
+    assert "has no column 'lenght'" in capsys.readouterr().err
+
+
+def made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
+
+
+def test_the_reference_of_a_tracked_worm_is_read_back(tmp_path: Path):
+    """Its links follow it within a tube only; they are no gait."""
+    time = np.linspace(0.0, 3.0, 301)
+    gait = wo.Gait(
+        [0.0, 1.5], np.ones((1, 1, 1)), np.array([2 * np.pi / 1.5]), [[0.1]], np.zeros((1, 1))
+    )
+    variables = (
+        Variable("time", "s", ("time",), time),
+        Variable("length", "m", ("link", "time"), gait(time) + 0.01 * np.sin(7 * time)),
+        Variable("reference", "m", ("link", "time"), gait(time)),
+        *(
+            Variable(f"gait_{name}", unit, dims, gait.arrays()[name])
+            for name, unit, dims in (
+                ("breaks", "s", ("gait_break",)),
+                ("polynomial", "m", ("gait_piece", "link", "gait_power")),
+                ("omega", "1", ("gait_piece",)),
+                ("cosine", "m", ("gait_piece", "link")),
+                ("sine", "m", ("gait_piece", "link")),
+            )
+        ),
+    )
+    (file,) = wo.export(Result("walk", "track", variables=variables), "csv", tmp_path)
+    back, t = wo.load_gait(file), np.linspace(0.0, 1.5, 997)
+    assert back.period == 1.5
+    assert np.abs(back(t) - gait(t)).max() < 1e-7
+
+
+def test_signals_without_units_are_read_back_as_a_recording(tmp_path: Path):
+    worm = chain(2, mass=1.0, stiffness=8.0, damping=2.0, rest_length=2.0)
+    motion = wo.simulate(worm, 1.0, x0={"velocity": [1.0, 0.0, 0.0]}, times=np.linspace(0, 1, 21))
+    variables = (
+        Variable("time", "1", ("time",), motion.time),
+        Variable("position", "1", ("mass", "time"), motion["position"]),
+    )
+    (file,) = wo.export(Result("walk", "simulate", variables=variables), "csv", tmp_path)
+    (run,) = runs_of([RecordingTable(file=str(file))], tmp_path, worm, "dimensionless", {}, "scene")
+    assert np.array_equal(run.recording.times, motion.time)
+    assert np.array_equal(run.recording.readings["position"], motion["position"])
+
+
 # -- MATLAB --------------------------------------------------------------------------------------
 
 
@@ -345,6 +485,60 @@ def test_ros_trajectory(step: float, cycles: int, tmp_path: Path):
         for k, name in enumerate(("positions", "velocities", "accelerations")):
             expected = by_formula(gait, nanoseconds / 1e9, k)
             assert np.allclose(point[name], expected, rtol=1e-9, atol=1e-9)
+
+
+def points_of(file: Path) -> dict[str, np.ndarray]:
+    points = yaml.load(file.read_text("utf-8"), yaml.CSafeLoader)["points"]
+    times = [p["time_from_start"] for p in points]
+    found = {name: np.array([p[name] for p in points]).T for name in points[0] if name[-1] == "s"}
+    return found | {"t": np.array([t["sec"] + t["nanosec"] / 1e9 for t in times])}
+
+
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_a_trajectory_that_begins_and_ends_at_rest(designed: Result, cycles: int, tmp_path: Path):
+    (file,) = wo.export(designed, "ros", tmp_path, step=0.002, cycles=cycles, rest=True)
+    gait, found = gait_in(designed), points_of(file)
+    assert "# Begins and ends at rest" in file.read_text("utf-8")
+    t, lengths, rates = found["t"], found["positions"], found["velocities"]
+    assert t[-1] == pytest.approx(gait.period * (cycles + 0.5), abs=1e-9)
+    for end in (0, -1):
+        assert np.abs(rates[:, end]).max() < 1e-12
+        assert lengths[:, end] == pytest.approx(gait([0.0])[:, 0], abs=1e-12)
+    # no rate grows, and velocities are the slopes of the positions
+    assert np.abs(rates).max() <= np.abs(gait(np.linspace(0, gait.period, 9999), 1)).max() + 1e-12
+    way = np.cumsum((rates[:, 1:] + rates[:, :-1]) / 2 * np.diff(t), axis=1)
+    accelerations = found["accelerations"]
+    breaks = 13 * (cycles + 1)  # where accelerations jump
+    most = breaks * np.abs(accelerations).max() * 0.002**2
+    assert np.abs(lengths[:, 1:] - lengths[:, :1] - way).max() < most
+    off = np.abs(np.gradient(rates, t, axis=1) - accelerations)
+    assert np.quantile(off, 0.9) < 1e-2 * np.abs(accelerations).max()
+    # between the ramps it is the gait
+    middle = (t > gait.period / 2) & (t < t[-1] - gait.period / 2)
+    assert np.abs(lengths[:, middle] - gait(t[middle] - gait.period / 4)).max() < 1e-9
+
+
+def test_a_trajectory_that_does_not_end_at_rest_says_so(
+    designed: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    designed.save(made(tmp_path / "walk"))
+    asked = ["export", str(tmp_path / "walk"), "--ros", "-o"]
+    assert main([*asked, str(tmp_path / "a.yaml")]) == 0
+    end = np.abs(gait_in(designed)([0.0], 1)).max()
+    said = f"Ends at velocities up to {end:.3g} m/s"
+    assert f"a.yaml: {said}" in capsys.readouterr().err
+    text = (tmp_path / "a.yaml").read_text("utf-8")
+    assert f"# {said}" in text
+    assert "allow_nonzero_velocity_at_trajectory_end" in text
+    assert main([*asked, str(tmp_path / "b.yaml"), "--rest", "--cycles", "2"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_trajectory_of_whole_ticks_repeats(walk: Result, tmp_path: Path):
+    (file,) = wo.export(walk, "ros", tmp_path, step=0.01, cycles=2, whole_steps=True)
+    found = points_of(file)
+    assert found["t"] == pytest.approx(np.arange(249) / 100, abs=1e-12)
+    assert found["positions"][:, :125] == pytest.approx(found["positions"][:, 124:], abs=1e-12)
 
 
 def test_small_and_large_numbers_are_numbers_in_yaml(tmp_path: Path):

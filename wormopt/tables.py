@@ -34,8 +34,10 @@ _MOST_ABOVE, _LOOKED_AT = 100, 30
 # Lines that a cell in quotation marks may have.
 _MOST_LINES_OF_CELL = 5
 _SEPARATORS = (";", "\t", ",", " ")
+# "position[1]" is an entry, "position [1]" a number without a unit
 _BRACKETS = re.compile(
-    r"(?P<name>.*?)\s*(?:\[(?P<square>(?!\d+\])[^\]]+)\]|\((?P<round>[^)]*)\))\s*"
+    r"(?P<name>.*?)(?:\s+\[(?P<one>1)\]|\s*\[(?P<square>(?!\d+\])[^\]]+)\]"
+    r"|\s*\((?P<round>[^)]*)\))\s*"
 )
 _QUOTIENT = re.compile(r"(?P<name>\S.*?)\s*/\s*(?P<unit>[^/]+)")
 _BLANKS = re.compile(
@@ -307,7 +309,9 @@ def name_and_unit(cell: str) -> tuple[str, str]:
     """Name and unit, "" if there is none, of a head like ``x [mm]``, ``x (mm)`` or ``x / mm``."""
     found = _BRACKETS.fullmatch(cell)
     if found is not None:
-        return found["name"].strip("\"' "), (found["square"] or found["round"] or "").strip()
+        return found["name"].strip("\"' "), (
+            found["one"] or found["square"] or found["round"] or ""
+        ).strip()
     found = _QUOTIENT.fullmatch(cell)
     if found is not None and _is_unit(found["unit"]):
         return found["name"], found["unit"]

@@ -46,6 +46,20 @@ def add(commands: Any) -> None:
         "--cycles", metavar="N", type=int, default=1, help="periods in --ros (%(default)s)"
     )
     command.add_argument(
+        "--columns",
+        metavar="NAMES",
+        default="",
+        help="signals in --csv besides time, 'length,rate_0' say (all)",
+    )
+    command.add_argument(
+        "--whole-steps",
+        action="store_true",
+        help="slow the gait down so that its cycle is a whole number of steps; --csv writes it",
+    )
+    command.add_argument(
+        "--rest", action="store_true", help="let --ros begin and end at rest, time running slower"
+    )
+    command.add_argument(
         "--force", action="store_true", help="replace earlier exports of the same names"
     )
     command.add_argument("--quiet", action="store_true", help="do not name the files written")
@@ -56,7 +70,8 @@ def _export(options: argparse.Namespace) -> int:
         say(f"nothing to export to; write one or more of --{', --'.join(_FORMATS)}")
         return BAD_INPUT
     result = result_at(options.result)
-    from wormopt.exports.export import export
+    from wormopt.exports.export import SUFFIXES, export
+    from wormopt.exports.ros import ENDS_AT
 
     files = export(
         result,
@@ -64,10 +79,19 @@ def _export(options: argparse.Namespace) -> int:
         options.output,
         step=options.step,
         cycles=options.cycles,
+        columns=[name.strip() for name in options.columns.split(",") if name.strip()],
+        whole_steps=options.whole_steps,
+        rest=options.rest,
         force=options.force,
     )
     if result.status != "ok":
         say(f"{result.scene}: the result failed, as the files say: {result.reason}")
+    for file in files:
+        if "ros" in options.formats and file.suffix == SUFFIXES["ros"]:
+            head = file.read_text(encoding="utf-8").partition("header:")[0]
+            for line in head.splitlines():
+                if line.startswith(f"# {ENDS_AT}"):
+                    say(f"{file.name}: {line[2:]}")
     if not options.quiet:
         for file in files:
             print(file)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
 
 from wormopt.errors import ArgumentError
 from wormopt.files import MARK
@@ -12,6 +14,8 @@ from wormopt.shown import one_line
 from wormopt.systems.spiked.files import gait_of_result
 from wormopt.version import VERSION
 
+# So much of a step is no step; so few steps make no cycle.
+_NO_STEP, _FEWEST_STEPS = Fraction(1, 10**6), 3
 _MADE_BY = f"{MARK}, version {VERSION}"
 
 
@@ -25,6 +29,21 @@ def remarks(result: Result) -> list[str]:
     if result.status != "ok":
         lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
     return [one_line(line) for line in lines]
+
+
+def whole_steps(period: float, step: float) -> float:
+    """Smallest multiple of a step that is no shorter than a period.
+
+    Raises ArgumentError if it has fewer than three steps.
+    """
+    exact = Fraction(repr(float(step)))
+    count = math.ceil(Fraction(repr(float(period))) / exact - _NO_STEP)
+    if count < _FEWEST_STEPS:
+        raise ArgumentError(
+            f"a cycle of {period:g} has fewer than {_FEWEST_STEPS} steps of {step:g}; write a "
+            f"step of at most {period / _FEWEST_STEPS:.6g}"
+        )
+    return float(count * exact)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +70,18 @@ class Course:
             result["gait_breaks"].unit,
             result["gait_polynomial"].unit,
         )
+
+    def in_whole_steps(self, step: float) -> Course:
+        """Course whose cycle is the next multiple of a step: slower, so that limits still hold.
+
+        Raises ArgumentError if a cycle has fewer than three steps.
+        """
+        cycle = whole_steps(self.gait.period, step)
+        if cycle == self.gait.period:
+            return self
+        unit = "" if self.time_unit == "1" else f" {self.time_unit}"
+        said = f"cycle of {cycle!r}{unit}, a multiple of the step, for {self.gait.period!r}{unit}"
+        return replace(self, gait=self.gait.with_period(cycle), remarks=(*self.remarks, said))
 
     @property
     def units(self) -> tuple[str, str, str, str]:

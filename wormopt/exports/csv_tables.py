@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from wormopt.errors import ArgumentError
-from wormopt.exports.about import remarks
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.exports.about import Course, remarks
 from wormopt.exports.instants import times
 from wormopt.model.gait import Gait
+from wormopt.model.gait_table import remark_of_gait, signal_of
 from wormopt.quantities import Variable
 from wormopt.result import Result
 from wormopt.systems.spiked.files import gait_of_result
@@ -22,14 +24,27 @@ _OF_GAIT = {"length": 0, "reference": 0, "rate": 1, "acceleration": 2}
 _SAME = 1e-9
 
 
-def make(result: Result, stem: str, step: float | None = None) -> dict[str, bytes]:
+def make(
+    result: Result,
+    stem: str,
+    step: float | None = None,
+    columns: Sequence[str] = (),
+    *,
+    whole_steps: bool = False,
+) -> dict[str, bytes]:
     """Tables of a result: ``STEM.csv`` over time, ``STEM_point.csv`` and the like over the rest.
 
     A result without time that has one table alone has it in ``STEM.csv``; a sweep has a row for
-    each point. Raises ArgumentError if there is nothing to write, or a step is given and no time.
+    each point. With `columns`, signals of these names only; with `whole_steps`, one closed cycle of
+    the gait, slowed down to whole steps. Raises ArgumentError if there is nothing to write, there
+    are no such columns, or a step is given and no time.
     """
+    if whole_steps and step is not None:
+        about, found = _cycle(result, step)
+        found = _chosen({stem: found}, columns)[stem]
+        return {f"{stem}.csv": _text(_kept(about, found), found)}
     head = remarks(result)
-    if result.kind == "sweep" and step is None:
+    if result.kind == "sweep" and step is None and not columns:
         from wormopt.sweeps.gathered import as_csv
 
         return {f"{stem}.csv": (_said(head) + as_csv(result)).encode()}
@@ -44,18 +59,66 @@ def make(result: Result, stem: str, step: float | None = None) -> dict[str, byte
         raise ArgumentError(f"{result.scene}: the result holds no signals; export it to mat")
     if step is not None and axis is None:
         raise ArgumentError(f"{result.scene}: the result has no time; leave the step out")
-    found = {}
+    made: dict[str, list[Column]] = {}
+    said: dict[str, list[str]] = {}
     for over, variables in tables.items():
         name = stem if over == axis or len(tables) == 1 else f"{stem}_{over}"
         if axis is not None and over == axis:
-            said, columns = _over_time(result, axis, variables, step)
+            said[name], made[name] = _over_time(result, axis, variables, step)
         else:
-            said, columns = [], list(_long(result, variables))
-        found[f"{name}.csv"] = _text([*head, *said], columns)
-    return found
+            made[name] = list(_long(result, variables))
+    return {
+        f"{name}.csv": _text([*head, *_kept(said.get(name, []), found)], found)
+        for name, found in _chosen(made, columns).items()
+    }
 
 
 Column = tuple[str, str, np.ndarray]  # name, unit, one value for each row
+
+
+def _chosen(tables: dict[str, list[Column]], names: Sequence[str]) -> dict[str, list[Column]]:
+    """Tables with columns of these names, "length" for all of its entries; all without names."""
+    if not names:
+        return tables
+    there = dict.fromkeys(name for found in tables.values() for name, _, _ in found)
+    for name in names:
+        if not any(_is_of(column, name) for column in there):
+            raise UnknownNameError("the result", "column", [name], there)
+    chosen = {
+        table: [c for c in found if any(_is_of(c[0], name) for name in names)]
+        for table, found in tables.items()
+    }
+    return {  # the first column is time, or the place
+        table: [*found[:1], *(c for c in chosen[table] if c is not found[0])]
+        for table, found in tables.items()
+        if chosen[table]
+    }
+
+
+def _is_of(column: str, name: str) -> bool:
+    return column == name or re.fullmatch(re.escape(name) + r"(_\d+)+", column) is not None
+
+
+def _kept(said: list[str], columns: Sequence[Column]) -> list[str]:
+    """Remarks on a table; that by which a gait is read back needs the gait's columns."""
+    names = [name for name, _, _ in columns]
+    return [
+        line
+        for line in said
+        if not (signal := signal_of(line)) or any(_is_of(name, signal) for name in names)
+    ]
+
+
+def _cycle(result: Result, step: float) -> tuple[list[str], list[Column]]:
+    """Remarks and columns of one closed cycle of a gait in whole steps."""
+    course = Course.of(result).in_whole_steps(step)
+    cycle, gait = course.gait.period, course.gait
+    t = np.append(times(step, 0.0, cycle)[:-1], cycle)
+    columns: list[Column] = [("time", course.units[0], t)]
+    for derivative, name in enumerate(("length", "rate", "acceleration")):
+        unit = course.units[derivative + 1]
+        columns += [(f"{name}_{j}", unit, row) for j, row in enumerate(gait(t, derivative))]
+    return [*course.remarks, remark_of_gait("length", cycle, course.units[0])], columns
 
 
 def _said(lines: Sequence[str]) -> str:
@@ -90,13 +153,18 @@ def _over_time(
         for place in np.ndindex(values.shape[:-1]):
             name = "_".join([variable.name, *map(str, place)])
             columns.append((name, variable.unit, values[place]))
+    back = []
+    if exact:
+        cycle = next(iter(exact.values())).period
+        if own[0] == 0 and own[-1] >= cycle * (1 - _SAME):  # a table of all of it
+            back = [remark_of_gait(next(iter(exact)), cycle, result[axis].unit)]
     if step is None:
-        return [], columns
+        return back, columns
     every = f"{step!r} {result[axis].unit}".removesuffix(" 1")
     said = f"every {every}, between samples linearly, whole numbers as they were before"
     if exact:
         said += f"; by the gait's own formulas: {', '.join(exact)}"
-    return [said], columns
+    return [said, *back], columns
 
 
 def _between(at: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -28,6 +29,9 @@ def export(
     *,
     step: float | str | None = None,
     cycles: int = 1,
+    columns: Sequence[str] = (),
+    whole_steps: bool = False,
+    rest: bool = False,
     force: bool = False,
 ) -> tuple[Path, ...]:
     """Write what was found for other tools, all files or none.
@@ -49,6 +53,14 @@ def export(
         a ROS trajectory, by default 0.01; or "10 ms" where a result has units.
     cycles : int, optional
         Cycles of the gait in a ROS trajectory.
+    columns : sequence of str, optional
+        Signals in CSV tables, "length" or "length_0" say, besides time; all by default.
+    whole_steps : bool, optional
+        Whether the gait is slowed down so that a cycle is a whole number of steps. A CSV table
+        then holds one closed cycle of the gait: lengths, rates and accelerations.
+    rest : bool, optional
+        Whether a ROS trajectory begins and ends at rest: time runs slower in the first and the
+        last half cycle.
     force : bool, optional
         Whether earlier exports of the same names are replaced; never what others made.
 
@@ -83,12 +95,26 @@ def export(
     name = getattr(what, "scene", None) or getattr(what, "name", None) or "gait"
     folder, stem = target(path, name, [SUFFIXES[each] for each in wanted])
     at = _number(step, what) if isinstance(step, str) else step
+    if whole_steps and at is None:
+        raise ArgumentError("whole_steps needs a step; write step=0.01, say")
+    asked = _Asked(at, cycles, tuple(columns), whole_steps, rest)
     files: dict[str, bytes] = {}
     for each in wanted:
-        files |= _made(what, each, stem, at, cycles)
+        files |= _made(what, each, stem, asked)
     placed = {folder / name: content for name, content in files.items()}
     write_files(placed, force=force)
     return tuple(placed)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """How formats are written."""
+
+    step: float | None
+    cycles: int
+    columns: tuple[str, ...]
+    whole_steps: bool
+    rest: bool
 
 
 def _number(step: str, what: object) -> float:
@@ -101,9 +127,7 @@ def _number(step: str, what: object) -> float:
         raise ArgumentError(f"step: {step!r} {why}") from None
 
 
-def _made(
-    what: Result | Gait | Model, into: str, stem: str, step: float | None, cycles: int
-) -> dict[str, bytes]:
+def _made(what: Result | Gait | Model, into: str, stem: str, asked: _Asked) -> dict[str, bytes]:
     """Contents of the files of one format; each loads what it needs."""
     from wormopt.model.gait import Gait
     from wormopt.result import Result
@@ -119,11 +143,16 @@ def _made(
         if not isinstance(what, Result | Gait):
             raise ArgumentError(f"{into} takes a Result or a Gait, not {type(what).__name__}")
         course = Course.of(what) if isinstance(what, Result) else Course(what)
+        if asked.whole_steps and asked.step is not None:
+            course = course.in_whole_steps(asked.step)
         if into == "c":
             return c_source.make(course, stem)
-        return ros.make(course, stem, 0.01 if step is None else step, cycles)
+        step = 0.01 if asked.step is None else asked.step
+        return ros.make(course, stem, step, asked.cycles, rest=asked.rest)
     if not isinstance(what, Result):
         raise ArgumentError(f"{into} takes a Result, not {type(what).__name__}")
     from wormopt.exports import csv_tables, matlab
 
-    return csv_tables.make(what, stem, step) if into == "csv" else matlab.make(what, stem)
+    if into == "mat":
+        return matlab.make(what, stem)
+    return csv_tables.make(what, stem, asked.step, asked.columns, whole_steps=asked.whole_steps)

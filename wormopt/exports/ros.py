@@ -10,29 +10,42 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.exports.about import Course
 from wormopt.exports.instants import multiples
+from wormopt.model.gait import Gait
 
 _SECOND = 1_000_000_000
 _LATEST = 2**31  # seconds are kept in 32 bits
+_AT_REST = float(np.finfo(np.float32).eps)  # the receiver's
 
 
-def make(course: Course, stem: str, step: float = 0.01, cycles: int = 1) -> dict[str, bytes]:
+ENDS_AT = "Ends at velocities"
+"""How the remark begins that says that the trajectory does not end at rest."""
+
+
+def make(
+    course: Course, stem: str, step: float = 0.01, cycles: int = 1, *, rest: bool = False
+) -> dict[str, bytes]:
     """``STEM.yaml``: points a step apart, and one at the end of the last cycle.
+
+    With `rest` it begins and ends at rest: in the first and the last half cycle time runs slower,
+    so that no rate grows.
 
     Raises ArgumentError if the step is below a nanosecond or gives too many points, or there is
     no cycle.
     """
     if not isinstance(cycles, int) or cycles < 1:
         raise ArgumentError(f"cycles must be a whole number from 1 on, not {cycles!r}")
-    end = course.gait.period * cycles
+    ramp = course.gait.period / 2 if rest else 0.0
+    end = course.gait.period * cycles + ramp
     if end >= _LATEST:
         raise ArgumentError(f"ROS has 32 bits for seconds, too few for {end:g}; write fewer cycles")
     instants = multiples(step, 0.0, end)
     if step < 1e-9:
         raise ArgumentError(f"ROS counts whole nanoseconds; write a step above {step:g} s")
     at = [_nanoseconds(t) for t in instants]
-    last = _nanoseconds(Decimal(course.gait.period) * cycles)
+    last = _nanoseconds(Decimal(course.gait.period) * cycles + Decimal(ramp))
     at = [t for t in at if t < last] + [last]
-    lines = [*_head(course), "points:", *_points(course, at)]
+    rows = _rows(course.gait, np.array(at) / _SECOND, end, ramp)
+    lines = [*_head(course, rows[1], rest=rest), "points:", *_points(at, rows)]
     return {f"{stem}.yaml": "".join(f"{line}\n" for line in lines).encode()}
 
 
@@ -40,20 +53,44 @@ def _nanoseconds(t: Decimal) -> int:
     return int((t * _SECOND).to_integral_value())
 
 
-def _head(course: Course) -> Iterable[str]:
+def _rows(gait: Gait, t: np.ndarray, end: float, ramp: float) -> list[np.ndarray]:
+    """Lengths, rates and accelerations (n, m), time running slower within ramps at both ends."""
+    if not ramp:
+        t = np.append(t[:-1], 0.0)  # where the last cycle ends, whole nanoseconds or not
+        return [gait(t, derivative) for derivative in range(3)]
+    left = np.minimum(t, end - t)  # to the nearer end
+    x = np.clip(left / ramp, 0.0, 1.0)
+    # the pace grows as 3 x² - 2 x³, so that neither it nor its slope jumps
+    pace, slope = x * x * (3 - 2 * x), np.where(t < end / 2, 6.0, -6.0) * x * (1 - x) / ramp
+    lost = ramp * x**3 * (1 - x / 2) + np.maximum(left - ramp, 0.0)
+    at = np.where(t < end / 2, lost, end - ramp - lost)
+    length, rate, acceleration = (gait(at, derivative) for derivative in range(3))
+    return [length, rate * pace, acceleration * pace**2 + rate * slope]
+
+
+def _head(course: Course, rates: np.ndarray, *, rest: bool) -> Iterable[str]:
     yield "# trajectory_msgs/JointTrajectory, positions are lengths of links in m"
     yield from (f"# {line}" for line in course.remarks)
     if course.time_unit != "s":
         yield "# The scene has no units: its unit of time is taken for 1 s, of length for 1 m."
+    fastest = float(np.abs(rates[:, -1]).max())
+    if rest:
+        yield "# Begins and ends at rest, time running slower in the first and last half cycle."
+    elif fastest > _AT_REST:
+        yield (
+            f"# {ENDS_AT} up to {fastest:.3g} m/s. The joint_trajectory_controller of ros2_control "
+            "refuses it unless allow_nonzero_velocity_at_trajectory_end is true; `--rest` (in "
+            "Python rest=True) writes a trajectory that begins and ends at rest."
+        )
+    yield "# Begins and ends at the same lengths: sent again at its end, it repeats."
     yield "header:"
     yield "  stamp: {sec: 0, nanosec: 0}"
     yield "  frame_id: ''"
     yield f"joint_names: [{', '.join(f'link_{j}' for j in range(course.gait.links))}]"
 
 
-def _points(course: Course, at: list[int]) -> Iterable[str]:
-    t = np.array(at) / _SECOND
-    values = [course.gait(t, derivative).T.tolist() for derivative in range(3)]
+def _points(at: list[int], found: list[np.ndarray]) -> Iterable[str]:
+    values = [rows.T.tolist() for rows in found]
     for instant, *rows in zip(at, *values, strict=True):
         seconds, rest = divmod(instant, _SECOND)
         length, rate, acceleration = (", ".join(map(_number, row)) for row in rows)

@@ -34,6 +34,12 @@ def remark_of_gait(signal: str, cycle: float, unit: str) -> str:
     return f"gait: {signal}, cycle {cycle!r}{'' if unit == '1' else f' {unit}'}"
 
 
+def signal_of(remark: str) -> str:
+    """Signal whose columns are the gait's, "" if the remark is another."""
+    found = _OF_GAIT.fullmatch(remark)
+    return found["signal"] if found else ""
+
+
 def read_gait(
     path: Path, units: Literal["dimensionless", "SI"]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
@@ -164,6 +170,11 @@ class _Rows:
             t, lengths = t[kept], lengths[:, kept]
             if t[-1] >= cycle * (1 - _CLOSED):
                 t = np.append(t[:-1], cycle)
+            elif cycle - t[-1] > 2 * np.diff(t).max():
+                raise ArgumentError(
+                    f" line {lines[len(t) - 1]}: rows end at {t[-1]:g}, the cycle at {cycle:g}; "
+                    "write rows up to its end"
+                )
             else:
                 t, lengths = np.append(t, cycle), np.hstack([lengths, lengths[:, :1]])
                 lines.append(lines[0])
