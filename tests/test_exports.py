@@ -311,9 +311,8 @@ def made(folder: Path) -> Path:
 def test_the_reference_of_a_tracked_worm_is_read_back(tmp_path: Path):
     """Its links follow it within a tube only; they are no gait."""
     time = np.linspace(0.0, 3.0, 301)
-    gait = wo.Gait(
-        [0.0, 1.5], np.ones((1, 1, 1)), np.array([2 * np.pi / 1.5]), [[0.1]], np.zeros((1, 1))
-    )
+    turning, cosine, sine = np.array([2 * np.pi / 1.5]), np.array([[0.1]]), np.zeros((1, 1))
+    gait = wo.Gait(np.array([0.0, 1.5]), np.ones((1, 1, 1)), turning, cosine, sine)
     variables = (
         Variable("time", "s", ("time",), time),
         Variable("length", "m", ("link", "time"), gait(time) + 0.01 * np.sin(7 * time)),
@@ -503,7 +502,7 @@ def test_a_trajectory_that_begins_and_ends_at_rest(designed: Result, cycles: int
     assert t[-1] == pytest.approx(gait.period * (cycles + 0.5), abs=1e-9)
     for end in (0, -1):
         assert np.abs(rates[:, end]).max() < 1e-12
-        assert lengths[:, end] == pytest.approx(gait([0.0])[:, 0], abs=1e-12)
+        assert lengths[:, end] == pytest.approx(gait(np.zeros(1))[:, 0], abs=1e-12)
     # no rate grows, and velocities are the slopes of the positions
     assert np.abs(rates).max() <= np.abs(gait(np.linspace(0, gait.period, 9999), 1)).max() + 1e-12
     way = np.cumsum((rates[:, 1:] + rates[:, :-1]) / 2 * np.diff(t), axis=1)
@@ -524,7 +523,7 @@ def test_a_trajectory_that_does_not_end_at_rest_says_so(
     designed.save(made(tmp_path / "walk"))
     asked = ["export", str(tmp_path / "walk"), "--ros", "-o"]
     assert main([*asked, str(tmp_path / "a.yaml")]) == 0
-    end = np.abs(gait_in(designed)([0.0], 1)).max()
+    end = np.abs(gait_in(designed)(np.zeros(1), 1)).max()
     said = f"Ends at velocities up to {end:.3g} m/s"
     assert f"a.yaml: {said}" in capsys.readouterr().err
     text = (tmp_path / "a.yaml").read_text("utf-8")

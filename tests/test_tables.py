@@ -3,19 +3,32 @@
 import csv
 import io
 import math
+import os
 import re
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import casadi as ca
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.io import netcdf_file
 
 import wormopt as wo
+from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.gait import Gait
+from wormopt.systems.film.runs.film_fields import _read_table
+from wormopt.systems.film.shapes import grid
+from wormopt.systems.recorded.recordings import runs_of
+from wormopt.systems.recorded.scenes.fit import RecordingTable
 from wormopt.tables import TextTable, Wrong, parse_table, read_table
 
 
@@ -159,7 +172,7 @@ SMOOTH = "0;60;60\n400;75;50\n800;65;70\n1200;60;60\n"
 def test_units_of_a_gait_table_are_converted(tmp_path: Path, head: str):
     gait = wo.load_gait(gait_file(tmp_path, f"{head}\n{SMOOTH}"))
     assert gait.period == pytest.approx(1.2, rel=1e-15)
-    assert gait([0.0, 0.4, 0.8]) == pytest.approx(
+    assert gait(np.array([0.0, 0.4, 0.8])) == pytest.approx(
         np.array([[0.06, 0.075, 0.065], [0.06, 0.05, 0.07]]), rel=1e-14
     )
 
@@ -279,7 +292,9 @@ def test_a_gait_table_of_a_spreadsheet_is_read(tmp_path: Path):
     text = "\r\n".join(["Zeit;;", "t;l_0;l_1", "0;1;1", "0,3;1,2;1", "0,6;1,1;0,9", "1;1;1"])
     for encoding in ("utf-8", "utf-8-sig", "utf-16", "cp1252"):
         gait = wo.load_gait(gait_file(tmp_path, text.encode(encoding)))
-        assert gait([0.3, 0.6]) == pytest.approx(np.array([[1.2, 1.1], [1.0, 0.9]]), rel=1e-15)
+        assert gait(np.array([0.3, 0.6])) == pytest.approx(
+            np.array([[1.2, 1.1], [1.0, 0.9]]), rel=1e-15
+        )
 
 
 def test_an_instant_with_two_rows_is_a_break_of_the_rates(tmp_path: Path):
@@ -320,3 +335,231 @@ def test_a_piecewise_cubic_with_its_breaks_is_read_to_the_last_digits(
     path = gait_file(tmp_path_factory.mktemp("gait"), stream.getvalue())
     back, t = wo.load_gait(path), np.linspace(0.0, float(breaks[-1]), 501)
     assert back(t) == pytest.approx(gait(t), abs=1e-9)
+
+
+# -- recordings ------------------------------------------------------------------------------------
+
+
+def spring(k: float = 0.4) -> wo.Model:
+    """x' = -k x, whose rate is to be found."""
+    x, rate = ca.SX.sym("x"), ca.SX.sym("k")
+    return wo.Model(
+        "decay", x=[wo.Signal("x", x)], p=[wo.Signal("k", rate, value=1.0)], ode=-rate * x
+    )
+
+
+TIME = np.linspace(0.0, 4.0, 41)
+DECAY = np.exp(-0.4 * TIME)
+
+
+def found_of(run: wo.Recording) -> float:
+    task = wo.FitTask(spring(), [run], [wo.Unknown("k", lower=0.01, upper=5.0)])
+    fit = wo.fit(task, seeds=1)
+    assert fit.converged
+    return float(fit.values[0])
+
+
+def masked(values: np.ndarray) -> np.ma.MaskedArray:
+    """Readings of which every third is masked, and wrong below the mask."""
+    off = np.arange(len(values)) % 3 == 1
+    return np.ma.array(np.where(off, 50.0, values), mask=off)
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [
+        masked(DECAY),
+        [masked(DECAY)],
+        pd.Series(np.where(np.arange(41) % 3 == 1, np.nan, DECAY)),
+        pd.Series(masked(DECAY).filled(np.nan)).astype("Float64"),
+        xr.DataArray(masked(1000 * DECAY).filled(np.nan), dims="time", attrs={"units": "mm"}),
+    ],
+    ids=["masked", "list of masked", "pandas", "pandas with NA", "xarray in mm"],
+)
+def test_what_is_masked_or_missing_is_a_gap(readings: Any):
+    run = wo.Recording(TIME, {"x": readings}, x0={"x": 1.0})
+    assert run.count == 27
+    assert found_of(run) == pytest.approx(0.4, rel=1e-6)
+
+
+def test_a_mask_is_not_dropped_anywhere():
+    with pytest.raises(ArgumentError, match="time 1 is nan"):
+        wo.Recording(
+            np.ma.array([0.0, 1.0, 2.0], mask=[False, True, False]), {"x": [1.0, 2.0, 3.0]}
+        )
+    with pytest.raises(ArgumentError, match="breaks must hold finite numbers"):
+        wo.Gait(np.ma.array([0.0, 1.0], mask=[False, True]), np.ones((1, 1, 1)))
+
+
+def test_tables_of_pandas_are_taken_as_they_are():
+    """Entries are columns, as `to_dataframe` and files have them; dates are times."""
+    place = np.array([np.sin(TIME), np.cos(TIME)])
+    start = pd.Timestamp("2024-05-01 12:00")
+    for frame in (
+        pd.DataFrame({"position_0": place[0], "position_1": place[1], "load": TIME**2}),
+        pd.DataFrame({"position[1] [mm]": 1e3 * place[1], "position[0] [mm]": 1e3 * place[0],
+                      "load": TIME**2}),
+    ):  # fmt: skip
+        spans = pd.to_timedelta(TIME, unit="s")
+        for time in (TIME, pd.Index(TIME), start + spans, pd.Series(spans), spans.to_numpy()):
+            run = wo.Recording(time, frame)
+            assert run.times == pytest.approx(TIME, abs=1e-9)
+            assert list(run.readings) == ["load", "position"]
+            assert run.readings["position"] == pytest.approx(place, abs=1e-15)
+    frame = pd.DataFrame({"x": DECAY})
+    frame.attrs["units"] = {"x": "cm"}
+    assert wo.Recording(TIME, frame).readings["x"] == pytest.approx(DECAY[None] / 100, rel=1e-14)
+
+
+def test_datasets_of_xarray_are_taken_as_they_are():
+    place = np.array([np.sin(TIME), np.cos(TIME)])
+    time = xr.DataArray(1e3 * TIME, dims="time", attrs={"units": "ms"})
+    data = xr.Dataset(
+        {"position": (("time", "mass"), place.T, {"units": "m"}), "x": ("time", DECAY)}
+    )
+    run = wo.Recording(time, data)
+    assert run.times == pytest.approx(TIME, abs=1e-12)
+    assert np.array_equal(run.readings["position"], place)
+    bad = xr.DataArray(DECAY, dims="time", attrs={"units": "pixel"})
+    with pytest.raises(ArgumentError, match=r'units of x: "pixel" has a unit that is not known'):
+        wo.Recording(TIME, {"x": bad})
+
+
+def test_a_motion_goes_through_a_table_of_pandas_and_back():
+    motion = wo.simulate(spring(), 2.0, x0={"x": 1.0}, times=np.linspace(0, 2, 11))
+    frame = motion.to_dataframe()
+    run = wo.Recording(frame.index, frame[["x"]])
+    assert np.array_equal(run.readings["x"], motion["x"])
+
+
+def test_angles_within_a_turn_are_unwrapped_on_request():
+    """An angle that grows by 0.4 per time, recorded modulo 2π."""
+    phi, rate = ca.SX.sym("phi"), ca.SX.sym("rate")
+    model = wo.Model(
+        "turn",
+        x=[wo.Signal("phi", phi, unit="angle")],
+        p=[wo.Signal("rate", rate, value=1.0)],
+        ode=rate,
+    )
+    time = np.linspace(0.0, 40.0, 81)
+    seen = np.mod(0.4 * time + 0.3 + np.pi, 2 * np.pi) - np.pi
+    seen[[7, 31]] = np.nan
+    run = wo.Recording(time, {"phi": seen}, x0={"phi": 0.3})
+    (said,) = run.warnings
+    assert "phi[0] jumps by about 2π" in said
+    assert 'write unwrap = ["phi"]' in said
+    run = wo.Recording(time, {"phi": seen}, x0={"phi": 0.3}, unwrap=["phi"])
+    assert run.warnings == ()
+    there = np.isfinite(seen)
+    assert run.readings["phi"][0, there] == pytest.approx(0.4 * time[there] + 0.3, abs=1e-12)
+    fit = wo.fit(wo.FitTask(model, [run], [wo.Unknown("rate", lower=0.0, upper=5.0)]), seeds=1)
+    assert fit.values[0] == pytest.approx(0.4, rel=1e-9)
+    with pytest.raises(ArgumentError, match="unwrap names signals that were read, a list of phi"):
+        wo.Recording(time, {"phi": seen}, unwrap=["psi"])
+
+
+@pytest.mark.parametrize("unwrap", ["head", "angle", "angle[0]"])
+def test_angles_of_a_file_are_unwrapped_in_their_own_unit(tmp_path: Path, unwrap: str):
+    rows = "".join(f"{k};{(50 * k) % 360};{k}\n" for k in range(20))
+    (tmp_path / "run.csv").write_text(f"time;head [deg];x\n{rows}")
+    angle, x = ca.SX.sym("angle", 1), ca.SX.sym("x")
+    model = wo.Model(
+        "turn", x=[wo.Signal("angle", angle, unit="angle"), wo.Signal("x", x)], ode=ca.SX([1, 1])
+    )
+    table = RecordingTable(file="run.csv", columns={"head": "angle[0]"}, unwrap=(unwrap,))
+    assert list(table.faults(tmp_path, "SI", "recording[0]")) == []
+    (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
+    expected = np.deg2rad(50.0) * np.arange(20)
+    assert run.recording.readings["angle"][0] == pytest.approx(expected, abs=1e-12)
+    wrong = RecordingTable(file="run.csv", columns={"head": "angle[0]"}, unwrap=("haed",))
+    ((key, said),) = wrong.faults(tmp_path, "SI", "recording[0]")
+    assert (key, said) == ("recording[0].unwrap", "the file has no column haed; did you mean head?")
+
+
+@pytest.mark.parametrize("fill", [None, -999.0])
+def test_fill_values_of_netcdf_are_gaps(tmp_path: Path, fill: float | None):
+    given = DECAY.copy()
+    given[5] = 9.969209968386869e36 if fill is None else fill
+    with netcdf_file(tmp_path / "run.nc", "w") as file:
+        file.createDimension("time", len(TIME))
+        for name, values in (("time", TIME), ("x", given)):
+            variable = file.createVariable(name, "d", ("time",))
+            variable[:] = values
+            if fill is not None:
+                variable._FillValue = fill
+    table = RecordingTable(file="run.nc")
+    (run,) = runs_of([table], tmp_path, spring(), "dimensionless", {}, "scene")
+    assert run.recording.count == len(TIME) - 1
+    assert np.isnan(run.recording.readings["x"][0, 5])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_a_recording_of_a_spreadsheet_with_decimal_commas_is_fitted(tmp_path: Path, encoding: str):
+    cells = [f"{v:.12f}".replace(".", ",") for v in DECAY]
+    cells[3], cells[9], cells[11] = "#N/A", "", "#DIV/0!"
+    times = [f"{1000 * t:.1f}".replace(".", ",") for t in TIME]
+    rows = [f"{t};{x}" for t, x in zip(times, cells, strict=True)]
+    text = "\r\n".join(["Messung 7 (µm)", "time [ms];x", *rows, ";"])
+    (tmp_path / "run.csv").write_bytes(text.encode(encoding))
+    table = RecordingTable(file="run.csv", start={"x": 1.0})
+    assert list(table.faults(tmp_path, "SI", "recording[0]")) == []
+    (run,) = runs_of([table], tmp_path, spring(), "SI", {}, "scene")
+    assert run.recording.count == len(TIME) - 3
+    assert found_of(run.recording) == pytest.approx(0.4, rel=1e-6)
+
+
+# -- fields ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["{}", "xi;H [kA/m]\r\n{}", "# xi H\n{}"])
+def test_a_field_is_read_in_any_dialect(tmp_path: Path, text: str):
+    values = 1.0 + 0.5 * np.cos(grid(16))
+    comma, factor = ";" in text, 1e3 if "kA" in text else 1.0
+    mark = ";" if comma else " "
+    rows = [f"{t!r}{mark}{v!r}" for t, v in zip(grid(16).tolist(), values.tolist(), strict=True)]
+    body = "\n".join(rows)
+    path = tmp_path / "field.csv"
+    path.write_text(text.format(body.replace(".", ",") if comma else body))
+    assert _read_table(path, "field", "SI") == pytest.approx(factor * values, rel=1e-15)
+
+
+def test_a_field_in_another_unit_is_refused(tmp_path: Path):
+    path = tmp_path / "field.csv"
+    path.write_text("H [mT]\n1\n2\n3\n4\n")
+    with pytest.raises(ArgumentError, match=r'field\.csv: "mT" is no unit of field here; write A'):
+        _read_table(path, "field", "SI")
+    path.write_text("H\n1\n2\n\n#N/A\n4\n")
+    with pytest.raises(ArgumentError, match=r"field\.csv line 5, column H: a number is missing"):
+        _read_table(path, "field", "SI")
+
+
+# -- pictures without a backend --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["run", "sweep", "plot", "report"])
+def test_a_backend_that_is_not_there_is_refused_before_the_work(command: str, tmp_path: Path):
+    """In a process of its own, as Matplotlib takes the backend when it is loaded."""
+    wo.Result("walk", "gait").save(tmp_path)
+    words = {
+        "run": ["run", "fast_gait", "-o", "out"],
+        "sweep": ["sweep", "fast_gait", "--over", "worm.load=[1,2]", "-o", "out"],
+        "plot": ["plot", str(tmp_path)],
+        "report": ["report", str(tmp_path), "-o", "out.html"],
+    }[command]
+    done = subprocess.run(
+        [sys.executable, "-m", "wormopt", *words], cwd=tmp_path, capture_output=True, text=True,
+        check=False, env={**os.environ, "MPLBACKEND": "nonsense"},
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("MPLBACKEND=nonsense: Matplotlib has no such backend, or it is not in")
+    assert ("--no-plots" in line) == (command in ("run", "sweep"))
+    assert not (tmp_path / "out").exists()
+    assert (tmp_path / "result.nc").exists()
+
+
+def test_without_pictures_no_backend_is_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("MPLBACKEND", "nonsense")
+    asked = ["run", "fast_gait", "--no-plots", "--quiet", "-o", str(tmp_path / "out")]
+    assert main(asked) == 0

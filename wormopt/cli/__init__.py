@@ -19,7 +19,7 @@ from pathlib import Path
 from threading import current_thread, main_thread
 from types import FrameType
 
-from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
+from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, no_backend, say
 from wormopt.errors import ArgumentError, OutputError, SceneError, interruptible
 from wormopt.version import VERSION
 
@@ -51,6 +51,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         say("interrupted; nothing saved")
         return INTERRUPTED
+    except (ValueError, ImportError) as error:
+        if not (said := no_backend(error)):
+            raise
+        say(said)
+        return BAD_INPUT
     except OSError as error:  # a name too long, a full disk
         if _nobody_reads(error):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,9 +1,11 @@
 """Exit codes, and how the command line speaks and understands."""
 
 import argparse
+import os
 import sys
 from contextlib import AbstractContextManager, nullcontext
 
+from wormopt.errors import ArgumentError
 from wormopt.kinds import KINDS, near
 
 DONE, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 2, 3, 130
@@ -12,6 +14,29 @@ DONE, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 2, 3, 130
 def say(text: str) -> None:
     """Tell the user something that is no result."""
     print(text, file=sys.stderr)
+
+
+def check_backend(hint: str = "") -> None:
+    """Raise ArgumentError if Matplotlib refuses the backend that MPLBACKEND names.
+
+    `hint` is what else can be written. Without MPLBACKEND nothing is loaded.
+    """
+    if os.environ.get("MPLBACKEND"):
+        try:
+            import matplotlib  # noqa: F401
+        except (ValueError, ImportError) as error:
+            raise ArgumentError(no_backend(error, hint)) from None
+
+
+def no_backend(error: Exception, hint: str = "") -> str:
+    """Say that Matplotlib refuses its backend; "" if the error is about something else."""
+    name = os.environ.get("MPLBACKEND", "")
+    if not name or "backend" not in str(error):
+        return ""
+    return (
+        f"MPLBACKEND={name}: Matplotlib has no such backend, or it is not installed; write "
+        f"MPLBACKEND=agg, or unset it{hint}"
+    )
 
 
 def kind_name(name: str) -> str:

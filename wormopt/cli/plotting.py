@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from wormopt.cli.codes import DONE, say
+from wormopt.cli.codes import DONE, check_backend, say
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.files import MOVING, RESULT_FILE, STILL, picture_file, refuse_obstacle, write_files
 from wormopt.runner import result_at
@@ -55,6 +55,7 @@ def _millimetres(text: str) -> float:
 
 
 def _plot(options: argparse.Namespace) -> int:
+    check_backend()
     result, source = result_at(options.result), Path(options.result)
     source = source / RESULT_FILE if source.is_dir() else source
     from wormopt.plotting import no_picture, pictures_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from wormopt.cli.codes import DONE
+from wormopt.cli.codes import DONE, check_backend
 
 
 def add(commands: Any) -> None:
@@ -29,6 +29,7 @@ def add(commands: Any) -> None:
 
 
 def _report(options: argparse.Namespace) -> int:
+    check_backend()
     from wormopt.reports.report import report
 
     report(options.results, options.output, title=options.title, force=options.force)

@@ -7,7 +7,15 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, add_engine, engine_of, say
+from wormopt.cli.codes import (
+    DONE,
+    INTERRUPTED,
+    NOT_SOLVED,
+    add_engine,
+    check_backend,
+    engine_of,
+    say,
+)
 from wormopt.cli.printing import print_all, print_result
 from wormopt.errors import Interrupted
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
@@ -27,6 +35,7 @@ from wormopt.scene.output import (
 if TYPE_CHECKING:
     from wormopt.result import Result
 
+NO_PLOTS = ", or draw no pictures with --no-plots"
 # So many keys are named by which an earlier result differs.
 _MOST_KEYS = 5
 
@@ -62,6 +71,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
     pictures = {} if options.no_plots else _pictures(scene)
+    if pictures:
+        check_backend(NO_PLOTS)
     folder = Path(options.output or default_folder(scene.name, options.set))
     kind = KINDS[scene.table.kind]
     tables = [TABLE_FILE] * kind.table_file

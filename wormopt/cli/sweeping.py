@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, say
-from wormopt.cli.running import add_options, finish
+from wormopt.cli.codes import DONE, INTERRUPTED, NOT_SOLVED, check_backend, say
+from wormopt.cli.running import NO_PLOTS, add_options, finish
 from wormopt.errors import Interrupted, OutputError, SceneError
 from wormopt.files import POINTS, RESULT_FILE, SUMMARY_FILE, picture_file
 from wormopt.kinds import SWEEP
@@ -71,6 +71,8 @@ def _sweep(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
     over = _over(scene.name, options.over)
     picture = picture_file("sweep")
+    if not options.no_plots:
+        check_backend(NO_PLOTS)
     files = [RESULT_FILE, SUMMARY_FILE, *SWEEP.exports, *([] if options.no_plots else [picture])]
     folder = Path(options.output or default_folder(f"{scene.name}-sweep", options.set))
     usual = Path(options.output or default_folder(f"{scene.name}-sweep"))  # with --set too

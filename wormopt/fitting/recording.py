@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
+from wormopt.fitting.foreign import instants, signals
 from wormopt.model.model import Model
 from wormopt.model.values import numbers
 
 # Readings so many times larger than others are told: a factor of 1000 is a unit mistaken.
 APART = 1000.0
+# Fewer readings do not show whether they are angles that jump by a turn.
+_FEWEST_ANGLES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +28,12 @@ class Recording:
     Parameters
     ----------
     time : array_like, shape (m,)
-        When, ascending; steps may differ.
-    values : mapping of str to array_like, shape (size, m) or (m,)
+        When, ascending; steps may differ. Dates count from the first, in s.
+    values : mapping of str to array_like, shape (size, m) or (m,), or a table
         Readings of states and outputs of the model by name, NaN where there is none: a gap, or
-        an entry without a sensor.
+        an entry without a sensor. What is masked is a gap. A pandas DataFrame with columns
+        `position_0`, `position_1` and an xarray Dataset are taken too; units that they state are
+        converted to SI.
     noise : mapping of str to float, optional
         Standard deviation of the readings of a signal, where it is known.
     x0 : mapping of str to array_like, optional
@@ -43,6 +49,9 @@ class Recording:
         What moved in this run, where it is not what is fitted: the same worm driven otherwise.
     name : str, optional
         What the run is called.
+    unwrap : sequence of str, optional
+        Signals that are angles in rad, recorded modulo 2π: turns are added so that no step is
+        larger than half a turn.
 
     Raises
     ------
@@ -56,8 +65,8 @@ class Recording:
     2
     """
 
-    time: ArrayLike
-    values: Mapping[str, ArrayLike]
+    time: Any
+    values: Any
     noise: Mapping[str, float] | None = None
     x0: Mapping[str, ArrayLike] | None = None
     p: Mapping[str, ArrayLike] | None = None
@@ -65,11 +74,14 @@ class Recording:
     span: tuple[float, float] | None = None
     model: Model | None = None
     name: str = "run"
+    unwrap: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         _check_times(self.name, self.times)
-        if not isinstance(self.values, Mapping) or not self.values:
-            raise ArgumentError(f'{self.name}: write readings by name, {{"position": [...]}}')
+        object.__setattr__(self, "values", signals(self.name, self.values, self.time))
+        if isinstance(self.unwrap, str) or not set(self.unwrap) <= set(self.values):
+            what = f"unwrap names signals that were read, a list of {', '.join(self.values)}"
+            raise ArgumentError(f"{self.name}: {what}, not {self.unwrap!r}")
         first, last = self.ends
         if not (first < last and first <= self.times[0] and self.times[-1] <= last):
             raise ArgumentError(
@@ -91,12 +103,16 @@ class Recording:
     @cached_property
     def times(self) -> np.ndarray:
         """Times as an array (m,)."""
-        return np.atleast_1d(numbers(f"{self.name}: time", self.time))
+        return instants(self.name, self.time)
 
     @cached_property
     def readings(self) -> dict[str, np.ndarray]:
         """Readings as arrays (size, m)."""
-        return {str(n): _readings(self.name, n, v, len(self.times)) for n, v in self.values.items()}
+        found = {
+            str(n): _readings(self.name, n, v, len(self.times)) for n, v in self.values.items()
+        }
+        turned = {name: np.array([*map(unwrapped, found[name])]) for name in self.unwrap}
+        return found | turned
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -117,6 +133,13 @@ class Recording:
             if still:
                 entries = ", ".join(f"{name}[{k}]" for k in still)
                 told.append(f"{self.name}: {entries} keeps one value all the time")
+            wrapped = [k for k, row in enumerate(rows) if _is_wrapped(row)]
+            if wrapped:
+                entries = ", ".join(f"{name}[{k}]" for k in wrapped)
+                told.append(
+                    f"{self.name}: {entries} jumps by about 2π, as angles do that are recorded "
+                    f'modulo a turn; write unwrap = ["{name}"] if it is one'
+                )
             sizes = np.array([np.nanmax(np.abs(row), initial=0.0) for row in rows])
             moving = sizes[sizes > 0]
             if moving.size and moving.max() > APART * moving.min():
@@ -152,6 +175,22 @@ def _readings(run: str, name: object, given: object, count: int) -> np.ndarray:
     if np.isnan(rows).all():
         raise ArgumentError(f"{run}: {name} has no reading at all; leave it out")
     return rows
+
+
+def unwrapped(row: np.ndarray) -> np.ndarray:
+    """Angles (m,) in rad with whole turns added, so that no step is larger than half a turn."""
+    there, found = np.isfinite(row), np.array(row, dtype=float)
+    found[there] = np.unwrap(found[there])
+    return found
+
+
+def _is_wrapped(row: np.ndarray) -> bool:
+    """Whether readings within a turn jump by about a turn, and are smooth without these jumps."""
+    there = row[np.isfinite(row)]
+    if there.size < _FEWEST_ANGLES or np.ptp(there) > 2 * np.pi * (1 + 1e-9):
+        return False
+    steps, smooth = np.abs(np.diff(there)), np.abs(np.diff(np.unwrap(there)))
+    return bool(steps.max() > np.pi and smooth.max() < np.pi / 2)
 
 
 def _still(row: np.ndarray) -> bool:

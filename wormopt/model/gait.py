@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.model.values import numbers
 from wormopt.quantities import unit_of
 
 _ARRAYS = ("breaks", "polynomial", "omega", "cosine", "sine")
@@ -296,8 +297,8 @@ def _instants(period: float, samples: int, step: float | None) -> np.ndarray:
 
 def _numbers(name: str, value: Any) -> np.ndarray:
     try:
-        found = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
+        found = numbers(name, value)
+    except ArgumentError:
         found = np.array(np.nan)
     if not np.all(np.isfinite(found)):
         raise ArgumentError(f"{name} must hold finite numbers, as many in each row")

@@ -19,6 +19,8 @@ from wormopt.units import scale
 _FEWEST_ROWS = 4
 # How far the last row may be from the first, and the last time from the cycle, relatively.
 _CLOSED = 1e-9
+# Instants so near to each other, in periods, are one.
+_AT_BREAK = 1e-13
 # Part of a link's range by which a spline may leave the rows without a word.
 _FREE = 0.01
 # Places between two rows at which a spline is compared with them.
@@ -196,6 +198,9 @@ class _Rows:
             )
         lengths = lengths.copy()
         lengths[:, -1] = lengths[:, 0]
+        # tables of pandas have breaks the last digit apart
+        near = np.flatnonzero(np.diff(t) < _AT_BREAK * t[-1])
+        t[near] = t[near + 1]
         twice = np.flatnonzero(np.diff(t) == 0)
         for k in twice:
             before, after = lengths[:, k], lengths[:, k + 1]

@@ -11,13 +11,32 @@ from wormopt.errors import ArgumentError, UnknownNameError
 
 
 def numbers(name: str, given: object) -> np.ndarray:
-    """Array of numbers from whatever a caller wrote; raises ArgumentError if it is none."""
+    """Array of numbers from whatever a caller wrote; raises ArgumentError if it is none.
+
+    What is masked, or missing in a table of pandas, becomes NaN; spans of time become seconds.
+    """
     try:
-        return np.asarray(given, dtype=float)
+        return np.asarray(_unmasked(given), dtype=float)
     except (TypeError, ValueError, OverflowError, RuntimeError):  # the last is CasADi's
         raise ArgumentError(
             f"{name} must be a number or a list of numbers, not {given!r:.60}"
         ) from None
+
+
+def _unmasked(given: Any) -> Any:
+    if isinstance(given, np.ma.MaskedArray):
+        return np.ma.filled(given.astype(float), np.nan)
+    if isinstance(given, list | tuple):
+        masked = any(isinstance(each, np.ma.MaskedArray) for each in given)
+        return [_unmasked(each) for each in given] if masked else given
+    kind = getattr(getattr(given, "dtype", None), "kind", "")
+    if kind == "m":
+        return np.asarray(given) / np.timedelta64(1, "s")
+    if kind == "M":
+        raise TypeError("a date")
+    if hasattr(given, "to_numpy") and hasattr(given, "isna"):  # of pandas
+        return given.to_numpy(dtype=float, na_value=np.nan)
+    return given
 
 
 def numbers_of(name: str, given: object, size: int) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from wormopt.control.loop import feed
 from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.fitting.recording import Recording
+from wormopt.fitting.recording import Recording, unwrapped
 from wormopt.kinds import KINDS
 from wormopt.model.gait import Gait
 from wormopt.model.given import fields_of
@@ -27,6 +27,8 @@ from wormopt.systems.recorded.scenes.tables import near, scene_of
 from wormopt.units import parsed, scale
 
 _DRIVE = "recorded"
+# What NetCDF writes where there is no number, if a file does not say another.
+_FILL = 9.969209968386869e36
 
 
 def model_of(scene: Scene[Any], model: dict[str, Any], which: str) -> Model:
@@ -111,9 +113,9 @@ def _netcdf(path: Path, time: str, key: str) -> Columns:
     from scipy.io import netcdf_file
 
     try:
-        with netcdf_file(path, "r", mmap=False) as file:
+        with netcdf_file(path, "r", mmap=False, maskandscale=True) as file:
             stored = {
-                name: (one.dimensions, np.array(one[:], dtype=float), _unit(one))
+                name: (one.dimensions, _with_gaps(one[:]), _unit(one))
                 for name, one in file.variables.items()
                 if one.dimensions and one.data.dtype.kind in "fiu"
             }
@@ -139,6 +141,12 @@ def _netcdf(path: Path, time: str, key: str) -> Columns:
             column = f"{name}[{k}]" if len(dims) > 1 else name
             values[column], units[column] = row.tolist(), unit
     return Columns(instants.tolist(), values, units)
+
+
+def _with_gaps(values: np.ndarray) -> np.ndarray:
+    """Numbers of a NetCDF file, NaN where it has its fill value."""
+    found = np.ma.filled(np.ma.array(values, dtype=float), np.nan)
+    return np.where(np.isclose(found, _FILL, rtol=1e-6), np.nan, found)
 
 
 def _unit(variable: object) -> str:
@@ -261,6 +269,8 @@ class _Places:
             rows = found.setdefault(name, np.full((size, len(columns.time)), np.nan))
             factor = self.factor(quantity, self.unit_of(column, columns), column)
             rows[entry] = factor * np.asarray(columns.values[column])
+            if {column, name, f"{name}[{entry}]"} & set(self._table.unwrap):
+                rows[entry] = unwrapped(rows[entry])
         return found
 
     def unit_of(self, column: str, columns: Columns) -> str:

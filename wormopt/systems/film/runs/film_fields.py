@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,11 @@ from wormopt.systems.film.runs.film_flow import fluid_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene
 from wormopt.systems.film.shapes import Wave, grid
 from wormopt.systems.film.units import Fluid
+from wormopt.tables import Wrong, read_table
+from wormopt.units import parsed, scale
+
+# Units of values in files in SI scenes; a pressure is a multiple of P.
+_UNITS = {"pressure": "1", "field_squared": "A2 m-2", "field": "A m-1"}
 
 
 def field_of_scene(
@@ -56,32 +60,49 @@ def _pressure(values: np.ndarray, given: Any, fluid: Fluid | None) -> np.ndarray
 def _read(scene: Scene[FilmForwardScene], given: Any) -> np.ndarray:
     path = scene.folder / given.file
     if given.variable is None:
-        return _read_csv(path)
+        return _read_table(path, given.quantity, scene.table.units)
     values = Result.load(path)[given.variable].values
     if values.ndim != 1:
         raise ArgumentError(f"{given.variable} has {values.ndim} axes; a field over xi has one")
     return np.asarray(values, dtype=float)
 
 
-def _read_csv(path: Path) -> np.ndarray:
+def _read_table(path: Path, quantity: str, units: str) -> np.ndarray:
     """Last column of a table; where there are two, the first one is the phase."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if row]
-    try:
-        float(rows[0][-1])
-    except (ValueError, IndexError):
-        rows = rows[1:]  # a heading
-    try:
-        table = np.array([[float(cell) for cell in row] for row in rows])
-    except ValueError as error:
-        raise ArgumentError(f"{path.name} is no table of numbers: {error}") from None
-    if table.ndim != 2 or not 1 <= table.shape[1] <= 2:
+    wrong: list[Wrong] = []
+    table = read_table(path, wrong, named=False)
+    if wrong or table is None:
+        raise ArgumentError(f"{path.name}{wrong[0][1]}")
+    if table.texts:
+        named = ", ".join(sorted(table.texts))
+        raise ArgumentError(f"{path.name} is no table of numbers: column {named} holds text")
+    columns = [np.array(column) for column in table.values.values()]
+    if not 1 <= len(columns) <= 2:
         raise ArgumentError(f"{path.name} must have one column of values, or two: xi and values")
-    if table.shape[1] == 2:
-        wanted = grid(len(table))
-        if np.abs(table[:, 0] - wanted).max() > 1e-6 * 2 * math.pi:
+    for name, column in zip(table.values, columns, strict=True):
+        if not np.isfinite(column).all():
+            line = table.lines[int(np.flatnonzero(~np.isfinite(column))[0])]
+            raise ArgumentError(f"{path.name} line {line}, column {name}: a number is missing")
+    if len(columns) == 2:
+        wanted = grid(len(columns[0]))
+        if np.abs(columns[0] - wanted).max() > 1e-6 * 2 * math.pi:
             raise ArgumentError(
-                f"the phases in {path.name} must be 2 pi k / {len(table)} for k = 0, 1, ...: one "
-                "wavelength, its end left out"
+                f"the phases in {path.name} must be 2 pi k / {len(columns[0])} for k = 0, 1, ...: "
+                "one wavelength, its end left out"
             )
-    return table[:, -1]
+    name = list(table.values)[-1]
+    return columns[-1] * _size(table.units.get(name, "1"), quantity, units, path.name)
+
+
+def _size(unit: str, quantity: str, units: str, file: str) -> float:
+    """What values in a unit are multiplied by."""
+    if unit == "1":
+        return 1.0
+    wanted = _UNITS[quantity] if units == "SI" else "1"
+    try:
+        (size, dimension), (one, needed) = scale(unit), parsed(wanted)
+    except ValueError as error:
+        raise ArgumentError(f'{file}: "{unit}" {error}; write {wanted}') from None
+    if dimension != needed:
+        raise ArgumentError(f'{file}: "{unit}" is no unit of {quantity} here; write {wanted}')
+    return float(size / one)

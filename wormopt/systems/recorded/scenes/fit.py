@@ -40,9 +40,10 @@ Names = Annotated[
 class RecordingTable(Table, frozen=True, kw_only=True):
     """One run of the worm, as a file tells it: columns over time.
 
-    CSV files have a line with the names of columns, with units if wanted, `x0 [mm]`; what stands
-    above the line with the column of times is skipped. Empty cells are gaps. NetCDF-3 files,
-    `result.nc` of a scene say, have a dimension `time`.
+    Text files have a line with the names of columns, with units if wanted, `x0 [mm]`; what is
+    above the line with the column of times is skipped. Separators, decimal commas and the encoding
+    are recognised. Empty cells and `#N/A` are gaps. NetCDF-3 files, `result.nc` of a scene say,
+    have a dimension `time`.
     """
 
     file: Annotated[
@@ -73,6 +74,10 @@ class RecordingTable(Table, frozen=True, kw_only=True):
             "axis points back",
         ),
     ] = field(default_factory=dict)
+    unwrap: Annotated[
+        tuple[str, ...],
+        says("", "columns, or signals, that are angles recorded modulo a turn: turns are added"),
+    ] = ()
     window: Annotated[
         Span | None,
         says("", "the part that is used, [first, last], in the file's times; all if left out"),
@@ -133,6 +138,12 @@ class RecordingTable(Table, frozen=True, kw_only=True):
                 if column not in columns.values and column != self.time:
                     what = f"the file has no column {column}; {near(column, columns.values)}"
                     yield f"{key}.{name}.{column}", what
+        signals = {*self.columns.values(), *columns.values}
+        known = signals | {entry_of(signal)[0] for signal in signals}
+        for name in self.unwrap:
+            if name not in known:
+                what = f"the file has no column {name}; {near(name, columns.values)}"
+                yield f"{key}.unwrap", what
         for column in columns.texts & self.columns.keys():
             yield f"{key}.columns.{column}", "the column holds text, no numbers; leave it out"
         for column, unit in columns.units.items():
