@@ -12,7 +12,7 @@ import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -212,6 +212,7 @@ def _split(text: str) -> tuple[list[tuple[int, str]], list[tuple[int, str]]]:
     """Lines of the table, and remarks, each with its number."""
     lines: list[tuple[int, str]] = []
     remarks: list[tuple[int, str]] = []
+    text = text.replace("\u2212", "-")  # the minus sign of typesetters
     whole = [*enumerate(re.split(r"\r\n|\r|\n", text), 1)][::-1]
     while whole:
         number, line = whole.pop()
@@ -238,8 +239,7 @@ def _cells(line: str, separator: str) -> list[str]:
         found = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     else:
         found = [line.strip().strip('"')]
-    # typesetters have a minus sign of their own
-    return [" ".join(cell.split()).replace("\u2212", "-") for cell in found]
+    return [" ".join(cell.split()) if " " in cell or "\xa0" in cell else cell for cell in found]
 
 
 def _separator(lines: list[tuple[int, str]]) -> str:
@@ -365,14 +365,17 @@ def _has_decimal_commas(
     rows: list[Row], names: list[str], separator: str, wrong: list[Wrong]
 ) -> bool:
     """Whether numbers have decimal commas; a table with commas and points is refused."""
-    commas: list[tuple[int, str, str]] = []
-    points: list[tuple[int, str, str]] = []
-    for number, cells in rows:
-        for name, cell in zip(names, cells, strict=True):
-            if "," in cell and _COMMA.fullmatch(cell):
-                commas.append((number, name, cell))
-            elif "." in cell and _number(cell, comma=False) is not None:
-                points.append((number, name, cell))
+
+    def those(form: Callable[[str], object]) -> list[tuple[int, str, str]]:
+        return [
+            (number, name, cell)
+            for number, cells in rows
+            for name, cell in zip(names, cells, strict=True)
+            if form(cell)
+        ]
+
+    commas = those(lambda cell: "," in cell and _COMMA.fullmatch(cell))
+    points = commas and those(lambda c: "." in c and _number(c, comma=False) is not None)
     if commas and points:
         few, many = sorted((commas, points), key=len)
         (number, name, cell), (other, _, usual) = few[0], many[0]

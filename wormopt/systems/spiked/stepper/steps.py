@@ -5,7 +5,6 @@ And these steps as text: a CSV table for people and programs, a C table for a ti
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,6 +17,7 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import resolve
 from wormopt.systems.spiked.stepper.stepper import Stepper, demand
 from wormopt.systems.spiked.stretches import exact_degree
+from wormopt.tables import Wrong, parse_table
 
 # A level counts as crossed when passed by so much of a microstep: a length that only touches it
 # is not answered by a step to and fro at one instant.
@@ -275,24 +275,21 @@ def csv_text(steps: Steps) -> str:
 
 def read_csv(text: str) -> Steps:
     """Read back what `csv_text` wrote; raises ArgumentError if it is no such table."""
-    lines = text.splitlines()
-    head = dict(line[1:].split(":", 1) for line in lines if line.startswith("#") and ":" in line)
-    about = {name.strip(): value for name, value in head.items()}
-    rows = list(csv.reader(line for line in lines if not line.startswith("#")))
-    if not rows or rows[0] != ["time_s", "motor", "direction"]:
-        raise ArgumentError("no table of steps: no line time_s,motor,direction")
+    wrong: list[Wrong] = []
+    table = parse_table(text, wrong, time="time_s")
+    if table is None or wrong or list(table.values) != ["time_s", "motor", "direction"]:
+        why = wrong[0][1].strip() if wrong else "no line time_s,motor,direction"
+        raise ArgumentError(f"no table of steps: {why}")
+    about = dict(remark.split(":", 1) for remark in table.remarks if ":" in remark)
+    time, motor, direction = (np.array(column) for column in table.values.values())
+    if not all(map(float.is_integer, (*motor.tolist(), *direction.tolist()))):
+        raise ArgumentError("no table of steps: motors and directions are whole numbers")
     try:
-        columns = list(zip(*rows[1:], strict=True)) or [(), (), ()]
-        return Steps(
-            float(about["period_s"]),
-            float(about["travel_m"]),
-            np.array([float(v) for v in about["length_at_start_m"].split(",")]),
-            np.array([float(v) for v in columns[0]]),
-            np.array([int(v) for v in columns[1]], dtype=int),
-            np.array([int(v) for v in columns[2]], dtype=int),
-        )
+        start = np.array([float(v) for v in about["length_at_start_m"].split(",")])
+        period, travel = float(about["period_s"]), float(about["travel_m"])
     except (KeyError, ValueError) as error:
         raise ArgumentError(f"no table of steps: {error}") from None
+    return Steps(period, travel, start, time, motor.astype(int), direction.astype(int))
 
 
 def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
