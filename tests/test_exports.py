@@ -249,8 +249,9 @@ def test_a_gait_is_read_back_from_rows_at_ticks(
     rows = np.arange(124) / 100
     assert np.abs(back(rows) - gait(rows)).max() < 1e-15
     t = np.linspace(0.0, gait.period, 1999)
-    # at a break within a step a spline is off by at most the change of slope times the step
-    assert np.abs(back(t) - gait(t)).max() < 1.0 * 0.01**2
+    # where the acceleration jumps within a step, a spline is off by a part of jump * step²
+    jump = 2 * np.abs(gait(t, 2)).max()
+    assert np.abs(back(t) - gait(t)).max() < 0.05 * jump * 0.01**2
 
 
 def test_a_cycle_of_whole_ticks(walk: Result, tmp_path: Path):

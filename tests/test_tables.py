@@ -1,5 +1,6 @@
 """Tables in text files: what spreadsheets, loggers and programs write is read back."""
 
+import contextlib
 import csv
 import io
 import math
@@ -151,6 +152,40 @@ def test_a_typesetters_minus_is_a_minus():
     found = parse_table("time;x\n0;\u22121,5\n1;2\n", wrong, time="time")
     assert found is not None
     assert found.values["x"] == (-1.5, 2.0)
+
+
+PIECES = st.sampled_from(
+    [
+        *("0", "1.5", "2,5", "-3e-1", "1_0", "inf", "nan", "", "#N/A", "\u2212", "\ufeff"),
+        *("t", "time", "l_0 [mm]", "x\n", "# ", "%", "[", "]", "(", ")", "/"),
+        *('"', ";", ",", "\t", " ", "\n", "\n", "\r\n"),
+    ]
+)
+
+
+@settings(max_examples=examples(200))
+@given(text=st.lists(PIECES, max_size=30).map("".join), time=st.sampled_from(["", "time"]))
+def test_whatever_a_text_holds_is_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, text: str, time: str
+):
+    for named in (True, False):
+        wrong: list[Wrong] = []
+        found = parse_table(text, wrong, time=time, named=named)
+        assert found is not None or wrong
+        if found is not None:
+            assert {len(column) for column in found.values.values()} == {len(found.lines)}
+    path = gait_file(tmp_path_factory.mktemp("gait"), text)
+    with contextlib.suppress(ArgumentError):
+        assert wo.load_gait(path).period > 0
+
+
+@settings(max_examples=examples(100))
+@given(content=st.binary(max_size=60))
+def test_whatever_bytes_a_file_holds_they_are_read_or_refused(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes
+):
+    found, wrong = read(content, tmp_path_factory.mktemp("table"))
+    assert found is not None or wrong
 
 
 # -- gait tables -----------------------------------------------------------------------------------
@@ -312,6 +347,21 @@ def test_lengths_that_jump_are_refused_by_their_line(tmp_path: Path):
         wo.load_gait(gait_file(tmp_path, text))
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("# gait: length, cycle 1,2\ntime,length_0\n0,1\n0.4,1\n0.8,1\n", '"1,2" in a remark'),
+        ("# gait: length, cycle 9\ntime,length_0\n0,1\n0.4,1\n0.8,1\n", r"line 5: rows end"),
+        ("# gait: length, cycle 0.5\ntime,length_0\n0,1\n0.4,1\n0.8,1\n", "has 2 rows of numbers"),
+        ("t,l_0 [1e999 m]\n0,1\n0.4,1\n0.8,1\n1,1\n", "is too large or too small a size"),
+        ("t,l_0\n0,1\n0.4,1e40\n0.8,1\n1,1\n", r"line 3, column l_0: 1e\+40 is no size of a worm"),
+    ],
+)  # fmt: skip
+def test_cycles_and_sizes_that_cannot_be_are_refused(tmp_path: Path, text: str, said: str):
+    with pytest.raises(ArgumentError, match=rf"^gait\.csv.*{said}"):
+        wo.load_gait(gait_file(tmp_path, text))
+
+
 @settings(max_examples=examples(30))
 @given(
     cuts=st.lists(st.floats(0.05, 1.0), min_size=1, max_size=4),
@@ -387,6 +437,7 @@ def test_a_mask_is_not_dropped_anywhere():
         wo.Recording(
             np.ma.array([0.0, 1.0, 2.0], mask=[False, True, False]), {"x": [1.0, 2.0, 3.0]}
         )
+    assert np.isnan(wo.Variable("x", "1", ("n",), masked(DECAY)).values[1])
     with pytest.raises(ArgumentError, match="breaks must hold finite numbers"):
         wo.Gait(np.ma.array([0.0, 1.0], mask=[False, True]), np.ones((1, 1, 1)))
 

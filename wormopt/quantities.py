@@ -195,6 +195,8 @@ class Variable:
 def _storable(name: str, values: Any) -> np.ndarray:
     import numpy as np
 
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(float), np.nan)
     array = np.asarray(values)
     if array.dtype.kind == "f":
         return array.astype(np.float64)

@@ -121,9 +121,9 @@ def parse_table(
     TextTable or None
     """
     lines, remarks = _split(text)
+    empty = " is empty; write a header with the names of its columns, then the numbers"
     if not lines:
-        what = " is empty; write a header with the names of its columns, then the numbers"
-        wrong.append(("", what))
+        wrong.append(("", empty))
         return None
     try:
         separator = _separator(lines)
@@ -133,6 +133,9 @@ def parse_table(
         wrong.append(("", f" is no CSV text ({error}); save it as CSV text in UTF-8"))
         return None
     rows = [row for row in rows if any(row[1])]
+    if not rows:
+        wrong.append(("", empty))
+        return None
     head: Row | None = rows.pop(0) if first >= 0 else _remark_of_names(remarks, rows, time)
     if head is None and named:
         example = f"{time},position[0],position[1]" if time else "t,l_0,l_1"

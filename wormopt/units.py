@@ -169,6 +169,8 @@ def scale(unit: str) -> tuple[Fraction, Dimension]:
     factor = Fraction(found[1]) * size if found else size
     if not factor:
         raise ValueError("is no size")
+    if not 1e-300 < abs(factor) < 1e300:
+        raise ValueError("is too large or too small a size")
     return factor, dimension
 
 

@@ -21,6 +21,7 @@ _FEWEST_ROWS = 4
 _CLOSED = 1e-9
 # Instants so near to each other, in periods, are one.
 _AT_BREAK = 1e-13
+_LARGEST = 1e30
 # Part of a link's range by which a spline may leave the rows without a word.
 _FREE = 0.01
 # Places between two rows at which a spline is compared with them.
@@ -68,13 +69,15 @@ def read_gait(
         if name in table.texts:
             raise ArgumentError(f"{path.name}: column {name} holds text, no numbers; remove it")
     try:
-        pace = _factor(time, "s", table, units)
-        t = pace * np.array(table.values[time])
-        lengths = np.array(
-            [_factor(n, "m", table, units) * np.array(table.values[n]) for n in columns]
-        )
-        end = None if cycle is None else float(cycle[0]) * _size(cycle[1], "s", units)
-        rows = _Rows(t, lengths, table.lines, tuple(columns), time)
+        factors = [_factor(time, "s", table, units)]
+        factors += [_factor(name, "m", table, units) for name in columns]
+        with np.errstate(over="ignore"):  # what is too large is refused below
+            values = [
+                f * np.array(table.values[n])
+                for f, n in zip(factors, [time, *columns], strict=True)
+            ]
+        end = None if cycle is None else _cycle(cycle[0]) * _size(cycle[1], "s", units)
+        rows = _Rows(values[0], np.array(values[1:]), table.lines, tuple(columns), time)
         return rows.closed(end).joined()
     except ArgumentError as error:
         raise ArgumentError(f"{path.name}{error}") from None
@@ -112,6 +115,16 @@ def _factor(name: str, wanted: str, table: TextTable, units: str) -> float:
         raise ArgumentError(f" line {table.head}, column {name}: {error}") from None
 
 
+def _cycle(text: str) -> float:
+    try:
+        found = float(text)
+    except ValueError:
+        found = math.nan
+    if not found > 0 or math.isinf(found):
+        raise ArgumentError(f': "{text}" in a remark is no cycle; write a number above 0')
+    return found
+
+
 def _size(unit: str, wanted: str, units: str) -> float:
     if unit in ("", "1"):
         return 1.0
@@ -147,6 +160,10 @@ class _Rows:
     def closed(self, cycle: float | None) -> _Rows:
         """Rows over one closed period, checked; the last one repeats the first."""
         t, lengths, lines = self.t, self.lengths, list(self.lines)
+        if cycle is not None:
+            kept = ~(t > cycle * (1 + _CLOSED))
+            t, lengths = t[kept], lengths[:, kept]
+            lines = [line for line, keep in zip(lines, kept, strict=True) if keep]
         if len(t) < (_FEWEST_ROWS if cycle is None else _FEWEST_ROWS - 1):
             raise ArgumentError(
                 f" has {len(t)} rows of numbers; write at least {_FEWEST_ROWS} rows"
@@ -160,6 +177,15 @@ class _Rows:
                     f" line {lines[k]}: time {t[k]:g}; times must ascend from 0, write rows in "
                     "order of time"
                 )
+        sizes = np.abs(np.vstack([t, lengths]).T)
+        far = np.argwhere((sizes > _LARGEST) | ((sizes > 0) & (sizes < 1 / _LARGEST)))
+        if far.size:
+            row, column = far[0]
+            raise ArgumentError(
+                f" line {lines[row]}, column {(self.time, *self.names)[column]}: "
+                f"{sizes[row, column]:g} is no size of a worm; numbers go from {1 / _LARGEST:g} "
+                f"to {_LARGEST:g}"
+            )
         bad = np.argwhere(lengths.T <= 0)
         if bad.size:
             row, link = bad[0]
@@ -167,9 +193,7 @@ class _Rows:
                 f" line {lines[row]}, column {self.names[link]}: {lengths[link, row]:g}; link "
                 "lengths must be positive"
             )
-        if cycle is not None and cycle > 0:
-            kept = t <= cycle * (1 + _CLOSED)
-            t, lengths = t[kept], lengths[:, kept]
+        if cycle is not None:
             if t[-1] >= cycle * (1 - _CLOSED):
                 t = np.append(t[:-1], cycle)
             elif cycle - t[-1] > 2 * np.diff(t).max():
