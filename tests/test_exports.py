@@ -261,7 +261,7 @@ def test_a_cycle_of_whole_ticks(walk: Result, tmp_path: Path):
     )
     text = file.read_text("utf-8")
     assert "# gait: length, cycle 1.24 s" in text
-    assert "# cycle of 1.24 s, a multiple of the step, for 1.23333333333333" in text
+    assert "# cycle of 1.24 s, a multiple of the step, instead of 1.23333333333333" in text
     table = columns(text)
     assert list(table) == ["time [s]", "length_0 [m]", "length_1 [m]"]
     assert table["time [s]"].tolist() == [k / 100 for k in range(125)]

@@ -80,7 +80,8 @@ class Course:
         if cycle == self.gait.period:
             return self
         unit = "" if self.time_unit == "1" else f" {self.time_unit}"
-        said = f"cycle of {cycle!r}{unit}, a multiple of the step, for {self.gait.period!r}{unit}"
+        before = f"{self.gait.period!r}{unit}"
+        said = f"cycle of {cycle!r}{unit}, a multiple of the step, instead of {before}"
         return replace(self, gait=self.gait.with_period(cycle), remarks=(*self.remarks, said))
 
     @property
