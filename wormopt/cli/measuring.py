@@ -10,7 +10,7 @@ from typing import Any
 
 from wormopt.bench import CASES
 from wormopt.bench.stress import GROUPS
-from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, NOT_SOLVED, say
+from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, NOT_SOLVED, check_backend, say
 from wormopt.errors import OutputError
 from wormopt.progress import shown_on_stderr
 
@@ -105,6 +105,7 @@ def _bench(options: argparse.Namespace) -> int:
         return BAD_INPUT
     if options.against:
         return _against(options, cases)
+    check_backend()
     from wormopt.bench import history, page
     from wormopt.bench.run import bench, machine, ratios, table
 
