@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NoReturn
 
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
@@ -144,99 +145,104 @@ def _size(unit: str, wanted: str, units: str) -> float:
 # -- rows ------------------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True, eq=False)
 class _Rows:
-    """Times (m,) and lengths (n, m), NaN for gaps, and the lines they are in."""
+    """Times (m,) and lengths (n, m), NaN for gaps, and where they are in the file."""
 
-    def __init__(
-        self,
-        t: np.ndarray,
-        lengths: np.ndarray,
-        lines: Sequence[int],
-        names: tuple[str, ...],
-        time: str,
-    ) -> None:
-        self.t, self.lengths, self.lines, self.names, self.time = t, lengths, lines, names, time
+    t: np.ndarray
+    lengths: np.ndarray
+    lines: Sequence[int]
+    names: tuple[str, ...]
+    time: str
 
     def closed(self, cycle: float | None) -> _Rows:
         """Rows over one closed period, checked; the last one repeats the first."""
-        t, lengths, lines = self.t, self.lengths, list(self.lines)
-        if cycle is not None:
-            kept = ~(t > cycle * (1 + _CLOSED))
-            t, lengths = t[kept], lengths[:, kept]
-            lines = [line for line, keep in zip(lines, kept, strict=True) if keep]
-        if len(t) < (_FEWEST_ROWS if cycle is None else _FEWEST_ROWS - 1):
-            raise ArgumentError(
-                f" has {len(t)} rows of numbers; write at least {_FEWEST_ROWS} rows"
-            )
+        rows = self if cycle is None else self.within(cycle)
+        if len(rows.t) < (_FEWEST_ROWS if cycle is None else _FEWEST_ROWS - 1):
+            count = f"{len(rows.t)} row{'s' * (len(rows.t) != 1)}"
+            raise ArgumentError(f" has {count} of numbers; write at least {_FEWEST_ROWS} rows")
+        rows.check()
+        return (rows if cycle is None else rows.up_to(cycle)).repeating()
+
+    def within(self, cycle: float) -> _Rows:
+        """Rows up to the end of a cycle, which a file may go on behind."""
+        kept = np.flatnonzero(~(self.t > cycle * (1 + _CLOSED)))
+        lines = [self.lines[k] for k in kept.tolist()]
+        return replace(self, t=self.t[kept], lengths=self.lengths[:, kept], lines=lines)
+
+    def check(self) -> None:
+        """Refuse times that do not ascend from 0, and lengths that no link has."""
+        t, lines = self.t, self.lines
         for k in range(len(t)):
             if not math.isfinite(t[k]):
-                raise ArgumentError(f" line {lines[k]}, column {self.time}: the time is missing; "
-                                    "write it, all times must be finite")  # fmt: skip
+                what = "the time is missing; write it, all times must be finite"
+                raise ArgumentError(f" line {lines[k]}, column {self.time}: {what}")
             if t[0] != 0 or (k and t[k] < t[k - 1]):
-                raise ArgumentError(
-                    f" line {lines[k]}: time {t[k]:g}; times must ascend from 0, write rows in "
-                    "order of time"
-                )
-        sizes = np.abs(np.vstack([t, lengths]).T)
+                what = f"time {t[k]:g}; times must ascend from 0, write rows in order of time"
+                raise ArgumentError(f" line {lines[k]}: {what}")
+        values = np.vstack([t, self.lengths]).T
+        sizes = np.abs(values)
         far = np.argwhere((sizes > _LARGEST) | ((sizes > 0) & (sizes < 1 / _LARGEST)))
         if far.size:
-            row, column = far[0]
-            raise ArgumentError(
-                f" line {lines[row]}, column {(self.time, *self.names)[column]}: "
-                f"{sizes[row, column]:g} is no size of a worm; numbers go from {1 / _LARGEST:g} "
-                f"to {_LARGEST:g}"
-            )
-        bad = np.argwhere(lengths.T <= 0)
-        if bad.size:
-            row, link = bad[0]
-            raise ArgumentError(
-                f" line {lines[row]}, column {self.names[link]}: {lengths[link, row]:g}; link "
-                "lengths must be positive"
-            )
-        if cycle is not None:
-            if t[-1] >= cycle * (1 - _CLOSED):
-                t = np.append(t[:-1], cycle)
-            elif cycle - t[-1] > 2 * np.diff(t).max():
-                raise ArgumentError(
-                    f" line {lines[len(t) - 1]}: rows end at {t[-1]:g}, the cycle at {cycle:g}; "
-                    "write rows up to its end"
-                )
-            else:
-                t, lengths = np.append(t, cycle), np.hstack([lengths, lengths[:, :1]])
-                lines.append(lines[0])
-        for link, name in enumerate(self.names):
+            what = f"is no size of a worm; numbers go from {1 / _LARGEST:g} to {_LARGEST:g}"
+            self._refuse(values, far[0], what)
+        low = np.argwhere((values <= 0) & (np.arange(values.shape[1]) > 0))
+        if low.size:
+            self._refuse(values, low[0], "is no length of a link, which must be positive")
+
+    def _refuse(self, values: np.ndarray, place: np.ndarray, what: str) -> NoReturn:
+        row, column = place
+        name = (self.time, *self.names)[column]
+        raise ArgumentError(
+            f" line {self.lines[row]}, column {name}: {values[row, column]:g} {what}"
+        )
+
+    def up_to(self, cycle: float) -> _Rows:
+        """Rows up to the end of a cycle, where the lengths of the first row return."""
+        t, end = self.t, self.t[-1]
+        if end >= cycle * (1 - _CLOSED):
+            return replace(self, t=np.append(t[:-1], cycle))
+        if cycle - end > 2 * np.diff(t).max():
+            what = f"rows end at {end:g}, the cycle at {cycle:g}; write rows up to its end"
+            raise ArgumentError(f" line {self.lines[-1]}: {what}")
+        lengths = np.hstack([self.lengths, self.lengths[:, :1]])
+        return replace(
+            self, t=np.append(t, cycle), lengths=lengths, lines=[*self.lines, self.lines[0]]
+        )
+
+    def repeating(self) -> _Rows:
+        """Rows of which the last repeats the first exactly; instants with two rows are breaks."""
+        t, lengths, lines = self.t.copy(), self.lengths.copy(), self.lines
+        for name, row in zip(self.names, lengths, strict=True):
             for k in (0, -1):
-                if np.isnan(lengths[link, k]):
-                    raise ArgumentError(
-                        f" line {lines[k]}, column {name}: the length is missing; write it in the "
-                        "first row and in the last"
-                    )
-        size = np.nanmax(np.abs(lengths))
+                if np.isnan(row[k]):
+                    what = "the length is missing; write it in the first row and in the last"
+                    raise ArgumentError(f" line {lines[k]}, column {name}: {what}")
+        free = _CLOSED * np.nanmax(np.abs(lengths))
         apart = np.abs(lengths[:, -1] - lengths[:, 0])
-        if apart.max() > _CLOSED * size:
+        if apart.max() > free:
             link = int(apart.argmax())
             raise ArgumentError(
-                f" line {lines[len(t) - 1]}, column {self.names[link]}: {lengths[link, -1]:g}, "
-                f"where the first row has {lengths[link, 0]:g}; the last row must repeat the "
-                "first: one closed period"
+                f" line {lines[-1]}, column {self.names[link]}: {lengths[link, -1]:g}, where the "
+                f"first row has {lengths[link, 0]:g}; the last row must repeat the first: one "
+                "closed period"
             )
-        lengths = lengths.copy()
         lengths[:, -1] = lengths[:, 0]
         # tables of pandas have breaks the last digit apart
         near = np.flatnonzero(np.diff(t) < _AT_BREAK * t[-1])
         t[near] = t[near + 1]
-        twice = np.flatnonzero(np.diff(t) == 0)
-        for k in twice:
+        for k in near.tolist():
             before, after = lengths[:, k], lengths[:, k + 1]
-            if np.any(np.abs(after - before) > _CLOSED * size):
+            if np.any(np.abs(after - before) > free):
                 raise ArgumentError(
                     f" line {lines[k + 1]}: time {t[k]:g} stands twice, and the lengths jump; "
                     "times must ascend, each once but for breaks of the rates"
                 )
             lengths[:, k] = lengths[:, k + 1] = np.where(np.isnan(before), after, before)
-        if np.any(np.diff(twice) == 1):
-            raise ArgumentError(f" line {lines[twice[0]]}: time {t[twice[0]]:g} stands three times")
-        return _Rows(t, lengths, lines, self.names, self.time)
+        if np.any(np.diff(near) == 1):
+            k = int(near[np.argmax(np.diff(near) == 1)])
+            raise ArgumentError(f" line {lines[k]}: time {t[k]:g} stands three times; keep two")
+        return replace(self, t=t, lengths=lengths)
 
     def joined(self) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
         """Breaks, polynomials (pieces, n, 4), and warnings."""
@@ -260,7 +266,7 @@ class _Rows:
         self, link: int, there: np.ndarray, breaks: np.ndarray
     ) -> tuple[np.ndarray, list[str]]:
         t, lengths = self.t[there], self.lengths[link, there]
-        lines, name = np.array(self.lines)[: len(self.t)][there], self.names[link]
+        lines, name = np.array(self.lines)[there], self.names[link]
         size = max(float(np.ptp(lengths)), _CLOSED * float(lengths.max()))
         ends = [0, *(np.flatnonzero(np.diff(t) == 0) + 1), len(t)]
         found, said = np.empty((len(breaks) - 1, 4)), list[str]()
