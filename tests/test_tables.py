@@ -332,6 +332,16 @@ def test_a_gait_table_of_a_spreadsheet_is_read(tmp_path: Path):
         )
 
 
+@pytest.mark.parametrize("suffix", [".txt", ".TSV", ".dat"])
+def test_text_of_other_names_is_a_table_too(tmp_path: Path, suffix: str):
+    """Spreadsheets call what is parted by tabs .txt."""
+    gait_file(tmp_path, f"t [ms];l_0 [mm];l_1 [mm]\n{SMOOTH}".replace(";", "\t").encode("utf-16"))
+    (tmp_path / "gait.csv").rename(tmp_path / f"gait{suffix}")
+    scene = scene_of(tmp_path, "SI")
+    scene["gait"]["file"] = f"{tmp_path}/gait{suffix}"
+    assert wo.run(scene).scalars["period"].value == pytest.approx(1.2)
+
+
 def test_an_instant_with_two_rows_is_a_break_of_the_rates(tmp_path: Path):
     """A triangle: the rate is 1, then -1, and no spline rounds its corners."""
     text = "t,l_0\n0,1\n0.25,1.25\n0.5,1.5\n0.5,1.5\n0.75,1.25\n1,1\n"
@@ -498,7 +508,12 @@ def test_angles_within_a_turn_are_unwrapped_on_request():
     run = wo.Recording(time, {"phi": seen}, x0={"phi": 0.3})
     (said,) = run.warnings
     assert "phi[0] jumps by about 2π" in said
-    assert 'write unwrap = ["phi"]' in said
+    assert 'unwrap = ["phi"]' in said
+    (said,) = wo.Recording(time, {"phi": np.rad2deg(seen)}).warnings
+    assert "phi[0] jumps by about 360" in said
+    assert wo.Recording(time, {"phi": np.cos(0.4 * time)}).warnings == ()
+    drawn = np.random.default_rng(0).uniform(-np.pi, np.pi, (50, 81))
+    assert all(wo.Recording(time, {"phi": row}).warnings == () for row in drawn)
     run = wo.Recording(time, {"phi": seen}, x0={"phi": 0.3}, unwrap=["phi"])
     assert run.warnings == ()
     there = np.isfinite(seen)
@@ -587,7 +602,15 @@ def test_a_field_in_another_unit_is_refused(tmp_path: Path):
 # -- pictures without a backend --------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("command", ["run", "sweep", "plot", "report"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run",
+        "plot",
+        pytest.param("sweep", marks=pytest.mark.slow),
+        pytest.param("report", marks=pytest.mark.slow),
+    ],
+)
 def test_a_backend_that_is_not_there_is_refused_before_the_work(command: str, tmp_path: Path):
     """In a process of its own, as Matplotlib takes the backend when it is loaded."""
     wo.Result("walk", "gait").save(tmp_path)

@@ -18,6 +18,8 @@ from pathlib import Path
 
 from wormopt.units import scale
 
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
+"""What names of text files with tables end in, where results are read, too."""
 _SPREADSHEET_ERRORS = tuple(
     "#n/a #na #nv #n/d #null! #div/0! #value! #wert! #ref! #bezug! #name? #num! #zahl!".split()
 )

@@ -18,7 +18,7 @@ from wormopt.model.values import numbers
 # Readings so many times larger than others are told: a factor of 1000 is a unit mistaken.
 APART = 1000.0
 # Fewer readings do not show whether they are angles that jump by a turn.
-_FEWEST_ANGLES = 5
+_FEWEST_ANGLES, _MANY_ANGLES = 5, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +133,15 @@ class Recording:
             if still:
                 entries = ", ".join(f"{name}[{k}]" for k in still)
                 told.append(f"{self.name}: {entries} keeps one value all the time")
-            wrapped = [k for k, row in enumerate(rows) if _is_wrapped(row)]
-            if wrapped:
-                entries = ", ".join(f"{name}[{k}]" for k in wrapped)
-                told.append(
-                    f"{self.name}: {entries} jumps by about 2π, as angles do that are recorded "
-                    f'modulo a turn; write unwrap = ["{name}"] if it is one'
-                )
+            for turn, words in ((2 * np.pi, "2π"), (360.0, "360")):
+                wrapped = [k for k, row in enumerate(rows) if _is_wrapped(row, turn)]
+                if wrapped:
+                    entries = ", ".join(f"{name}[{k}]" for k in wrapped)
+                    told.append(
+                        f"{self.name}: {entries} jumps by about {words}, as angles do that are "
+                        f"recorded modulo a turn; if it is one, write it in rad, and "
+                        f'unwrap = ["{name}"]'
+                    )
             sizes = np.array([np.nanmax(np.abs(row), initial=0.0) for row in rows])
             moving = sizes[sizes > 0]
             if moving.size and moving.max() > APART * moving.min():
@@ -184,13 +186,15 @@ def unwrapped(row: np.ndarray) -> np.ndarray:
     return found
 
 
-def _is_wrapped(row: np.ndarray) -> bool:
+def _is_wrapped(row: np.ndarray, turn: float) -> bool:
     """Whether readings within a turn jump by about a turn, and are smooth without these jumps."""
     there = row[np.isfinite(row)]
-    if there.size < _FEWEST_ANGLES or np.ptp(there) > 2 * np.pi * (1 + 1e-9):
+    if there.size < _FEWEST_ANGLES or np.ptp(there) > turn * (1 + 1e-9):
         return False
-    steps, smooth = np.abs(np.diff(there)), np.abs(np.diff(np.unwrap(there)))
-    return bool(steps.max() > np.pi and smooth.max() < np.pi / 2)
+    steps, smooth = np.abs(np.diff(there)), np.abs(np.diff(np.unwrap(there, period=turn)))
+    # of readings at random, many go by nearly half a turn
+    most = 0.375 if there.size >= _MANY_ANGLES else 0.25
+    return bool(steps.max() > turn / 2 and smooth.max() < most * turn)
 
 
 def _still(row: np.ndarray) -> bool:

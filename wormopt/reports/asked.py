@@ -73,7 +73,7 @@ def again_html(result: Result) -> str:
     text, name = toml_text(raw), re.sub(r"[^\w-]+", "_", result.scene, flags=re.ASCII) or "scene"
     link = base64.b64encode(text.encode()).decode()
     verb = "sweep" if result.kind == "sweep" else "run"
-    beside = sorted(set(re.findall(r"[\w.-]+\.(?:py|nc|csv|toml)\b", json.dumps(raw))))
+    beside = sorted(set(re.findall(r"[\w.-]+\.(?:py|nc|csv|txt|tsv|dat|toml)\b", json.dumps(raw))))
     needs = f" Beside it must lie {escaped(', '.join(beside))}." if beside else ""
     return (
         f'<p>Save the scene as <a download="{name}.toml" href="data:application/toml;base64,'

@@ -10,6 +10,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.gait import Gait
 from wormopt.result import Result
+from wormopt.tables import SUFFIXES
 
 _DIMS = {
     "breaks": ("gait_break",),
@@ -50,7 +51,7 @@ def load_gait(
     Parameters
     ----------
     path : str or Path
-        A ``.csv`` file, a ``result.nc``, or a result's folder.
+        A text file (``.csv``, ``.txt``, ``.tsv``, ``.dat``), a ``result.nc``, or a result's folder.
     point : int, optional
         Of a front (kind ``gait-pareto``) the point, from 0, the slowest; its knee if left out.
     units : {"dimensionless", "SI"}, optional
@@ -69,7 +70,7 @@ def load_gait(
         If it is neither a gait table nor a result with a gait, has no such point, or other units.
     """
     path = Path(path)
-    if path.suffix.lower() == ".csv":
+    if path.suffix.lower() in SUFFIXES:
         if point is not None:
             raise ArgumentError("a gait table holds one gait; leave out point")
         return Gait.from_csv(path, units=units or "SI")

@@ -20,6 +20,7 @@ from wormopt.scene.types import (
 )
 from wormopt.systems.film.scenes.film import FilmTable, Permeability, Share, SharePair
 from wormopt.systems.spiked import why_unreadable
+from wormopt.tables import SUFFIXES
 
 Samples = Annotated[
     tuple[Finite, ...],
@@ -57,7 +58,8 @@ class FieldTable(Table, frozen=True, kw_only=True):
         Name | None,
         says(
             "",
-            "a .csv file (one column, or *ξ* and the values; a heading is passed over), or an "
+            "a table (`.csv`, `.txt`, `.tsv`, `.dat`: one column, or *ξ* and the values, units in "
+            "the head are converted), or an "
             "earlier result, its folder or its `result.nc`",
         ),
     ] = None
@@ -92,13 +94,13 @@ class FieldTable(Table, frozen=True, kw_only=True):
             yield "field.mu_r", f"{what}; leave it out"
 
     def _faults_of_file(self, name: str, folder: Path) -> Iterator[Fault]:
-        path, is_csv = folder / name, name.lower().endswith(".csv")
+        path, is_table = folder / name, name.lower().endswith(SUFFIXES)
         unreadable = why_unreadable(path / "result.nc" if path.is_dir() else path)
         if unreadable:
             yield "field.file", f'"{name}" cannot be read from {folder}: {unreadable}'
-        if is_csv and self.variable is not None:
-            yield "field.variable", "belongs to an earlier result; a .csv file has columns only"
-        if not is_csv and self.variable is None:
+        if is_table and self.variable is not None:
+            yield "field.variable", "belongs to an earlier result; a table has columns only"
+        if not is_table and self.variable is None:
             yield "field.variable", "missing; write which variable of the result the field is"
 
 

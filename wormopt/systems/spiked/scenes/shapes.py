@@ -11,6 +11,7 @@ from msgspec import Meta
 
 from wormopt.errors import ArgumentError, Fault
 from wormopt.scene.types import Finite, Pair, Positive, Table, says, wrong_order
+from wormopt.tables import SUFFIXES
 
 Elongation = Annotated[float, Meta(gt=0, lt=0.5, description="a number above 0 and below 0.5")]
 Ramp = Annotated[float, Meta(ge=0, le=0.5, description="a number from 0 to 0.5")]
@@ -146,8 +147,8 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
         GaitPath,
         says(
             "",
-            "table `t,l_0,l_1,...` (`.csv`), or the `result.nc` of any scene with a gait; "
-            "relative to the scene's folder",
+            "table `t,l_0,l_1,...` (`.csv`, `.txt`, `.tsv`, `.dat`), or the `result.nc` of any scene "
+            "with a gait; relative to the scene's folder",
         ),
     ]
     point: Annotated[
@@ -165,19 +166,21 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
         Whether it has `links` links shows only when it is read.
         """
         path = folder / self.file
-        if path.suffix.lower() not in (".csv", ".nc"):
-            yield f"{key}.file", f'"{self.file}" ends in neither .csv nor .nc'
+        is_table = path.suffix.lower() in SUFFIXES
+        if not is_table and path.suffix.lower() != ".nc":
+            what = f'"{self.file}" ends in neither .csv nor .nc, {", ".join(SUFFIXES[1:])}'
+            yield f"{key}.file", what
             return
         unreadable = why_unreadable(path)
         if unreadable:
             yield f"{key}.file", f'"{self.file}" cannot be read from {folder}: {unreadable}'
-        if self.point is not None and path.suffix.lower() == ".csv":
+        if self.point is not None and is_table:
             yield f"{key}.point", "a table holds one gait; leave it out"
 
     def file_warnings(self, folder: Path, units: str) -> Iterator[str]:
         """Yield what to know about how a table is interpolated."""
         path = folder / self.file
-        if path.suffix.lower() == ".csv":
+        if path.suffix.lower() in SUFFIXES:
             from wormopt.model.gait_table import read_gait
 
             with suppress(OSError, ArgumentError):  # which the run reports
