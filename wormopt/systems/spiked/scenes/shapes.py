@@ -147,8 +147,8 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
         GaitPath,
         says(
             "",
-            "table `t,l_0,l_1,...` (`.csv`, `.txt`, `.tsv`, `.dat`), or the `result.nc` of any scene "
-            "with a gait; relative to the scene's folder",
+            "table `t,l_0,l_1,...` (`.csv`, `.txt`, `.tsv`, `.dat`), or the `result.nc` of any "
+            "scene with a gait; relative to the scene's folder",
         ),
     ]
     point: Annotated[
