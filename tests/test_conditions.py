@@ -251,6 +251,15 @@ def test_a_condition_that_is_0_for_a_while(route):
         assert found.end == pytest.approx([right[0], right[1]], abs=1e-9)
 
 
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_condition_that_another_one_carries_past_its_limit(route):
+    """Nothing slides where time, or another condition, changes what is compared."""
+    rises = scalar(ca.if_else(x < ca.floor(t), 1.0, 0.25))  # 0.25 at 1, 1 at 1.75
+    assert wo.simulate(rises, 2.0, route=route).end[0] == pytest.approx(1.0625, rel=1e-12)
+    steps = scalar(1 + (ca.floor(x) <= ca.fmod(x, 1.5)))  # 2 but from 1.5 to 2.5, and from 3
+    assert wo.simulate(steps, 2.0, route=route).end[0] == pytest.approx(2.75, rel=1e-11)
+
+
 def test_a_start_where_a_condition_of_time_has_just_begun():
     """At 0 the sign of time is 0, and 1 from then on: what depends on it begins with that."""
     nested = ca.if_else(ca.sign(t) * 0.5 < ca.fmax(0.3, x), 1.0, 2.0)

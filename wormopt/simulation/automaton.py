@@ -181,12 +181,12 @@ class _Motion:
         if located.step is not None:
             self._take(located.step)
             self._watch.raise_levels(self._t, self._x)
-        if crossing.which >= self._watch.n_contacts and crossing.level != 0 and located.arrived:
-            raise GivenUp("events_accumulate")  # it has fired and not been above 0 since
+        k = crossing.which - self._watch.n_contacts
+        if k >= 0 and located.arrived and self._watch.fires_in_vain(k, self._t, crossing):
+            raise GivenUp("events_accumulate")
         if located.arrived:
             self._count_crowd()
             self._columns.leave(crossing.which, self._t, self._x, self._watch.grazes)
-            k = crossing.which - self._watch.n_contacts
             if k < 0:
                 self._decide(crossing.which)
             else:

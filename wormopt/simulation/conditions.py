@@ -380,10 +380,11 @@ class _Graph:
         held = ca.vertcat(*(c.symbol for c in known))
         values = ca.vertcat(*(c.value for c in known))
         guards = ca.vertcat(*(c.kind.guard(*arguments[c.at]) for c in known))
+        all_ = ca.vertcat(expressions, guards)  # no guard may jump either
         guards = ca.substitute(guards, held, values)
         look = ca.Function("look", [self._symbols], [values, guards])
         slopes = ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)])
-        right = ca.Function("right", [self._symbols, held], [expressions])
+        right = ca.Function("right", [self._symbols, held], [all_])
         return [c for k, c in enumerate(known) if self._jumps(k, c.kind, look, slopes, right)]
 
     def _jumps(

@@ -68,6 +68,8 @@ class Watch:
         self._levels = np.zeros(self.n)
         # a switch that has fired has level 0 again once its guard has fallen by more than this
         self._passed = np.zeros(len(system.model.switches))
+        # switches that are crossed, and last fired because their guards jumped
+        self._jumped = np.zeros(len(system.model.switches), dtype=bool)
         self._fired = np.full(len(system.model.switches), -np.inf)  # when each last did
         if self.n:
             reach = ("reach", task.reach[:, : self.n_contacts].ravel())
@@ -137,10 +139,20 @@ class Watch:
         lies between two numbers. The step of length `h` was to go much further.
         """
         rate = self._rate(k, t, x)
-        if rate < 0 and t - self._fired[k] <= _SAMPLES[1] * h:
+        crosses = self._task.system.model.switches[k].crosses
+        if rate < 0 and not crosses and t - self._fired[k] <= _SAMPLES[1] * h:
             raise GivenUp("events_accumulate")
         off = abs(self.value(self.n_contacts + k, t, x))
         return 2 * off + abs(rate) * floor_of_step(self._task, t), abs(rate)
+
+    def fires_in_vain(self, k: int, t: float, crossing: Crossing) -> bool:
+        """Whether a switch has fired and not been above 0 since.
+
+        One that is crossed may have been 0 for a while, and its guard may have jumped.
+        """
+        if self._task.system.model.switches[k].crosses:
+            return not self._jumped[k] and t - self._fired[k] <= floor_of_step(self._task, t)
+        return crossing.level != 0
 
     def _rate(self, k: int, t: float, x: np.ndarray) -> float:
         """Time derivative of the guard of switch `k`."""
@@ -160,9 +172,11 @@ class Watch:
         value, now = self.value(which, t, x), self._rate(k, t, x)
         crosses = self._task.system.model.switches[k].crosses
         near, rises = value >= -residual, now > 1e-9 * rate
-        if crosses and near and rises:
+        jumped = error == (0.0, 0.0)
+        if crosses and not jumped and abs(value) <= residual and rises:
             raise GivenUp("events_accumulate")
-        again = not rises if crosses else now < -1e-9 * rate
+        again = crosses or now < -1e-9 * rate
+        self._jumped[k] = jumped and crosses
         self._levels[which] = 2 * min(value, 0.0) - 1e-300 if again and near else -np.inf
         self._passed[k], self._fired[k] = residual, t
 

@@ -233,16 +233,18 @@ void decide_modes(Run *run, long long forced, int record) {
 /* A switch that has fired may do so again at once if its guard falls now, be it from a rounding
    error above 0: a ball that bounces lower and lower must not fall through the floor. Else it does
    once its guard was below 0 by more than that error. `rate` is that of the guard as it fired. */
-static void note_fired(Run *run, long long which, double residual, double rate) {
+static void note_fired(Run *run, long long which, double residual, double rate, int jumped) {
     event_values(run, run->out.t, run->out.x, run->value);
     const double value = run->value[which];
     const long long k = which - n_exact(run);
     const int falls = run->guard[run->in.n_switches + k] < -1e-9 * rate;
     const int near = value >= -residual; /* left clearly above 0, it must come from below */
     const int rises = run->guard[run->in.n_switches + k] > 1e-9 * rate;
-    const int again = run->in.crosses[k] ? !rises : falls;
+    const int again = run->in.crosses[k] || falls;
     run->level[which] = again && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
-    if (run->in.crosses[k] && near && rises) run->out.status = EVENTS_ACCUMULATE;
+    if (run->in.crosses[k] && !jumped && fabs(value) <= residual && rises)
+        run->out.status = EVENTS_ACCUMULATE;
+    run->jumped[k] = jumped && run->in.crosses[k];
     run->passed[k] = residual, run->fired[k] = run->out.t;
 }
 
@@ -263,7 +265,7 @@ void apply_event(Run *run, long long which, int jumped) {
     memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
     note_event(run, run->in.n_contacts + k, SWITCH, 0.0);
     decide_modes(run, -1, 1);
-    note_fired(run, which, residual, rate);
+    note_fired(run, which, residual, rate, jumped);
     if (run->in.terminal[k] && run->out.status == RUNNING) run->out.status = DONE;
 }
 

@@ -128,6 +128,15 @@ static void start_afresh(Run *run) {
     derivative(run, run->out.t, run->out.x, run->k[0]);
 }
 
+/* Whether a switch has fired and not been above 0 since; one that is crossed may have been 0 for a
+   while, and its guard may have jumped. */
+static int fires_in_vain(Run *run, double h, long long which) {
+    const long long k = which - n_exact(run);
+    if (run->in.crosses[k])
+        return !run->jumped[k] && run->out.t - run->fired[k] <= floor_of_step(run);
+    return run->level[which] != 0.0 || fires_by_rounding(run, h, which);
+}
+
 static void go_to_event(Run *run, double h, double theta, long long which) {
     double length = theta * h;
     run->grazing = run->in.k && grazes(run, h, theta, which);
@@ -138,8 +147,7 @@ static void go_to_event(Run *run, double h, double theta, long long which) {
         emit(run, length, run->out.t + length);
         take_over(run, run->out.t + length);
     }
-    if (which >= n_exact(run) && (run->level[which] != 0.0 || fires_by_rounding(run, h, which)))
-        run->out.status = EVENTS_ACCUMULATE; /* it has fired and not been above 0 since */
+    if (which >= n_exact(run) && fires_in_vain(run, h, which)) run->out.status = EVENTS_ACCUMULATE;
     if (run->out.t - run->crowd_start > 1e-10 * (run->in.t_end - run->in.t_start))
         run->crowd = 0, run->crowd_start = run->out.t;
     if (++run->crowd > 32 + 16 * n_functions(run)) run->out.status = EVENTS_ACCUMULATE;
@@ -241,7 +249,7 @@ EXPORT void wormopt_free(Run *run) {
         run->modes,  run->before, run->aims,        run->toward,          run->bend,
         run->fresh,  run->struck, run->released,    run->probe,           run->guard,
         run->reset,  run->value,  run->level,       run->scan,            run->column,
-        run->passed, run->fired,
+        run->passed, run->fired,          run->jumped,
         run->w,      run->event_along,          run->slope,           run->slopes_x,
         run->slopes_p, run->column_x,           run->column_p,        run->change,
         run->column_error,        run->last_along,  run->suspect,         run->touch,
@@ -279,6 +287,7 @@ static int allocate(Run *run) {
     ROOM(run->level, f);
     ROOM(run->passed, in->n_switches);
     ROOM(run->fired, in->n_switches);
+    ROOM(run->jumped, in->n_switches);
     ROOM(run->scan, 13 * f + 2 * c);
     ROOM(run->column, n);
     ROOM(run->event_along, in->k);

@@ -36,6 +36,7 @@ typedef struct {
     double *value, *level; /* per event function: value, and what it falls below at an event */
     double *passed;        /* per switch: how far above 0 is nothing but rounding since it fired */
     double *fired;         /* per switch: when it last did */
+    double *jumped;        /* per switch that is crossed: whether that was because its guard jumped */
     double *scan;          /* values at the samples of a step, at the first event, levels */
     double *column;        /* a state in between */
     double *event_along;   /* derivatives of the time of the event that is under way; else 0 */
