@@ -380,19 +380,31 @@ class _Graph:
         held = ca.vertcat(*(c.symbol for c in known))
         values = ca.vertcat(*(c.value for c in known))
         guards = ca.vertcat(*(c.kind.guard(*arguments[c.at]) for c in known))
-        all_ = ca.vertcat(expressions, guards)  # no guard may jump either
+        all_, count = ca.vertcat(expressions, guards), expressions.numel()
         guards = ca.substitute(guards, held, values)
         look = ca.Function("look", [self._symbols], [values, guards])
         slopes = ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)])
         right = ca.Function("right", [self._symbols, held], [all_])
-        return [c for k, c in enumerate(known) if self._jumps(k, c.kind, look, slopes, right)]
+        jumps = np.array(
+            [self._jumps(k, c.kind, count, look, slopes, right) for k, c in enumerate(known)]
+        )
+        chosen = jumps[:, :count].any(axis=1)
+        for _ in known:  # no guard of those may jump either
+            chosen = chosen | jumps[:, count:][:, chosen].any(axis=1)
+        return [c for c, is_chosen in zip(known, chosen, strict=True) if is_chosen]
 
     def _jumps(
-        self, k: int, kind: _Kind, look: ca.Function, slopes: ca.Function, right: ca.Function
-    ) -> bool:
-        """Whether the right-hand side differs on the two sides of where a condition changes."""
+        self,
+        k: int,
+        kind: _Kind,
+        count: int,
+        look: ca.Function,
+        slopes: ca.Function,
+        right: ca.Function,
+    ) -> np.ndarray:
+        """Which results differ on the two sides of where a condition changes."""
         random, (size, own) = np.random.default_rng(k), self._sizes()
-        first = len(size) - self._states.numel()
+        first, found = len(size) - self._states.numel(), np.zeros(right.numel_out(0), dtype=bool)
         for trial in range(_TRIALS):
             at = size * random.normal(size=len(size)) * 3.0**trial
             at[1 : 1 + len(own)] = own
@@ -406,7 +418,7 @@ class _Graph:
                     break
                 at[first:] -= slope * size[first:] ** 2 * (level - target) / steep
             else:
-                return True  # it cannot be seen
+                continue  # not found from here
             if not steep > 0 or target is None:
                 continue
             way = np.zeros(len(at))
@@ -416,11 +428,11 @@ class _Graph:
                 sides.append(np.array(right(at, values)).ravel())
                 beyond = [right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
                 if not np.all(np.isfinite(np.array(beyond))):
-                    return False  # what is held would have no value where a step may look
-            largest = np.maximum(*map(np.abs, sides)).max()
-            if not np.all(np.abs(sides[1] - sides[0]) <= _JUMP * largest):
-                return True
-        return False
+                    return np.zeros_like(found)  # what is held has no value where a step may look
+            largest = np.maximum(*map(np.abs, sides))
+            largest[:count] = largest[:count].max(initial=0.0)
+            found |= np.abs(sides[1] - sides[0]) > _JUMP * largest
+        return found
 
     def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
         """Usual sizes of all symbols, and values of parameters and inputs."""
