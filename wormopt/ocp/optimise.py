@@ -312,7 +312,7 @@ def _solve(
             break
         solver = replace(solver, mu_init=0.1 * solver.mu_init)
         solution = _after(solution, program.nlp.solve(solution.w, bounds, solver))
-    if program.arc.modal and len(w) <= _FINISHED and solution.violation <= FEASIBLE:
+    if program.arc.modal and len(w) <= _FINISHED and solution.violation <= _NEARLY:
         return program.nlp.finish(solution, bounds)
     return solution
 
