@@ -168,6 +168,7 @@ def optimise(
     pins: Mapping[int, float] | None = None,
     solver: Solver | None = None,
     report: Report = silent,
+    explain: bool = True,
 ) -> Optimum:
     """Find a local optimum, level after level of the treatment of contact.
 
@@ -189,6 +190,9 @@ def optimise(
         IPOPT where nothing is said.
     report : callable, optional
         Told how far it is.
+    explain : bool, optional
+        Whether limits in conflict are sought where a solve fails, which takes longer than the
+        solve.
 
     Returns
     -------
@@ -253,7 +257,7 @@ def optimise(
         solution = _solve(program, w, bounds, solver, warm=k > 0)
         if not (solution.violation <= FEASIBLE and _ended_well(solution)):
             seconds = solver.seconds if isinstance(solver, Ipopt) else None
-            raise failure(program, solution, bounds, w, target, seconds)
+            raise failure(program, solution, bounds, w, target, seconds, explain=explain)
         w = solution.w
         solution = replace(solution, objective=solution.objective * problem.nominal)
         solutions.append(solution)
