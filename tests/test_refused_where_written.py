@@ -190,7 +190,6 @@ def at_end(name: str, row: int, low: float, high: float) -> Constraint:
             {},
             {"way", "near"},
         ),
-        ([Constraint("time", ENDS.duration, upper=0.05)], {}, {"time"}),
     ],
 )
 def test_contradictions_of_the_ends_are_named(at_ends, changes: dict, named: set[str]):
