@@ -97,12 +97,14 @@ def _conflict(
 ) -> dict[str, float]:
     """Limits that must give way for any motion to exist near the start, in their own units.
 
-    Equalities give way if inequalities alone do not lead to a motion, or if asked for.
+    Equalities give way if asked for, or if there are several and inequalities alone do not lead to
+    a motion.
     """
     problem = with_input_limits(program.problem)
     loose = elastic(problem, equalities=equalities)
+    more = len(elastic(problem, equalities=True).design) > len(loose.design) + 1
     if len(loose.design) == len(problem.design):
-        return {} if equalities else _conflict(program, level, start, p, seconds, equalities=True)
+        return _conflict(program, level, start, p, seconds, equalities=True) if more else {}
     treatment = program.treatment
     relaxed = Transcription(loose, program.mesh, treatment)
     n = len(loose.design) - len(problem.design)
@@ -120,7 +122,7 @@ def _conflict(
             if answer.violation <= _MET:
                 break
         else:
-            if each == level and not equalities:
+            if each == level and more:
                 return _conflict(program, level, start, p, seconds, equalities=True)
             break
         w, objective = answer.w, answer.objective

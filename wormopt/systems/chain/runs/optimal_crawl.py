@@ -56,7 +56,7 @@ _EXACT = Collocation(7)
 # The simulation of a crawl with contact on a grid may end elsewhere by so much.
 _ACCEPTED_ON_GRID = 2e-2
 # Relaxation where contact stays on a grid, and the arcs of that against the first grid.
-_ON_GRID, _FINER = Complementarity(residual=1e-5, first=1e-3), 2
+_ON_GRID, _FINER = Complementarity(residual=1e-4, first=1e-4), 2
 # Arcs that a phase needs to be seen, on average, and shorter periods that are tried.
 _ARCS_A_PHASE, _SHORTER = 3, 2
 # The least friction counts, and no less than this part of the largest.
@@ -72,8 +72,10 @@ _KEYS = {
     "arcs": "mesh.arcs",
 }
 _ADVICE = {
-    "not_solved": "start elsewhere (search), or write another number of mesh.arcs or wider limits",
+    "not_solved": "write search.starts = 5, another number of mesh.arcs, or wider limits.length, "
+    "limits.force or limits.period",
 }
+_NOT_FOUND = "no crawl was found that keeps limits.period, limits.force and limits.length"
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -97,11 +99,15 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
         exact, solved = [*stages.values()][-1], time.perf_counter()
         numbers = _numbers(table, plant, exact.motion, draws, report)
     except SolveError as error:
+        if error.code == "not_solved":  # what the solver says of its equations helps nobody
+            error = SolveError(_NOT_FOUND, error.suggestion, error.partial, error.code)
         raise refused(scene, error, keys=_KEYS, advice=_ADVICE) from None
     accepted = ACCEPTED if "phases" in stages else _ACCEPTED_ON_GRID
     second = cross_check(exact.motion, accepted=accepted, report=report)
     kept, convergence, lost = _kept(numbers, accepted), None, ""
-    if "convergence" in table.want:
+    if "convergence" in table.want and "phases" not in stages:
+        lost = "relaxed contact was not followed to its limit: phases cannot be read off the motion"
+    elif "convergence" in table.want:
         try:
             convergence = converge(stages, report)
         except SolveError as error:
