@@ -64,10 +64,6 @@ CONTACT = Contact("sole", v, f, Coulomb(1.0, 2.0))
         ("alg", lambda: model(z=[Signal("z", s)], alg=s - stray[1])),
         ("output way", lambda: model(outputs=[Output("way", q * stray)])),
         ("velocity of contact", lambda: model(contacts=[replace(CONTACT, velocity=v + stray[0])])),
-        (
-            "forward of the law of contact sole",
-            lambda: model(contacts=[replace(CONTACT, law=Coulomb(stray[0], 2.0))]),
-        ),
         ("guard of switch", lambda: model(switches=[Switch("stop", stray[0], CART.ode)])),
         ("reset of switch", lambda: model(switches=[Switch("stop", q, stray)])),
         ("signal of delay", lambda: model(delays=[Delay("past", s, q * stray[0], 1.0)])),
@@ -258,6 +254,13 @@ def test_misspelt_scalars_states_and_parameters_have_a_hint():
     for given in ({"p": {"mas": 1.0}}, {"x0": {"postion": 0.0}}):
         with pytest.raises(UnknownNameError, match=r"did you mean '(mass|position)'"):
             wo.simulate(worm, 1.0, **given)
+
+
+def test_numbers_of_laws_may_become_parameters_later():
+    law = Coulomb(stray[0], 2.0)
+    early = model(contacts=[replace(CONTACT, law=law)], outputs=[Output("grip", stray[0])])
+    late = replace(early, p=[Signal("grips", stray, value=1.0)])
+    assert late.n_x == 2
 
 
 def test_schedules_of_a_model_own_their_symbols():

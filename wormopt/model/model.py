@@ -350,7 +350,7 @@ class Model:
         for switch in self.switches:
             if switch.reset.numel() != self.n_x:
                 raise ArgumentError(f"switch {switch.name} needs a reset of {self.n_x} states")
-        check_symbols(f"model {self.name}", self.symbols, self._expressions, _OWNERS)
+        check_symbols(f"model {self.name}", self.symbols, self._expressions, _OWNERS, self._of_laws)
 
     @property
     def symbols(self) -> list[ca.SX]:
@@ -370,9 +370,6 @@ class Model:
             yield f"velocity of contact {contact.name}", contact.velocity
             if contact.gap is not None:
                 yield f"gap of contact {contact.name}", contact.gap
-            for name, number in fields_of(contact.law).items():
-                if isinstance(number, ca.SX):
-                    yield f"{name} of the law of contact {contact.name}", number
         for switch in self.switches:
             yield f"guard of switch {switch.name}", switch.guard
             yield f"reset of switch {switch.name}", switch.reset
@@ -380,6 +377,12 @@ class Model:
             for what in ("signal", "lag", "before"):
                 if isinstance(part := getattr(delay, what), ca.SX):
                     yield f"{what} of delay {delay.name}", part
+
+    def _of_laws(self) -> ca.SX:
+        """Symbolic numbers of the laws: builders take them before a Model does as parameters."""
+        numbers = (fields_of(contact.law).values() for contact in self.contacts)
+        own = [ca.vec(one) for each in numbers for one in each if isinstance(one, ca.SX)]
+        return ca.vertcat(_NONE, *own)
 
     def __repr__(self) -> str:
         parts = {"states": self.x, "algebraic": self.z, "inputs": self.u, "parameters": self.p}
@@ -534,6 +537,7 @@ class Model:
         return Explicit(self, output).to_control(v_reg, p or {})
 
 
+_NONE = ca.SX(0, 1)
 _OWNERS = "give them to the Model in x, z, u or p, as t, or by their schedules, delays or contacts"
 # Symbols named in a message.
 _NAMED = 5
@@ -544,10 +548,12 @@ def check_symbols(
     known: Sequence[ca.SX],
     expressions: Callable[[], Iterable[tuple[str, ca.SX]]],
     remedy: str,
+    others: Callable[[], ca.SX] = lambda: _NONE,
 ) -> None:
     """Refuse symbols that stand twice among the known ones, or in expressions and not there.
 
-    `expressions`: what each is called, and itself; `remedy` ends the message of ArgumentError.
+    `expressions`: what each is called, and itself; `remedy` ends the message of ArgumentError;
+    symbols in `others` pass.
     """
     held = [one if one.is_column() else ca.vec(one) for _, one in expressions()]
     # long columns are left to CasADi; scalars, which may be thousands of forces, are looked up
@@ -563,6 +569,9 @@ def check_symbols(
         twice = each.most_common(1)[0][0]
         raise ArgumentError(f"{whose}: the symbol {twice} belongs to two of its parts")
     stray = [symbol for symbol in inner.free_sx() if symbol.element_hash() not in own]
+    if stray:
+        passed = {symbol.element_hash() for symbol in ca.symvar(others())}
+        stray = [symbol for symbol in stray if symbol.element_hash() not in passed]
     if stray:
         where = next(what for what, one in expressions() if ca.depends_on(one, stray[0]))
         listed_there = ", ".join(str(s) for s in stray[:_NAMED]) + ", ..." * (len(stray) > _NAMED)
