@@ -26,6 +26,7 @@ from wormopt.result import Result, Scalar
 
 q, v, u, f, s = (ca.SX.sym(name) for name in ("q", "v", "u", "f", "s"))
 stray = ca.SX.sym("stray", 2)
+WRONG: Any = "a word"
 CART = Model(
     "cart",
     x=[Signal("position", q), Signal("velocity", v)],
@@ -121,7 +122,7 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
             lambda: Signal("lengths", ca.SX.sym("l", 3), value=[1, 2]),
             "lengths has 3 entries.* of 2",
         ),
-        (lambda: Signal("way", q, value="far"), "value of way must be a number"),
+        (lambda: Signal("way", q, value=WRONG), "value of way must be a number"),
         (lambda: Signal("way", q, lower=2.0, upper=1.0), "way: lower 2.0 is above upper 1.0"),
         (lambda: Signal("way", q, nominal=0.0), "way: nominal must be positive"),
         (lambda: Signal("way", 2 * q), "way: symbol must be a column of symbols"),
@@ -130,18 +131,18 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
         (lambda: Signal("way", q, unit="lenght"), "'lenght'; did you mean 'length'"),
         (lambda: Signal("way", q, unit="furlongs"), "'furlongs'; write a quantity"),
         (lambda: Output("way", q, "N"), "unit of 'way' is 'N'; did you mean 'force'"),
-        (lambda: Output("way", 3.0), "output way: expression must be"),  # type: ignore[arg-type]
+        (lambda: Output("way", WRONG), "output way: expression must be"),
         (lambda: replace(CONTACT, nominal_force=-1.0), "contact sole: nominal_force must be"),
         (lambda: replace(CONTACT, force=2 * f), "contact sole: force must be a column of symbols"),
         (lambda: replace(CONTACT, gap=1.0), "contact sole: gap must be an expression"),
         (lambda: Switch("stop", stray, q), "switch stop: guard must be a scalar"),
-        (lambda: Switch("stop", 1.0, q), "switch stop: guard must be an expression"),
+        (lambda: Switch("stop", WRONG, q), "switch stop: guard must be an expression"),
         (lambda: Constraint("force", u, 1, -1), "'force': lower 1 is above upper -1"),
         (lambda: Constraint("ends", stray, [0, 2], [1, 1]), "'ends': lower 2 .* 1 in row 1"),
         (lambda: Constraint("force", u, np.nan), "'force': no number is between nan and inf"),
         (lambda: Constraint("force", u, upper=-np.inf), "'force': no number is between"),
         (lambda: Constraint("force", u, nominal=0.0), "'force': nominal must be positive"),
-        (lambda: Constraint("force", 1.0), "'force': expression"),  # type: ignore[arg-type]
+        (lambda: Constraint("force", WRONG), "'force': expression"),
         (lambda: problem(duration=(2.0, 1.0)), "duration must be a positive range"),
         (lambda: problem(periodic=["positon"]), "no state 'positon'.*did you mean 'position'"),
         (lambda: problem(design=[u]), "design"),
@@ -241,7 +242,7 @@ def test_misspelt_names_of_the_package_have_a_hint(name: str, meant: str):
 
 def test_names_that_are_like_none_have_no_hint():
     with pytest.raises(AttributeError, match=r"no attribute 'zzzz'$"):
-        wo.zzzz  # noqa: B018
+        getattr(wo, "zzzz")  # noqa: B009
     assert not hasattr(wo, "__wrapped__")
 
 
@@ -251,7 +252,8 @@ def test_misspelt_scalars_states_and_parameters_have_a_hint():
         result.scalars["sped"]
     assert str(error.value).endswith("; did you mean 'speed'?")
     worm = wo.chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0)
-    for given in ({"p": {"mas": 1.0}}, {"x0": {"postion": 0.0}}):
+    wrong: list[dict[str, Any]] = [{"p": {"mas": 1.0}}, {"x0": {"postion": 0.0}}]
+    for given in wrong:
         with pytest.raises(UnknownNameError, match=r"did you mean '(mass|position)'"):
             wo.simulate(worm, 1.0, **given)
 
