@@ -27,6 +27,7 @@ from wormopt.result import Result, Scalar
 q, v, u, f, s = (ca.SX.sym(name) for name in ("q", "v", "u", "f", "s"))
 stray = ca.SX.sym("stray", 2)
 WRONG: Any = "a word"
+STEPS = np.array([0.0, 1.0])
 CART = Model(
     "cart",
     x=[Signal("position", q), Signal("velocity", v)],
@@ -137,6 +138,9 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
         (lambda: replace(CONTACT, gap=1.0), "contact sole: gap must be an expression"),
         (lambda: Switch("stop", stray, q), "switch stop: guard must be a scalar"),
         (lambda: Switch("stop", WRONG, q), "switch stop: guard must be an expression"),
+        (lambda: Schedule("push", s, WRONG, STEPS, STEPS[1:, None]), "schedule push: begin"),
+        (lambda: Schedule("push", s, q, STEPS[:1], STEPS[1:]), "schedule push: breaks must ascend"),
+        (lambda: Schedule("push", s, q, WRONG, STEPS), "schedule push: breaks must be a number"),
         (lambda: Constraint("force", u, 1, -1), "'force': lower 1 is above upper -1"),
         (lambda: Constraint("ends", stray, [0, 2], [1, 1]), "'ends': lower 2 .* 1 in row 1"),
         (lambda: Constraint("force", u, np.nan), "'force': no number is between nan and inf"),
