@@ -341,10 +341,12 @@ def _warnings(
         yield from warnings_of_reading(relaxed, last)
     else:
         yield from warnings_of_optimum(last, math.inf)
-        why = "several worms" if table.robust else "the phases cannot be read off this motion"
+        why, part = "the phases cannot be read off this motion", "hundred"
+        if table.robust:
+            why, part = "several worms", "thousand"
         yield (
             f"{why}: contact is complementary on a grid, so that the motion is right to "
-            "about a part in a thousand; speed_simulated is what each worm really does"
+            f"about a part in a {part}; speed_simulated is what each worm really does"
         )
     if (cycles := math.ceil(table.limits.period_range[0] / last.motion.duration - 1e-6)) > 1:
         yield (
