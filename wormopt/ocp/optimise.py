@@ -397,7 +397,16 @@ def refine(
             last = replace(last, first=last.levels[-1])
         motion = optimum.motion
         problem = motion.program.problem
-        again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
+        again = optimise(
+            problem,
+            mesh,
+            last,
+            motion.guess,
+            p=p,
+            pins=pins,
+            solver=solver,
+            explain=False,  # limits do not conflict: they were met on the coarser mesh
+        )
         optimum = replace(
             again,
             levels=(*optimum.levels, *again.levels),
