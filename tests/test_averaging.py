@@ -763,7 +763,7 @@ def block(law: Law = COULOMB, velocity: Any = None, ode: Any = None, **more: Any
 
 
 def switching() -> Model:
-    return block(switches=[Switch("flip", ca.SX.sym("g"), ca.SX.zeros(1))])
+    return block(switches=[Switch("flip", ca.SX(-1.0), ca.SX.zeros(1))])
 
 
 def with_z() -> Model:

@@ -650,7 +650,7 @@ def swing() -> wo.Model:
         "swing",
         x=[
             wo.Signal("place", x, "length", nominal=3.0, value=0.5),
-            wo.Signal("speed of it, λ", v, "m s-1", value=0.0),
+            wo.Signal("speed of it, λ", v, "speed", value=0.0),
         ],
         ode=ca.vertcat(v, -k * x * t),
         p=[wo.Signal("time", k, "s-3", value=2.0)],

@@ -91,3 +91,30 @@ def test_recordings_that_do_not_fit_the_worm_are_refused(change: dict, told: str
 def _copy(folder: Path) -> Path:
     shutil.copytree(PROBLEMS / "recordings", folder / "recordings")
     return Path(shutil.copy(PROBLEMS / "fit_then_design.toml", folder))
+
+
+@pytest.mark.parametrize(
+    ("columns", "refused"),
+    [
+        ("time,x,v", {"x": "position[0]", "v": "velocity[2]"}),
+        ("time,position_0,position_1", {}),
+        ("time,mu,x", None),
+        ("time,spike_load,position_0", None),
+    ],
+)
+def test_recordings_without_a_force_are_refused(tmp_path: Path, columns: str, refused: dict | None):
+    named = {"mu": "actuator_force[0]", "x": "position[0]"} if "mu" in columns else refused or {}
+    rows = "\n".join(f"{0.1 * k},0,0" for k in range(20))
+    (tmp_path / "run.csv").write_text(f"{columns}\n{rows}\n")
+    gait = {"shape": "fast", "period": 2.0, "rest_length": 1.0}
+    scene = tmp_path / "scene.toml"
+    text = (PROBLEMS / "fit_then_design.toml").read_text()
+    scene.write_text(text.replace("recordings/crawl.csv", "run.csv"))
+    change = {"recording": [{"file": "run.csv", "columns": named, "gait": gait}]}
+    if refused is None:
+        assert wo.load_scene(scene, change).table.fit.numbers == ("mass", "drag", "load")
+        return
+    with pytest.raises(
+        SceneError, match=r"recording: no column is a force.*record actuator forces"
+    ):
+        wo.load_scene(scene, change)

@@ -1,6 +1,7 @@
 """The best crawl of a chain: exact by phases, repeated by simulation, alike by other routes."""
 
 import dataclasses
+import re
 from functools import cache
 from pathlib import Path
 
@@ -8,19 +9,21 @@ import numpy as np
 import pytest
 
 import wormopt as wo
-from wormopt.errors import ArgumentError, SceneError
+from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Regularised
 from wormopt.ocp.mesh import Mesh
-from wormopt.ocp.motion import Guess
+from wormopt.ocp.motion import Guess, Motion, sample
 from wormopt.ocp.optimise import optimise
+from wormopt.ocp.transcription import Transcription
 from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import copies
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
+from wormopt.systems.chain.runs import optimal_crawl as crawl_runs
 
 SCENE = Path(__file__).parents[1] / "problems" / "optimal_crawl.toml"
 
@@ -226,3 +229,112 @@ def test_aims_that_do_not_fit_are_refused_by_their_key(tmp_path: Path, change: s
     scene.write_text(text[:begin] + change + text[end:])
     with pytest.raises(SceneError, match=key):
         load_scene(scene)
+
+
+# -- soft crawlers in SI units ---------------------------------------------------------------------
+
+SOFT = """
+schema = 1
+kind = "optimal-crawl"
+units = "SI"
+[worm]
+links = {links}
+mass = {mass}
+stiffness = "{stiffness} N/m"
+damping = "{damping} N s/m"
+rest_length = "{rest} mm"
+slope = "{slope} deg"
+load = {load}
+friction = {{ kind = "coulomb", forward = "{forward} N", backward = "{backward} N" }}
+[limits]
+period = {period}
+force = "{force} N"
+length = ["{shortest} mm", "{longest} mm"]
+[aim]
+maximise = "speed"
+effort = 1e-5
+[mesh]
+arcs = 30
+"""
+CRAWLER = {
+    "links": 2, "mass": '["120 g", "80 g", "80 g"]', "stiffness": 600, "damping": 6, "rest": 57,
+    "slope": 10, "load": '[0, 0, "0.3 N"]', "forward": 0.12, "backward": 3.1,
+    "period": '["0.6 s", "2 s"]', "force": 20, "shortest": 45, "longest": 70,
+}  # fmt: skip
+CRAWLERS = [
+    {},
+    {"links": 4, "mass": '["120 g", "80 g", "80 g", "80 g", "80 g"]',
+     "load": '[0, 0, 0, 0, "0.3 N"]'},
+    {"links": 3, "mass": '["100 g", "60 g", "60 g", "100 g"]', "stiffness": 300, "damping": 8,
+     "rest": 40, "slope": 0, "load": 0, "forward": 0.1, "backward": 1.5,
+     "period": '["0.5 s", "1.5 s"]', "force": 5, "shortest": 30, "longest": 50},
+    {"links": 5, "mass": '"50 g"', "stiffness": 400, "damping": 5, "rest": 50, "slope": 5,
+     "load": 0, "forward": 0.1, "backward": 2, "period": '"1 s"', "force": 8, "shortest": 40,
+     "longest": 60},
+    {"mass": '["0.5 kg", "0.3 kg", "0.4 kg"]', "stiffness": 150, "damping": 20, "rest": 100,
+     "slope": 15, "load": 0, "forward": 0.5, "backward": 6, "period": '["1 s", "3 s"]',
+     "force": 15, "shortest": 70, "longest": 130},
+    {"links": 3, "mass": '["30 g", "20 g", "20 g", "30 g"]', "stiffness": 80, "damping": 3,
+     "rest": 30, "slope": 0, "load": '["20 mN", 0, 0, 0]', "forward": 0.02, "backward": 0.4,
+     "period": '["0.4 s", "2 s"]', "force": 1, "shortest": 22, "longest": 38},
+    {"mass": '["80 g", "120 g", "60 g"]', "stiffness": 500, "damping": 10, "rest": 60,
+     "slope": -5, "load": 0, "forward": 0.2, "backward": 2.5, "period": '["0.3 s", "1 s"]',
+     "force": 12, "shortest": 48, "longest": 72},
+    {"mass": '"300 g"', "slope": 30, "load": 0, "forward": 0.12, "backward": 0.4},
+]  # fmt: skip
+
+
+def soft(folder: Path, changes: dict):
+    path = folder / "soft.toml"
+    path.write_text(SOFT.format(**(CRAWLER | changes)))
+    return load_scene(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", CRAWLERS)
+def test_soft_crawlers_are_solved_or_told_in_words_of_the_scene(changes: dict, tmp_path: Path):
+    result, told = None, ""
+    try:
+        result = wo.run(soft(tmp_path, changes))
+    except SolveError as error:
+        told = str(error)
+    if result is None:
+        assert re.search(r"limits\.(force|length|period)", told)
+        assert "nominal" not in told
+        return
+    assert result.status == "ok", result.reason
+    assert value(result, "speed_simulated") == pytest.approx(value(result, "speed"), rel=2e-2)
+    table = result["length"].values
+    shortest, longest = (1e-3 * (CRAWLER | changes)[k] for k in ("shortest", "longest"))
+    assert table.min() >= shortest - 1e-6
+    assert table.max() <= longest + 1e-6
+
+
+@pytest.mark.parametrize("changes", CRAWLERS[:3])
+def test_sizes_are_those_of_the_scene(changes: dict, tmp_path: Path):
+    table = soft(tmp_path, changes).table
+    plant = crawl_runs._plant(table)
+    near = next(crawl_runs._guesses(table, plant, 1))
+    sized = crawl_runs._sized(table, plant, near)
+    v = near.states(np.linspace(0, near.duration, 1000))[table.worm.links + 1 :]
+    assert sized.x[1].nominal == pytest.approx(np.sqrt(np.mean(v**2)), rel=0.05)
+    friction = table.worm.friction
+    for contact in sized.contacts:
+        assert friction.forward <= contact.nominal_force <= friction.backward
+        assert contact.nominal_speed == sized.x[1].nominal
+    assert table.limits.force <= 20 * sized.u[0].nominal
+
+
+def test_shorter_cycles_within_a_period_are_counted():
+    for cycles in (1, 3, 8):
+
+        def states(t: np.ndarray, n: int = cycles) -> np.ndarray:
+            w = 2 * np.pi * n
+            one, two = 2 + 0.3 * np.cos(w * t), 2 + 0.3 * np.sin(w * t)
+            return np.vstack([one + two, two, 0 * t, 0 * one, 0 * t, 0 * t])
+
+        problem = crawl_problem(worm(), CrawlLimits((1.0, 1.0), 12.0), Aim())
+        program = Transcription(problem, Mesh.even(1, 60, Collocation(3)), Regularised(0.1))
+        bounds = program.bounds(0.1)
+        motion = Motion.of(program, sample(program, Guess(1.0, states), bounds), bounds)
+        assert crawl_runs._cycles(motion) == cycles

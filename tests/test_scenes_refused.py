@@ -244,7 +244,7 @@ HOSTILE_MODELS = [
         "line 3: ValueError: no legs",
     ),
     ("def build(a):\n    return None", "parameters.a", "missing"),
-    (OWN.replace("value=1.0", "value=(1.0, 2.0)"), "model", "cannot be simulated"),
+    (OWN.replace("value=1.0", "value=(1.0, 2.0)"), "model", "1 entries and a value of 2"),
     (OWN.replace('"x", x', '"time", x'), "model", "'time' is taken"),
     (OWN.replace('"x", x', '"x 1", x'), "model", "is no name"),
     (OWN.replace("ode=-rate * x", 'ode=-ca.SX.sym("c") * x'), "model", ": c; give them"),

@@ -296,3 +296,76 @@ def test_a_block_that_need_not_start_from_rest_needs_no_drive_that_could():
     strong = "block.friction.backward=2000"
     assert load_scene("slide_back", [strong, "end.position=0.125"])
     assert load_scene("slide_back", [strong, SMOOTH])  # which creeps under any force
+
+
+# -- drives that hardly exceed friction ------------------------------------------------------------
+
+
+def within(excess: float) -> float:
+    """Part by which time may be off: the force that is left is a difference of rounded ones."""
+    return max(1e-10, 8 * np.finfo(float).eps / excess)
+
+
+@pytest.mark.parametrize("digits", range(2, 10))
+def test_a_drive_just_above_friction_slides_as_fast_as_it_can(digits: int):
+    drive = 1 + 10.0**-digits
+    net = drive - 1
+    result = solved("slide", f"block.force={drive!r}")
+    assert result.status == "ok"
+    assert value(result, "time") == pytest.approx(
+        math.sqrt(2 * (1 / net + 1 / (drive + 1))), rel=within(net)
+    )
+
+
+@pytest.mark.parametrize("digits", [3, 6, 9])
+def test_a_drive_just_above_friction_slides_back(digits: int):
+    # brake with drive + 1 from speed 1, go back with drive - 2, brake with drive + 2
+    drive = 2 + 10.0**-digits
+    net, brake = drive - 2, drive + 1
+    exact = 1 / brake + math.sqrt(1 / brake * (1 / net + 1 / (drive + 2)))
+    result = solved("slide_back", f"block.force={drive!r}")
+    assert result.status == "ok"
+    assert value(result, "time") == pytest.approx(exact, rel=within(net / 2))
+
+
+def test_a_drive_just_above_friction_leaves_backwards():
+    # from rest at 0 to the speed -1 at 0: forward first, as long as it takes to get it going back
+    drive = 2.01
+    a, b, c = drive - 1, drive + 1, drive - 2
+    way = 1 / (2 * c)
+    exact = math.sqrt(2 * way * (1 / a + 1 / b)) + 1 / c
+    changes = ("start.velocity=0", "end.velocity=-1", f"block.force={drive}")
+    result = solved("slide_back", *changes)
+    assert result.status == "ok"
+    assert value(result, "time") == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_weak_drives_of_any_size_are_as_fast_as_theory(seed: int):
+    random = np.random.default_rng(seed)
+    mass, friction, way = 10 ** random.uniform(-3, 3, 3)
+    share, stronger = 10 ** random.uniform(-9, -1.5), friction * random.uniform(0.5, 10)
+    side = random.choice([-1, 1])
+    held = friction if side > 0 else stronger
+    drive = held * (1 + share)
+    net = drive - held
+    exact = math.sqrt(2 * way * mass * (1 / net + 1 / (drive + held)))
+    keys = {"mass": mass, "force": drive}
+    keys |= {"friction.forward": friction, "friction.backward": stronger}
+    changes = [f"block.{key}={float(number)!r}" for key, number in keys.items()]
+    result = solved("slide", *changes, f"end.position={float(side * way)!r}", 'units="SI"')
+    assert result.status == "ok"
+    assert value(result, "time") == pytest.approx(exact, rel=within(share))
+
+
+@pytest.mark.parametrize("net", [1e-2, 1e-3, 1e-4])
+def test_the_least_effort_of_a_weak_drive(net: float):
+    # at its limit over t, then falling straight to 0 over s; then it rests
+    drive = 1 + net
+    ratio = (1 - drive / 2) / net  # t over s: speed gained is speed lost
+    s = 1 / math.sqrt(net * ratio**2 / 2 + net * ratio + net / 2 - drive / 6)
+    effort = drive**2 * s * (ratio + 1 / 3)
+    changes = (f"block.force={drive!r}", 'minimise="effort"', f"time={1.5 * s * (1 + ratio)}")
+    result = solved("slide", *changes)
+    assert result.status == "ok"
+    assert value(result, "objective") == pytest.approx(effort, rel=1e-6)

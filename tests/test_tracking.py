@@ -143,6 +143,11 @@ def worm(links: int = 2, **numbers: Any) -> Model:
     return chain(links, law=Coulomb(1.0, 10.0), **(usual | numbers))
 
 
+def pushed() -> Model:
+    plant = worm()
+    return replace(plant, u=[replace(plant.u[0], name="push")])
+
+
 # -- benchmarks of docs/verification.md -------------------------------------------------------
 
 TRACKS: dict[Feedback, list[float]] = {
@@ -641,7 +646,7 @@ WIDE = Funnel(9.0, 1.0, 1.0)
         ),
         (lambda: lambda_tracker(without_inertia(), constant(1), tube_radius=0.2), "not by inertia"),
         (
-            lambda: lambda_tracker(replace(worm(), u=()), constant(2), tube_radius=0.2),
+            lambda: lambda_tracker(pushed(), constant(2), tube_radius=0.2),
             "has no input 'input' of 2",
         ),
         (lambda: Quadratic(0.0), "growth must be finite and above 0"),

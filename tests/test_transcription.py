@@ -438,7 +438,8 @@ def test_rows_have_names_to_the_last():
 def test_a_constant_is_chosen_in_its_own_unit():
     """x' = c from 0 for a second: (x - 3)² + (c - 5)² is least where x = c = 4."""
     x, c = ca.SX.sym("x"), ca.SX.sym("c")
-    model = Model("cart", x=[Signal("position", x)], ode=c)
+    pace = Signal("pace", c, lower=0.0, upper=20.0, nominal=10.0)
+    model = Model("cart", x=[Signal("position", x)], ode=c, p=[pace])
     ends = Ends.of(model)
     problem = Problem(
         model,
@@ -446,7 +447,7 @@ def test_a_constant_is_chosen_in_its_own_unit():
         (ends.end - 3) ** 2 + (c - 5) ** 2,
         (1.0, 1.0),
         boundary_constraints=[Constraint("start", ends.start, 0.0, 0.0)],
-        design=[Signal("pace", c, lower=0.0, upper=20.0, nominal=10.0)],
+        design=[pace],
     )
     program = Transcription(problem, Mesh(1, 2, Collocation(2)))
     w = program.rest(np.full(2, 0.5), np.zeros(1))

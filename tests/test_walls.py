@@ -200,12 +200,21 @@ def test_models_without_walls_are_refused():
     free = replace(BLOCK, contacts=[replace(c, gap=None) for c in BLOCK.contacts])
     with pytest.raises(ArgumentError, match="no walls"):
         smooth_walls(free, 1.0, smoothing=1.0, relaxation=0.0)
-    bare = replace(BLOCK, contacts=[replace(c, normal_force=None) for c in BLOCK.contacts])
+    pressed = [
+        Signal(f"pressed {c.name}", c.normal_force, value=0.0)
+        for c in BLOCK.contacts
+        if c.normal_force is not None
+    ]
+    bare = replace(
+        BLOCK,
+        contacts=[replace(c, normal_force=None) for c in BLOCK.contacts],
+        u=[*BLOCK.u, *pressed],
+    )
     with pytest.raises(ArgumentError, match="no normal force"):
         smooth_walls(bare, 1.0, smoothing=1.0, relaxation=0.0)
-    (floor, _), pull = BLOCK.contacts, BLOCK.u[0].symbol
+    (floor, ceiling), pull = BLOCK.contacts, BLOCK.u[0].symbol
     assert floor.gap is not None
-    moved = replace(BLOCK, contacts=[replace(floor, gap=floor.gap - pull[1])])
+    moved = replace(BLOCK, contacts=[replace(floor, gap=floor.gap - pull[1]), ceiling])
     with pytest.raises(ArgumentError, match="states alone"):
         smooth_walls(moved, 1.0, smoothing=1.0, relaxation=0.0)
 

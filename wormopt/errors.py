@@ -37,7 +37,7 @@ class ArgumentError(WormoptError, ValueError, TypeError):
 
 
 class UnknownNameError(ArgumentError, KeyError):
-    """A name that is not there; the message lists those that are.
+    """A name that is not there; the message lists those that are, and which one may be meant.
 
     Parameters
     ----------
@@ -59,13 +59,25 @@ class UnknownNameError(ArgumentError, KeyError):
     def __init__(
         self, where: str, what: str, unknown: Iterable[object], known: Iterable[object]
     ) -> None:
+        unknown, known = list(unknown), list(known)
         asked, there = (", ".join(map(repr, names)) for names in (unknown, known))
         self.message = f"{where} has no {what} {asked}; it has {there or 'none'}"
+        if meant := _meant(unknown, known):
+            self.message += f"; did you mean {meant!r}?"
         super().__init__(self.message)
 
     # KeyError's own puts the message in quotes.
     def __str__(self) -> str:
         return self.message
+
+
+def _meant(unknown: list[object], known: list[object]) -> object:
+    """Name that is like the first unknown one; None if there is none."""
+    from difflib import get_close_matches  # here, not above: few names are misspelt
+
+    names = {str(name): name for name in known}
+    close = get_close_matches(str(unknown[0]), names, n=1) if unknown else []
+    return names[close[0]] if close else None
 
 
 class SceneError(WormoptError):

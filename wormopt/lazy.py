@@ -24,13 +24,28 @@ def names_of(
 
     def load(name: str) -> Any:
         if name not in homes:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            british = next((known for known in homes if _american(known) == name), None)
+            if british is None:
+                raise AttributeError(f"module {package!r} has no attribute {name!r}{_hint(name)}")
+            name = british
         module, origin = homes[name]
         if module == package or not hasattr(import_module(module), origin):
             return import_module(f"{module}.{origin}")  # a package of names
         return getattr(import_module(module), origin)
 
+    def _hint(name: str) -> str:
+        # loaded here: only who misspells a name needs it
+        from difflib import get_close_matches
+
+        close = [] if name.startswith("_") else get_close_matches(name, homes, n=1)
+        return f"; did you mean {close[0]!r}?" if close else ""
+
     return load, lambda: sorted(homes), sorted(homes)
+
+
+def _american(name: str) -> str:
+    """Spell a name the American way: optimize for optimise."""
+    return re.sub(r"is(?=e|ing|ation)", "iz", name).replace("velling", "veling")
 
 
 def above(place: str) -> Any:

@@ -9,7 +9,11 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
 from typing import TYPE_CHECKING, Any
+
+from wormopt.errors import ArgumentError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -85,6 +89,22 @@ def unit_of(quantity: str, units: str) -> str:
         return quantity
     unit = UNITS[quantity]
     return unit if units == "SI" else "1"
+
+
+@cache
+def check_quantity(whose: str, unit: str) -> None:
+    """Raise ArgumentError if `unit` is neither a quantity nor a unit that no quantity has."""
+    if unit in UNITS or unit in ABSOLUTE:
+        return
+    meant = [quantity for quantity, own in UNITS.items() if own == unit]
+    meant = meant or get_close_matches(unit, UNITS, n=1, cutoff=0.7)
+    if not meant and all(_UNIT.fullmatch(part) for part in unit.split(" ")):
+        return
+    hint = f"did you mean {meant[0]!r}?" if meant else 'write a quantity, "length" say, or "1"'
+    raise ArgumentError(f"the unit of {whose!r} is {unit!r}; {hint}")
+
+
+_UNIT = re.compile("(kg|m|s|A|K|mol|cd|rad|N|Pa|J|W|V|C|F|H|T|Wb|Hz|ohm)(-?[1-9])?")
 
 
 def unit_ratio(quantity: str, per: str, units: str) -> str:

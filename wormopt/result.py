@@ -65,6 +65,13 @@ class Check:
         return found if self.passed else found | {"advice": self.advice}
 
 
+class Scalars(dict[str, Scalar]):
+    """Numbers by name; UnknownNameError, a KeyError, lists them where there is no such name."""
+
+    def __missing__(self, name: str) -> Scalar:
+        raise UnknownNameError("the result", "scalar", [name], self)
+
+
 @dataclass(frozen=True, eq=False)
 class Result:
     """What a study found, and how far to trust it.
@@ -120,7 +127,7 @@ class Result:
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "scalars", dict(self.scalars))
+        object.__setattr__(self, "scalars", Scalars(self.scalars))
         in_order = sorted(self.variables, key=lambda variable: variable.name)
         object.__setattr__(self, "variables", tuple(in_order))
         for part in ("trust", "timings_s", "attributes"):

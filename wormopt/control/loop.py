@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args
 
@@ -231,17 +232,20 @@ def feed(plant: Model, inputs: Sequence[Signal], force: ca.SX) -> Model:
     # All at once, so that they go on sharing what they share.
     ode, alg, *rest = ca.substitute(expressions, [pack(inputs)], [force])
     shown, left = rest[: len(plant.outputs)], rest[len(plant.outputs) :]
-    return replace(
-        plant,
-        ode=ode,
-        alg=alg,
-        u=[signal for signal in plant.u if signal not in inputs],
-        outputs=[replace(o, expression=e) for o, e in zip(plant.outputs, shown, strict=True)],
-        switches=[
+    parts = {
+        "ode": ode,
+        "alg": alg,
+        "u": [signal for signal in plant.u if signal not in inputs],
+        "outputs": [replace(o, expression=e) for o, e in zip(plant.outputs, shown, strict=True)],
+        "switches": [
             replace(s, guard=guard, reset=reset)
             for s, guard, reset in zip(plant.switches, left[::2], left[1::2], strict=True)
         ],
-    )
+    }
+    fed = copy(plant)  # not `replace`: a Model with undeclared symbols would be refused
+    for name, part in parts.items():
+        object.__setattr__(fed, name, part)
+    return fed
 
 
 def close(

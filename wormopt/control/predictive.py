@@ -345,4 +345,4 @@ class PredictiveController:
 
 def parameters(plan: Plan, p: Mapping[str, ArrayLike] | None) -> np.ndarray:
     """Parameters (n_p,) of a plan's model by name, where they are not its own."""
-    return signal_values(plan.stages.program.problem.model.p, p, "parameter")
+    return signal_values(plan.stages.program.problem.parameters, p, "parameter")

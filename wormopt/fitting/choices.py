@@ -15,6 +15,7 @@ from scipy.linalg import block_diag
 from wormopt.control.loop import feed
 from wormopt.errors import ArgumentError
 from wormopt.model.model import Model, Output, Signal
+from wormopt.model.schedule import Schedule
 from wormopt.model.values import numbers_of
 
 Values = dict[str, np.ndarray]
@@ -254,14 +255,29 @@ def signal_of(model: Model, name: str, size: int | None) -> Signal:
     return known[name]
 
 
-def replaced(model: Model, name: str, size: int, expression: ca.SX) -> Model:
-    """Put an expression of time for an input or a parameter, which becomes an output."""
+def replaced(
+    model: Model,
+    name: str,
+    size: int,
+    expression: ca.SX,
+    schedules: Sequence[Schedule] = (),
+    parameters: Sequence[Signal] = (),
+) -> Model:
+    """Put an expression of time for an input or a parameter, which becomes an output.
+
+    The symbols in the expression have their values from `schedules` and `parameters`.
+    """
     signal = signal_of(model, name, size)
     fed = feed(model, [signal], expression)
     shown = Output(name, expression, signal.unit)
     left = [other for other in fed.p if other is not signal]
     try:
-        return replace(fed, p=left, outputs=[*fed.outputs, shown])
+        return replace(
+            fed,
+            p=[*left, *parameters],
+            outputs=[*fed.outputs, shown],
+            schedules=[*fed.schedules, *schedules],
+        )
     except ArgumentError as error:
         raise ArgumentError(f"{name} cannot be a course of time: {error}") from None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -70,8 +70,7 @@ class Ramps(Choice):
     def put(self, model: Model) -> Model:
         path = self._path(np.zeros(self.size))
         expression, schedule = path.schedule(self.signal, model.t)
-        put = replaced(model, self.signal, len(self.base), expression)
-        return replace(put, schedules=[*put.schedules, schedule])
+        return replaced(model, self.signal, len(self.base), expression, [schedule])
 
     def values(self, chosen: np.ndarray) -> tuple[Values, Values]:
         return {}, {self.signal: self._path(chosen).values}
@@ -170,12 +169,11 @@ class Waves(Choice):
         angle = 2 * ca.pi * turns * model.t * ca.DM(range(1, self.harmonics + 1))
         # cos a - 1 without cancellation
         value = base + cosine @ (-2 * ca.sin(angle / 2) ** 2) + sine @ ca.sin(angle)
-        put = replaced(model, self.signal, entries, value)
         zero = (0.0,) * (entries * self.harmonics)
         new = [Signal(name, symbol, value=zero) for name, symbol in parts.items()]
         new.append(Signal(self._names[2], turns, value=self._range[0]))
         new.append(Signal(self._names[3], base, value=self.base))
-        return replace(put, p=[*put.p, *new])
+        return replaced(model, self.signal, entries, value, parameters=new)
 
     @property
     def _names(self) -> tuple[str, str, str, str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -14,21 +15,38 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.delay import Delay
-from wormopt.model.given import check_kinds
+from wormopt.model.given import check_kinds, fields_of, is_number
 from wormopt.model.schedule import Schedule
+from wormopt.model.values import numbers
+from wormopt.quantities import check_quantity
 from wormopt.shown import lines, listed
 
 TINY = math.ulp(0.0)
 """Smallest number above 0: the lower bound of what must be positive."""
 
 
-def _symbolic(whose: str, what: str, given: object) -> None:
-    """Refuse names and numbers where expressions belong."""
+def _symbolic(whose: str, what: str, given: object, *, pure: bool = False) -> None:
+    """Refuse names and numbers where expressions belong; `pure`: expressions where symbols do."""
     if not isinstance(given, ca.SX):
         raise ArgumentError(
             f"{whose}: {what} must be an expression of CasADi's SX symbols, ca.SX.sym({what!r}) "
             f"say, not {given!r}"
         )
+    if pure and not given.is_valid_input():
+        raise ArgumentError(
+            f"{whose}: {what} must be a column of symbols, not the expression {given!s:.60}"
+        )
+
+
+def _check_quantity(whose: str, unit: object) -> None:
+    if not isinstance(unit, str):
+        raise ArgumentError(f'the unit of {whose!r} is {unit!r}; write a quantity, "length" say')
+    check_quantity(whose, unit)
+
+
+def _check_nominal(whose: str, what: str, size: object) -> None:
+    if not is_number(size, TINY):
+        raise ArgumentError(f"{whose}: {what} must be positive and finite, not {size!r:.60}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +60,10 @@ class Signal:
     symbol : casadi.SX
         Column of symbols.
     unit : str, optional
-        Quantity it measures, for instance ``"length"`` or ``"speed"``.
+        Quantity it measures, for instance ``"length"`` or ``"speed"``; a unit, ``"kg m2"`` say,
+        where no quantity has it.
     nominal : float, optional
-        Usual size, by which solvers scale it.
+        Usual size, by which solvers scale it, positive.
     lower, upper : float, optional
         Bounds that hold by the model's own nature; `TINY` below what must be positive. Values
         beyond them are refused.
@@ -55,7 +74,8 @@ class Signal:
     Raises
     ------
     ArgumentError
-        If the symbol is no casadi.SX.
+        If the symbol is no column of casadi.SX symbols, the unit is unknown, the nominal size is
+        not positive, the bounds are the wrong way round, or the value has another size.
 
     Examples
     --------
@@ -73,7 +93,22 @@ class Signal:
     value: float | Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        _symbolic(f"signal {self.name}", "symbol", self.symbol)
+        whose = f"signal {self.name}"
+        _symbolic(whose, "symbol", self.symbol, pure=True)
+        _check_quantity(self.name, self.unit)
+        _check_nominal(whose, "nominal", self.nominal)
+        if not self.lower <= self.upper:
+            raise ArgumentError(
+                f"{whose}: lower {self.lower!r} is above upper {self.upper!r}; write the smaller "
+                "number as lower"
+            )
+        if self.value is not None:
+            size = numbers(f"value of {self.name}", self.value).size
+            if size not in (1, self.size):
+                raise ArgumentError(
+                    f"{whose} has {self.size} entries and a value of {size}; write one number, or "
+                    f"{self.size}"
+                )
 
     @cached_property
     def size(self) -> int:
@@ -117,12 +152,21 @@ class Output:
     expression : casadi.SX
         Column of the model's symbols.
     unit : str, optional
-        Quantity it measures, for instance ``"force"``.
+        Quantity it measures, for instance ``"force"``; see `Signal`.
+
+    Raises
+    ------
+    ArgumentError
+        If the expression is no casadi.SX or the unit is unknown.
     """
 
     name: str
     expression: ca.SX
     unit: str = "1"
+
+    def __post_init__(self) -> None:
+        _symbolic(f"output {self.name}", "expression", self.expression)
+        _check_quantity(self.name, self.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +194,8 @@ class Contact:
     Raises
     ------
     ArgumentError
-        If there is no law, or velocity, force or walls do not fit it or are no casadi.SX.
+        If there is no law, velocity, force or walls do not fit it or are no casadi.SX, or a
+        nominal size is not positive.
     """
 
     name: str
@@ -168,8 +213,15 @@ class Contact:
                 f"contact {self.name}: law must be a friction law, Coulomb(1.0, 10.0) say, "
                 f"not {self.law!r}"
             )
-        for what in ("velocity", "force"):
-            _symbolic(f"contact {self.name}", what, getattr(self, what))
+        whose = f"contact {self.name}"
+        _symbolic(whose, "velocity", self.velocity)
+        _symbolic(whose, "force", self.force, pure=True)
+        for what in ("nominal_force", "nominal_speed"):
+            _check_nominal(whose, what, getattr(self, what))
+        if self.gap is not None:
+            _symbolic(whose, "gap", self.gap)
+        if self.normal_force is not None:
+            _symbolic(whose, "normal_force", self.normal_force, pure=True)
         shape = (2, 1) if self.planar else (1, 1)
         if self.velocity.size() != shape or self.force.size() != shape:
             be = "columns of 2, its law is one in the plane" if self.planar else "scalars"
@@ -201,6 +253,11 @@ class Switch:
     crosses : bool, optional
         Whether the motion must leave the guard after it; one that is led back to it at once is
         refused.
+
+    Raises
+    ------
+    ArgumentError
+        If the guard is no scalar, or guard or reset are no casadi.SX.
     """
 
     name: str
@@ -208,6 +265,14 @@ class Switch:
     reset: ca.SX
     terminal: bool = False
     crosses: bool = False
+
+    def __post_init__(self) -> None:
+        for what in ("guard", "reset"):
+            _symbolic(f"switch {self.name}", what, getattr(self, what))
+        if self.guard.numel() != 1:
+            raise ArgumentError(
+                f"switch {self.name}: guard must be a scalar, not of {self.guard.numel()} entries"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,13 +311,14 @@ class Model:
     ------
     ArgumentError
         If a part is no list of its kind, equations are no casadi.SX, the ode's length is not the
-        number of states, a switch has not the right size, or two signals share a name.
+        number of states, a switch has not the right size, two signals share a name, a symbol
+        belongs to two parts, or an expression holds a symbol that belongs to none.
 
     Examples
     --------
     >>> import casadi as ca
     >>> v, f = ca.SX.sym("v"), ca.SX.sym("f")
-    >>> block = Model("block", x=[Signal("velocity", v)], ode=f - 1)
+    >>> block = Model("block", x=[Signal("velocity", v)], ode=f - 1, u=[Signal("force", f)])
     >>> block.n_x
     1
     """
@@ -286,9 +352,41 @@ class Model:
         if self.alg.numel() != sum(s.size for s in self.z):
             raise ArgumentError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
         for switch in self.switches:
-            if switch.guard.numel() != 1 or switch.reset.numel() != self.n_x:
-                message = f"a scalar guard and a reset of {self.n_x} states"
-                raise ArgumentError(f"switch {switch.name} needs {message}")
+            if switch.reset.numel() != self.n_x:
+                raise ArgumentError(f"switch {switch.name} needs a reset of {self.n_x} states")
+        check_symbols(f"model {self.name}", self.symbols, self._expressions, _OWNERS, self._of_laws)
+
+    @property
+    def symbols(self) -> list[ca.SX]:
+        """Columns of all symbols that its expressions may hold."""
+        walls = [c.normal_force for c in self.contacts if c.normal_force is not None]
+        schedules = [column for s in self.schedules for column in (s.symbol, s.begin)]
+        signals = [*self.x, *self.z, *self.u, *self.p, *self.delays]
+        forces = [c.force for c in self.contacts]
+        return [self.t, *(s.symbol for s in signals), *forces, *walls, *schedules]
+
+    def _expressions(self) -> Iterator[tuple[str, ca.SX]]:
+        yield "ode", self.ode
+        yield "alg", self.alg
+        for output in self.outputs:
+            yield f"output {output.name}", output.expression
+        for contact in self.contacts:
+            yield f"velocity of contact {contact.name}", contact.velocity
+            if contact.gap is not None:
+                yield f"gap of contact {contact.name}", contact.gap
+        for switch in self.switches:
+            yield f"guard of switch {switch.name}", switch.guard
+            yield f"reset of switch {switch.name}", switch.reset
+        for delay in self.delays:
+            for what in ("signal", "lag", "before"):
+                if isinstance(part := getattr(delay, what), ca.SX):
+                    yield f"{what} of delay {delay.name}", part
+
+    def _of_laws(self) -> ca.SX:
+        """Symbolic numbers of the laws: builders take them before a Model does as parameters."""
+        numbers = (fields_of(contact.law).values() for contact in self.contacts)
+        own = [ca.vec(one) for each in numbers for one in each if isinstance(one, ca.SX)]
+        return ca.vertcat(_NONE, *own)
 
     def __repr__(self) -> str:
         parts = {"states": self.x, "algebraic": self.z, "inputs": self.u, "parameters": self.p}
@@ -441,6 +539,50 @@ class Model:
         from wormopt.model.explicit import Explicit
 
         return Explicit(self, output).to_control(v_reg, p or {})
+
+
+_NONE = ca.SX(0, 1)
+_OWNERS = "give them to the Model in x, z, u or p, as t, or by their schedules, delays or contacts"
+# Symbols named in a message.
+_NAMED = 5
+
+
+def check_symbols(
+    whose: str,
+    known: Sequence[ca.SX],
+    expressions: Callable[[], Iterable[tuple[str, ca.SX]]],
+    remedy: str,
+    others: Callable[[], ca.SX] = lambda: _NONE,
+) -> None:
+    """Refuse symbols that stand twice among the known ones, or in expressions and not there.
+
+    `expressions`: what each is called, and itself; `remedy` ends the message of ArgumentError;
+    symbols in `others` pass.
+    """
+    held = [one if one.is_column() else ca.vec(one) for _, one in expressions()]
+    # long columns are left to CasADi; scalars, which may be thousands of forces, are looked up
+    columns = [column for column in known if column.numel() > 1]
+    scalars = [column for column in known if column.numel() == 1]
+    own = {symbol.element_hash() for symbol in scalars}
+    try:
+        inner = ca.Function("own", columns, [ca.vertcat(ca.SX(0, 1), *held)], {"allow_free": True})
+    except RuntimeError:  # as symbols stand twice
+        inner = None
+    if inner is None or len(own) < len(scalars):
+        each = Counter(str(symbol) for column in known for symbol in ca.vertsplit(column))
+        twice = each.most_common(1)[0][0]
+        raise ArgumentError(f"{whose}: the symbol {twice} belongs to two of its parts")
+    stray = [symbol for symbol in inner.free_sx() if symbol.element_hash() not in own]
+    if stray:
+        passed = {symbol.element_hash() for symbol in ca.symvar(others())}
+        stray = [symbol for symbol in stray if symbol.element_hash() not in passed]
+    if stray:
+        where = next(what for what, one in expressions() if ca.depends_on(one, stray[0]))
+        listed_there = ", ".join(str(s) for s in stray[:_NAMED]) + ", ..." * (len(stray) > _NAMED)
+        raise ArgumentError(
+            f"{whose}: {where} holds symbols that belong to none of its parts: {listed_there}; "
+            f"{remedy}"
+        )
 
 
 _PARTS = dict.fromkeys("xuzp", Signal) | {

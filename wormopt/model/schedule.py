@@ -9,6 +9,8 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import check_kind
+from wormopt.model.values import numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +43,7 @@ class Schedule:
     Raises
     ------
     ArgumentError
-        If shapes disagree or the breaks do not ascend from 0.
+        If symbols are no casadi.SX, shapes disagree or the breaks do not ascend from 0.
 
     Examples
     --------
@@ -60,8 +62,13 @@ class Schedule:
     start: float = 0.0
 
     def __post_init__(self) -> None:
+        for what in ("symbol", "begin"):
+            check_kind(f"schedule {self.name}: {what}", getattr(self, what), ca.SX)
+        for what in ("breaks", "values"):
+            given = numbers(f"schedule {self.name}: {what}", getattr(self, what))
+            object.__setattr__(self, what, given)
         ascending = np.all(np.isfinite(self.breaks)) and np.all(np.diff(self.breaks) > 0)
-        if self.breaks.ndim != 1 or self.breaks[0] != 0 or not ascending:
+        if self.breaks.ndim != 1 or self.breaks.size < 2 or self.breaks[0] != 0 or not ascending:
             raise ArgumentError(f"schedule {self.name}: breaks must ascend from 0")
         shape = (len(self.breaks) - 1, self.symbol.numel())
         if self.values.shape != shape:

@@ -124,7 +124,7 @@ class Arc:
             self.closure.level,
             ca.vertcat(ca.SX(0, 1), *scheduled),
             pack(self.problem.design),
-            pack(model.p),
+            pack(self.problem.parameters),
         ]
 
     @cached_property

@@ -42,7 +42,7 @@ class ProgramBounds:
         Raises ValueError if modes or schedules do not fit the mesh.
         """
         n, at = self.mesh.total, self.arc.layout
-        fixed = signal_values(self.problem.model.p, p, "parameter")
+        fixed = signal_values(self.problem.parameters, p, "parameter")
         lower, upper = self._variable_bounds(fixed)
         starts = self._pin_times(lower, upper, pins)
         if active is not None:
@@ -195,7 +195,7 @@ class ProgramBounds:
         function = ca.Function("delassus", self.arc.symbols, [self.problem.model.delassus])
         arc = self.arc
         constants = [np.ones(c.shape) for c in arc.constants[:2]]
-        fixed = signal_values(self.problem.model.p, {}, "parameter", fill=1.0)
+        fixed = signal_values(self.problem.parameters, {}, "parameter", fill=1.0)
         return np.asarray(function(0.0, *arc.nominals, *constants, arc.design_nominal, fixed))
 
     def _followers(self, stick: np.ndarray) -> np.ndarray:

@@ -32,11 +32,13 @@ def failure(
     start: np.ndarray,
     level: ModeSequence | float,
     seconds: float | None,
+    *,
+    explain: bool = True,
 ) -> SolveError:
     """Explain a solve that failed, started at `start` (n_w,).
 
-    Gives the SolveError, with the motion reached as ``partial``. Each solve that looks for limits
-    in conflict gets as many `seconds` as one of the problem did.
+    Gives the SolveError, with the motion reached as ``partial``. `explain`: limits in conflict are
+    sought; each solve that does gets as many `seconds` as one of the problem did.
     """
     partial = Motion.of(program, solution.w, bounds)
     if solution.status == "Invalid_Number_Detected" or not np.all(np.isfinite(start)):
@@ -54,8 +56,8 @@ def failure(
             partial,
             "late",
         )
-    met = solution.violation <= FEASIBLE
-    if gives := {} if met else _conflict(program, level, start, partial.p, seconds):
+    known = solution.violation <= FEASIBLE or not explain
+    if gives := {} if known else _conflict(program, level, start, partial.p, seconds):
         # The sizes are a local optimum at the last level that was solved: two digits are known.
         listed = " and ".join(f"{name} by about {size:.2g}" for name, size in gives.items())
         return SolveError(
@@ -90,29 +92,38 @@ def _conflict(
     start: np.ndarray,
     p: np.ndarray,
     seconds: float | None,
+    *,
+    equalities: bool = False,
 ) -> dict[str, float]:
-    """Limits that must give way for any motion to exist near the start, in their own units."""
+    """Limits that must give way for any motion to exist near the start, in their own units.
+
+    Equalities give way if asked for, or if there are several and inequalities alone do not lead to
+    a motion.
+    """
     problem = with_input_limits(program.problem)
-    loose = elastic(problem)
+    loose = elastic(problem, equalities=equalities)
+    more = len(elastic(problem, equalities=True).design) > len(loose.design) + 1
     if len(loose.design) == len(problem.design):
-        return {}
+        return _conflict(program, level, start, p, seconds, equalities=True) if more else {}
     treatment = program.treatment
     relaxed = Transcription(loose, program.mesh, treatment)
     n = len(loose.design) - len(problem.design)
     w = np.concatenate([np.where(np.isfinite(start), start, 0.0), np.zeros(n)])
     objective = 0.0
     for each in _levels_from(treatment, level):  # the sharper the law, the more must give way
-        bounds = relaxed.bounds(each, p=by_name(problem.model.p, p))
+        bounds = relaxed.bounds(each, p=by_name(problem.parameters, p))
         if each == level:  # far too much slack meets every limit at the start
             g = relaxed.nlp.constraints(w, bounds)
             w[-n:] = 1.0 + np.max(np.maximum(bounds.lbg - g, g - bounds.ubg), initial=0.0)
         # which barrier leads to the end is a matter of luck
-        for barrier in (0.1, 1e-3):
+        for barrier in (0.1,) if equalities else (0.1, 1e-3):
             patient = Ipopt(tolerance=1e-7, iterations=1000, mu_init=barrier, seconds=seconds)
             answer = relaxed.nlp.solve(w, bounds, patient)
             if answer.violation <= _MET:
                 break
         else:
+            if each == level and more:
+                return _conflict(program, level, start, p, seconds, equalities=True)
             break
         w, objective = answer.w, answer.objective
     if objective < _GIVES_WAY:

@@ -29,23 +29,23 @@ def with_input_limits(problem: Problem) -> Problem:
     )
 
 
-def elastic(problem: Problem) -> Problem:
+def elastic(problem: Problem, *, equalities: bool = False) -> Problem:
     """Let every inequality give way at a price, and ask for the least giving way in all.
 
-    Adds a design constant "slack <name>" per name of a bound, in units of its nominal size;
-    those that come out positive name the limits in conflict.
+    `equalities`: also every equality. Adds a design constant "slack <name>" per name of a bound,
+    in units of its nominal size; those that come out positive name the limits in conflict.
     """
     names = sorted(
         {
             b.name
             for b in (*problem.path_constraints, *problem.boundary_constraints)
-            if not _is_equality(b)
+            if equalities or not _is_equality(b)
         }
     )
     slack = {name: Signal(f"slack {name}", ca.SX.sym("slack"), "1", 1.0, 0.0) for name in names}
 
     def give(bound: Constraint) -> list[Constraint]:
-        if _is_equality(bound):
+        if not equalities and _is_equality(bound):
             return [bound]
         low, high = bound.scaled
         size = slack[bound.name].symbol

@@ -211,7 +211,7 @@ class Motion(SampledMotion):
     @property
     def parameters(self) -> dict[str, np.ndarray]:
         """Parameters of the model by name."""
-        signals = self.program.problem.model.p
+        signals = self.program.problem.parameters
         ends = np.cumsum([s.size for s in signals], dtype=int).tolist()
         return {s.name: self.p[e - s.size : e] for s, e in zip(signals, ends, strict=True)}
 

@@ -81,6 +81,9 @@ class Ipopt:
         Start where told, however close to a bound.
     seconds : float, optional
         Most processor time; no limit where nothing is said.
+    rescale : bool, optional
+        Let IPOPT scale constraints whose slopes are steep at the start; its tolerance then holds
+        for the scaled ones.
     """
 
     tolerance: float = 1e-9
@@ -88,6 +91,7 @@ class Ipopt:
     mu_init: float = 0.1
     warm: bool = False
     seconds: float | None = None
+    rescale: bool = True
 
     @property
     def name(self) -> str:
@@ -97,9 +101,11 @@ class Ipopt:
     def as_casadi(self) -> dict[str, Any]:
         """Translate into the options of CasADi's nlpsol, IPOPT's own with prefix "ipopt."."""
         pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac")
-        start = {f"ipopt.{push}": 1e-8 for push in pushes} if self.warm else {}
+        start: dict[str, Any] = {f"ipopt.{p}": 1e-8 for p in pushes} if self.warm else {}
         if self.seconds is not None:
             start["ipopt.max_cpu_time"] = self.seconds
+        if not self.rescale:
+            start["ipopt.nlp_scaling_method"] = "none"
         return start | {
             "expand": True,  # scalar expressions are three times as fast at these sizes
             "print_time": False,

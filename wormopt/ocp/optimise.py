@@ -168,6 +168,7 @@ def optimise(
     pins: Mapping[int, float] | None = None,
     solver: Solver | None = None,
     report: Report = silent,
+    explain: bool = True,
 ) -> Optimum:
     """Find a local optimum, level after level of the treatment of contact.
 
@@ -189,6 +190,9 @@ def optimise(
         IPOPT where nothing is said.
     report : callable, optional
         Told how far it is.
+    explain : bool, optional
+        Whether limits in conflict are sought where a solve fails, which takes longer than the
+        solve.
 
     Returns
     -------
@@ -253,7 +257,7 @@ def optimise(
         solution = _solve(program, w, bounds, solver, warm=k > 0)
         if not (solution.violation <= FEASIBLE and _ended_well(solution)):
             seconds = solver.seconds if isinstance(solver, Ipopt) else None
-            raise failure(program, solution, bounds, w, target, seconds)
+            raise failure(program, solution, bounds, w, target, seconds, explain=explain)
         w = solution.w
         solution = replace(solution, objective=solution.objective * problem.nominal)
         solutions.append(solution)
@@ -312,7 +316,7 @@ def _solve(
             break
         solver = replace(solver, mu_init=0.1 * solver.mu_init)
         solution = _after(solution, program.nlp.solve(solution.w, bounds, solver))
-    if program.arc.modal and len(w) <= _FINISHED and solution.violation <= FEASIBLE:
+    if program.arc.modal and len(w) <= _FINISHED and solution.violation <= _NEARLY:
         return program.nlp.finish(solution, bounds)
     return solution
 
@@ -393,7 +397,16 @@ def refine(
             last = replace(last, first=last.levels[-1])
         motion = optimum.motion
         problem = motion.program.problem
-        again = optimise(problem, mesh, last, motion.guess, p=p, pins=pins, solver=solver)
+        again = optimise(
+            problem,
+            mesh,
+            last,
+            motion.guess,
+            p=p,
+            pins=pins,
+            solver=solver,
+            explain=False,  # limits do not conflict: they were met on the coarser mesh
+        )
         optimum = replace(
             again,
             levels=(*optimum.levels, *again.levels),

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.errors import ArgumentError
-from wormopt.model.model import Model, Signal
+from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.model.given import check_kind, check_kinds, is_number
+from wormopt.model.model import TINY, Model, Signal, check_symbols
+from wormopt.model.values import numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +29,20 @@ class Constraint:
     lower, upper : array_like, optional
         The interval, alike for all rows or one per row; equal values make an equality.
     nominal : float, optional
-        Usual size of the expression, by which it is scaled.
+        Usual size of the expression, by which it is scaled, positive.
 
     Raises
     ------
     ArgumentError
-        If a limit has neither one entry nor as many as the expression.
+        If the expression is no casadi.SX, a limit has neither one entry nor as many as the
+        expression, a lower limit is above the upper one, a limit is not a number, or the nominal
+        size is not positive.
+
+    Examples
+    --------
+    >>> Constraint("force", ca.SX.sym("u"), 1.0, -1.0)
+    Traceback (most recent call last):
+    wormopt.errors.ArgumentError: bound 'force': lower 1 is above upper -1; write the smaller ...
     """
 
     name: str
@@ -41,12 +52,30 @@ class Constraint:
     nominal: float = 1.0
 
     def __post_init__(self) -> None:
+        whose = f"bound {self.name!r}"
+        check_kind(f"{whose}: expression", self.expression, ca.SX)
+        size = self.expression.numel()
         for side, value in (("lower", self.lower), ("upper", self.upper)):
-            if np.size(value) not in (1, self.expression.numel()):
+            if numbers(f"{whose}: {side}", value).size not in (1, size):
                 raise ArgumentError(
-                    f"bound {self.name!r}: {side} has {np.size(value)} entries for an expression "
-                    f"of {self.expression.numel()}"
+                    f"{whose}: {side} has {np.size(value)} entries for an expression of {size}"
                 )
+        if not is_number(self.nominal, TINY):
+            raise ArgumentError(f"{whose}: nominal must be positive, not {self.nominal!r:.60}")
+        for row, (low, high) in enumerate(zip(*self.scaled, strict=True)):
+            if low <= high and low < np.inf and high > -np.inf:
+                continue
+            where = f" in row {row}" if size > 1 else ""
+            low, high = low * self.nominal, high * self.nominal
+            if low > high:
+                raise ArgumentError(
+                    f"{whose}: lower {low:.12g} is above upper {high:.12g}{where}; write the "
+                    "smaller number as lower"
+                )
+            raise ArgumentError(
+                f"{whose}: no number is between {low:g} and {high:g}{where}; write numbers, and "
+                "leave out lower or upper where there is no limit"
+            )
 
     @property
     def scaled(self) -> tuple[np.ndarray, np.ndarray]:
@@ -92,8 +121,8 @@ class Ends:
 
         Examples
         --------
-        >>> v = ca.SX.sym("v")
-        >>> Ends.of(Model("cart", x=[Signal("position", ca.SX.sym("q"))], ode=v), 2).integrals.shape
+        >>> q = ca.SX.sym("q")
+        >>> Ends.of(Model("cart", x=[Signal("position", q)], ode=-q), 2).integrals.shape
         (2, 1)
         """
         return cls(
@@ -132,7 +161,8 @@ class Problem:
     slacks : sequence of Signal, optional
         Free functions of time without equations (epigraphs of max and absolute value).
     design : sequence of Signal, optional
-        Constants to choose along with the motion; bounded by their Signal.
+        Constants to choose along with the motion; bounded by their Signal. Those in the model's
+        equations are also among its ``p``.
     sharing : callable, optional
         Maps the column of sticking flags (0 or 1 per contact) to a column, one row per contact,
         that vanishes where statically indeterminate contacts share as they should; used only
@@ -144,8 +174,10 @@ class Problem:
 
     Raises
     ------
-    ValueError
-        If the range of durations is empty or not positive, or the nominal size is not positive.
+    ArgumentError
+        If the range of durations is empty or not positive, the nominal size is not positive, a
+        state that returns is unknown, an expression holds a symbol that belongs to no part of the
+        problem, or linear constraints of the ends contradict each other.
 
     Examples
     --------
@@ -186,11 +218,134 @@ class Problem:
     nominal: float = 1.0
 
     def __post_init__(self) -> None:
+        check_kind("model", self.model, Model)
+        for what in ("path_constraints", "boundary_constraints"):
+            check_kinds(what, getattr(self, what), Constraint)
+        for what in ("slacks", "design"):
+            check_kinds(what, getattr(self, what), Signal)
         if not 0 < self.nominal < float("inf"):
-            raise ValueError(f"nominal must be positive and finite, not {self.nominal}")
+            raise ArgumentError(f"nominal must be positive and finite, not {self.nominal}")
         shortest, longest = self.duration
         if not 0 < shortest <= longest:
-            raise ValueError(f"duration must be a positive range, not {self.duration}")
+            raise ArgumentError(f"duration must be a positive range, not {self.duration}")
+        states = [signal.name for signal in self.model.x]
+        if unknown := [name for name in (*self.periodic, *self.displaced) if name not in states]:
+            raise UnknownNameError(self.model.name, "state", unknown, states)
+        chosen = [signal.symbol for signal in self.design]
+        own = [*vars(self.ends).values(), *chosen, *(s.symbol for s in self.parameters)]
+        check_symbols("problem", own, self._at_ends, _ENDS)
+        along = [s.symbol for s in self.slacks]
+        model = [column for column in self.model.symbols if not _within(column, chosen)]
+        check_symbols("problem", [*model, *along, *chosen], self._along, _ALONG)
+        _refuse_contradictions(self)
+
+    @property
+    def parameters(self) -> list[Signal]:
+        """Parameters of the model that are not chosen along with the motion."""
+        chosen = [signal.symbol for signal in self.design]
+        return [signal for signal in self.model.p if not _within(signal.symbol, chosen)]
+
+    def _at_ends(self) -> Iterator[tuple[str, ca.SX]]:
+        yield "minimise", self.minimise
+        for bound in self.boundary_constraints:
+            yield f"boundary constraint {bound.name!r}", bound.expression
+
+    def _along(self) -> Iterator[tuple[str, ca.SX]]:
+        yield "integrands", self.integrands
+        for bound in self.path_constraints:
+            yield f"path constraint {bound.name!r}", bound.expression
+
+
+_ENDS = "write them by ends.start, ends.end, ends.duration, ends.integrals, design or parameters"
+_ALONG = (
+    "give them to the Model (a reference by schedules=[*model.schedules, *reference.schedules]), "
+    "or to slacks or design"
+)
+
+
+# Part of a bound, and of its nominal size, within which ends count as meeting it.
+_ROUNDING = 1e-6
+
+
+def _within(column: ca.SX, columns: Sequence[ca.SX]) -> bool:
+    """Whether a column of symbols is among others."""
+    same = (other for other in columns if other.shape == column.shape)
+    return any(ca.is_equal(column, other) for other in same)
+
+
+def _refuse_contradictions(problem: Problem) -> None:
+    """Raise ArgumentError if linear constraints of the ends contradict each other.
+
+    States that return count too. The message names constraints of which none can be left out.
+    """
+    if not problem.boundary_constraints:
+        return
+    own = [*vars(problem.ends).values(), *(s.symbol for s in problem.design)]
+    symbols = ca.vertcat(*own, *(s.symbol for s in problem.parameters))
+    bounds = [*problem.boundary_constraints, *_returns(problem)]
+    whole = ca.vertcat(*(ca.vec(b.expression) / b.nominal for b in bounds))
+    straight = ~np.array(ca.which_depends(whole, symbols, 2, True), dtype=bool)
+    function = ca.Function("rows", [symbols], [whole, ca.jacobian(whole, symbols)])
+    constant, slopes = function(0.0)
+    constant = np.asarray(constant).ravel()
+    straight &= np.isfinite(constant)
+    names = np.repeat([b.name for b in bounds], [b.expression.numel() for b in bounds])
+    low, high = (np.concatenate([b.scaled[k] for b in bounds]) - constant for k in range(2))
+    names, matrix, low, high = (
+        names[straight],
+        slopes.sparse().tocsr()[straight],
+        low[straight],
+        high[straight],
+    )
+    shortest, longest = problem.duration
+    box = np.array([(-np.inf, np.inf)] * symbols.numel())
+    box[problem.ends.start.numel() + problem.ends.end.numel()] = shortest, longest
+    kept = np.ones(len(names), dtype=bool)
+    if not _contradict(matrix, low, high, box):
+        return
+    for name in dict.fromkeys(names.tolist()):
+        fewer = kept & (names != name)
+        if _contradict(matrix[fewer], low[fewer], high[fewer], box):
+            kept = fewer
+    listed = [repr(name) for name in dict.fromkeys(names[kept].tolist())]
+    if len(listed) > 1:  # one that does not fit the duration alone is explained by the solve
+        raise ArgumentError(
+            f"the constraints of the ends {' and '.join(listed)} contradict each other; change or "
+            "leave out one of them"
+        )
+
+
+def _contradict(matrix: Any, low: np.ndarray, high: np.ndarray, box: np.ndarray) -> bool:
+    """Whether no point of a box meets low <= matrix @ point <= high, but for rounding."""
+    from scipy import optimize, sparse  # here, not above: who states no problem does without
+
+    below, above = np.isfinite(high), np.isfinite(low)
+    bounds = np.concatenate([high[below], -low[above]])
+    if not len(bounds):
+        return False
+    rows = sparse.vstack([matrix[below], -matrix[above]])
+    slack = sparse.csr_matrix(-_ROUNDING * (1 + np.abs(bounds))[:, None])
+    # the least multiple of the slack that meets all rows
+    answer = optimize.linprog(
+        np.append(np.zeros(matrix.shape[1]), 1.0),
+        A_ub=sparse.hstack([rows, slack]),
+        b_ub=bounds,
+        bounds=[*box.tolist(), (0.0, None)],
+        method="highs",
+    )
+    return answer.x is not None and answer.fun > 1.0
+
+
+def _returns(problem: Problem) -> Iterator[Constraint]:
+    """Constraints by which states return."""
+    change, at = problem.ends.end - problem.ends.start, 0
+    for signal in problem.model.x:
+        own = change[at : at + signal.size]
+        at += signal.size
+        if signal.name in problem.periodic:
+            yield Constraint(f"periodic {signal.name}", own, 0.0, 0.0, signal.nominal)
+        elif signal.name in problem.displaced and signal.size > 1:
+            yield Constraint(f"displaced {signal.name}", own[1:] - own[0], 0.0, 0.0, signal.nominal)
 
 
 def ramped(plant: Model, slope: float) -> Model:

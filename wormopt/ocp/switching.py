@@ -83,7 +83,7 @@ def optimise_switching_times(
     if not found:
         raise SolveError(
             "the contact modes read off the relaxed motion do not lead to an exact one",
-            "use more arcs (mesh.arcs); or nothing can move at all within these limits",
+            "use more arcs (mesh.arcs) or a smaller last level of the relaxed solve",
             None if error is None else error.partial,
             "no_phases",
         )
@@ -140,5 +140,11 @@ def _solve(
     guess = replace(relaxed.motion.guess, phases=structure.durations)
     problem = relaxed.motion.program.problem
     return optimise(
-        problem, mesh, FixedModes(structure.modes, structure.active), guess, p=p, solver=solver
+        problem,
+        mesh,
+        FixedModes(structure.modes, structure.active),
+        guess,
+        p=p,
+        solver=solver,
+        explain=False,  # a misread phase is no conflict of limits
     )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -11,7 +13,8 @@ from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
-from wormopt.ocp.motion import Guess
+from wormopt.model.modes import ModeSequence
+from wormopt.ocp.motion import Curve, Guess
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain import law_of
@@ -121,4 +124,76 @@ def cubic_guess(table: SlideScene) -> Guess:
     slope = cubic.deriv()
     return Guess(
         duration, lambda t: np.vstack([cubic(t / duration), slope(t / duration) / duration])
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """Phases of the best slide, and a motion to start from."""
+
+    modes: ModeSequence
+    active: tuple[tuple[int, ...], ...]  # limits at which the drive is held, see `FixedModes`
+    guess: Guess
+    excess: float  # least share of the drive that is left to gather speed, where it must
+
+
+def phases_of(table: SlideScene) -> Phases | None:
+    """Phases of the best slide, by Pontryagin's principle; None if friction departs too much.
+
+    The costate of the velocity in x'' = (u + f(v))/m changes its sign at most once. The drive of
+    the fastest slide is at one limit and then at the other; that of least effort leaves one limit
+    once, and the block may rest where its speed is 0.
+    """
+    law = law_of(table.block.friction)
+    if len(law.directions) < 2:
+        return None
+    return next(filter(None, (_phases(table, law, way) for way in (1, -1))), None)
+
+
+def _phases(table: SlideScene, law: Law, way: int) -> Phases | None:
+    """Phases of a slide that goes towards `way`; the motion is the fastest if f were f(0)."""
+    drive, mass, least = table.block.force, table.block.mass, table.minimise == "effort"
+    ahead, back = (abs(float(law.slip_force(0.0, d))) for d in (way, -way))
+    v0, v1 = way * table.start.velocity, way * table.end.velocity
+    # forces that stop it where it goes back, set it going, brake it, set it going back
+    stop, go, brake, leave = drive + back, drive - ahead, drive + ahead, drive - back
+    if go <= 0 or (v1 < 0 and leave <= 0):
+        return None
+    first, last = max(v0, 0.0), max(v1, 0.0)
+    run = way * (table.end.position - table.start.position) + min(v0, 0.0) ** 2 * mass / stop / 2
+    run += v1**2 * mass / leave / 2 if v1 < 0 else 0.0
+    square = (2 * go * brake * run / mass + brake * first**2 + go * last**2) / (go + brake)
+    if run < 0 or square < max(first, last) ** 2:
+        return None
+    steps = [  # contact, drive at a limit or 0, force, speed at the end
+        (v0 < 0, -way, 0 if least else way, stop, 0.0),
+        (v0 <= 0 and least, 0, 0, 1.0, 0.0),
+        (True, way, way, go, math.sqrt(square)),
+        (True, way, 0 if least else -way, brake, last),
+        (v1 <= 0 and least, 0, 0, 1.0, 0.0),
+        (v1 < 0, -way, 0 if least else -way, leave, v1),
+    ]
+    _, modes, active, forces, speeds = zip(*(step for step in steps if step[0]), strict=True)
+    speeds = np.array([v0, *speeds])
+    durations = np.abs(np.diff(speeds)) * mass / np.array(forces)
+    edges = np.cumsum([0.0, *durations])
+    ways = np.cumsum([0.0, *durations * (speeds[1:] + speeds[:-1]) / 2])
+
+    def states(t: np.ndarray) -> np.ndarray:
+        v = np.interp(t, edges, speeds)
+        k = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(durations) - 1)
+        x = ways[k] + (t - edges[k]) * (speeds[k] + v) / 2
+        return np.vstack([table.start.position + way * x, way * v])
+
+    def along(values: Sequence[float]) -> Curve:
+        return lambda t: np.array(values)[None, np.searchsorted(edges[1:-1], t, side="right")]
+
+    pushes = [drive * side for side in active]
+    grounds = [-mode * (ahead if mode == way else back) for mode in modes]
+    guess = Guess(float(edges[-1]), states, along(pushes), along(grounds), durations)
+    return Phases(
+        ModeSequence(tuple((m,) for m in modes)),
+        tuple((a,) for a in active),
+        guess,
+        min(go, leave if v1 < 0 else go) / drive,
     )

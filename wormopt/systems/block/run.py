@@ -9,18 +9,19 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.numerics.collocation import Collocation
-from wormopt.ocp.contact import Complementarity, Regularised
+from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise, refine
+from wormopt.ocp.problem import Problem
 from wormopt.ocp.structure import structure_of
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.progress import Report
 from wormopt.result import Result
 from wormopt.scene.numerics import SmoothContact
 from wormopt.scene.scene import Scene
-from wormopt.systems.block.block import cubic_guess, problem_of
+from wormopt.systems.block.block import Phases, cubic_guess, phases_of, problem_of
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain import law_of
 from wormopt.systems.shared.optimum import (
@@ -37,6 +38,9 @@ from wormopt.systems.shared.settings import treatment_of
 
 # Of a solve that only has to show the phases.
 _RELAXED = Complementarity(residual=1e-3, first=1e-1)
+# If less of the drive than this share is left to gather speed, relaxed contact hides the phases:
+# it lets friction be smaller by a thousandth of the drive and more.
+_RELAXED_BELOW = 0.05
 # First width of the smooth law, in usual speeds, and how often the mesh is refined.
 _WIDE, _ROUNDS = 0.1, 8
 # A simulation may end elsewhere by so many defects of a single arc.
@@ -59,7 +63,7 @@ def run(scene: Scene[SlideScene], report: Report) -> Result:
         reached = _signals(found) if isinstance(found, Motion) else ()
         raise refused(scene, error, reached, _KEYS) from None
     optimum, solved = [*stages.values()][-1], time.perf_counter()
-    accepted = max(ACCEPTED, _DEFECTS * table.mesh.tolerance)
+    accepted = max(ACCEPTED, _DEFECTS * table.mesh.tolerance, _rounding(optimum.motion))
     treatment = treatment_of(table.contact)
     second = cross_check(optimum.motion, treatment, accepted=accepted, report=report)
     return conclude_optimum(
@@ -86,10 +90,20 @@ def _signals(motion: Motion) -> dict[str, np.ndarray]:
     )
 
 
+def _rounding(motion: Motion) -> float:
+    """How far states move, in usual sizes, while the time of the motion rounds."""
+    arc = motion.program.arc
+    rates = np.abs(motion.observe(arc.lawful_ode, motion.time)).max(axis=1) / arc.x_nominal
+    return 4 * np.finfo(float).eps * motion.duration * float(rates.max())
+
+
 def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
     problem, mesh = problem_of(table), table.mesh
     plain = Mesh.even(1, mesh.arcs, Collocation(mesh.degree, mesh.scheme))
     if not isinstance(table.contact, SmoothContact):
+        known = phases_of(table)
+        if known is not None and known.excess < _RELAXED_BELOW:
+            return {"phases": _in_phases(table, problem, known, report)}
         relaxed = optimise(problem, plain, _RELAXED, cubic_guess(table), report=report)
         return {
             "relaxed": relaxed,
@@ -99,6 +113,16 @@ def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
     smoothed = Regularised(width, max(width, _WIDE * size))
     coarse = optimise(problem, plain, smoothed, cubic_guess(table), report=report)
     return {"smooth": coarse, "switched": _switched(coarse, mesh.tolerance, report)}
+
+
+def _in_phases(table: SlideScene, problem: Problem, known: Phases, report: Report) -> Optimum:
+    """Solve with phases known beforehand, from a motion near the best one."""
+    mesh = Mesh.even(len(known.modes.phases), 1, Collocation(5), 3)
+    near = table.minimise == "time"  # the motion is then the best one under constant friction
+    solver = Ipopt(tolerance=1e-10, mu_init=1e-5 if near else 1e-2, warm=near, rescale=False)
+    contact = FixedModes(known.modes, known.active)
+    found = optimise(problem, mesh, contact, known.guess, solver=solver, report=report)
+    return refine(found, table.mesh.tolerance, solver=solver, report=report)
 
 
 def _switched(coarse: Optimum, tolerance: float, report: Report) -> Optimum:

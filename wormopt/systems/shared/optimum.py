@@ -69,7 +69,7 @@ def replay(
     """
     course = motion.input_course()
     plant = drive(_plant(motion), course) if course.links else _plant(motion)
-    p = by_name(motion.program.problem.model.p, motion.p)
+    p = by_name(motion.program.problem.parameters, motion.p)
     found: list[Trajectory] = []
     state = np.zeros(plant.n_x)
     for begin, end, jump in _stretches(motion):
@@ -119,7 +119,7 @@ def _plant(motion: Motion) -> Model:
     values = by_name(problem.design, motion.arcs.design)
     chosen = [replace(s, value=values[s.name].tolist()) for s in problem.design]
     free = [replace(s, lower=-np.inf, upper=np.inf) for s in problem.model.x]
-    return replace(problem.model, x=free, p=[*problem.model.p, *chosen])
+    return replace(problem.model, x=free, p=[*problem.parameters, *chosen])
 
 
 def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:

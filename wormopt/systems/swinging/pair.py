@@ -47,6 +47,7 @@ def pair(
         p=[
             Signal("mass", big, "mass", lower=TINY, value=mass),
             Signal("gravity", weight, "acceleration", lower=TINY, value=gravity),
+            *([Signal("mass_ratio", ratio, "share")] if isinstance(ratio, ca.SX) else []),
         ],
         outputs=[
             Output("distance", x[1] - x[0], "length"),

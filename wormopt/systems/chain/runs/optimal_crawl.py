@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -16,9 +19,10 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
-from wormopt.ocp.optimise import Optimum, best_of
+from wormopt.ocp.optimise import Optimum, best_of, optimise
 from wormopt.ocp.problem import Problem
-from wormopt.ocp.switching import optimise_switching_times
+from wormopt.ocp.structure import structure_of
+from wormopt.ocp.switching import optimise_switching_times, resting_speeds
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.numerics import Start
@@ -28,7 +32,7 @@ from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.convergence import Convergence, converge
 from wormopt.systems.chain.copies import copies, draw_factors, numbers_of
 from wormopt.systems.chain.dynamic import PERIODS, Aim, CrawlLimits, crawl_problem, sine_guess
-from wormopt.systems.chain.runs.chains import build_chain, draw_links
+from wormopt.systems.chain.runs.chains import build_chain, draw_links, laws_of
 from wormopt.systems.chain.scenes.optimal_crawl import OptimalCrawlScene, RobustTable
 from wormopt.systems.shared.optimum import (
     ACCEPTED,
@@ -43,12 +47,22 @@ from wormopt.systems.shared.signals import chain_expressions
 from wormopt.systems.shared.transport import assumed, cost_of_transport
 
 _SHOWN = ("length", "velocity", "contact_force", "input")
+# Samples of a motion by which its size and its cycles are known.
+_SAMPLES = 512
 # Relaxation of complementarity, in usual speeds times usual forces: it only has to show the phases.
 _RELAXED = Complementarity(residual=1e-3, first=1.0)
 # State polynomials between switches.
 _EXACT = Collocation(7)
-# A robust crawl is not solved exactly; its simulation may end elsewhere by so much.
-_ACCEPTED_ROBUST = 2e-2
+# The simulation of a crawl with contact on a grid may end elsewhere by so much.
+_ACCEPTED_ON_GRID = 2e-2
+# Relaxation where contact stays on a grid, and the arcs of that against the first grid.
+_ON_GRID, _FINER = Complementarity(residual=1e-4, first=1e-4), 2
+# Arcs that a phase needs to be seen, on average, and shorter periods that are tried.
+_ARCS_A_PHASE, _SHORTER = 3, 2
+# The least friction counts, and no less than this part of the largest.
+_FRICTION = 1e-2
+# Largest input in nominal sizes.
+_USUAL_SIZES = 20.0
 # Keys of the scene, by what an optimiser calls them.
 _KEYS = {
     "input": "limits.force",
@@ -58,8 +72,10 @@ _KEYS = {
     "arcs": "mesh.arcs",
 }
 _ADVICE = {
-    "not_solved": "start elsewhere (search), or write another number of mesh.arcs or wider limits",
+    "not_solved": "write search.starts = 5, another number of mesh.arcs, or wider limits.length, "
+    "limits.force or limits.period",
 }
+_NOT_FOUND = "no crawl was found that keeps limits.period, limits.force and limits.length"
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
@@ -70,20 +86,28 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
     the simulation ends elsewhere; raises SolveError if there is no crawl or none is found.
     """
     table, begin = scene.table, time.perf_counter()
-    plant = _plant(table)
-    draws = [{}, *_draws(plant, table.robust)] if table.robust else [{}]
-    problem = _problem(table, copies(plant, draws) if table.robust else plant)
-    starts = [_resumed(scene)] if table.search.result else _guesses(table, plant, len(draws))
+    plant, worms = _plant(table), 1 + (table.robust.draws if table.robust else 0)
+    starts = iter([_resumed(scene)] if table.search.result else _guesses(table, plant, worms))
     try:
-        stages, tries = _solve(table, problem, starts, report)
+        draws = [{}, *_draws(plant, table.robust)] if table.robust else [{}]
+
+        def stated(near: Guess) -> Problem:
+            sized = _sized(table, plant, near)
+            return _problem(table, copies(sized, draws) if table.robust else sized)
+
+        stages, tries = _solve(table, stated, starts, report)
         exact, solved = [*stages.values()][-1], time.perf_counter()
         numbers = _numbers(table, plant, exact.motion, draws, report)
     except SolveError as error:
+        if error.code == "not_solved":  # what the solver says of its equations helps nobody
+            error = SolveError(_NOT_FOUND, error.suggestion, error.partial, error.code)
         raise refused(scene, error, keys=_KEYS, advice=_ADVICE) from None
-    accepted = _ACCEPTED_ROBUST if table.robust else ACCEPTED
+    accepted = ACCEPTED if "phases" in stages else _ACCEPTED_ON_GRID
     second = cross_check(exact.motion, accepted=accepted, report=report)
     kept, convergence, lost = _kept(numbers, accepted), None, ""
-    if "convergence" in table.want:
+    if "convergence" in table.want and "phases" not in stages:
+        lost = "relaxed contact was not followed to its limit: phases cannot be read off the motion"
+    elif "convergence" in table.want:
         try:
             convergence = converge(stages, report)
         except SolveError as error:
@@ -109,6 +133,31 @@ def _plant(table: OptimalCrawlScene) -> Model:
     size = rest / 2 if rest > 0 else 1.0
     links = draw_links(table.worm, 1.0)
     return build_chain(table.worm, Start(), links, size, table.limits.period_range[1])
+
+
+def _sized(table: OptimalCrawlScene, plant: Model, near: Guess) -> Model:
+    """Scale the plant by the speed of a motion near by, and by friction.
+
+    From masses and periods alone forces come out too small by orders of magnitude for light worms.
+    """
+    masses, force = table.worm.links + 1, table.limits.force
+    states = near.states(np.linspace(0.0, near.duration, _SAMPLES))
+    speed = float(np.sqrt(np.mean(states[masses : 2 * masses] ** 2)))
+    position, velocity = plant.x
+    velocity = replace(velocity, nominal=max(speed, velocity.nominal / 10))
+    held = [end for law in laws_of(table.worm) for end in law.stick_interval]
+    sizes = np.abs(np.array(held, dtype=float))
+    sizes = np.minimum(sizes[sizes > 0], force)
+    friction = max(sizes.min(), _FRICTION * sizes.max()) if len(sizes) else force
+    return replace(
+        plant,
+        x=[position, velocity],
+        u=[replace(u, nominal=max(float(friction), force / _USUAL_SIZES)) for u in plant.u],
+        contacts=[
+            replace(c, nominal_force=float(friction), nominal_speed=velocity.nominal)
+            for c in plant.contacts
+        ],
+    )
 
 
 def _draws(plant: Model, robust: RobustTable) -> list[dict[str, np.ndarray]]:
@@ -137,17 +186,57 @@ def _problem(table: OptimalCrawlScene, plant: Model) -> Problem:
 
 
 def _solve(
-    table: OptimalCrawlScene, problem: Problem, starts: Iterable[Guess], report: Report
+    table: OptimalCrawlScene,
+    stated: Callable[[Guess], Problem],
+    starts: Iterator[Guess],
+    report: Report,
 ) -> tuple[dict[str, Optimum], tuple[float, ...]]:
+    """Solve relaxed, then with free switching times, or on a finer grid where that fails.
+
+    `stated` is the problem in the sizes of a motion.
+    """
+    first = next(starts)
+    problem, starts = stated(first), chain([first], starts)
     mesh = Mesh.even(1, table.mesh.arcs, Collocation(table.mesh.degree, table.mesh.scheme))
     relaxed, tries = best_of(problem, mesh, _RELAXED, starts, report=report)
     if table.robust:
         return {"complementarity": relaxed}, tries
-    report("polishing", 0.6)
-    exact = optimise_switching_times(
-        relaxed, collocation=_EXACT, tolerance=table.mesh.tolerance, report=report
-    )
-    return {"complementarity": relaxed, "phases": exact}, tries
+    for _ in range(_SHORTER):
+        cycles = _cycles(relaxed.motion)
+        if _resolved(relaxed) or cycles == 1:
+            break
+        report(f"solving a period of 1/{cycles}", None)
+        guess = relaxed.motion.guess
+        guess = replace(guess, duration=guess.duration / cycles)
+        shorter = tuple(end / cycles for end in problem.duration)
+        problem = replace(stated(guess), duration=shorter)
+        relaxed = optimise(problem, mesh, _RELAXED, guess, report=report)
+    if _resolved(relaxed):
+        report("polishing", 0.6)
+        with suppress(SolveError):
+            exact = optimise_switching_times(
+                relaxed, collocation=_EXACT, tolerance=table.mesh.tolerance, report=report
+            )
+            return {"complementarity": relaxed, "phases": exact}, tries
+    report("solving on a finer grid", 0.7)
+    guess, grid = relaxed.motion.guess, Mesh.even(1, _FINER * mesh.total, mesh.collocation)
+    problem = replace(stated(guess), duration=problem.duration)
+    fine = optimise(problem, grid, _ON_GRID, guess, report=report)
+    return {"complementarity": relaxed, "grid": fine}, tries
+
+
+def _resolved(relaxed: Optimum) -> bool:
+    """Whether the mesh is fine enough to show the phases of a motion."""
+    speed = resting_speeds(relaxed)[0]
+    phases = len(structure_of(relaxed.motion, speed=speed).durations)
+    return _ARCS_A_PHASE * phases <= relaxed.motion.mesh.total
+
+
+def _cycles(motion: Motion) -> int:
+    """How often lengths go to and fro in a period: the harmonic in which they change most."""
+    t = np.arange(_SAMPLES) / _SAMPLES * motion.duration
+    power = np.sum(np.abs(np.fft.rfft(motion.output("length", t))) ** 2, axis=0)
+    return 1 + int(np.argmax(power[1:]))
 
 
 def _resumed(scene: Scene[OptimalCrawlScene]) -> Guess:
@@ -246,15 +335,24 @@ def _signals(motion: Motion, robust: bool) -> dict[str, np.ndarray]:
 def _warnings(
     table: OptimalCrawlScene, stages: Mapping[str, Optimum], convergence: Convergence | None
 ) -> Iterator[str]:
-    relaxed = stages["complementarity"]
+    relaxed, last = stages["complementarity"], [*stages.values()][-1]
     if "phases" in stages:
-        yield from warnings_of_optimum(stages["phases"], table.mesh.tolerance)
-        yield from warnings_of_reading(relaxed, stages["phases"])
+        yield from warnings_of_optimum(last, table.mesh.tolerance)
+        yield from warnings_of_reading(relaxed, last)
     else:
-        yield from warnings_of_optimum(relaxed, math.inf)
+        yield from warnings_of_optimum(last, math.inf)
+        why, part = "the phases cannot be read off this motion", "hundred"
+        if table.robust:
+            why, part = "several worms", "thousand"
         yield (
-            "several worms: contact is complementary on a grid, so that the motion is right to "
-            "about a part in a thousand; speed_simulated is what each worm really does"
+            f"{why}: contact is complementary on a grid, so that the motion is right to "
+            f"about a part in a {part}; speed_simulated is what each worm really does"
+        )
+    if (cycles := math.ceil(table.limits.period_range[0] / last.motion.duration - 1e-6)) > 1:
+        yield (
+            f"within limits.period the crawl repeats: time, advance and signals are those of one "
+            f"of {cycles} cycles, which last {cycles * last.motion.duration:.6g}; a smaller force, "
+            "or a larger aim.effort, makes slower cycles"
         )
     if table.search.starts == 1:
         yield "a local optimum from one start; write search.starts to try more"

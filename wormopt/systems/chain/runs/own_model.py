@@ -13,12 +13,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import casadi as ca
-
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.model.model import Model, pack
+from wormopt.model.model import Model
 from wormopt.model.values import signal_values
-from wormopt.quantities import UNITS
 from wormopt.scene.scene import Scene
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 
@@ -154,47 +151,9 @@ def _check_model(scene: Scene[SimulateScene], model: Model) -> None:
     for name in names:
         if used.count(name) > 1 or name in _TAKEN:
             raise _refused(scene, f"the name {name!r} is taken; rename that state or output")
-    _check_units(scene, model)
     try:
         signal_values(model.p, None, "parameter")
     except ArgumentError as error:
         raise _refused(scene, str(error), _blamed(scene.table.parameters, str(error))) from error
     if not model.n_x:
         raise _refused(scene, "the Model has no states; give it at least one in x")
-    try:
-        stray = _stray_symbols(model)
-    except Exception as error:  # whatever CasADi raises on what is no SX expression
-        said = " ".join(str(error).split())
-        raise _refused(scene, f"the Model holds what is no casadi.SX: {said}") from error
-    if stray:
-        what = "symbols that are neither state, input, parameter, time, contact force nor schedule"
-        raise _refused(scene, f"there are {what}: {', '.join(stray)}; give them to the Model too")
-
-
-def _check_units(scene: Scene[SimulateScene], model: Model) -> None:
-    """Refuse misspelt quantities; other text is taken for the name of a unit."""
-    for signal in (*model.x, *model.outputs):
-        unit = signal.unit
-        close = get_close_matches(unit, UNITS, n=1, cutoff=0.8) if isinstance(unit, str) else []
-        if not isinstance(unit, str) or (close and unit not in UNITS):
-            hint = f"did you mean {close[0]!r}?" if close else 'write "length" or "m", say'
-            raise _refused(scene, f"the unit of {signal.name!r} is {unit!r}; {hint}")
-
-
-def _stray_symbols(model: Model) -> list[str]:
-    known = ca.vertcat(
-        *(pack(signals) for signals in (model.x, model.z, model.u, model.p)),
-        model.t,
-        model.forces,
-        *(ca.vertcat(s.symbol, s.begin) for s in model.schedules),
-        *(delay.symbol for delay in model.delays),
-    )
-    said = ca.vertcat(
-        ca.vec(model.ode),
-        ca.vec(model.alg),
-        model.contact_velocities,
-        *(ca.vec(output.expression) for output in model.outputs),
-        *(ca.vertcat(ca.vec(s.guard), ca.vec(s.reset)) for s in model.switches),
-    )
-    own = {symbol.element_hash() for symbol in ca.symvar(known)}
-    return [s.name() for s in ca.symvar(said) if s.element_hash() not in own]

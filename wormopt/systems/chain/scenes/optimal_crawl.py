@@ -156,6 +156,10 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
     solve shows who rests when, a second one frees the switching times, an exact simulation with
     the inputs found repeats the motion. See [optimal.md](../optimal.md).
 
+    If the crawl repeats itself within the period, results are those of one cycle, and a warning
+    says how many there are. If no phases can be read off the relaxed motion, contact stays
+    complementary on a finer grid, as a warning says.
+
     `[mesh]` is that of the relaxed solve, with 60 arcs if left out; its `tolerance` that of the
     exact one. Where arcs join, the instant stands twice. `timings_s`: `build` and `solve` (of all
     programs), `optimise` and `check`.

@@ -322,7 +322,8 @@ def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float) -> Mode
     most_field = 1.0 if not rising else limits.field or math.inf
     given = Signal("field", field, nominal=size if rising else 1.0, lower=0.0, upper=most_field)
     ode = ca.vertcat(slope, (m - B) / limits.tension, -3 * (h + flow - 1) / h**3)
-    plain = Model("film under a wave", x=states, ode=ode, u=[given])
+    known = [Signal(s.name(), s, "1") for s in (flow, strength) if s.is_symbolic()]
+    plain = Model("film under a wave", x=states, ode=ode, u=[given], p=known)
     return plain if limits.gradient is None else ramped(plain, limits.gradient)
 
 

@@ -20,7 +20,12 @@ from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check, Result
 from wormopt.scene.scene import Scene
 from wormopt.systems.recorded.recordings import Run, runs_of
-from wormopt.systems.recorded.scenes.fit_design import CrawlRecording, FitDesignScene
+from wormopt.systems.recorded.scenes.fit_design import (
+    FORCES,
+    NO_FORCE,
+    CrawlRecording,
+    FitDesignScene,
+)
 from wormopt.systems.spiked import (
     Believed,
     Crawl,
@@ -77,6 +82,8 @@ def _runs(scene: Scene[FitDesignScene]) -> list[Run]:
             faults += [(where.replace("recording[0]", key), what) for where, what in error.faults]
         except ArgumentError as error:
             faults.append((key, str(error)))
+    if not faults and not any(name in run.recording.readings for run in found for name in FORCES):
+        faults.append(("recording", NO_FORCE))
     if faults:
         raise SceneError(scene.name, faults)
     return found

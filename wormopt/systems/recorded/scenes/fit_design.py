@@ -27,13 +27,21 @@ Confidence = Annotated[
 ]
 Number = Literal["mass", "drag", "load"]
 
+FORCES = ("actuator_force", "spike_load")
+"""Signals that depend on mass, drag and load even while spikes hold the worm."""
+NO_FORCE = (
+    "no column is a force, and the gait prescribes the motion whatever mass, drag and load are; "
+    'record actuator forces, columns = {mu0 = "actuator_force[0]"} say, or spike_load'
+)
+_MOTION = ("position", "velocity")
+
 
 class CrawlRecording(RecordingTable, frozen=True, kw_only=True):
     """A run of the worm with a known gait: what gauges read, over time.
 
     The gait begins at time 0 of the file, the worm at rest. Columns are `actuator_force[0]` and so
-    on, one per link; `spike_load`, of all spikes together; `position` and `velocity`. The gait may
-    make the worm glide; it has no corners.
+    on, one per link; `spike_load`, of all spikes together; `position` and `velocity` beside these.
+    The gait may make the worm glide; it has no corners.
     """
 
     gait: Annotated[Shape, says("", "how the links were moved; `shape` decides on the other keys")]
@@ -82,8 +90,8 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
     `[search]` are those of kind [`gait-design`](gait-design.md), as are the results of the gait,
     with loads and forces at the largest load of the range. Guide: [fitting.md](../fitting.md).
 
-    Refused: a range of loads in `[worm]`; `gait.sharing` other than `equal`, with which loads
-    are not linear in the numbers; `gait.impulses`.
+    Refused: recordings without any force; a range of loads in `[worm]`; `gait.sharing` other than
+    `equal`, with which loads are not linear in the numbers; `gait.impulses`.
 
     Exit code 3: the fit did not converge; the recordings do not tell a number; no gait keeps the
     limits; or, with `[plant]`, the gait breaks a limit there.
@@ -191,7 +199,21 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
             yield from recording.gait.faults(self.worm.links, folder, f"{key}.gait")
             if recording.use != "fit":
                 yield f"{key}.use", 'runs are kept aside in kind "fit"; leave it out'
+        yield from self._faults_of_forces(folder)
         yield from named_twice((one.label for one in self.recording), "recording")
         if (plant := self.plant_worm) is not None:
             for key, message in plant.faults():
                 yield f"plant.{key}", message
+
+    def _faults_of_forces(self, folder: Path) -> Iterator[Fault]:
+        """Whether any column is a force, as far as names in files of text tell."""
+        read = [recording.read(folder, [], "") for recording in self.recording]
+        signals = [
+            recording.columns.get(column, column)
+            for recording, columns in zip(self.recording, read, strict=True)
+            for column in (columns.values if columns is not None else ())
+        ]
+        named = [name for recording in self.recording for name in recording.columns.values()]
+        moved = all(name.startswith(_MOTION) for name in named)
+        if None not in read and moved and not any(s.startswith(FORCES) for s in signals):
+            yield "recording", NO_FORCE

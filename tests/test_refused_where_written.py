@@ -1,0 +1,275 @@
+"""Constructors and names: what does not fit is refused where it is written, by its name."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import wormopt as wo
+from wormopt.errors import ArgumentError, SolveError, UnknownNameError
+from wormopt.model.delay import Delay
+from wormopt.model.friction import Coulomb
+from wormopt.model.model import Contact, Model, Output, Signal, Switch
+from wormopt.model.schedule import Schedule
+from wormopt.numerics.collocation import Collocation
+from wormopt.ocp.contact import FixedModes
+from wormopt.ocp.mesh import Mesh
+from wormopt.ocp.motion import Guess
+from wormopt.ocp.optimise import Optimum, optimise
+from wormopt.ocp.problem import Constraint, Ends, Problem
+from wormopt.quantities import UNITS
+from wormopt.result import Result, Scalar
+
+q, v, u, f, s = (ca.SX.sym(name) for name in ("q", "v", "u", "f", "s"))
+stray = ca.SX.sym("stray", 2)
+WRONG: Any = "a word"
+STEPS = np.array([0.0, 1.0])
+CART = Model(
+    "cart",
+    x=[Signal("position", q), Signal("velocity", v)],
+    ode=ca.vertcat(v, u),
+    u=[Signal("force", u, lower=-1.0, upper=1.0)],
+)
+ENDS = Ends.of(CART, 1)
+START = Constraint("start", ENDS.start, 0.0, 0.0)
+
+
+def model(**changes: Any) -> Model:
+    return replace(CART, **changes)
+
+
+def problem(*at_ends: Constraint, **changes: Any) -> Problem:
+    return replace(
+        Problem(CART, ENDS, ENDS.duration, (0.1, 10.0)), boundary_constraints=at_ends, **changes
+    )
+
+
+def solved(task: Problem) -> Optimum:
+    guess = Guess(2.0, lambda t: np.vstack([t / 2, 0 * t + 0.5]))
+    return optimise(task, Mesh.even(1, 6, Collocation(3)), FixedModes(), guess)
+
+
+# -- symbols that belong to nothing ----------------------------------------------------------------
+
+CONTACT = Contact("sole", v, f, Coulomb(1.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("where", "made"),
+    [
+        ("ode", lambda: model(ode=ca.vertcat(v, stray[0]))),
+        ("ode", lambda: Model("m", x=[Signal("position", q)], ode=f)),
+        ("alg", lambda: model(z=[Signal("z", s)], alg=s - stray[1])),
+        ("output way", lambda: model(outputs=[Output("way", q * stray)])),
+        ("velocity of contact", lambda: model(contacts=[replace(CONTACT, velocity=v + stray[0])])),
+        ("guard of switch", lambda: model(switches=[Switch("stop", stray[0], CART.ode)])),
+        ("reset of switch", lambda: model(switches=[Switch("stop", q, stray)])),
+        ("signal of delay", lambda: model(delays=[Delay("past", s, q * stray[0], 1.0)])),
+        ("lag of delay", lambda: model(delays=[Delay("past", s, q, stray[0])])),
+        ("integrands", lambda: problem(integrands=(q - stray[0]) ** 2)),
+        ("path constraint 'room'", lambda: problem(path_constraints=[Constraint("room", stray)])),
+        ("minimise", lambda: problem(minimise=stray[0])),
+        ("boundary constraint 'way'", lambda: problem(Constraint("way", ENDS.end - stray))),
+    ],
+)
+def test_expressions_with_symbols_of_nothing_are_named(where: str, made: Callable[[], Any]):
+    with pytest.raises(ArgumentError, match=rf"{re.escape(where)}.*(stray|: f;)"):
+        made()
+
+
+@pytest.mark.parametrize("where", ["integrands", "path_constraints"])
+def test_a_reference_needs_its_schedule_in_the_model(where: str):
+    gait = wo.Gait(np.array([0.0, 1.0, 2.0]), np.array([[[1.0, 0.5]], [[1.5, -0.5]]]))
+    reference = wo.gait_reference(gait, CART.t)
+    off = (q - reference.value) ** 2
+    part = {where: off if where == "integrands" else [Constraint("near", off, upper=1.0)]}
+    with pytest.raises(ArgumentError, match=r"reference_.*schedules=\[\*model.schedules"):
+        problem(**part)
+    known = model(schedules=[*CART.schedules, *reference.schedules])
+    assert problem(model=known, **part).model is known
+
+
+def test_a_constant_of_design_is_a_parameter_that_has_no_value_of_its_own():
+    ratio = Signal("ratio", ca.SX.sym("ratio"), lower=0.5, upper=2.0)
+    driven = model(ode=ca.vertcat(v, ratio.symbol * u), p=[ratio, Signal("mass", s, value=1.0)])
+    assert [p.name for p in problem(model=driven, design=[ratio]).parameters] == ["mass"]
+    assert [p.name for p in problem(model=driven).parameters] == ["ratio", "mass"]
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: model(p=[Signal("mass", q)]),
+        lambda: model(contacts=[CONTACT, replace(CONTACT, name="other")]),
+        lambda: model(p=[Signal("mass", stray), Signal("more", stray)]),
+    ],
+)
+def test_a_symbol_has_one_owner(made: Callable[[], Any]):
+    with pytest.raises(ArgumentError, match="belongs to two of its parts"):
+        made()
+
+
+# -- arguments against each other ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("made", "told"),
+    [
+        (
+            lambda: Signal("lengths", ca.SX.sym("l", 3), value=[1, 2]),
+            "lengths has 3 entries.* of 2",
+        ),
+        (lambda: Signal("way", q, value=WRONG), "value of way must be a number"),
+        (lambda: Signal("way", q, lower=2.0, upper=1.0), "way: lower 2.0 is above upper 1.0"),
+        (lambda: Signal("way", q, nominal=0.0), "way: nominal must be positive"),
+        (lambda: Signal("way", 2 * q), "way: symbol must be a column of symbols"),
+        (lambda: Signal("way", q, unit="m"), "unit of 'way' is 'm'; did you mean 'length'"),
+        (lambda: Signal("way", q, unit="m s-1"), "'m s-1'; did you mean 'speed'"),
+        (lambda: Signal("way", q, unit="lenght"), "'lenght'; did you mean 'length'"),
+        (lambda: Signal("way", q, unit="furlongs"), "'furlongs'; write a quantity"),
+        (lambda: Output("way", q, "N"), "unit of 'way' is 'N'; did you mean 'force'"),
+        (lambda: Output("way", WRONG), "output way: expression must be"),
+        (lambda: replace(CONTACT, nominal_force=-1.0), "contact sole: nominal_force must be"),
+        (lambda: replace(CONTACT, force=2 * f), "contact sole: force must be a column of symbols"),
+        (lambda: replace(CONTACT, gap=1.0), "contact sole: gap must be an expression"),
+        (lambda: Switch("stop", stray, q), "switch stop: guard must be a scalar"),
+        (lambda: Switch("stop", WRONG, q), "switch stop: guard must be an expression"),
+        (lambda: Schedule("push", s, WRONG, STEPS, STEPS[1:, None]), "schedule push: begin"),
+        (lambda: Schedule("push", s, q, STEPS[:1], STEPS[1:]), "schedule push: breaks must ascend"),
+        (lambda: Schedule("push", s, q, WRONG, STEPS), "schedule push: breaks must be a number"),
+        (lambda: Constraint("force", u, 1, -1), "'force': lower 1 is above upper -1"),
+        (lambda: Constraint("ends", stray, [0, 2], [1, 1]), "'ends': lower 2 .* 1 in row 1"),
+        (lambda: Constraint("force", u, np.nan), "'force': no number is between nan and inf"),
+        (lambda: Constraint("force", u, upper=-np.inf), "'force': no number is between"),
+        (lambda: Constraint("force", u, nominal=0.0), "'force': nominal must be positive"),
+        (lambda: Constraint("force", WRONG), "'force': expression"),
+        (lambda: problem(duration=(2.0, 1.0)), "duration must be a positive range"),
+        (lambda: problem(periodic=["positon"]), "no state 'positon'.*did you mean 'position'"),
+        (lambda: problem(design=[u]), "design"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_its_name(made: Callable[[], Any], told: str):
+    with pytest.raises(ArgumentError, match=told):
+        made()
+
+
+@pytest.mark.parametrize("unit", [*UNITS, "1", "rad", "s", "kg m2", "K"])
+def test_quantities_and_units_that_no_quantity_has_are_taken(unit: str):
+    assert Signal("way", q, unit=unit).unit == unit
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_values_have_one_entry_or_all(seed: int):
+    random = np.random.default_rng(seed)
+    size, given = random.integers(1, 6, 2).tolist()
+    symbol, value = ca.SX.sym("l", size), random.normal(size=given).tolist()
+    if given in (1, size):
+        assert Signal("lengths", symbol, value=value).size == size
+        return
+    with pytest.raises(ArgumentError, match=f"lengths has {size} entries and a value of {given}"):
+        Signal("lengths", symbol, value=value)
+
+
+# -- limits that contradict each other -------------------------------------------------------------
+
+
+def at_end(name: str, row: int, low: float, high: float) -> Constraint:
+    return Constraint(name, ENDS.end[row], low, high)
+
+
+@pytest.mark.parametrize(
+    ("at_ends", "changes", "named"),
+    [
+        ([at_end("target", 0, 1, 1), at_end("goal", 0, 2, 2)], {}, {"target", "goal"}),
+        ([at_end("far", 0, 1, np.inf)], {"periodic": ["position"]}, {"far", "periodic position"}),
+        (
+            [Constraint("way", ENDS.end - ENDS.start, [3, -9], [3, 9]), at_end("near", 0, -1, 2)],
+            {},
+            {"way", "near"},
+        ),
+    ],
+)
+def test_contradictions_of_the_ends_are_named(at_ends, changes: dict, named: set[str]):
+    rest = at_end("rest", 1, 0, 0)
+    with pytest.raises(ArgumentError, match="constraint") as refused:
+        problem(START, rest, *at_ends, **changes)
+    found = set(re.findall("'([^']+)'", str(refused.value)))
+    assert named <= found <= named | {"start"}
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_two_intervals_of_one_end_contradict_each_other_only_if_they_are_apart(seed: int):
+    random = np.random.default_rng(seed)
+    size = 10 ** random.uniform(-3, 3)
+    (a, b), (c, d) = np.sort(size * random.normal(size=(2, 2))).tolist()
+    one = Constraint("one", ENDS.end[0] / size, a / size, b / size)
+    other = Constraint("other", 2 * ENDS.end[0], 2 * c, 2 * d, nominal=size)
+    if max(a, c) <= min(b, d):
+        assert len(problem(START, one, other).boundary_constraints) == 3
+        return
+    with pytest.raises(ArgumentError, match="'one' and 'other' contradict each other"):
+        problem(START, one, other)
+
+
+@pytest.mark.parametrize(
+    ("at_ends", "along", "named"),
+    [
+        ([Constraint("square", ENDS.end[0] ** 2, 4, 4), at_end("way", 0, 1, 1)], [], "way|square"),
+        ([at_end("way", 0, 1, 1)], [Constraint("still", v, 0, 0)], "still|way"),
+    ],
+)
+def test_equalities_that_contradict_each_other_otherwise_are_named(at_ends, along, named: str):
+    with pytest.raises(SolveError, match=rf"has to give way is ({named}) by") as refused:
+        solved(problem(START, *at_ends, path_constraints=along))
+    assert refused.value.code == "infeasible"
+
+
+# -- names -----------------------------------------------------------------------------------------
+
+
+def test_american_names_are_the_british_ones():
+    for name in ("optimize", "linearize", "Regularized", "optimize_switching_times"):
+        assert getattr(wo, name) is getattr(wo, name.replace("iz", "is"))
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"), [("simulte", "simulate"), ("Sgnal", "Signal"), ("chian", "chain")]
+)
+def test_misspelt_names_of_the_package_have_a_hint(name: str, meant: str):
+    with pytest.raises(AttributeError, match=f"no attribute '{name}'; did you mean '{meant}'"):
+        getattr(wo, name)
+
+
+def test_names_that_are_like_none_have_no_hint():
+    with pytest.raises(AttributeError, match=r"no attribute 'zzzz'$"):
+        getattr(wo, "zzzz")  # noqa: B009
+    assert not hasattr(wo, "__wrapped__")
+
+
+def test_misspelt_scalars_states_and_parameters_have_a_hint():
+    result = Result("walk", "gait", scalars={"speed": Scalar(0.5), "advance": Scalar(1.0)})
+    with pytest.raises(KeyError) as error:
+        result.scalars["sped"]
+    assert str(error.value).endswith("; did you mean 'speed'?")
+    worm = wo.chain(1, mass=1.0, stiffness=1.0, damping=1.0, rest_length=1.0)
+    wrong: list[dict[str, Any]] = [{"p": {"mas": 1.0}}, {"x0": {"postion": 0.0}}]
+    for given in wrong:
+        with pytest.raises(UnknownNameError, match=r"did you mean '(mass|position)'"):
+            wo.simulate(worm, 1.0, **given)
+
+
+def test_numbers_of_laws_may_become_parameters_later():
+    law = Coulomb(stray[0], 2.0)
+    early = model(contacts=[replace(CONTACT, law=law)], outputs=[Output("grip", stray[0])])
+    late = replace(early, p=[Signal("grips", stray, value=1.0)])
+    assert late.n_x == 2
+
+
+def test_schedules_of_a_model_own_their_symbols():
+    begin, c = ca.SX.sym("begin"), ca.SX.sym("c")
+    steps = Schedule("push", c, begin, np.array([0.0, 1.0]), np.array([[2.0]]))
+    assert model(ode=ca.vertcat(v, c * (CART.t - begin) + u), schedules=[steps]).n_x == 2
