@@ -83,10 +83,13 @@ def ending(
     Raises
     ------
     ArgumentError
-        If the model has walls, delays, algebraic variables, laws that this does not know, or
-        switches that end the motion.
+        If the model has walls, delays, algebraic variables, laws that this does not know, driven
+        contacts, or switches that end the motion.
     """
-    model, march = motion.system.model, _march(motion)
+    model = motion.system.model
+    if motion.system.exact and motion.system.prescribed:
+        raise ArgumentError(f"{model.name}: steps without events know no driven contacts")
+    march = _march(motion)
     sizes = nominal_of(model.x)
     count = _STRIDE * _FIRST
     last, change, before = march(x0, count // 2), math.inf, None

@@ -19,13 +19,30 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.numerics.identically import without_zeros
+from wormopt.numerics.identically import identically_zero, without_zeros
 from wormopt.simulation.grip import ENTRIES, never_rests
 from wormopt.simulation.grips import Grips
 from wormopt.simulation.law_numbers import LawNumbers
 from wormopt.simulation.least import RESTING, TURNING, Equations, determined, solver
 from wormopt.simulation.memory import Memory, recalled
 from wormopt.simulation.options import Smooth, Treatment
+
+# States drawn in search of one where the model is a number; singular value against the largest
+# below which contacts count as redundant.
+_DRAWS, _SINGULAR = 3, 1e-12
+
+
+def _zeros(column: ca.SX) -> np.ndarray:
+    """Which entries are 0 whatever their symbols are."""
+    entries = ca.densify(column)
+    drawn = ca.Function("entries", [ca.vertcat(*ca.symvar(entries))], [entries])
+    random = np.random.default_rng(0)
+    found = np.abs(drawn(random.uniform(0.5, 1.5, drawn.numel_in(0))).full().ravel()) < _SINGULAR
+    suspects = np.flatnonzero(found).tolist()
+    if suspects:
+        own = entries[suspects]
+        found[suspects] = identically_zero(own, ca.vertcat(*ca.symvar(own))).ravel()
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +113,7 @@ class System:
     def _grips(self) -> Grips:
         # smooth forces know no modes
         modes = self._modes if self.exact else ca.SX(self._n_modes, 1)
-        return Grips.of(self.contacts, self.model.t, modes)
+        return Grips.of(self.contacts, self.model.t, modes, self.prescribed if self.exact else ())
 
     @cached_property
     def planar(self) -> np.ndarray:
@@ -186,7 +203,32 @@ class System:
     @cached_property
     def coupled(self) -> bool:
         """Whether the force of one contact accelerates another."""
-        return not self.delassus.sparsity().is_diag()
+        return any(row != column for row, column in zip(*self._acting, strict=True))
+
+    @property
+    def _acting(self) -> tuple[list[int], list[int]]:
+        """Rows and columns of the Delassus matrix that are not empty."""
+        return self.delassus.sparsity().get_triplet()
+
+    @cached_property
+    def prescribed(self) -> tuple[int, ...]:
+        """Contacts whose velocity no contact force can change: on a belt that is driven, say.
+
+        Raises ArgumentError where they move in the plane or may not slide.
+        """
+        rows, columns = self._acting
+        own = ca.diag(self.delassus)
+        acted_on = {i for i, j in zip(rows, columns, strict=True) if i != j}
+        acted_on |= set(np.flatnonzero(~_zeros(own)).tolist())
+        free = [i for i in range(len(self.row_contact)) if i not in acted_on]
+        found = tuple(dict.fromkeys(self.row_contact[free].tolist()))
+        for contact in (self.contacts[i] for i in found):
+            if contact.planar or not contact.law.directions:
+                raise ArgumentError(
+                    f"no contact force acts on the velocity of {contact.name}, so that it cannot "
+                    "be held; write its force into the ode, or contact=Smooth(v_reg)"
+                )
+        return found
 
     @cached_property
     def forces(self) -> ca.SX:
@@ -209,7 +251,23 @@ class System:
 
         How they do is open, see `wormopt.simulation.sharing`.
         """
-        return self.coupled and (len(self.planar) > 0 or self._grips.bilateral)
+        if not self.coupled:
+            return False
+        return len(self.planar) > 0 or self._grips.bilateral or self._redundant
+
+    @property
+    def _redundant(self) -> bool:
+        """Whether contacts on lines have fewer freedoms than forces, whatever state they are in."""
+        matrix = self.delassus
+        drawn = ca.Function("delassus", [ca.vertcat(*ca.symvar(matrix))], [ca.densify(matrix)])
+        random = np.random.default_rng(0)
+        for _ in range(_DRAWS):
+            found = drawn(random.uniform(0.5, 1.5, drawn.numel_in(0))).full()
+            size = np.sqrt(np.abs(np.diag(found)))
+            found = found / np.outer(size, size) if size.all() else found
+            if np.all(np.isfinite(found)):
+                return bool(np.linalg.matrix_rank(found, _SINGULAR * len(found)) < len(found))
+        return False
 
     @cached_property
     def _solved(self) -> ca.SX:
@@ -343,7 +401,9 @@ class System:
         push = ca.vertcat(push, ca.SX.zeros(self.n_pushes, push.size2()))
         rests = self._grips.rests
         if not self.coupled:
-            return self.function("project", x - push @ (rests * velocity / ca.diag(self.delassus)))
+            own = ca.diag(self.delassus)
+            own[list(self.prescribed)] = 1  # they never rest
+            return self.function("project", x - push @ (rests * velocity / own))
         matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
         if not self.shares:
             return self.function("project", x + push @ ca.solve(matrix, right))

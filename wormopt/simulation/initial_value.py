@@ -190,7 +190,7 @@ class Outcome:
 
     Reasons: "step_too_small", "not_finite", "too_many_steps", "stiff", "events_accumulate",
     "no_contact_mode", "no_memory", "layer_not_resolved", "solver_failed", "interrupted",
-    "steep_derivatives".
+    "steep_derivatives", "open_force".
     """
 
     status: str

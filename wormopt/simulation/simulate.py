@@ -54,6 +54,11 @@ _REFUSALS = {
         "contacts that share one degree of freedom rest at once and leave their forces open",
         "treat contact as smooth, or give the links elasticity",
     ),
+    "open_force": (
+        "a contact rests at t = {t:.6g} whose velocity no contact force can change: the force that "
+        "holds it is open",
+        "write this force into the ode, or treat contact as smooth",
+    ),
     "layer_not_resolved": (
         "velocities pass the steep part of the smooth law unseen at t = {t:.6g}",
         "take a larger v_reg, or treat contact exactly",

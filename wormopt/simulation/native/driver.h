@@ -50,7 +50,8 @@ typedef struct {
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *planar;         /* per contact its place among those in the plane, or -1 */
     const long long *row_contact, *row_state; /* per component of velocity */
-    const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */
+    const long long *directions;     /* per contact 1 forward, 2 backward, 3 both; and 4
+                                        where no force changes its velocity */
     const long long *terminal;       /* per switch: whether the motion ends with it */
     const double *v_rest;            /* per contact: slower counts as at rest */
     const double *v_drift;           /* the same for one that rests already */
@@ -79,7 +80,8 @@ typedef enum {
     EVENTS_ACCUMULATE = -5,
     NO_CONTACT_MODE = -6,
     NO_MEMORY = -7,
-    STEEP_DERIVATIVES = -8
+    STEEP_DERIVATIVES = -8,
+    OPEN_FORCE = -9
 } Status;
 
 typedef enum { REVERSAL = 0, STICK = 1, RELEASE = 2, IMPACT = 3, SWITCH = 4 } Kind;

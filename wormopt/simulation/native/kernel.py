@@ -29,6 +29,7 @@ _STATUS = {
     -6: "no_contact_mode",
     -7: "no_memory",
     -8: "steep_derivatives",
+    -9: "open_force",
 }
 _ALONG = (
     *("slopes", "contacts_along", "project_along", "guards_along", "resets_along"),
@@ -179,7 +180,10 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
     places = np.full(len(system.contacts), -1)
     places[system.planar] = np.arange(len(system.planar))
     ways = [(1,) if c.planar else c.law.directions for c in system.contacts]
-    directions = [(1 in each) + 2 * (-1 in each) for each in ways]
+    prescribed = system.prescribed if system.exact else ()
+    directions = [
+        (1 in each) + 2 * (-1 in each) + 4 * (i in prescribed) for i, each in enumerate(ways)
+    ]
     arrays = {
         "velocity_state": system.velocity_state,
         "planar": places.astype(np.int64),

@@ -101,6 +101,7 @@ int dips_into_layer(Run *run, double h);
 int goes_over_bend(Run *run, double h);
 
 /* contact.c */
+int is_prescribed(const Run *run, long long i);
 double force_scale(const Run *run, long long i);
 double share_left(const Run *run, long long i);
 double way_out(const Run *run, long long i);
