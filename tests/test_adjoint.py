@@ -445,7 +445,7 @@ def test_what_is_in_doubt_forward_is_in_doubt_backward():
     ],
 )
 def test_weights_that_do_not_fit_are_refused(weights, message: str):
-    motion = simulate(WORM, 0.1, dense=True)
+    motion = simulate(WORM, 0.1, times=[0.0, 0.1], dense=True)
     with pytest.raises((ArgumentError, UnknownNameError), match=message):
         gradient(motion, weights)
 

@@ -139,7 +139,7 @@ def _move(
     """State at the end of a span in which the input is held."""
     held = {**(p or {}), **_by_name(worm.u, input_)}
     motion = simulate(
-        worm, span, contact=contact, x0=_by_name(worm.x, x), p=held, tolerance=tolerance
+        worm, span, contact=contact, x0=_by_name(worm.x, x), p=held, times=[], tolerance=tolerance
     )
     return motion.end
 

@@ -13,7 +13,7 @@ was seen, and 200 to 40000 tolerances where not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -21,7 +21,7 @@ import numpy as np
 from wormopt.errors import interruptible
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.progress import Report
+from wormopt.progress import Report, silent
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Smooth
 
@@ -35,6 +35,8 @@ _LEAST_RELATIVE = 1e-14
 # if a run fails. One integrator goes over so many of them at a time.
 _STATIONS = 64
 _CHUNK = 200
+# So many, if the motion is asked for without times; with the stations among them.
+_KEPT = 192
 
 
 def integrate(task: InitialValueProblem, report: Report) -> Outcome:
@@ -81,7 +83,8 @@ class _Grid:
     def __init__(self, task: InitialValueProblem) -> None:
         start, end = task.span
         pieces = [_pieces(schedule, start, end) for schedule in task.schedules]
-        wanted = [task.times, np.linspace(start, end, _STATIONS + 1), *(p[0] for p in pieces)]
+        stations = _KEPT if task.keep else _STATIONS
+        wanted = [task.times, np.linspace(start, end, stations + 1), *(p[0] for p in pieces)]
         times = np.unique(np.concatenate(wanted))
         gap = 1e-14 * max(abs(start), abs(end)) + 1e-13 * (end - start)
         times = times[np.concatenate([[True], np.diff(times) > gap])]
@@ -147,10 +150,17 @@ class _Run:
             t=float(self.grid.times[count - 1]),
             x=states[-1],
             samples=states[reached],
+            kept=self._kept(count),
             n_steps=self.n_steps,
             n_rejected=self.n_rejected,
             n_evaluations=self.n_evaluations,
         )
+
+    def _kept(self, count: int) -> np.ndarray:
+        """Rows of time and state, of which so many are known, no more than asked for."""
+        kept = slice(0, count, -(-count // max(self.task.keep, 1)) if self.task.keep else count + 1)
+        rows = np.column_stack([self.grid.times[:count], np.array(self.states[:count])])[kept]
+        return rows if self.task.keep else rows[:0]
 
 
 def _plugin(task: InitialValueProblem) -> str:
@@ -181,7 +191,7 @@ def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report
                 middle = (first + end) // 2
                 todo += [(middle, end), (first, middle)]
                 continue
-            run.status = "solver_failed"
+            run.status = _why(task, relative)
             if "TOO_MUCH_WORK" in str(failure):
                 run.n_steps += task.tolerance.max_steps
             break
@@ -190,6 +200,15 @@ def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report
     if run.n_steps >= task.tolerance.max_steps:
         run.status = "too_many_steps"
     return run
+
+
+def _why(task: InitialValueProblem, relative: float) -> str:
+    """Why the integrator failed: a motion that it follows without derivatives fails by these."""
+    if task.directions is None:
+        return "solver_failed"
+    alone = replace(task, directions=None)
+    done = _run(alone, _Grid(alone), relative, silent).status == "done"
+    return "steep_derivatives" if done else "solver_failed"
 
 
 def _solver(run: _Run, first: int, end: int) -> ca.Function:

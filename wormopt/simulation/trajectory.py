@@ -20,8 +20,15 @@ from wormopt.simulation.sensitivity.variation import variation
 # The last is before whatever jumps at the end of the step.
 _WITHIN = np.array([0.0, 0.25, 0.5, 0.75, 1 - 1e-9])
 _ZOOMS, _ZOOM_POINTS = 4, 41
+# Error of the time of an event against the span.
+_ROUNDING = 1e-10
 # Expressions are evaluated at so many times at once.
 _CHUNK = 50_000
+
+
+def latest(end: float, start: float) -> float:
+    """Latest time that rounding, and errors of a last event, let count as the end of a motion."""
+    return end + _ROUNDING * (abs(end) + end - start)
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,7 @@ class Dense:
     def __call__(self, t: np.ndarray) -> np.ndarray:
         """States at times ``t`` (m,) within the motion; shape (n_x, m)."""
         step = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, len(self.time) - 2)
-        s = (t - self.time[step]) / (self.time[step + 1] - self.time[step])
+        s = np.minimum((t - self.time[step]) / (self.time[step + 1] - self.time[step]), 1.0)
         value = np.zeros((len(t), self.coefficients.shape[2]))
         for k in range(7, 0, -1):
             value = (value + self.coefficients[step, k]) * (s if k % 2 else 1 - s)[:, None]
@@ -116,7 +123,7 @@ class Trajectory(SampledMotion):
     schedules : tuple of Schedule
         Those of the model, with the values they had.
     time : ndarray, shape (m,)
-        Sample times; without any asked for, start and end.
+        Sample times; where none were named, the ends of the steps, see `simulate`.
     states : ndarray, shape (n_x, m)
         States then; after a jump where one happens at that time.
     end_time : float
@@ -271,7 +278,7 @@ class Trajectory(SampledMotion):
             raise ArgumentError("simulate with dense=True to sample the motion afterwards")
         t = np.asarray(t, dtype=float)
         first, last = self.dense.time[0], self.dense.time[-1]
-        if t.size and not (first <= t.min() and t.max() <= last):
+        if t.size and not (first <= t.min() and t.max() <= latest(last, first)):
             raise ArgumentError(f"the motion goes from {first:g} to {last:g}")
         x, (n_x, k) = self.dense(t), self.end_derivative.shape
         states, along = x[: len(self.states)], x[len(self.states) :]

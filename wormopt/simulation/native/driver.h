@@ -29,6 +29,7 @@ typedef struct {
     long long n_contacts, n_rows, n_s, n_switches, n_schedules, n_times;
     long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
     long long exact, coupled, shares, keep_dense, max_steps, stiff_steps;
+    long long keep; /* how many ends of steps are kept at most; 0: samples at `times` */
     Function rhs;      /* (t, x, p, s) -> x' */
     Function velocities; /* (t, x, p, s) -> velocities of the contacts; smooth only, not where all
                             are states */
@@ -105,6 +106,7 @@ typedef struct {
     Table modes;     /* time, modes and directions of onset */
     Table doubts;    /* time, index as in events, mode, reason */
     Table dense;     /* end of the step, 8 n_all coefficients */
+    Table kept;      /* beginning of a step, n_all: every one, or every 2nd, 4th, ... */
 } Report;
 
 #endif
