@@ -254,8 +254,21 @@ class Trajectory(SampledMotion):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a law of friction leaves open, for the trust report."""
-        return self.system.warnings
+        """What a law of friction leaves open, and inputs at their bounds, for the trust report."""
+        return (*self.system.warnings, *self._saturation())
+
+    def _saturation(self) -> tuple[str, ...]:
+        """How long a controller has asked for more than its input gives, if it has."""
+        if "saturated" not in self.names or len(self.time) < 2:
+            return ()
+        cut = np.any(self["saturated"] != 0, axis=0)
+        if not cut.any():
+            return ()
+        share = float(np.sum(np.diff(self.time)[cut[:-1]]) / (self.time[-1] - self.time[0]))
+        return (
+            f"the controller asks for more than the input's bounds for {share:.2g} of the time, "
+            f"first at t = {self.time[int(np.argmax(cut))]:.6g}",
+        )
 
     def at(self, t: np.ndarray) -> Trajectory:
         """Sample the motion anew, at any times within it.
