@@ -175,6 +175,7 @@ def test_the_velocity_of_a_belt_may_be_a_state_and_its_friction_push_something_e
         contacts=[Contact("belt", y, f, Coulomb(2, 2)), Contact("block", v, g, Coulomb(0.5, 0.5))],
     )
     motion = simulate(model, 2 * np.pi, route=route)
+    assert not motion.system.shares
     # pushed by 2 - 0.5 for pi; then slowed by 2.5 until it stops at 1.6 pi, then back
     back = np.pi - 1.5 * np.pi / 2.5
     end = 1.5 * np.pi**2 / 2 + (1.5 * np.pi) ** 2 / 5 - 1.5 * back**2 / 2
@@ -227,10 +228,35 @@ def test_a_belt_driven_back_over_spikes_is_refused(route: Route):
     assert refusal(belt(ca.cos(t), Spike()), 2.0, route).code == "no_contact_mode"
 
 
-def test_what_cannot_slide_or_moves_in_the_plane_is_no_belt():
+@pytest.mark.parametrize("route", ROUTES)
+def test_belts_and_rails_in_the_plane_take_up_friction(route: Route):
+    """A belt that never rests, of speed (4, 3), and a runner on a rail, from 1 by 0.5."""
     f = ca.SX.sym("f", 2)
-    plane = Contact("belt", ca.vertcat(ca.cos(t), 1), f, Elliptic(1, 1, 1))
-    model = Model("belt", [Signal("taken", w, value=0.0)], -f[0], t=t, contacts=[plane])
+    law = Elliptic(0.5, 0.5, 0.5)
+    plane = [Contact("belt", ca.vertcat(4, 3) * (1 + t), f, law)]
+    model = Model("belt", [Signal("taken", w, value=0.0)], -f[0] - 2 * f[1], t=t, contacts=plane)
+    assert simulate(model, 1.0, route=route).end == pytest.approx([0.5 * (0.8 + 1.2)], abs=1e-10)
+    rail = [Contact("rail", ca.vertcat(v, 0), f, law)]
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=1.0)]
+    motion = simulate(Model("rail", states, ca.vertcat(v, f[0]), contacts=rail), 3.0, route=route)
+    assert motion.end == pytest.approx([1.0, 0.0], abs=1e-9)
+
+
+class Bolt:
+    """A law that holds and never lets go."""
+
+    directions = ()
+    stick_interval = (-1.0, 1.0)
+
+    def slip_force(self, v: ca.SX, direction: int) -> ca.SX:
+        return 0 * v
+
+    def smooth(self, v: ca.SX, v_reg: float) -> ca.SX:
+        return -v / v_reg
+
+
+def test_what_cannot_slide_is_no_belt():
+    model = belt(ca.cos(t), Bolt())  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match="no contact force acts on the velocity of belt"):
         simulate(model, 1.0)
     assert np.isfinite(simulate(model, 1.0, contact=Smooth(0.1)).end).all()

@@ -203,27 +203,26 @@ class System:
     @cached_property
     def coupled(self) -> bool:
         """Whether the force of one contact accelerates another."""
-        return any(row != column for row, column in zip(*self._acting, strict=True))
-
-    @property
-    def _acting(self) -> tuple[list[int], list[int]]:
-        """Rows and columns of the Delassus matrix that are not empty."""
-        return self.delassus.sparsity().get_triplet()
+        rows, columns = self.delassus.sparsity().get_triplet()
+        if any(row != column for row, column in zip(rows, columns, strict=True)):
+            return True
+        planar = set(self.planar.tolist())
+        return any(i in planar for i in np.delete(self.row_contact, rows).tolist())
 
     @cached_property
     def prescribed(self) -> tuple[int, ...]:
         """Contacts whose velocity no contact force can change: on a belt that is driven, say.
 
-        Raises ArgumentError where they move in the plane or may not slide.
+        Of those on lines: in the plane equations for forces that leave some open hold for them
+        too. Raises ArgumentError where they may not slide.
         """
-        rows, columns = self._acting
-        own = ca.diag(self.delassus)
+        rows, columns = self.delassus.sparsity().get_triplet()
         acted_on = {i for i, j in zip(rows, columns, strict=True) if i != j}
-        acted_on |= set(np.flatnonzero(~_zeros(own)).tolist())
+        acted_on |= set(np.flatnonzero(~_zeros(ca.diag(self.delassus))).tolist())
         free = [i for i in range(len(self.row_contact)) if i not in acted_on]
-        found = tuple(dict.fromkeys(self.row_contact[free].tolist()))
+        found = tuple(np.setdiff1d(self.row_contact[free], self.planar).tolist())
         for contact in (self.contacts[i] for i in found):
-            if contact.planar or not contact.law.directions:
+            if not contact.law.directions:
                 raise ArgumentError(
                     f"no contact force acts on the velocity of {contact.name}, so that it cannot "
                     "be held; write its force into the ode, or contact=Smooth(v_reg)"
@@ -258,7 +257,8 @@ class System:
     @property
     def _redundant(self) -> bool:
         """Whether contacts on lines have fewer freedoms than forces, whatever state they are in."""
-        matrix = self.delassus
+        acted_on = np.delete(np.arange(len(self.contacts)), self.prescribed).tolist()
+        matrix = self.delassus[acted_on, acted_on]
         drawn = ca.Function("delassus", [ca.vertcat(*ca.symvar(matrix))], [ca.densify(matrix)])
         random = np.random.default_rng(0)
         for _ in range(_DRAWS):
