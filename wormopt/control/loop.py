@@ -266,7 +266,7 @@ def close(
 
     Plant states come first; the ``reset`` of `switches` is the controller's states alone. The
     input's name is then that of an output. Where the input has bounds the force is cut to them, and
-    the output ``saturated`` tells where the controller asks for more.
+    the output ``saturated`` is 1 where the controller asks for more.
     Raises ArgumentError if the plant has no such input of the force's size.
     """
     signal = input_of(plant, force.numel(), input)
@@ -296,7 +296,7 @@ def close(
 
 
 def saturated(signal: Signal, command: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
-    """Cut what is commanded to an input's bounds; with an output that is 1 where it is cut.
+    """Cut a command to its input's bounds; the output is 1 where it is cut, else 0.
 
     Without bounds the command stays as it is, and there is no output.
     """
@@ -310,10 +310,10 @@ def saturated(signal: Signal, command: ca.SX) -> tuple[ca.SX, tuple[Output, ...]
 
 
 def check_sign(plant: Model, output: str, input: str) -> None:  # noqa: A002
-    """Refuse an input that pushes an output the wrong way, as trackers of high gain take it.
+    """Refuse an input that accelerates an output the wrong way for a tracker of high gain.
 
-    The eigenvalues of the high-frequency gain d(y'')/du must have positive real parts where the
-    plant starts; nothing is refused where it does not say so.
+    The eigenvalues of the high-frequency gain d(y'')/du must have positive real parts at the
+    plant's start. Gains that depend on values the plant does not give are not checked.
     Raises ArgumentError as said, or if there is no such input.
     """
     size = plant[output].numel()

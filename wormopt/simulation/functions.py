@@ -211,10 +211,10 @@ class System:
 
     @cached_property
     def prescribed(self) -> tuple[int, ...]:
-        """Contacts whose velocity no contact force can change: on a belt that is driven, say.
+        """Contacts on lines whose velocity no contact force changes, on a driven belt for example.
 
-        Of those on lines: in the plane equations for forces that leave some open hold for them
-        too. Raises ArgumentError where they may not slide.
+        In the plane the equations for forces that are left open hold for such contacts too.
+        Raises ArgumentError where one of them may not slide.
         """
         rows, columns = self.delassus.sparsity().get_triplet()
         acted_on = {i for i, j in zip(rows, columns, strict=True) if i != j}
@@ -256,7 +256,7 @@ class System:
 
     @property
     def _redundant(self) -> bool:
-        """Whether contacts on lines have fewer freedoms than forces, whatever state they are in."""
+        """Whether contacts on lines have fewer freedoms than forces in every state."""
         acted_on = np.delete(np.arange(len(self.contacts)), self.prescribed).tolist()
         matrix = self.delassus[acted_on, acted_on]
         drawn = ca.Function("delassus", [ca.vertcat(*ca.symvar(matrix))], [ca.densify(matrix)])

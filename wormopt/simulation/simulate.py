@@ -59,8 +59,8 @@ _REFUSALS = {
         "treat contact as smooth, or give the links elasticity",
     ),
     "open_force": (
-        "a contact rests at t = {t:.6g} whose velocity no contact force can change: the force that "
-        "holds it is open",
+        "a contact rests at t = {t:.6g}, and no contact force acts on its velocity: the force that "
+        "holds it is not determined",
         "write this force into the ode, or treat contact as smooth",
     ),
     "layer_not_resolved": (

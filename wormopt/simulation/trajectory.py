@@ -254,11 +254,11 @@ class Trajectory(SampledMotion):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a law of friction leaves open, and inputs at their bounds, for the trust report."""
+        """Warnings for the trust report: open laws of friction, inputs at their bounds."""
         return (*self.system.warnings, *self._saturation())
 
     def _saturation(self) -> tuple[str, ...]:
-        """How long a controller has asked for more than its input gives, if it has."""
+        """Warning with the share of time in which inputs are cut to their bounds, if they are."""
         if "saturated" not in self.names or len(self.time) < 2:
             return ()
         cut = np.any(self["saturated"] != 0, axis=0)
