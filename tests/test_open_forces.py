@@ -110,6 +110,18 @@ def test_a_bar_on_three_feet_holds_what_any_split_can_hold(route: Route):
     assert motion.end == pytest.approx([2 * 0.75**3 / 6, 0.75**2, 0.0], abs=1e-9)
 
 
+def test_contacts_of_one_freedom_whose_velocities_differ_share_nothing():
+    """Masses that swing about their centre never rest at once."""
+    f = ca.SX.sym("f", 2)
+    apart = [
+        Contact(f"mass {i}", v + sign * ca.cos(t), f[i], Coulomb(1, 2))
+        for i, sign in enumerate((1, -1))
+    ]
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
+    model = Model("swing", states, ca.vertcat(v, ca.sum1(f) / 2), t=t, contacts=apart)
+    assert not simulate(model, 1.0).system.shares
+
+
 # -- velocities that no contact force changes ----------------------------------------------------
 
 

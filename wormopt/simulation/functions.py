@@ -256,17 +256,26 @@ class System:
 
     @property
     def _redundant(self) -> bool:
-        """Whether contacts on lines have fewer freedoms than forces in every state."""
+        """Whether contacts on lines have fewer freedoms than forces in every state.
+
+        Forces without effect count only where they do no work either: contacts whose velocities
+        differ, by what is prescribed say, do not rest at once.
+        """
         acted_on = np.delete(np.arange(len(self.contacts)), self.prescribed).tolist()
-        matrix = self.delassus[acted_on, acted_on]
-        drawn = ca.Function("delassus", [ca.vertcat(*ca.symvar(matrix))], [ca.densify(matrix)])
+        matrix, velocity = self.delassus[acted_on, acted_on], self._velocity[acted_on]
+        held = ca.vertcat(*ca.symvar(matrix))
+        drawn = ca.vertcat(*(s for s in ca.symvar(velocity) if not ca.depends_on(held, s)))
+        both = ca.Function("both", [held, drawn], [ca.densify(matrix), ca.densify(velocity)])
         random = np.random.default_rng(0)
         for _ in range(_DRAWS):
-            found = drawn(random.uniform(0.5, 1.5, drawn.numel_in(0))).full()
-            size = np.sqrt(np.abs(np.diag(found)))
-            found = found / np.outer(size, size) if size.all() else found
-            if np.all(np.isfinite(found)):
-                return bool(np.linalg.matrix_rank(found, _SINGULAR * len(found)) < len(found))
+            at = random.uniform(0.5, 1.5, held.numel())
+            states = random.uniform(-1, 1, (len(acted_on) + 1, drawn.numel()))
+            found = [[part.full() for part in both(at, state)] for state in states]
+            rows = np.vstack([found[0][0], *(v.T / (np.abs(v).max() or 1.0) for _, v in found)])
+            size = np.sqrt(np.abs(np.diag(rows)))
+            if np.all(np.isfinite(rows)) and size.all():
+                rows[: len(size)] /= size[:, None]
+                return bool(np.linalg.matrix_rank(rows / size, _SINGULAR * len(rows)) < len(size))
         return False
 
     @cached_property

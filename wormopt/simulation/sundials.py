@@ -13,7 +13,7 @@ was seen, and 200 to 40000 tolerances where not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -35,8 +35,9 @@ _LEAST_RELATIVE = 1e-14
 # if a run fails. One integrator goes over so many of them at a time.
 _STATIONS = 64
 _CHUNK = 200
-# So many, if the motion is asked for without times; with the stations among them.
-_KEPT = 192
+# Equal parts of the time between two of them, at whose ends the motion is kept where no times are
+# named: steps go on over these.
+_PARTS = 8
 
 
 def integrate(task: InitialValueProblem, report: Report) -> Outcome:
@@ -83,8 +84,7 @@ class _Grid:
     def __init__(self, task: InitialValueProblem) -> None:
         start, end = task.span
         pieces = [_pieces(schedule, start, end) for schedule in task.schedules]
-        stations = _KEPT if task.keep else _STATIONS
-        wanted = [task.times, np.linspace(start, end, stations + 1), *(p[0] for p in pieces)]
+        wanted = [task.times, np.linspace(start, end, _STATIONS + 1), *(p[0] for p in pieces)]
         times = np.unique(np.concatenate(wanted))
         gap = 1e-14 * max(abs(start), abs(end)) + 1e-13 * (end - start)
         times = times[np.concatenate([[True], np.diff(times) > gap])]
@@ -125,6 +125,7 @@ class _Run:
     n_steps: int = 0
     n_rejected: int = 0
     n_evaluations: int = 0
+    kept: list[np.ndarray] = field(default_factory=list)  # rows of time and state, where asked for
 
     def agreed(self, other: _Run) -> int:
         """Number of points of time up to which two runs agree."""
@@ -150,17 +151,17 @@ class _Run:
             t=float(self.grid.times[count - 1]),
             x=states[-1],
             samples=states[reached],
-            kept=self._kept(count),
+            kept=self._kept(float(self.grid.times[count - 1])),
             n_steps=self.n_steps,
             n_rejected=self.n_rejected,
             n_evaluations=self.n_evaluations,
         )
 
-    def _kept(self, count: int) -> np.ndarray:
-        """Rows of time and state, of which so many are known, no more than asked for."""
-        kept = slice(0, count, -(-count // max(self.task.keep, 1)) if self.task.keep else count + 1)
-        rows = np.column_stack([self.grid.times[:count], np.array(self.states[:count])])[kept]
-        return rows if self.task.keep else rows[:0]
+    def _kept(self, until: float) -> np.ndarray:
+        """Rows of time and state up to a time, no more than asked for."""
+        start = np.append(self.grid.times[0], self.states[0])
+        rows = np.array([start, *(row for row in self.kept if row[0] <= until)])
+        return rows[:: -(-len(rows) // self.task.keep)] if self.task.keep else rows[:0]
 
 
 def _plugin(task: InitialValueProblem) -> str:
@@ -224,8 +225,18 @@ def _solver(run: _Run, first: int, end: int) -> ca.Function:
     }
     if _plugin(task) == "cvodes":  # else it goes on for ever where the motion ends
         options["min_step_size"] = 1e-15 * max(abs(times[0]), abs(times[-1]))
-    outputs = times[first + 1 : end + 1].tolist()
+    outputs = _outputs(run, first, end).tolist()
     return ca.integrator("solver", _plugin(task), _scaled(task), times[first], outputs, options)
+
+
+def _outputs(run: _Run, first: int, end: int) -> np.ndarray:
+    """Times at which the state is told between two points of the grid, the last one included."""
+    times = run.grid.times[first : end + 1]
+    if not run.task.keep:
+        return times[1:]
+    parts = times[:-1, None] + np.diff(times)[:, None] * np.arange(1, _PARTS + 1) / _PARTS
+    parts[:, -1] = times[1:]
+    return parts.ravel()
 
 
 def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end: int) -> np.ndarray:
@@ -235,11 +246,14 @@ def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end:
         x0=run.states[-1] / scale,
         z0=guess,
         p=task.p[: task.system.n_fixed],
-        u=run.grid.scheduled[:, first:end],
+        u=np.repeat(run.grid.scheduled[:, first:end], _PARTS if task.keep else 1, axis=1),
     )
     states = scale[:, None] * np.array(found["xf"])
     if not np.all(np.isfinite(states)):
         raise RuntimeError("the motion is no longer a number")
+    if task.keep:
+        run.kept.extend(np.column_stack([_outputs(run, first, end), states.T]))
+        states = states[:, _PARTS - 1 :: _PARTS]
     run.states.extend(states.T)
     work = solver.stats()
     run.n_steps += work["nsteps"]
