@@ -212,6 +212,19 @@ def test_an_input_that_does_not_act_at_the_start_is_refused():
         trackers(arm(np.inf, [[1.0, 1.0], [1.0, 1.0]], 2))[0]()
 
 
+def test_an_input_of_relative_degree_three_is_refused():
+    """A torque that a coil builds up."""
+    angle, rate, torque, tau = (ca.SX.sym(name) for name in ("angle", "rate", "torque", "tau"))
+    states = [
+        Signal(n, s, value=0.0)
+        for n, s in zip(("angle", "rate", "torque"), (angle, rate, torque), strict=True)
+    ]
+    ode = ca.vertcat(rate, torque, tau - torque)
+    slow = Model("slow arm", states, ode, u=[Signal("tau", tau)], t=t)
+    with pytest.raises(ArgumentError, match="eigenvalues 0"):
+        trackers(slow)[0]()
+
+
 def test_gains_of_unknown_parameters_are_not_judged_and_those_of_known_ones_are():
     angle, rate, tau, mass = (ca.SX.sym(name) for name in ("angle", "rate", "tau", "mass"))
 

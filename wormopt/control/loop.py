@@ -313,11 +313,14 @@ def check_sign(plant: Model, output: str, input: str) -> None:  # noqa: A002
     """Refuse an input that accelerates an output the wrong way for a tracker of high gain.
 
     The eigenvalues of the high-frequency gain d(y'')/du must have positive real parts at the
-    plant's start. Gains that depend on values the plant does not give are not checked.
+    plant's start. Gains that depend on values the plant does not give are not checked, nor is an
+    input that acts on nothing.
     Raises ArgumentError as said, or if there is no such input.
     """
     size = plant[output].numel()
     signal = input_of(plant, size, input)
+    if not ca.depends_on(plant.ode, signal.symbol):
+        return
     gain = ca.jacobian(lie(plant, lie(plant, plant[output])), signal.symbol)
     scheduled, values = at_zero(plant.schedules)
     symbols = [plant.t, plant.forces, scheduled, *(u.symbol for u in plant.u)]
