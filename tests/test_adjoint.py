@@ -243,8 +243,12 @@ def test_a_spike_that_is_thrown_back_stops_at_once():
 def assert_as_forward(
     model: Model, span: float | tuple[float, float], weights, asked: list[str], **how
 ) -> None:
-    """Every derivative as the sum of weights times derivatives of the samples, to 1e-8."""
-    motion = simulate(model, span, sensitivities=asked, dense=True, **how)
+    """Every derivative as the sum of weights times derivatives of the samples, to 1e-8.
+
+    Without times these are start and end.
+    """
+    ends = span if isinstance(span, tuple) else (0.0, span)
+    motion = simulate(model, span, sensitivities=asked, dense=True, **({"times": ends} | how))
     found = gradient(motion, weights)
     forward = np.zeros(len(motion.directions))
     for name, w in weights.items():
