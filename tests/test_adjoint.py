@@ -1,7 +1,7 @@
 """Gradients by the adjoint equation: against closed forms, differences, and each other."""
 
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import hypothesis.strategies as st
@@ -248,7 +248,8 @@ def assert_as_forward(
     Without times these are start and end.
     """
     ends = span if isinstance(span, tuple) else (0.0, span)
-    motion = simulate(model, span, sensitivities=asked, dense=True, **({"times": ends} | how))
+    options: dict[str, Any] = {"times": ends} | how
+    motion = simulate(model, span, sensitivities=asked, dense=True, **options)
     found = gradient(motion, weights)
     forward = np.zeros(len(motion.directions))
     for name, w in weights.items():
