@@ -1,7 +1,7 @@
 """Gradients by the adjoint equation: against closed forms, differences, and each other."""
 
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as ca
 import hypothesis.strategies as st
@@ -243,8 +243,13 @@ def test_a_spike_that_is_thrown_back_stops_at_once():
 def assert_as_forward(
     model: Model, span: float | tuple[float, float], weights, asked: list[str], **how
 ) -> None:
-    """Every derivative as the sum of weights times derivatives of the samples, to 1e-8."""
-    motion = simulate(model, span, sensitivities=asked, dense=True, **how)
+    """Every derivative as the sum of weights times derivatives of the samples, to 1e-8.
+
+    Without times these are start and end.
+    """
+    ends = span if isinstance(span, tuple) else (0.0, span)
+    options: dict[str, Any] = {"times": ends} | how
+    motion = simulate(model, span, sensitivities=asked, dense=True, **options)
     found = gradient(motion, weights)
     forward = np.zeros(len(motion.directions))
     for name, w in weights.items():
@@ -445,7 +450,7 @@ def test_what_is_in_doubt_forward_is_in_doubt_backward():
     ],
 )
 def test_weights_that_do_not_fit_are_refused(weights, message: str):
-    motion = simulate(WORM, 0.1, dense=True)
+    motion = simulate(WORM, 0.1, times=[0.0, 0.1], dense=True)
     with pytest.raises((ArgumentError, UnknownNameError), match=message):
         gradient(motion, weights)
 

@@ -117,7 +117,8 @@ def assert_same(a: Trajectory, b: Trajectory, within: float) -> None:
     assert listed(a) == listed(b)
     assert event_times(a) == pytest.approx(event_times(b), abs=within)
     assert a.modes[:, 1:].tolist() == b.modes[:, 1:].tolist()
-    assert a.states == pytest.approx(b.states, abs=within)
+    if np.array_equal(a.time, b.time):  # else they are the ends of steps
+        assert a.states == pytest.approx(b.states, abs=within)
     assert a.end == pytest.approx(b.end, abs=within)
 
 
@@ -770,10 +771,12 @@ def test_progress_is_the_share_of_the_time_that_has_passed():
 
 @pytest.mark.parametrize("route", STEPPING)
 def test_forces_left_open_are_refused(route: Route):
-    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f", 2)
-    feet = [Contact(f"foot {i}", v, f[i], Coulomb(1.0, 1.0)) for i in range(2)]
+    """All but: of their matrix the determinant is 7e-11."""
+    x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 2)
+    feet = [Contact(f"foot {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in range(2)]
     states = [Signal("x", x, value=0.0), Signal("v", v, value=1.0)]
-    cart = Model("cart", x=states, ode=ca.vertcat(v, f[0] + f[1]), contacts=feet)
+    near = ca.DM([[1, 1 - 7e-11], [1 - 7e-11, 1]])
+    cart = Model("cart", x=states, ode=ca.vertcat(v, near @ f), contacts=feet)
     error = refused(cart, 3.0, route)
     assert error.code == "no_contact_mode"
     assert error.partial.end_time == pytest.approx(0.5)

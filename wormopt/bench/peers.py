@@ -153,7 +153,9 @@ def _wormopt(case: Case) -> Run:
 
     def run(relative: float) -> np.ndarray:
         asked = Tolerance(relative, 0.1 * relative)
-        motion = simulate(model, case.span, contact=case.contact, tolerance=asked, route="native")
+        motion = simulate(
+            model, case.span, contact=case.contact, times=[], tolerance=asked, route="native"
+        )
         return motion.end[:compared]
 
     return run

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import casadi as ca
 import numpy as np
 
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, close
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, check_sign, close
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_choice, check_kind, check_number
@@ -137,8 +137,9 @@ def funnel_tracker(
     ------
     ArgumentError
         If a number is out of range, the plant has no such output or input, sizes of plant and
-        reference differ, forces act on the output's rate at once, the plant starts outside a
-        funnel, or the rate funnel is too narrow for the other.
+        reference differ, forces act on the output's rate at once, the input accelerates the output
+        the wrong way, the plant starts outside a funnel, or the rate funnel is too narrow for the
+        other.
 
     Examples
     --------
@@ -157,6 +158,7 @@ def funnel_tracker(
     check_number("gain", gain, above=0.0)
     check_choice("law", law, get_args(FunnelLaw))
     error = TrackingError.of(plant, reference, output)
+    check_sign(plant, output, input)
     if law == "two gains":
         _check_room(funnel, rate_funnel)
     _check_start(error.at_start(plant, reference), funnel, rate_funnel, law)

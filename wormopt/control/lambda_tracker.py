@@ -10,7 +10,7 @@ import casadi as ca
 from numpy.typing import ArrayLike
 
 from wormopt.control.feedback import FEEDBACKS, Known
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, close
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, check_sign, close
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_choice, check_number
@@ -260,14 +260,15 @@ def lambda_tracker(
         ``input_filter`` (n), and those of the adaptation. Parameters: the plant's,
         ``tube_radius``, ``gain_growth`` and the adaptation's others, for "difference" ``lag``, and
         those of the feed-forward. Delays: for "difference" ``past_error``. Outputs: the plant's,
-        ``reference``, ``error``, ``error_norm``, the input under its name, ``gain_rate``.
+        ``reference``, ``error``, ``error_norm``, the input under its name, ``gain_rate``, and
+        ``saturated`` where the input has bounds, which then hold.
 
     Raises
     ------
     ArgumentError
         If a number is out of range, the plant has no such output or input, or no ``stiffness``
-        where rest lengths are moved, sizes of plant and reference differ, or forces act on the
-        output's rate at once.
+        where rest lengths are moved, sizes of plant and reference differ, forces act on the
+        output's rate at once, or the input accelerates the output the wrong way.
 
     Examples
     --------
@@ -286,6 +287,7 @@ def lambda_tracker(
     check_number("gain_start", gain_start, above=0.0)
     check_choice("feedback", feedback, get_args(Feedback))
     error = TrackingError.of(plant, reference, output)
+    check_sign(plant, output, input)
     k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")
     given = Quadratic() if adaptation is None else adaptation
     if not isinstance(given, Adaptation):

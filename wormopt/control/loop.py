@@ -22,6 +22,8 @@ from wormopt.model.values import numbers_of
 Actuator = Literal["force", "rest_length"]
 """What a controller commands: the force u, or by (11) the change l of rest lengths, u = c l."""
 
+# Real part of an eigenvalue, against the largest entry, that is as good as 0; how many are listed.
+_SINGULAR, _LISTED = 1e-12, 4
 _RATES = {"length": "speed", "angle": "angular_frequency", "share": "rate"}
 
 
@@ -267,10 +269,12 @@ def close(
     """Put `force` (n, 1) for the plant's input and add the controller's states and parameters.
 
     Plant states come first; the ``reset`` of `switches` is the controller's states alone. The
-    input's name is then that of an output.
+    input's name is then that of an output. Where the input has bounds the force is cut to them, and
+    the output ``saturated`` is 1 where the controller asks for more.
     Raises ArgumentError if the plant has no such input of the force's size.
     """
     signal = input_of(plant, force.numel(), input)
+    force, told = saturated(signal, force)
     fed = feed(plant, [signal], force)
     x, own = pack(plant.x), pack(states)
     return replace(
@@ -283,6 +287,7 @@ def close(
             *fed.outputs,
             *error.shown(reference),
             Output(signal.name, force, signal.unit),
+            *told,
             *outputs,
         ],
         switches=[
@@ -291,6 +296,65 @@ def close(
         ],
         schedules=[*plant.schedules, *reference.schedules, *schedules],
         delays=[*plant.delays, *delays],
+    )
+
+
+def saturated(signal: Signal, command: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
+    """Cut a command to its input's bounds; the output is 1 where it is cut, else 0.
+
+    Without bounds the command stays as it is, and there is no output.
+    """
+    kept, beyond = command, ca.SX.zeros(command.numel())
+    if signal.lower > -np.inf:
+        kept, beyond = ca.fmax(kept, signal.lower), beyond + (command < signal.lower)
+    if signal.upper < np.inf:
+        kept, beyond = ca.fmin(kept, signal.upper), beyond + (command > signal.upper)
+    bounded = signal.lower > -np.inf or signal.upper < np.inf
+    return kept, (Output("saturated", beyond),) if bounded else ()
+
+
+def check_sign(plant: Model, output: str, input: str) -> None:  # noqa: A002
+    """Refuse an input that accelerates an output the wrong way for a tracker of high gain.
+
+    The eigenvalues of the high-frequency gain d(y'')/du must have positive real parts at the
+    plant's start. Gains that depend on values the plant does not give are not checked, nor is an
+    input that acts on nothing.
+    Raises ArgumentError as said, or if there is no such input.
+    """
+    size = plant[output].numel()
+    signal = input_of(plant, size, input)
+    if not ca.depends_on(plant.ode, signal.symbol):
+        return
+    gain = ca.jacobian(lie(plant, lie(plant, plant[output])), signal.symbol)
+    scheduled, values = at_zero(plant.schedules)
+    symbols = [plant.t, plant.forces, scheduled, *(u.symbol for u in plant.u)]
+    numbers: list[object] = [0, 0, values, *(0 if u.value is None else u.value for u in plant.u)]
+    for known in (*plant.x, *plant.p):
+        if known.value is not None:
+            symbols.append(known.symbol)
+            numbers.append(np.broadcast_to(np.asarray(known.value, float), known.size))
+    function = ca.Function("gain", symbols, [ca.densify(gain)], {"allow_free": True})
+    if function.has_free():
+        return
+    found = np.array(function(*numbers))
+    if not np.all(np.isfinite(found)):
+        return
+    parts = np.linalg.eigvals(found).real
+    least = _SINGULAR * np.abs(found).max()
+    if parts.min() > least:
+        return
+    what = f"the input {signal.name!r} of {plant.name}"
+    listed = ", ".join(f"{part:.3g}" for part in np.sort(parts)[:_LISTED])
+    if parts.max() < -least:
+        raise ArgumentError(
+            f"{what} accelerates {output} the wrong way: the high-frequency gain d(y'')/du has the "
+            f"eigenvalues {listed} at the start, and a tracker needs positive ones; turn the sign "
+            "of the input"
+        )
+    raise ArgumentError(
+        f"{what} does not accelerate every entry of {output} its own way: the high-frequency gain "
+        f"d(y'')/du has the eigenvalues {listed} (real parts) at the start, and a tracker needs "
+        "positive ones; choose other outputs or another order and sign of the inputs"
     )
 
 

@@ -75,7 +75,8 @@ def lqr(
         and without a course ``feedforward_inertia`` M, ``feedforward_damping`` D,
         ``feedforward_stiffness`` S (matrices row by row) and ``feedforward_force`` f. Outputs:
         the plant's, ``reference``, ``error``, ``error_norm``, the input under its name,
-        ``feedforward``. A course is the schedule ``feedforward``.
+        ``feedforward``, and ``saturated`` where the input has bounds, which then hold.
+        A course is the schedule ``feedforward``.
 
     Raises
     ------

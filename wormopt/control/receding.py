@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +33,7 @@ class Receded:
     decisions: tuple[Decision, ...]
     clocks: np.ndarray  # (2, N) as in `Decision`, estimation included
     parameters: np.ndarray  # (n_p, N) as they are believed at each decision
+    saturated: np.ndarray  # (N,) share of the inputs that each decision puts at a bound
 
     @property
     def seconds(self) -> np.ndarray:
@@ -69,7 +70,8 @@ def recede(
 ) -> Receded:
     """Let a worm of parameters `p`, which the plan need not know, move by decisions.
 
-    States are measured as they are, at every node of the plan; the input changes at once.
+    States are measured as they are, at every node of the plan; the input changes at once, and is
+    cut to the bounds that the worm's inputs have.
 
     Parameters
     ----------
@@ -109,7 +111,8 @@ def recede(
     stages = plan.stages
     estimator = Estimator(stages, plan.given, estimation) if estimation else None
     times, x = plan.times, signal_values(worm.x, None, "state")
-    states, made, clocks, believed = [x], [], [], []
+    states, made, clocks, believed, at_bound = [x], [], [], [], []
+    low, high = _bounds(worm)
     for k in range(len(times) - 1):
         spent = np.zeros(2)
         if estimator and k:
@@ -117,14 +120,24 @@ def recede(
             control.believe(estimator.see(control.course.rows[k - 1], states[-2], x))
             spent = clock() - begin
         decision = control.decide(k, x)
+        cut = np.clip(decision.input, low, high)
+        at_bound.append(np.mean((cut <= low) | (cut >= high)))
+        decision = replace(decision, input=cut)
         made.append(decision)
         clocks.append(spent + decision.clock)
         believed.append(control.given.p)
         x = _move(worm, (times[k], times[k + 1]), x, decision.input, p, contact, tolerance)
         states.append(x)
         report("deciding", (k + 1) / (len(times) - 1))
-    parts = (np.array(part).T for part in (clocks, believed))
-    return Receded(times, np.array(states).T, tuple(made), *parts)
+    columns, spent, known = (np.array(part).T for part in (states, clocks, believed))
+    return Receded(times, columns, tuple(made), spent, known, np.array(at_bound))
+
+
+def _bounds(worm: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest value of each scalar input."""
+    sizes = [u.size for u in worm.u]
+    low, high = ([getattr(u, name) for u in worm.u] for name in ("lower", "upper"))
+    return np.repeat(low, sizes), np.repeat(high, sizes)
 
 
 def _move(
@@ -139,7 +152,7 @@ def _move(
     """State at the end of a span in which the input is held."""
     held = {**(p or {}), **_by_name(worm.u, input_)}
     motion = simulate(
-        worm, span, contact=contact, x0=_by_name(worm.x, x), p=held, tolerance=tolerance
+        worm, span, contact=contact, x0=_by_name(worm.x, x), p=held, times=[], tolerance=tolerance
     )
     return motion.end
 

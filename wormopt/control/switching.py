@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, close
+from wormopt.control.loop import Actuator, FeedForward, TrackingError, actuated, check_sign, close
 from wormopt.control.reference import Reference
 from wormopt.errors import ArgumentError
 from wormopt.model.given import check_number
@@ -84,7 +84,8 @@ def switching_tracker(
     ------
     ArgumentError
         If a number is out of range, the plant does not say where it starts, it has no such output
-        or input, sizes of plant and reference differ, or forces act on the output's rate at once.
+        or input, sizes of plant and reference differ, forces act on the output's rate at once, or
+        the input accelerates the output the wrong way.
 
     Examples
     --------
@@ -106,6 +107,7 @@ def switching_tracker(
     check_number("gain_start", gain_start, above=0.0)
     check_number("factor", factor, above=1.0)
     error = TrackingError.of(plant, reference, output)
+    check_sign(plant, output, input)
     start = error.at_start(plant, reference)
     if start is None:
         raise ArgumentError(f"{plant.name} must say where it starts: the first bound follows it")

@@ -18,7 +18,7 @@ from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.layer import Layer
 from wormopt.simulation.sensitivity.columns import Columns
 from wormopt.simulation.sharing import Sharing
-from wormopt.simulation.steps import GivenUp, Step, Stepper
+from wormopt.simulation.steps import GivenUp, Kept, Step, Stepper
 
 _SWITCH = KINDS.index("switch")
 _STEPS_PER_REPORT = 500
@@ -69,12 +69,17 @@ class _Record:
     modes: list[np.ndarray] = field(default_factory=list)
     steps: list[tuple[float, np.ndarray]] = field(default_factory=list)  # end and polynomial
 
+    def __post_init__(self) -> None:
+        self.kept = Kept(self.task.keep)
+
     def keep(self, step: Step) -> None:
         """Samples within a step, its end left to what comes next."""
         times, sampled = self.task.times, len(self.samples)
         stop = int(np.searchsorted(times, step.end))
         if stop > sampled:
             self.samples.extend(step.states((times[sampled:stop] - step.t) / step.h))
+        if self.task.keep:
+            self.kept.add(step.t, step.x)
         if self.task.dense:
             self.steps.append((step.end, step.rows))
 
@@ -273,6 +278,7 @@ class _Motion:
             events=_table(record.events, 4 + task.k),
             modes=_table(record.modes, 1 + task.system.n_s),
             doubts=_table(self._columns.doubts.rows, 4),
+            kept=_table(record.kept.rows, 1 + len(x)),
             dense_time=np.array([task.span[0], *(end for end, _ in steps)] if task.dense else []),
             dense=_table([rows for _, rows in steps], 8, len(x)),
         )

@@ -81,6 +81,7 @@ class Contacts:
         self._in_plane = np.isin(np.arange(self._n), system.planar)
         laws = enumerate(contact.law for contact in system.contacts)
         self._directions = [(1,) if i in planar else law.directions for i, law in laws]
+        self._prescribed = frozenset(system.prescribed)
         self._held = np.array([not directions for directions in self._directions], dtype=bool)
         self._released = dict[int, float]()  # when each was last let go by an event
         self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
@@ -107,7 +108,7 @@ class Contacts:
         if struck.any():
             x = self._hold(t, x)
             probe = self._look(t, x)
-        self._by_velocity(t, probe.velocity, forced)
+        self._by_velocity(t, probe, forced)
         rests = (self._modes == 0) & (np.arange(self._n) != forced)
         suspects = self._columns.suspects(t, x, rests & (before != 0))
         hit = rests & (np.abs(probe.velocity) > jump_from)
@@ -201,9 +202,15 @@ class Contacts:
             found.append(Change(i, _IMPACT if struck[i] else kind, int(now)))
         return found
 
-    def _by_velocity(self, t: float, velocity: np.ndarray, forced: int | None) -> None:
-        """Set modes by velocity alone."""
-        for i, v in enumerate(velocity):
+    def _by_velocity(self, t: float, probe: _Probe, forced: int | None) -> None:
+        """Set modes by velocity alone; at 0 a prescribed one goes on as it accelerates."""
+        for i, v in enumerate(probe.velocity):
+            if i in self._prescribed:
+                ahead = -self._modes[i] if i == forced else probe.acceleration[i]
+                ahead = v if i != forced and abs(v) > self._v_stop[i] else ahead
+                self._modes[i] = np.sign(ahead) or self._modes[i]
+                self._check_directions([i])
+                continue
             begins = self._aim.is_set(i)
             if begins and i != forced:
                 continue
@@ -278,7 +285,7 @@ class Contacts:
         rounding = 1e-9 * np.abs(acceleration).max()
         for i, mode in enumerate(self._modes):
             moves = abs(probe.velocity[i]) > self._v_stop[i]
-            if moves or mode == 0 or self._released.get(i) == t:
+            if moves or mode == 0 or i in self._prescribed or self._released.get(i) == t:
                 continue
             if mode * acceleration[i] < -rounding:
                 self._modes[i] = 0.0

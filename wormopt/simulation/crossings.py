@@ -29,6 +29,9 @@ from wormopt.simulation.steps import GivenUp, Step, Stepper, floor_of_step
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 
+# Share of the whole time from which a step at velocity 0, but for rounding, is no mere touch.
+_AT_REST = 1e-3
+
 
 class Crossing(NamedTuple):
     """Where an event function falls through its level."""
@@ -66,6 +69,7 @@ class Watch:
         self.n_contacts = len(system.contacts) if system.exact else 0
         self.n = self.n_contacts + len(system.model.switches)
         self._levels = np.zeros(self.n)
+        self._prescribed = list(system.prescribed) if system.exact else []
         # a switch that has fired has level 0 again once its guard has fallen by more than this
         self._passed = np.zeros(len(system.model.switches))
         # switches that are crossed, and last fired because their guards jumped
@@ -207,6 +211,7 @@ class Watch:
                 self._shared(row, step.t + theta * step.h, step.states(theta))
         if np.isnan(values).any():
             raise GivenUp("not_finite")
+        self._check_moves(step, values)
         a, b, c = values[:-2], values[1:-1], values[2:]
         dips = (b < a) & (b <= c) & (b < 4 * (np.maximum(a, c) - b))
         suspects = np.flatnonzero((values.min(axis=0) < 0) | dips.any(axis=0))
@@ -220,6 +225,14 @@ class Watch:
             return first
         self._levels[values.max(axis=0) > small] = 0.0
         return None
+
+    def _check_moves(self, step: Step, values: np.ndarray) -> None:
+        """Give up where a prescribed velocity is 0 for a while: its contact's force is open."""
+        long = step.h > _AT_REST * (self._task.span[1] - self._task.span[0])
+        for i in self._prescribed:
+            largest = np.abs(values[:, i]).max()
+            if largest == 0 or (long and largest <= self._task.v_rest[i]):
+                raise GivenUp("open_force")
 
     def _first(self, j: int, step: Step, value: np.ndarray, small: float) -> Crossing | None:
         """First crossing of one event function."""

@@ -24,6 +24,7 @@ from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.memory import GENERATIONS, Course, Memory, Piece, fitted
 from wormopt.simulation.options import Route
 from wormopt.simulation.routes import integrate
+from wormopt.simulation.steps import Kept
 from wormopt.simulation.trajectory import Dense
 
 # Errors of what is remembered against the size of what it is made of: a share of the relative
@@ -178,6 +179,9 @@ class _Stretches:
     found: list[Outcome] = field(default_factory=list)
     _steps: int = 0  # spent on all stretches but the last
 
+    def __post_init__(self) -> None:
+        self._kept = Kept(self.task.keep)
+
     def follow(self, report: Report) -> tuple[InitialValueProblem, Outcome]:
         """Go to the end, or as far as it goes."""
         status = "done"
@@ -203,7 +207,9 @@ class _Stretches:
                 report("simulating", k / count)
             outcome = self._stretch(begin, until, x)
             dense = Dense(outcome.dense_time, outcome.dense)
-            self.found.append(outcome if self.task.dense else _without_dense(outcome))
+            for row in outcome.kept:
+                self._kept.add(row[0], row[1:])
+            self.found.append(self._shortened(outcome))
             if len(outcome.dense):
                 breaking = self._breaking(begin, outcome.t)
                 for past in self.pasts:
@@ -233,8 +239,16 @@ class _Stretches:
             tolerance=replace(task.tolerance, max_step=task.max_step, max_steps=left),
             times=times[first:last],
             dense=True,
+            keep=task.keep,
         )
         return integrate(part, self.route, _quiet)
+
+    def _shortened(self, outcome: Outcome) -> Outcome:
+        """A stretch without what is not asked for, or kept for all of them."""
+        outcome = replace(outcome, kept=outcome.kept[:0])
+        if self.task.dense:
+            return outcome
+        return replace(outcome, dense_time=np.zeros(0), dense=outcome.dense[:0])
 
     def _breaking(self, begin: float, end: float) -> list[tuple[float, int]]:
         """Where derivatives jump on a stretch, in order of time, from its begin on."""
@@ -274,16 +288,12 @@ class _Stretches:
             n_evaluations=sum(part.n_evaluations for part in parts),
             events=np.concatenate([part.events for part in parts]),
             modes=modes,
+            kept=np.array(self._kept.rows).reshape(len(self._kept.rows), 1 + len(last.x)),
             dense_time=np.concatenate(
                 [parts[0].dense_time[:1], *(part.dense_time[1:] for part in parts)]
             ),
             dense=np.concatenate([part.dense for part in parts]),
         )
-
-
-def _without_dense(outcome: Outcome) -> Outcome:
-    nothing = np.zeros((0, 8, len(outcome.x)))
-    return replace(outcome, dense_time=np.zeros(0), dense=nothing)
 
 
 def _quiet(_text: str, _fraction: float | None) -> None:

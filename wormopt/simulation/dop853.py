@@ -66,8 +66,8 @@ class Explicit:
     def restart(self, t: float, x: np.ndarray) -> None:
         """Go on from another state, or with other parameters or modes."""
         self._t, self._x, self._dx = t, x, self._derivative(t, x)
-        if self.h == 0.0 and not (np.all(np.isfinite(x)) and np.all(np.isfinite(self._dx))):
-            raise GivenUp("not_finite")
+        if self.h == 0.0 and (status := self._task.broken(x, self._dx)):
+            raise GivenUp(status)
 
     def attempt(self, stop: float) -> Step | None:
         """Try a step not beyond `stop`; None if too inexact, and the next will be shorter.

@@ -144,7 +144,7 @@ def simulate_ensemble(
     contact : Exact or Smooth, optional
         How contacts are treated.
     times : array_like, shape (m,), optional
-        When to sample, alike for all.
+        When to sample, alike for all; start and end if left out.
     tolerance : Tolerance, optional
         How exact.
     route : {"auto", "native", "python", "radau", "cvodes"}, optional
@@ -193,7 +193,9 @@ def simulate_ensemble(
     check(model, contact, tolerance, route)
     stopped = Event()
     stop_if = partial(_stop_if, stopped)
-    shared = {"contact": contact, "times": times, "tolerance": tolerance}
+    start, end = span if isinstance(span, tuple) else (0.0, span)
+    time = np.array([start, end]) if times is None else np.asarray(times, dtype=float)
+    shared = {"contact": contact, "times": time, "tolerance": tolerance}
     shared |= {"sensitivities": sensitivities}
     one = partial(_one, model, span, route=route, report=stop_if, **shared)
     alike = len(members) >= _LANES and sensitivities is None and not model.delays
@@ -215,8 +217,6 @@ def simulate_ensemble(
             if not isinstance(error, KeyboardInterrupt) or len(found) < len(members):
                 raise
     motions, codes = zip(*(future.result() for future in found), strict=True)
-    start, end = span if isinstance(span, tuple) else (0.0, span)
-    time = np.array([start, end]) if times is None else np.asarray(times, dtype=float)
     states = np.array([_filled(motion.states, len(time)) for motion in motions])
     if in_vain:
         codes = tuple("given_up" if code == "interrupted" else code for code in codes)

@@ -86,9 +86,13 @@ def ending(
     Raises
     ------
     ArgumentError
-        If the model has walls, delays, algebraic variables, laws that this does not know, or
-        switches that end the motion.
+        If the model has walls, delays, algebraic variables, laws that this does not know, driven
+        contacts, or switches that end the motion.
     """
+    if motion.system.exact and motion.system.prescribed:
+        raise ArgumentError(
+            f"{motion.system.model.name}: steps without events know no driven contacts"
+        )
     task = _task(motion, x0)
     march, n_x = _march(task), len(x0)
     sizes, x0 = nominal_of(motion.system.model.x), task.x0[: task.system.model.n_x]

@@ -19,13 +19,30 @@ from wormopt.errors import ArgumentError
 from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.numerics.identically import without_zeros
+from wormopt.numerics.identically import identically_zero, without_zeros
 from wormopt.simulation.grip import ENTRIES, never_rests
 from wormopt.simulation.grips import Grips
 from wormopt.simulation.law_numbers import LawNumbers
 from wormopt.simulation.least import RESTING, TURNING, Equations, determined, solver
 from wormopt.simulation.memory import Memory, recalled
 from wormopt.simulation.options import Smooth, Treatment
+
+# States drawn in search of one where the model is a number; singular value against the largest
+# below which contacts count as redundant.
+_DRAWS, _SINGULAR = 3, 1e-12
+
+
+def _zeros(column: ca.SX) -> np.ndarray:
+    """Which entries are 0 whatever their symbols are."""
+    entries = ca.densify(column)
+    drawn = ca.Function("entries", [ca.vertcat(*ca.symvar(entries))], [entries])
+    random = np.random.default_rng(0)
+    found = np.abs(drawn(random.uniform(0.5, 1.5, drawn.numel_in(0))).full().ravel()) < _SINGULAR
+    suspects = np.flatnonzero(found).tolist()
+    if suspects:
+        own = entries[suspects]
+        found[suspects] = identically_zero(own, ca.vertcat(*ca.symvar(own))).ravel()
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +113,7 @@ class System:
     def _grips(self) -> Grips:
         # smooth forces know no modes
         modes = self._modes if self.exact else ca.SX(self._n_modes, 1)
-        return Grips.of(self.contacts, self.model.t, modes)
+        return Grips.of(self.contacts, self.model.t, modes, self.prescribed if self.exact else ())
 
     @cached_property
     def planar(self) -> np.ndarray:
@@ -186,7 +203,31 @@ class System:
     @cached_property
     def coupled(self) -> bool:
         """Whether the force of one contact accelerates another."""
-        return not self.delassus.sparsity().is_diag()
+        rows, columns = self.delassus.sparsity().get_triplet()
+        if any(row != column for row, column in zip(rows, columns, strict=True)):
+            return True
+        planar = set(self.planar.tolist())
+        return any(i in planar for i in np.delete(self.row_contact, rows).tolist())
+
+    @cached_property
+    def prescribed(self) -> tuple[int, ...]:
+        """Contacts on lines whose velocity no contact force changes, on a driven belt for example.
+
+        In the plane the equations for forces that are left open hold for such contacts too.
+        Raises ArgumentError where one of them may not slide.
+        """
+        rows, columns = self.delassus.sparsity().get_triplet()
+        acted_on = {i for i, j in zip(rows, columns, strict=True) if i != j}
+        acted_on |= set(np.flatnonzero(~_zeros(ca.diag(self.delassus))).tolist())
+        free = [i for i in range(len(self.row_contact)) if i not in acted_on]
+        found = tuple(np.setdiff1d(self.row_contact[free], self.planar).tolist())
+        for contact in (self.contacts[i] for i in found):
+            if not contact.law.directions:
+                raise ArgumentError(
+                    f"no contact force acts on the velocity of {contact.name}, so that it cannot "
+                    "be held; write its force into the ode, or contact=Smooth(v_reg)"
+                )
+        return found
 
     @cached_property
     def forces(self) -> ca.SX:
@@ -209,7 +250,33 @@ class System:
 
         How they do is open, see `wormopt.simulation.sharing`.
         """
-        return self.coupled and (len(self.planar) > 0 or self._grips.bilateral)
+        if not self.coupled:
+            return False
+        return len(self.planar) > 0 or self._grips.bilateral or self._redundant
+
+    @property
+    def _redundant(self) -> bool:
+        """Whether contacts on lines have fewer freedoms than forces in every state.
+
+        Forces without effect count only where they do no work either: contacts whose velocities
+        differ, by what is prescribed say, do not rest at once.
+        """
+        acted_on = np.delete(np.arange(len(self.contacts)), self.prescribed).tolist()
+        matrix, velocity = self.delassus[acted_on, acted_on], self._velocity[acted_on]
+        held = ca.vertcat(*ca.symvar(matrix))
+        drawn = ca.vertcat(*(s for s in ca.symvar(velocity) if not ca.depends_on(held, s)))
+        both = ca.Function("both", [held, drawn], [ca.densify(matrix), ca.densify(velocity)])
+        random = np.random.default_rng(0)
+        for _ in range(_DRAWS):
+            at = random.uniform(0.5, 1.5, held.numel())
+            states = random.uniform(-1, 1, (len(acted_on) + 1, drawn.numel()))
+            found = [[part.full() for part in both(at, state)] for state in states]
+            rows = np.vstack([found[0][0], *(v.T / (np.abs(v).max() or 1.0) for _, v in found)])
+            size = np.sqrt(np.abs(np.diag(rows)))
+            if np.all(np.isfinite(rows)) and size.all():
+                rows[: len(size)] /= size[:, None]
+                return bool(np.linalg.matrix_rank(rows / size, _SINGULAR * len(rows)) < len(size))
+        return False
 
     @cached_property
     def _solved(self) -> ca.SX:
@@ -343,7 +410,9 @@ class System:
         push = ca.vertcat(push, ca.SX.zeros(self.n_pushes, push.size2()))
         rests = self._grips.rests
         if not self.coupled:
-            return self.function("project", x - push @ (rests * velocity / ca.diag(self.delassus)))
+            own = ca.diag(self.delassus)
+            own[list(self.prescribed)] = 1  # they never rest
+            return self.function("project", x - push @ (rests * velocity / own))
         matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
         if not self.shares:
             return self.function("project", x + push @ ca.solve(matrix, right))

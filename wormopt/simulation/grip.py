@@ -94,11 +94,12 @@ class LineGrip:
     law: Law
     velocity: ca.SX
     mode: ca.SX
+    prescribed: bool = False  # no force changes their velocity: they slide at all times
 
     @cached_property
     def rests(self) -> ca.SX:
         """1 or 0."""
-        return 1 - self.mode**2
+        return ca.SX.zeros(len(self.rows)) if self.prescribed else 1 - self.mode**2
 
     @cached_property
     def slip(self) -> ca.SX:
@@ -114,11 +115,13 @@ class LineGrip:
 
     def alone(self, free: ca.SX, response: ca.SX) -> ca.SX:
         """Forces on contacts that act on no other."""
+        if self.prescribed:
+            return self.slip
         return weighted(self.mode**2, self.slip, -free / response)
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows of the equations for all forces, and their right-hand side."""
-        slides = self.mode**2
+        slides = ca.SX.ones(len(self.rows)) if self.prescribed else self.mode**2
         matrix = ca.repmat(1 - slides, 1, response.size2()) * response
         for k, row in enumerate(self.rows):
             matrix[k, row] += slides[k]

@@ -24,11 +24,17 @@ class Grips:
     each: list[LineGrip | PlaneGrip]
 
     @classmethod
-    def of(cls, contacts: Sequence[Contact], t: ca.SX, s: ca.SX) -> Grips:
-        """Grips of contacts: their modes come first in s, then their onsets."""
+    def of(
+        cls, contacts: Sequence[Contact], t: ca.SX, s: ca.SX, prescribed: Sequence[int] = ()
+    ) -> Grips:
+        """Grips of contacts: their modes come first in s, then their onsets.
+
+        `prescribed`: those whose velocity no force changes.
+        """
         alike = defaultdict[Hashable, list[int]](list)
         for i, contact in enumerate(contacts):
-            alike[i if contact.planar else _kind(contact.law)].append(i)
+            kind = i if contact.planar else (i in prescribed, _kind(contact.law))
+            alike[kind].append(i)
         first = np.cumsum([0, *(contact.force.numel() for contact in contacts)]).tolist()
         found: list[LineGrip | PlaneGrip] = []
         place = len(contacts)
@@ -42,7 +48,8 @@ class Grips:
             else:
                 velocity = ca.vertcat(*(contacts[i].velocity for i in group))
                 law = _Several.of([contacts[i].law for i in group])
-                found.append(LineGrip(group, [first[i] for i in group], law, velocity, s[group]))
+                rows, slides = [first[i] for i in group], group[0] in prescribed
+                found.append(LineGrip(group, rows, law, velocity, s[group], slides))
         return cls(found)
 
     def _by_rows(self, parts: Iterable[ca.SX]) -> ca.SX:

@@ -52,6 +52,9 @@ class Held:
             status="slides_on_condition" if np.any(chatters) else found.status,
             x=as_asked(found.x),
             samples=as_asked(found.samples),
+            kept=np.column_stack([found.kept[:, 0], as_asked(found.kept[:, 1:])])
+            if len(found.kept)
+            else found.kept,
             dense=as_asked(found.dense) if len(found.dense) else found.dense,
             events=found.events[found.events[:, 1] < own],
             doubts=found.doubts[found.doubts[:, 1] < own],

@@ -42,6 +42,7 @@ class InitialValueProblem:
     tolerance: Tolerance
     times: np.ndarray  # (m,) ascending sample times within the span
     dense: bool = False  # keep the polynomials of all steps
+    keep: int = 0  # how many ends of steps are kept at most; 0: samples at `times`
     directions: Directions | None = None  # along which derivatives go with it
 
     @cached_property
@@ -68,7 +69,19 @@ class InitialValueProblem:
     @cached_property
     def rhs(self) -> ca.Function:
         """X', with its derivatives along the directions behind it."""
-        return rhs_of(self.variation, self.k) if self.variation else self.system.rhs
+        return rhs_of(self.variation, self.k, True) if self.variation else self.system.rhs
+
+    @property
+    def smooth_rhs(self) -> ca.Function:
+        """The same, to be differentiated again: without limits of slopes that are 0/0."""
+        return rhs_of(self.variation, self.k, False) if self.variation else self.system.rhs
+
+    def broken(self, x: np.ndarray, dx: np.ndarray) -> str | None:
+        """Why a motion is given up where states or their rates are no numbers; None if all are."""
+        n_x = len(self.x0)
+        if not np.all(np.isfinite([x[:n_x], dx[:n_x]])):
+            return "not_finite"
+        return None if np.all(np.isfinite([x, dx])) else "steep_derivatives"
 
     @cached_property
     def absolute(self) -> np.ndarray:
@@ -193,7 +206,7 @@ class Outcome:
 
     Reasons: "step_too_small", "not_finite", "too_many_steps", "stiff", "events_accumulate",
     "no_contact_mode", "no_memory", "layer_not_resolved", "solver_failed", "interrupted",
-    "steep_derivatives".
+    "steep_derivatives", "open_force".
     """
 
     status: str
@@ -211,6 +224,8 @@ class Outcome:
     doubts: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     # (1 + changes, 1 + contacts) time, modes from then on
     modes: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+    # (m, 1 + n_x) times and states at the beginnings of steps, where kept, see `Kept`
+    kept: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
     # (steps + 1,) ends of the steps, where kept
     dense_time: np.ndarray = field(default_factory=lambda: np.zeros(0))
     # (steps, 8, n_x) polynomials, see `Dense`

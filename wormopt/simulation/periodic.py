@@ -142,11 +142,14 @@ class _Returns:
         named = by_name(self.model.x, self.begin(z))
         return simulate(self.model, self.period, x0=named, **self._how, **how)  # type: ignore[arg-type]
 
+    def _end(self, z: np.ndarray) -> np.ndarray:
+        return self.motion(z, times=[]).end
+
     def _returned(self, z: np.ndarray) -> Trajectory:
         """A period, differentiated by where it begins if it can be; the last one is kept."""
         if self._last is None or not np.array_equal(self._last[0], z):
             how = {"sensitivities": self.names} if self._exact else {}
-            self._last = z.copy(), self.motion(z, **how)
+            self._last = z.copy(), self.motion(z, times=[], **how)
         return self._last[1]
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -167,7 +170,7 @@ class _Returns:
         if self._exact:
             return self._returned(z).end_derivative[self.rows]
         columns = [
-            (self.motion(z + d).end - self.motion(z - d).end)[self.rows] / (2 * d.sum())
+            (self._end(z + d) - self._end(z - d))[self.rows] / (2 * d.sum())
             for d in np.diag(_APART * self.nominal)
         ]
         return np.array(columns).T

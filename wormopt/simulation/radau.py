@@ -15,6 +15,8 @@ from wormopt.simulation.steps import GivenUp, Step, floor_of_step, powers
 
 # Scipy refuses smaller relative tolerances, with a warning.
 _LEAST_RELATIVE = 100 * float(np.finfo(float).eps)
+# Distance, in nominal sizes, that changes nothing.
+_NEARBY = 1e-10
 # The dense output of Radau IIA is a cubic: these points tell its first four rows.
 _POINTS = np.array([0.0, 1 / 3, 2 / 3, 1.0])
 _ROWS = np.linalg.inv(powers(_POINTS)[:, :4])
@@ -31,7 +33,7 @@ class Stiff:
         self._task, self._solver = task, None
         self._t, self._x = task.span[0], task.start
         self._rhs = Call(task.rhs, ("p", p), ("s", modes))
-        self._jacobian = Call(_jacobian(task.rhs), ("p", p), ("s", modes))
+        self._jacobian = Call(_jacobian(task.smooth_rhs), ("p", p), ("s", modes))
 
     def _derivative(self, t: float, x: np.ndarray) -> np.ndarray:
         self.n_evaluations += 1
@@ -40,9 +42,16 @@ class Stiff:
         return dx
 
     def _slopes(self, t: float, x: np.ndarray) -> np.ndarray:
-        matrix = self._jacobian(t, x)[0].reshape(len(x), len(x)).T.copy()
-        if not np.all(np.isfinite(matrix)):
+        n_x, shape = len(self._task.x0), (len(x), len(x))
+        matrix = self._jacobian(t, x)[0].reshape(shape).T.copy()
+        if np.any(np.isnan(matrix)):  # 0/0, as that of v |v| at rest: one nearby does as well
+            way = self._task.all_absolute / self._task.tolerance.absolute
+            nearby = self._jacobian(t, x + _NEARBY * way)[0].reshape(shape).T
+            matrix = np.where(np.isnan(matrix), nearby, matrix)
+        if not np.all(np.isfinite(matrix[:n_x, :n_x])):
             raise GivenUp("not_finite")
+        if not np.all(np.isfinite(matrix)):
+            raise GivenUp("steep_derivatives")
         return matrix
 
     def _solver_from(self, t: float, x: np.ndarray, stop: float, h: float) -> Radau:
@@ -72,9 +81,8 @@ class Stiff:
     def restart(self, t: float, x: np.ndarray) -> None:
         """Go on from another state, or with other parameters or modes."""
         self._t, self._x, self._solver = t, x, None
-        self._derivative(t, x)
-        if not (self._finite and np.all(np.isfinite(x))):
-            raise GivenUp("not_finite")
+        if status := self._task.broken(x, self._derivative(t, x)):
+            raise GivenUp(status)
 
     def attempt(self, stop: float) -> Step | None:
         """Try a step not beyond `stop`; never None, since scipy tries until it succeeds.

@@ -22,9 +22,13 @@ from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatmen
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.sensitivity.directions import Sensitivities, directions
 from wormopt.simulation.sensitivity.doubts import REASONS
-from wormopt.simulation.trajectory import Dense, Doubt, Event, Trajectory
+from wormopt.simulation.trajectory import Dense, Doubt, Event, Trajectory, latest
 
 Values = Mapping[str, ArrayLike]
+
+# Steps that are kept at most where no times are named: so many, or as many as have so many numbers,
+# but not fewer than the last.
+_KEPT, _NUMBERS, _LEAST_KEPT = 10_000, 2_000_000, 200
 
 _REFUSALS = {
     "step_too_small": (
@@ -60,6 +64,11 @@ _REFUSALS = {
         "contacts that share one degree of freedom rest at once and leave their forces open",
         "treat contact as smooth, or give the links elasticity",
     ),
+    "open_force": (
+        "a contact rests at t = {t:.6g}, and no contact force acts on its velocity: the force that "
+        "holds it is not determined",
+        "write this force into the ode, or treat contact as smooth",
+    ),
     "layer_not_resolved": (
         "velocities pass the steep part of the smooth law unseen at t = {t:.6g}",
         "take a larger v_reg, or treat contact exactly",
@@ -69,8 +78,8 @@ _REFUSALS = {
         "loosen the tolerances or take a larger v_reg",
     ),
     "steep_derivatives": (
-        "derivatives of the motion grow beyond bounds at t = {t:.6g}: a slope of the model is "
-        "infinite there, as that of a root at 0",
+        "derivatives of the motion do not exist at t = {t:.6g}, though the motion does: a slope of "
+        "the model is infinite or has no limit there, as that of a root at 0",
         "change the law that has it, or take differences of motions without sensitivities",
     ),
     "no_memory": ("memory is out at t = {t:.6g}", "keep fewer samples, or dense = False"),
@@ -110,7 +119,9 @@ def simulate(
     schedules : mapping of str to ndarray, optional
         Other values of schedules by name, of the same shape.
     times : array_like, shape (m,), optional
-        When to sample, ascending within the span; start and end if left out.
+        When to sample, ascending within the span; ``[]`` keeps no sample. If left out, the ends of
+        the steps are kept: all of them up to 10,000, then every second, every fourth and so on,
+        so that memory is bounded whatever the span.
     dense : bool, optional
         Keep the whole motion, for `Trajectory.at`.
     tolerance : Tolerance, optional
@@ -207,14 +218,14 @@ def task_of(
     """Arguments of `simulate` as what is to be integrated; raises ArgumentError as it does."""
     system = system_of(model, contact)
     start, end = _ends(span)
-    sampled = np.array([start, end]) if times is None else numbers("times", times).ravel()
+    sampled = np.zeros(0) if times is None else numbers("times", times).ravel()
     if sampled.size and not (
         np.all(np.diff(sampled) >= 0) and start <= sampled[0] and sampled[-1] <= end
     ):
         raise ArgumentError(f"sample times must ascend within [{start:g}, {end:g}]")
     scheduled = _with_values(tuple(model.schedules), schedules)
     along = directions(system, scheduled, sensitivities)
-    return InitialValueProblem(
+    task = InitialValueProblem(
         system=system,
         span=(start, end),
         x0=np.append(signal_values(model.x, x0, "state", fill=0.0), np.zeros(system.n_pushes)),
@@ -225,6 +236,12 @@ def task_of(
         dense=dense,
         directions=along,
     )
+    return task if times is not None else replace(task, keep=_most_kept(len(task.start)))
+
+
+def _most_kept(size: int) -> int:
+    """How many states of a size are kept where no times are named."""
+    return max(_LEAST_KEPT, min(_KEPT, _NUMBERS // size))
 
 
 def _ends(span: float | tuple[float, float]) -> tuple[float, float]:
@@ -248,11 +265,8 @@ def _with_values(
 
 def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
     """What an integrator found, refused if it did not come to the end."""
-    reached, n_x, first = (
-        task.times[: len(outcome.samples)],
-        task.system.model.n_x,
-        len(task.x0),
-    )
+    n_x, first = task.system.model.n_x, len(task.x0)
+    reached, samples = _sampled(task, outcome)
     dense = outcome.dense
     if first > n_x and len(dense):
         dense = np.delete(dense, slice(n_x, first), axis=2)
@@ -262,7 +276,7 @@ def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         p=task.p,
         schedules=task.schedules,
         time=reached,
-        states=outcome.samples[:, :n_x].T,
+        states=samples[:, :n_x].T,
         end_time=outcome.t,
         end=outcome.x[:n_x],
         event_rows=outcome.events,
@@ -272,7 +286,7 @@ def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         n_evaluations=outcome.n_evaluations,
         dense=Dense(outcome.dense_time, dense) if len(dense) else None,
         along=task.directions,
-        state_derivatives=outcome.samples[:, first:].T.reshape(n_x, task.k, len(reached)),
+        state_derivatives=samples[:, first:].T.reshape(n_x, task.k, len(reached)),
         end_derivative=outcome.x[first:].reshape(n_x, task.k),
         notes=outcome.notes,
     )
@@ -285,6 +299,20 @@ def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
     reason, suggestion = _REFUSALS[outcome.status]
     reason = reason.format(t=outcome.t, steps=outcome.n_steps + outcome.n_rejected)
     raise SolveError(reason, suggestion, motion, outcome.status)
+
+
+def _sampled(task: InitialValueProblem, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
+    """Times (m,) at which states are known, and the states (m, n).
+
+    A sample at the end of a motion counts, though rounding may have it end a little earlier.
+    """
+    if task.keep:
+        before = outcome.kept[outcome.kept[:, 0] < outcome.t]
+        return np.append(before[:, 0], outcome.t), np.vstack([before[:, 1:], outcome.x])
+    late = task.times[len(outcome.samples) :]
+    near = int(np.sum(late <= latest(outcome.t, task.span[0]))) * (outcome.status == "done")
+    samples = np.vstack([outcome.samples, *near * [outcome.x]])
+    return task.times[: len(samples)], samples
 
 
 def _doubts(motion: Trajectory, rows: np.ndarray) -> tuple[Doubt, ...]:

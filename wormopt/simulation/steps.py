@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 
@@ -18,6 +18,24 @@ class GivenUp(Exception):
     def __init__(self, status: str) -> None:
         self.status = status
         super().__init__(status)
+
+
+@dataclass
+class Kept:
+    """Rows of time and state: every one, and once there are `most`, every 2nd, 4th, ..."""
+
+    most: int
+    rows: list[np.ndarray] = field(default_factory=list)
+    _seen: int = 0
+    _stride: int = 1
+
+    def add(self, t: float, x: np.ndarray) -> None:
+        """Keep a row, or pass it over."""
+        if self._seen % self._stride == 0:
+            self.rows.append(np.append(t, x))
+            if len(self.rows) == self.most:
+                self.rows, self._stride = self.rows[::2], 2 * self._stride
+        self._seen += 1
 
 
 def powers(s: float | np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ was seen, and 200 to 40000 tolerances where not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -21,7 +21,7 @@ import numpy as np
 from wormopt.errors import interruptible
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
-from wormopt.progress import Report
+from wormopt.progress import Report, silent
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
 from wormopt.simulation.options import Smooth
 
@@ -35,6 +35,9 @@ _LEAST_RELATIVE = 1e-14
 # if a run fails. One integrator goes over so many of them at a time.
 _STATIONS = 64
 _CHUNK = 200
+# Equal parts of the time between two of them, at whose ends the motion is kept where no times are
+# named: steps go on over these.
+_PARTS = 8
 
 
 def integrate(task: InitialValueProblem, report: Report) -> Outcome:
@@ -122,6 +125,7 @@ class _Run:
     n_steps: int = 0
     n_rejected: int = 0
     n_evaluations: int = 0
+    kept: list[np.ndarray] = field(default_factory=list)  # rows of time and state, where asked for
 
     def agreed(self, other: _Run) -> int:
         """Number of points of time up to which two runs agree."""
@@ -147,10 +151,17 @@ class _Run:
             t=float(self.grid.times[count - 1]),
             x=states[-1],
             samples=states[reached],
+            kept=self._kept(float(self.grid.times[count - 1])),
             n_steps=self.n_steps,
             n_rejected=self.n_rejected,
             n_evaluations=self.n_evaluations,
         )
+
+    def _kept(self, until: float) -> np.ndarray:
+        """Rows of time and state up to a time, no more than asked for."""
+        start = np.append(self.grid.times[0], self.states[0])
+        rows = np.array([start, *(row for row in self.kept if row[0] <= until)])
+        return rows[:: -(-len(rows) // self.task.keep)] if self.task.keep else rows[:0]
 
 
 def _plugin(task: InitialValueProblem) -> str:
@@ -181,7 +192,7 @@ def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report
                 middle = (first + end) // 2
                 todo += [(middle, end), (first, middle)]
                 continue
-            run.status = "solver_failed"
+            run.status = _why(task, relative)
             if "TOO_MUCH_WORK" in str(failure):
                 run.n_steps += task.tolerance.max_steps
             break
@@ -190,6 +201,15 @@ def _run(task: InitialValueProblem, grid: _Grid, relative: float, report: Report
     if run.n_steps >= task.tolerance.max_steps:
         run.status = "too_many_steps"
     return run
+
+
+def _why(task: InitialValueProblem, relative: float) -> str:
+    """Why the integrator failed: a motion that it follows without derivatives fails by these."""
+    if task.directions is None:
+        return "solver_failed"
+    alone = replace(task, directions=None)
+    done = _run(alone, _Grid(alone), relative, silent).status == "done"
+    return "steep_derivatives" if done else "solver_failed"
 
 
 def _solver(run: _Run, first: int, end: int) -> ca.Function:
@@ -205,8 +225,18 @@ def _solver(run: _Run, first: int, end: int) -> ca.Function:
     }
     if _plugin(task) == "cvodes":  # else it goes on for ever where the motion ends
         options["min_step_size"] = 1e-15 * max(abs(times[0]), abs(times[-1]))
-    outputs = times[first + 1 : end + 1].tolist()
+    outputs = _outputs(run, first, end).tolist()
     return ca.integrator("solver", _plugin(task), _scaled(task), times[first], outputs, options)
+
+
+def _outputs(run: _Run, first: int, end: int) -> np.ndarray:
+    """Times at which the state is told between two points of the grid, the last one included."""
+    times = run.grid.times[first : end + 1]
+    if not run.task.keep:
+        return times[1:]
+    parts = times[:-1, None] + np.diff(times)[:, None] * np.arange(1, _PARTS + 1) / _PARTS
+    parts[:, -1] = times[1:]
+    return parts.ravel()
 
 
 def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end: int) -> np.ndarray:
@@ -216,11 +246,14 @@ def _advance(run: _Run, solver: ca.Function, guess: np.ndarray, first: int, end:
         x0=run.states[-1] / scale,
         z0=guess,
         p=task.p[: task.system.n_fixed],
-        u=run.grid.scheduled[:, first:end],
+        u=np.repeat(run.grid.scheduled[:, first:end], _PARTS if task.keep else 1, axis=1),
     )
     states = scale[:, None] * np.array(found["xf"])
     if not np.all(np.isfinite(states)):
         raise RuntimeError("the motion is no longer a number")
+    if task.keep:
+        run.kept.extend(np.column_stack([_outputs(run, first, end), states.T]))
+        states = states[:, _PARTS - 1 :: _PARTS]
     run.states.extend(states.T)
     work = solver.stats()
     run.n_steps += work["nsteps"]

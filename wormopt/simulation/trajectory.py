@@ -20,8 +20,15 @@ from wormopt.simulation.sensitivity.variation import variation
 # The last is before whatever jumps at the end of the step.
 _WITHIN = np.array([0.0, 0.25, 0.5, 0.75, 1 - 1e-9])
 _ZOOMS, _ZOOM_POINTS = 4, 41
+# Error of the time of an event against the span.
+_ROUNDING = 1e-10
 # Expressions are evaluated at so many times at once.
 _CHUNK = 50_000
+
+
+def latest(end: float, start: float) -> float:
+    """Latest time that rounding, and errors of a last event, let count as the end of a motion."""
+    return end + _ROUNDING * (abs(end) + end - start)
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,7 @@ class Dense:
     def __call__(self, t: np.ndarray) -> np.ndarray:
         """States at times ``t`` (m,) within the motion; shape (n_x, m)."""
         step = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, len(self.time) - 2)
-        s = (t - self.time[step]) / (self.time[step + 1] - self.time[step])
+        s = np.minimum((t - self.time[step]) / (self.time[step + 1] - self.time[step]), 1.0)
         value = np.zeros((len(t), self.coefficients.shape[2]))
         for k in range(7, 0, -1):
             value = (value + self.coefficients[step, k]) * (s if k % 2 else 1 - s)[:, None]
@@ -116,7 +123,7 @@ class Trajectory(SampledMotion):
     schedules : tuple of Schedule
         Those of the model, with the values they had.
     time : ndarray, shape (m,)
-        Sample times; without any asked for, start and end.
+        Sample times; where none were named, the ends of the steps, see `simulate`.
     states : ndarray, shape (n_x, m)
         States then; after a jump where one happens at that time.
     end_time : float
@@ -250,8 +257,21 @@ class Trajectory(SampledMotion):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a law of friction leaves open and what may have been missed."""
-        return self.system.warnings + self.notes
+        """Warnings for the trust report: open laws, what may be missed, inputs at bounds."""
+        return (*self.system.warnings, *self.notes, *self._saturation())
+
+    def _saturation(self) -> tuple[str, ...]:
+        """Warning with the share of time in which inputs are cut to their bounds, if they are."""
+        if "saturated" not in self.names or len(self.time) < 2:
+            return ()
+        cut = np.any(self["saturated"] != 0, axis=0)
+        if not cut.any():
+            return ()
+        share = float(np.sum(np.diff(self.time)[cut[:-1]]) / (self.time[-1] - self.time[0]))
+        return (
+            f"the controller asks for more than the input's bounds for {share:.2g} of the time, "
+            f"first at t = {self.time[int(np.argmax(cut))]:.6g}",
+        )
 
     def at(self, t: np.ndarray) -> Trajectory:
         """Sample the motion anew, at any times within it.
@@ -274,7 +294,7 @@ class Trajectory(SampledMotion):
             raise ArgumentError("simulate with dense=True to sample the motion afterwards")
         t = np.asarray(t, dtype=float)
         first, last = self.dense.time[0], self.dense.time[-1]
-        if t.size and not (first <= t.min() and t.max() <= last):
+        if t.size and not (first <= t.min() and t.max() <= latest(last, first)):
             raise ArgumentError(f"the motion goes from {first:g} to {last:g}")
         x, (n_x, k) = self.dense(t), self.end_derivative.shape
         states, along = x[: len(self.states)], x[len(self.states) :]

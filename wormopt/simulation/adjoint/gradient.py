@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import casadi as ca
@@ -106,7 +106,7 @@ def gradient(
     number = _Number(motion, weights)
     if number.last is None:
         return number.gradient(np.zeros(motion.system.model.n_x), ())
-    late = float(motion.time[number.last])
+    late = float(number.motion.time[number.last])
     happens = motion.system.exact or motion.system.model.switches
     doubts = _doubts(motion, late, tolerance, route) if happens else ()
     return number.gradient(number.follow(tolerance, route), doubts)
@@ -164,6 +164,7 @@ def _doubts(
         schedules={schedule.name: schedule.values for schedule in motion.schedules},
         tolerance=tolerance,
         route=route,
+        times=[],
         sensitivities={"all": moved},
     ).doubts
 
@@ -180,14 +181,23 @@ def _merged(times: np.ndarray, near: float) -> np.ndarray:
     return times[first][np.cumsum(first) - 1]
 
 
+def _at_last(motion: Trajectory) -> Trajectory:
+    """A motion with its last sample alone."""
+    along = motion.state_derivatives[..., -1:]
+    states = motion.states[:, -1:]
+    return replace(motion, time=motion.time[-1:], states=states, state_derivatives=along)
+
+
 class _Number:
     """A number, by its derivatives by the samples of a motion, and those found of it so far."""
 
     def __init__(self, motion: Trajectory, weights: Mapping[str, ArrayLike]) -> None:
         system, n_x = motion.system, motion.system.model.n_x
-        self._motion, self._unit, m = motion, 1.0, len(motion.time)
-        self._nominal = nominal_of(system.model.x)
         check_names(weights, motion.names, "state or output")
+        if all(np.shape(w) == (system.model[name].numel(),) for name, w in weights.items()):
+            motion = _at_last(motion)
+        self.motion, self._unit, m = motion, 1.0, len(motion.time)
+        self._nominal = nominal_of(system.model.x)
         self._by_x, by_p = np.zeros((m, n_x)), np.zeros((m, len(motion.p)))
         for name, given in weights.items():
             of_x, of_p = self._samples(name, given)
@@ -200,7 +210,7 @@ class _Number:
 
     def _samples(self, name: str, given: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives by states (m, n_x) and parameters (m, n_p) at the samples."""
-        motion, system = self._motion, self._motion.system
+        motion, system = self.motion, self.motion.system
         expression, m = ca.vec(system.model[name]), len(motion.time)
         size, w = expression.numel(), numbers(f"weights of {name}", given)
         w = w[None] if size == 1 and w.shape == (m,) else w
@@ -223,16 +233,16 @@ class _Number:
 
     def _add(self, t: np.ndarray, by_p: np.ndarray) -> None:
         """Count derivatives (m, n_p) by the parameters as they are at times (m,)."""
-        n = self._motion.system.n_fixed
+        n = self.motion.system.n_fixed
         self._by_p += by_p[:, :n].sum(axis=0)
-        for schedule, found in zip(self._motion.schedules, self._by_schedules, strict=True):
+        for schedule, found in zip(self.motion.schedules, self._by_schedules, strict=True):
             end = n + 1 + schedule.values.shape[1]
             np.add.at(found, schedule.locate(t)[1], by_p[:, n + 1 : end])
             n = end
 
     def _sizes(self) -> np.ndarray:
         """Of all parameters: what they are, or the usual size of what is 0."""
-        motion, model = self._motion, self._motion.system.model
+        motion, model = self.motion, self.motion.system.model
         fixed = np.abs(motion.p[: motion.system.n_fixed])
         found = [np.where(fixed > 0, fixed, np.append(nominal_of((*model.p, *model.u)), 1.0))]
         for schedule in motion.schedules:
@@ -242,7 +252,7 @@ class _Number:
 
     def follow(self, tolerance: Tolerance, route: Route) -> np.ndarray:
         """Costate (n_x,) before the start; derivatives by parameters are added up on the way."""
-        motion, dense = self._motion, self._motion.dense
+        motion, dense = self.motion, self.motion.dense
         assert dense is not None
         assert self.last is not None
         self._unit = float(np.abs(self._by_x * self._nominal).max())
@@ -279,7 +289,7 @@ class _Number:
     def _with_samples(self, kicks: Kicks, others: np.ndarray, near: float) -> Kicks:
         """Kicks by events, and those by the weights of samples; one for each time."""
         weighed = np.any(self._by_x != 0, axis=1)
-        sampled, known = self._motion.time[weighed], np.append(kicks.time, others)
+        sampled, known = self.motion.time[weighed], np.append(kicks.time, others)
         off = np.abs(sampled[:, None] - known)
         at = np.where(off.min(axis=1) <= near, known[off.argmin(axis=1)], _merged(sampled, near))
         time = np.unique(np.append(kicks.time, at))
@@ -294,10 +304,10 @@ class _Number:
 
     def _breaks(self, end: float) -> np.ndarray:
         """Times from the start to `end` at which a schedule goes on."""
-        dense = self._motion.dense
+        dense = self.motion.dense
         assert dense is not None
         found, start = [np.zeros(0)], float(dense.time[0])
-        for schedule in self._motion.schedules:
+        for schedule in self.motion.schedules:
             period = schedule.breaks[-1]
             turns = np.zeros(1)
             if schedule.periodic:
@@ -310,7 +320,7 @@ class _Number:
 
     def gradient(self, costate: np.ndarray, doubts: tuple[Doubt, ...]) -> Gradient:
         """What was found, by name."""
-        model, names = self._motion.system.model, [s.name for s in self._motion.schedules]
+        model, names = self.motion.system.model, [s.name for s in self.motion.schedules]
         return Gradient(
             by_name(model.x, costate),
             by_name((*model.p, *model.u), self._by_p[:-1]),

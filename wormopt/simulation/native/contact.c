@@ -12,6 +12,18 @@ static int allowed(const Run *run, long long i, double direction) {
     return (run->in.directions[i] & (signbit(direction) ? 2 : 1)) != 0;
 }
 
+/* Whether no force changes the velocity of a contact: it slides at all times. */
+int is_prescribed(const Run *run, long long i) { return (run->in.directions[i] & 4) != 0; }
+
+/* Mode of a contact of prescribed velocity; at 0 it goes on as it accelerates. */
+static void go_as_prescribed(Run *run, long long i, long long forced, double v) {
+    double ahead = run->probe[run->in.n_contacts + i];
+    if (fabs(v) > run->in.v_stop[i]) ahead = v;
+    if (i == forced) ahead = -run->modes[i];
+    if (ahead != 0.0) run->modes[i] = copysign(1.0, ahead);
+    if (!allowed(run, i, run->modes[i])) run->out.status = NO_CONTACT_MODE;
+}
+
 static void rest(Run *run, long long i) {
     run->modes[i] = 0.0;
     end_onset(run, i);
@@ -23,7 +35,9 @@ static void modes_by_velocity(Run *run, long long forced, const double *v) {
         const double slow = run->before[i] == 0.0 ? run->in.v_drift[i] : run->in.v_stop[i];
         const double sign = copysign(1.0, v[i]);
         if (i != forced && in_onset(run, i)) continue;
-        if (i != forced && fabs(v[i]) > slow)
+        if (is_prescribed(run, i))
+            go_as_prescribed(run, i, forced, v[i]);
+        else if (i != forced && fabs(v[i]) > slow)
             run->modes[i] = allowed(run, i, sign) ? sign : 0.0;
         else if (run->released[i] != run->out.t) /* else let go this very instant */
             rest(run, i);
@@ -147,7 +161,8 @@ static int catch_again(Run *run) {
     for (long long i = 0; i < n; i++) {
         const double ahead = run->modes[i] * run->probe[n + i] / run->in.v_drift[i];
         const int moves = fabs(run->probe[i]) > run->in.v_stop[i];
-        if (moves || run->released[i] == run->out.t || !(ahead < -rounding)) continue;
+        if (moves || is_prescribed(run, i) || run->released[i] == run->out.t || !(ahead < -rounding))
+            continue;
         rest(run, i);
         return 1;
     }
@@ -225,7 +240,7 @@ void decide_modes(Run *run, long long forced, int record) {
     if (run->in.aims) follow_onsets(run);
     for (long long i = 0; i < n; i++) {
         if (record) note_change(run, i, forced);
-        if (run->scan[n + i] == 0.0) run->level[i] = -small(run, i);
+        if (run->scan[n + i] == 0.0 || is_prescribed(run, i)) run->level[i] = -small(run, i);
     }
     if (!record || memcmp(run->before, run->modes, run->in.n_s * sizeof(double))) note_modes(run);
 }

@@ -18,6 +18,9 @@ enum { N_SAMPLES = 11 };
 static const double SAMPLES[N_SAMPLES] = {0.0,   1.0 / 64, 0.125, 0.25,      0.375, 0.5,
                                           0.625, 0.75,     0.875, 63.0 / 64, 1.0};
 
+/* Share of the whole time from which a step at velocity 0, but for rounding, is no mere touch. */
+static const double AT_REST = 1e-3;
+
 long long n_exact(const Run *run) { return run->in.exact ? run->in.n_contacts : 0; }
 
 long long n_functions(const Run *run) { return n_exact(run) + run->in.n_switches; }
@@ -211,12 +214,25 @@ static double crossing_since(Run *run, long long j, double h, double theta) {
     return theta;
 }
 
+/* Refuse a prescribed velocity that is 0 for a while: the force of its contact is open. */
+static void check_moves(Run *run, double h) {
+    const long long n = n_functions(run);
+    const int is_long = h > AT_REST * (run->in.t_end - run->in.t_start);
+    for (long long i = 0; i < n_exact(run); i++) {
+        double most = 0.0;
+        if (!is_prescribed(run, i)) continue;
+        for (int k = 0; k < N_SAMPLES; k++) most = larger(most, fabs(run->scan[k * n + i]));
+        if (most <= (is_long ? run->in.v_rest[i] : 0.0)) run->out.status = OPEN_FORCE;
+    }
+}
+
 /* First event of the step of length h, as a fraction of it; 2 if there is none. */
 double find_event(Run *run, double h, long long *which) {
     const long long n = n_functions(run);
     for (int k = 0; k < N_SAMPLES; k++) values_within(run, SAMPLES[k], h, run->scan + k * n);
     for (long long i = 0; i < N_SAMPLES * n; i++)
         if (isnan(run->scan[i])) run->out.status = NOT_FINITE;
+    check_moves(run, h);
     double first = 2.0;
     for (long long j = 0; j < n && run->in.k; j++) run->touch[j] = INFINITY;
     for (long long j = 0; j < n; j++) {

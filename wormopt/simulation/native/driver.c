@@ -72,6 +72,21 @@ static void fit(Run *run, double h) {
     run->has_dense = 1;
 }
 
+/* Keep where a step begins; once there is no more room half of what is kept goes. */
+static void keep_start(Run *run) {
+    Table *kept = &run->out.kept;
+    if (run->seen++ % run->stride) return;
+    double *row = grow(run, kept);
+    if (!row) return;
+    row[0] = run->out.t;
+    memcpy(row + 1, run->out.x, run->in.n_all * sizeof(double));
+    if (kept->rows < run->in.keep) return;
+    kept->rows = (kept->rows + 1) / 2, run->stride *= 2;
+    for (long long i = 1; i < kept->rows; i++)
+        memcpy(kept->data + i * kept->width, kept->data + 2 * i * kept->width,
+               kept->width * sizeof(double));
+}
+
 /* Samples within the closed step of length h, its end left to what comes next. */
 static void emit(Run *run, double h, double end) {
     const long long n = run->in.n_all;
@@ -80,6 +95,7 @@ static void emit(Run *run, double h, double end) {
         fit(run, h);
         dense_state(run, larger(theta, 0.0), run->out.samples + n * run->out.n_sampled++, n);
     }
+    if (run->in.keep) keep_start(run);
     if (!run->in.keep_dense) return;
     fit(run, h);
     double *row = grow(run, &run->out.dense);
@@ -253,7 +269,8 @@ EXPORT void wormopt_free(Run *run) {
         run->w,      run->event_along,          run->slope,           run->slopes_x,
         run->slopes_p, run->column_x,           run->column_p,        run->change,
         run->column_error,        run->last_along,  run->suspect,         run->touch,
-        run->out.doubts.data,
+        run->out.doubts.data,     run->out.kept.data,
+        run->nearby,
     };
     for (size_t i = 0; i < sizeof owned / sizeof *owned; i++) free(owned[i]);
     for (int i = 0; i < N_ALL; i++) free(run->k[i]);
@@ -297,6 +314,7 @@ static int allocate(Run *run) {
     ROOM(run->slope, in->n_x);
     ROOM(run->slopes_x, in->in_x.count);
     ROOM(run->slopes_p, in->in_p.count);
+    ROOM(run->nearby, 4 * (in->in_x.count + in->in_p.count));
     ROOM(run->column_x, in->n_x);
     ROOM(run->column_p, in->n_p);
     ROOM(run->change, in->n_x * (in->n_switches + 1) + 3 * c);
@@ -312,6 +330,7 @@ static int allocate(Run *run) {
     run->out.modes.width = 1 + in->n_s;
     run->out.doubts.width = 4;
     run->out.dense.width = 1 + N_DENSE * n;
+    run->out.kept.width = 1 + n;
     return good;
 }
 
@@ -329,6 +348,7 @@ EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double 
     memcpy(run->out.x, x, problem->n_all * sizeof(double));
     memcpy(run->out.p, p, problem->n_p * (1 + problem->k) * sizeof(double));
     run->out.t = problem->t_start;
+    run->stride = 1;
     run->crowd_start = run->last_time = -INFINITY;
     for (long long i = 0; i < problem->n_contacts; i++) {
         run->released[i] = -INFINITY;
@@ -339,7 +359,8 @@ EXPORT Run *wormopt_start(const Problem *problem, const double *x, const double 
     decide_modes(run, -1, 0);
     set_levels(run, 1);
     start_afresh(run);
-    for (long long m = 0; m < problem->n_all; m++)
-        if (!isfinite(run->out.x[m]) || !isfinite(run->k[0][m])) run->out.status = NOT_FINITE;
+    for (long long m = problem->n_all - 1; m >= 0; m--)
+        if (!isfinite(run->out.x[m]) || !isfinite(run->k[0][m]))
+            run->out.status = m < problem->n_x ? NOT_FINITE : STEEP_DERIVATIVES;
     return run;
 }

@@ -29,6 +29,7 @@ typedef struct {
     long long n_contacts, n_rows, n_s, n_switches, n_schedules, n_times;
     long long n_iw, n_w, n_arg, n_res; /* work space of the generated functions */
     long long exact, coupled, shares, keep_dense, max_steps, stiff_steps;
+    long long keep; /* how many ends of steps are kept at most; 0: samples at `times` */
     Function rhs;      /* (t, x, p, s) -> x' */
     Function velocities; /* (t, x, p, s) -> velocities of the contacts; smooth only, not where all
                             are states */
@@ -50,7 +51,8 @@ typedef struct {
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *planar;         /* per contact its place among those in the plane, or -1 */
     const long long *row_contact, *row_state; /* per component of velocity */
-    const long long *directions;     /* per contact 1 forward, 2 backward, 3 both */
+    const long long *directions;     /* per contact 1 forward, 2 backward, 3 both; and 4
+                                        where no force changes its velocity */
     const long long *terminal;       /* per switch: whether the motion ends with it */
     const long long *crosses;        /* per switch: whether the motion must leave it, see Switch */
     const double *v_rest;            /* per contact: slower counts as at rest */
@@ -80,7 +82,8 @@ typedef enum {
     EVENTS_ACCUMULATE = -5,
     NO_CONTACT_MODE = -6,
     NO_MEMORY = -7,
-    STEEP_DERIVATIVES = -8
+    STEEP_DERIVATIVES = -8,
+    OPEN_FORCE = -9
 } Status;
 
 typedef enum { REVERSAL = 0, STICK = 1, RELEASE = 2, IMPACT = 3, SWITCH = 4 } Kind;
@@ -104,6 +107,7 @@ typedef struct {
     Table modes;     /* time, modes and directions of onset */
     Table doubts;    /* time, index as in events, mode, reason */
     Table dense;     /* end of the step, 8 n_all coefficients */
+    Table kept;      /* beginning of a step, n_all: every one, or every 2nd, 4th, ... */
 } Report;
 
 #endif

@@ -29,6 +29,7 @@ _STATUS = {
     -6: "no_contact_mode",
     -7: "no_memory",
     -8: "steep_derivatives",
+    -9: "open_force",
 }
 _ALONG = (
     *("slopes", "contacts_along", "project_along", "guards_along", "resets_along"),
@@ -68,6 +69,7 @@ class _Problem(Structure):
                 *("n_contacts", "n_rows", "n_s", "n_switches", "n_schedules", "n_times"),
                 *("n_iw", "n_w", "n_arg", "n_res"),
                 *("exact", "coupled", "shares", "keep_dense", "max_steps", "stiff_steps"),
+                "keep",
             )
         ),
         *((name, c_void_p) for name in (*_FUNCTIONS, *_ALONG, "own_stages")),
@@ -103,10 +105,14 @@ class _Table(Structure):
         *((name, c_longlong) for name in ("rows", "width", "room")),
     )
 
-    def array(self) -> np.ndarray:
+    def view(self) -> np.ndarray:
+        """Rows, as long as the run has its memory."""
         if self.rows == 0:
             return np.zeros((0, self.width))
-        return np.ctypeslib.as_array(self.data, (self.rows, self.width)).copy()
+        return np.ctypeslib.as_array(self.data, (self.rows, self.width))
+
+    def array(self) -> np.ndarray:
+        return self.view().copy()
 
 
 class _Report(Structure):
@@ -120,7 +126,7 @@ class _Report(Structure):
             for name in ("status", "n_steps", "n_rejected", "n_evaluations", "n_sampled")
         ),
         *((name, POINTER(c_double)) for name in ("x", "p", "samples")),
-        *((name, _Table) for name in ("events", "modes", "doubts", "dense")),
+        *((name, _Table) for name in ("events", "modes", "doubts", "dense", "kept")),
     )
 
 
@@ -179,7 +185,10 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
     places = np.full(len(system.contacts), -1)
     places[system.planar] = np.arange(len(system.planar))
     ways = [(1,) if c.planar else c.law.directions for c in system.contacts]
-    directions = [(1 in each) + 2 * (-1 in each) for each in ways]
+    prescribed = system.prescribed if system.exact else ()
+    directions = [
+        (1 in each) + 2 * (-1 in each) + 4 * (i in prescribed) for i, each in enumerate(ways)
+    ]
     arrays = {
         "velocity_state": system.velocity_state,
         "planar": places.astype(np.int64),
@@ -308,6 +317,7 @@ def _problem(
         n_schedules=len(task.schedules),
         n_times=len(task.times),
         keep_dense=task.dense,
+        keep=task.keep,
         max_steps=task.tolerance.max_steps,
         stiff_steps=2**62 if task.system.exact else stiff_steps,
         schedules=ctypes.cast(schedules, c_void_p),
@@ -327,7 +337,7 @@ def _problem(
 
 
 def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:
-    dense, n_x = found.dense.array(), len(task.start)
+    n_x, dense = len(task.start), found.dense.view()
     samples = np.ctypeslib.as_array(found.samples, (max(found.n_sampled, 1), n_x))
     return Outcome(
         status=status,
@@ -341,6 +351,7 @@ def _outcome(found: _Report, status: str, task: InitialValueProblem) -> Outcome:
         events=found.events.array(),
         modes=found.modes.array(),
         doubts=found.doubts.array(),
+        kept=found.kept.array(),
         dense_time=np.concatenate([[task.span[0]], dense[:, 0]]) if task.dense else np.zeros(0),
-        dense=dense[:, 1:].reshape(len(dense), 8, n_x),
+        dense=dense[:, 1:].copy().reshape(len(dense), 8, n_x),
     )

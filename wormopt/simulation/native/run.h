@@ -42,6 +42,7 @@ typedef struct {
     double *event_along;   /* derivatives of the time of the event that is under way; else 0 */
     double *slope;         /* x' where an event begins or ends */
     double *slopes_x, *slopes_p; /* entries of Jacobians */
+    double *nearby;        /* the same near a point where some are no numbers, from 4 glances */
     double *column_x, *column_p, *change; /* of S and of the directions; change along them */
     double *suspect;       /* whether a contact stops along with another, see doubts.c */
     double *touch;         /* per event function where in a step it all but falls to 0; else INFINITY */
@@ -50,6 +51,7 @@ typedef struct {
     int grazing;           /* the event under way falls next to nothing below 0 */
     int last_stop;         /* it was the stop of a contact that does not act on others */
     double *column_error;  /* size and errors of each column of S */
+    long long seen, stride; /* steps so far, and each how many of them are kept */
     double t_break;        /* next break of any schedule */
     double h_next, h_whole; /* next step; the one that a break or the end has cut */
     double end;            /* of the step under way */
@@ -102,6 +104,7 @@ int dips_into_layer(Run *run, double h);
 int goes_over_bend(Run *run, double h);
 
 /* contact.c */
+int is_prescribed(const Run *run, long long i);
 double force_scale(const Run *run, long long i);
 double share_left(const Run *run, long long i);
 double way_out(const Run *run, long long i);

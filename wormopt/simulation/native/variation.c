@@ -6,6 +6,9 @@
 
 #include "run.h"
 
+/* Distance, in nominal sizes, at which limits of slopes are seen. */
+static const double NEARBY = 1e-10;
+
 static const double *directions(const Run *run) { return run->out.p + run->in.n_p; }
 
 static inline void multiply_by(const Entries *entries, const double *values, const double *from, double *to,
@@ -29,11 +32,75 @@ static void multiply(const Entries *entries, const double *values, const double 
     }
 }
 
+enum { GLANCES = 4 };
+
+/* Slopes at a distance from x, in units of `way`, and after a time. */
+static void look_nearby(Run *run, int glance, double t, const double *x, const double *way,
+                        double distance, double after) {
+    const long long in_x = run->in.in_x.count, count = in_x + run->in.in_p.count;
+    double *y = run->column, *nearby = run->nearby + glance * count;
+    for (long long m = 0; m < run->in.n_x; m++) y[m] = x[m] + distance * way[m];
+    run->res[1] = nearby, run->res[2] = nearby + in_x;
+    evaluate(run, run->in.slopes, t + after, y, run->slope);
+}
+
+/* Whether a pair of values at a distance and one four times as close have a common limit. */
+static int converge(double a, double b, double near_a, double near_b) {
+    const double apart = fabs(a - b), near = fabs(near_a - near_b);
+    const double size = larger(fabs(near_a), fabs(near_b));
+    return size < INFINITY && size <= 1.5 * larger(fabs(a), fabs(b))
+           && near <= larger(0.6 * apart, 1e-4 * size);
+}
+
+/* Take slopes that are no numbers from nearby. Glances a and b lie apart, c and d four times as
+   close. */
+static void adopt(Run *run, int a, int b, int c, int d) {
+    const long long in_x = run->in.in_x.count, count = in_x + run->in.in_p.count;
+    for (long long e = 0; e < count; e++) {
+        double *slope = e < in_x ? run->slopes_x + e : run->slopes_p + (e - in_x);
+        const double *near = run->nearby + e;
+        if (!isnan(*slope)) continue;
+        if (converge(near[a * count], near[b * count], near[c * count], near[d * count]))
+            *slope = 0.5 * (near[c * count] + near[d * count]);
+    }
+}
+
+/* Slopes may be 0/0 where the motion is smooth, as those of v |v| at rest: then their limit counts,
+   along the motion, or from both sides where nothing moves. */
+static void take_limits(Run *run, double t, const double *x, const double *dx) {
+    double most = 0.0, *way = run->column_x;
+    for (long long m = 0; m < run->in.n_model; m++) {
+        if (!isfinite(dx[m])) return;
+        most = larger(most, fabs(dx[m]) / (run->in.absolute[m] / run->in.unit));
+    }
+    if (most > 0.0) {
+        double after = NEARBY / most;
+        for (int glance = 0; glance < 3; glance++, after *= 0.25)
+            look_nearby(run, glance, t, x, dx, after, after);
+        adopt(run, 0, 1, 1, 2);
+    }
+    memset(way, 0, run->in.n_x * sizeof(double));
+    for (long long m = 0; m < run->in.n_model; m++) /* in no special direction */
+        way[m] = run->in.absolute[m] / run->in.unit * (1.0 + 0.618 * (m % 7));
+    for (int glance = 0; glance < GLANCES; glance++)
+        look_nearby(run, glance, t, x, way, (glance % 2 ? -1 : 1) * NEARBY / (1 + 3 * (glance / 2)), 0.0);
+    adopt(run, 0, 1, 2, 3);
+}
+
+static int are_numbers(const double *values, long long count) {
+    double sum = 0.0;
+    for (long long e = 0; e < count; e++) sum += values[e];
+    return !isnan(sum);
+}
+
 /* x' and S'. */
 void vary(Run *run, double t, const double *x, double *dx) {
     const long long n = run->in.n_x, k = run->in.k;
     run->res[1] = run->slopes_x, run->res[2] = run->slopes_p;
     evaluate(run, run->in.slopes, t, x, dx);
+    if (!are_numbers(run->slopes_x, run->in.in_x.count)
+        || !are_numbers(run->slopes_p, run->in.in_p.count))
+        take_limits(run, t, x, dx);
     memset(dx + n, 0, run->in.n_model * k * sizeof(double));
     multiply(&run->in.in_x, run->slopes_x, x + n, dx + n, k);
     multiply(&run->in.in_p, run->slopes_p, directions(run), dx + n, k);

@@ -18,7 +18,9 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.model.values import nominal_of
 from wormopt.simulation.functions import System
+from wormopt.simulation.sensitivity.limits import with_limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,14 +132,21 @@ class Variation:
             names += ["guards_along", "resets_along", "guard_parts"]
         return {name: getattr(self, name) for name in names}
 
-    def rhs(self, k: int) -> ca.Function:
-        """X' and S' of k columns, of (t, x and S, p and P, s)."""
+    def rhs(self, k: int, limits: bool) -> ca.Function:
+        """X' and S' of k columns, of (t, x and S, p and P, s).
+
+        With `limits` slopes that are 0/0 where the motion is smooth count as their limits.
+        """
         t, x, p, s = self.slopes.mx_in()
         n, n_x, n_p = self.system.model.n_x, x.numel(), p.numel()
         all_x, all_p = ca.MX.sym("x", n_x + n * k), ca.MX.sym("p", n_p * (1 + k))
         x, columns = ca.vertsplit(all_x, [0, n_x, n_x + n * k])
         p, along = ca.vertsplit(all_p, [0, n_p, n_p * (1 + k)])
         dx, *entries = self.slopes(t, x, p, s)
+        if limits:
+            entries = with_limits(
+                self.slopes, nominal_of(self.system.model.x), t, x, p, s, dx, entries
+            )
         in_x, in_p = (
             ca.MX(jacobian.sparsity(), values)
             for jacobian, values in zip(self._slopes[1:], entries, strict=True)
@@ -164,9 +173,9 @@ class Variation:
 
 
 @lru_cache(maxsize=64)
-def rhs_of(variation: Variation, k: int) -> ca.Function:
+def rhs_of(variation: Variation, k: int, limits: bool) -> ca.Function:
     """X', with S' of k columns behind it; see `Variation.rhs`."""
-    return variation.rhs(k)
+    return variation.rhs(k, limits)
 
 
 def has_derivatives(system: System) -> bool:

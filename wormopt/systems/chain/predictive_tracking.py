@@ -39,15 +39,20 @@ def plan_tracking(
 
     Raises SolveError if no plan is found.
     """
-    limit = np.inf if table.force is None else table.force
-    limited = replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
+    bounded, free = limited(plant, table.force), limited(plant, None)
     objective = LeastError(input_weight=table.input_weight)
-    problem = tracking_problem(limited, reference, end, objective, TubeTable(radius=1.0))
+    problem = tracking_problem(bounded, reference, end, objective, TubeTable(radius=1.0))
     breaks = problem.model.breaks(end)
     mesh = Mesh.over(breaks, table.period, Collocation(_DEGREE, "radau"))
-    guess = Guess.of(followed_by_lqr(plant, reference, end, 1 / table.input_weight))
+    guess = Guess.of(followed_by_lqr(free, reference, end, 1 / table.input_weight))
     contact = Regularised(table.v_reg, _WIDER * table.v_reg, ratio=1 / _WIDER)
     return plan_ahead(problem, mesh, contact, guess, p=p)
+
+
+def limited(plant: Model, force: float | None) -> Model:
+    """A plant whose inputs are bounded by a force, or not at all."""
+    limit = np.inf if force is None else force
+    return replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
 
 
 def course_of(plan: Plan) -> Gait:

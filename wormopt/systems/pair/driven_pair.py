@@ -194,7 +194,7 @@ def settle(
     total, block, drift = 0, _BLOCK, math.inf
     enough, most = (_SOON, _MOST_SOON) if soon else (_SETTLED, _MOST)
     while drift > enough and total < most:
-        run = simulate(plant, block * period, contact=Exact(), x0=named(start), p=p)
+        run = simulate(plant, block * period, contact=Exact(), x0=named(start), p=p, times=[])
         before, after = relative(start), relative(run.end)
         size = max(float(np.max(np.abs(after))), 1e-300)
         drift = float(np.max(np.abs(after - before))) / size
@@ -213,7 +213,7 @@ def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> f
     push = _PUSH * size * _DIRECTION
     state, least = start + np.concatenate([[0.0], push]), math.inf
     for _ in range(MOST_PERIODS // _LOOK):
-        state = simulate(driven, _LOOK * period, contact=Exact(), x0=named(state)).end
+        state = simulate(driven, _LOOK * period, contact=Exact(), x0=named(state), times=[]).end
         left = np.linalg.norm(relative(state) - relative(start)) / np.linalg.norm(push)
         least = min(least, float(left))
         if least < FADED or left > 1 / _PUSH:

@@ -19,7 +19,7 @@ from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.declared import Declared
 
-# Bytes that the polynomials of all steps may take.
+# Bytes that the polynomials of all steps may take, of all motions together.
 _MEMORY = 5e8
 
 
@@ -45,14 +45,16 @@ def simulate_whole(
     tolerance: Tolerance,
     report: Report,
     p: Values | None = None,
+    *,
+    motions: int = 1,
 ) -> Trajectory:
     """Simulate from time 0 at equidistant samples; keep the whole motion if it fits in memory.
 
     Without `dense` where it took too many steps. `p` overrides the model's parameters and
-    inputs. Raises SolveError as `simulate`.
+    inputs; `motions` are kept at the same time. Raises SolveError as `simulate`.
     """
     times = np.linspace(0.0, end, samples)
-    room = max(int(_MEMORY / (64 * model.n_x)), 1)
+    room = max(int(_MEMORY / (64 * model.n_x * motions)), 1)
     try:
         few = replace(tolerance, max_steps=min(tolerance.max_steps, room))
         return simulate(

@@ -98,6 +98,7 @@ def _follow(
             treatment_of(table.contact),
             tolerance_of(table.tolerance),
             lambda _, fraction: report(f"simulating {label}", fraction),
+            motions=len(table.trackers),
         )
     except SolveError as error:
         partial = [*before, Tracked(label, tracker, loop, error.partial)]

@@ -27,6 +27,7 @@ from wormopt.systems.chain.predictive_tracking import (
     converged,
     course_of,
     learning,
+    limited,
     plan_tracking,
     real_time,
 )
@@ -94,7 +95,7 @@ def _task(scene: Scene[TrackPredictiveScene]) -> Task:
     plant = chain_for(table.worm, table.start, draw_links(table.worm, table.time.end), gait)
     reference = gait_reference(gait, plant.t, shift=table.reference.shift % gait.period)
     plan = plan_tracking(plant, reference, table.time.end, table.predictive)
-    return Task(scene, gait, plant, reference, plan)
+    return Task(scene, gait, limited(plant, table.predictive.force), reference, plan)
 
 
 def _controllers(task: Task) -> Iterator[tuple[str, Decisions | None]]:

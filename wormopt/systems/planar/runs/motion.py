@@ -186,7 +186,10 @@ def _softness(
     """How far the end is from that among softer obstacles, over the longest way of a mass."""
     softer = build_planar(scene, stiffer=_SOFTER)
     treatment = motion.system.treatment
-    again = simulate(softer, motion.end_time, contact=treatment, tolerance=tolerance, report=report)
+    end = motion.end_time
+    again = simulate(
+        softer, end, contact=treatment, times=[end], tolerance=tolerance, report=report
+    )
     places = motion["position"]
     off = np.abs(again["position"][:, -1] - places[:, -1]).max()
     return float(off / longest_way(places, softer.x[0].nominal))
