@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -347,12 +347,12 @@ class _Graph:
             courses=courses,
         )
         scheduled = [c for c in timed if c not in switched]
-        arguments = dict[int, list[ca.SX]]()
+        arguments, changes = dict[int, list[ca.SX]](), dict[str, Any]()
         if timed or jumps:
             expressions, arguments = self._holding([*timed, *jumps])
-            model = _with(model, expressions)
+            changes = _with(model, expressions)
             if switched:
-                model = _switched(model, switched, arguments)
+                changes |= _switched(model, changes["ode"], switched, arguments)
         # of what is switched the schedule has the instants alone
         symbols = [c.symbol if c in scheduled else ca.SX.sym("unused") for c in timed]
         symbols = ca.vertcat(ca.SX(0, 1), *symbols)
@@ -367,7 +367,8 @@ class _Graph:
         for k, c in enumerate(switched):  # a condition holds none that come after it
             before = ca.vertcat(ca.SX(0, 1), *(other.symbol for other in switched[:k]))
             start = ca.vertcat(start, ca.substitute(c.kind.says(*arguments[c.at]), before, start))
-        return Lifted(replace(model, schedules=[*model.schedules, pieces]), found, start)
+        changes["schedules"] = [*model.schedules, pieces]
+        return Lifted(replace(model, **changes), found, start)
 
     def _jumping(self, candidates: list[_Condition]) -> list[_Condition]:
         """Those by which the right-hand side jumps, among conditions of states."""
@@ -453,8 +454,8 @@ def _around(kind: _Kind, level: float) -> tuple[float, float]:
     return below, below + 1
 
 
-def _with(model: Model, expressions: ca.SX) -> Model:
-    """The model with other expressions, in the order of `expressions_of`."""
+def _with(model: Model, expressions: ca.SX) -> dict[str, Any]:
+    """Parts of the model with other expressions, in the order of `expressions_of`."""
     rest = iter(ca.vertsplit(expressions))
 
     def take(old: ca.SX) -> ca.SX:
@@ -468,7 +469,7 @@ def _with(model: Model, expressions: ca.SX) -> Model:
         fields = {name: take(old) for name, old in _composed(contact).items()}
         law = replace(contact.law, **fields) if fields else contact.law  # type: ignore[type-var]
         contacts.append(replace(contact, velocity=velocity, law=law))
-    return replace(model, ode=ode, alg=alg, contacts=contacts)
+    return {"ode": ode, "alg": alg, "contacts": contacts}
 
 
 def _barely(at_guard: ca.SX) -> ca.SX:
@@ -476,8 +477,10 @@ def _barely(at_guard: ca.SX) -> ca.SX:
     return _BARELY * (2 * at_guard - 1)
 
 
-def _switched(model: Model, jumps: list[_Condition], arguments: dict[int, list[ca.SX]]) -> Model:
-    """The model with a state for its conditions, behind its own, and switches that change it."""
+def _switched(
+    model: Model, ode: ca.SX, jumps: list[_Condition], arguments: dict[int, list[ca.SX]]
+) -> dict[str, Any]:
+    """Parts of the model with a state for its conditions, behind its own, and switches of it."""
     symbols, x = [c.symbol for c in jumps], pack(model.x)
     held = ca.vertcat(*symbols)
     switches = [replace(s, reset=ca.vertcat(s.reset, held)) for s in model.switches]
@@ -496,5 +499,5 @@ def _switched(model: Model, jumps: list[_Condition], arguments: dict[int, list[c
             after = least + most - m
         column = [*symbols[:k], after, *symbols[k + 1 :]]
         switches.append(Switch(NAME, guard, ca.vertcat(x, *column), crosses=True))
-    ode = ca.vertcat(model.ode, ca.SX.zeros(len(jumps)))
-    return replace(model, x=[*model.x, Signal(NAME, held)], ode=ode, switches=switches)
+    ode = ca.vertcat(ode, ca.SX.zeros(len(jumps)))
+    return {"x": [*model.x, Signal(NAME, held)], "ode": ode, "switches": switches}
