@@ -69,7 +69,7 @@ def even_displacement(course: Course, count: int) -> np.ndarray:
 
     The velocity of each is found anew. The error falls as 1/count^2.
     """
-    ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), course.stroke.breaks]))
+    ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), course.breaks]))
     step = np.diff(ends)
     twist = course.at((ends[1:] + ends[:-1]) / 2).twist * step[:, None]
     angle = np.concatenate([[0.0], np.cumsum(twist[:, 2])])
