@@ -125,8 +125,6 @@ def _best(result: Any) -> Iterator[tuple[str, str, str]]:
     """Best point of a sweep: least cost where its scenes have one, else by the first in BETTER."""
     if result.kind != "sweep":
         return
-    from wormopt.sweeps.gathered import NUMBERED
-
     asked = json.loads(result.scene_text or "{}").get("objective")
     cost = asked.get("minimise") if isinstance(asked, Mapping) else None
     numbers = result.attributes.get("numbers", [])
@@ -134,7 +132,8 @@ def _best(result: Any) -> Iterator[tuple[str, str, str]]:
     if name is None:
         return
     found, status = result[name], result["status"].values
-    worth = np.where(np.isin(status, NUMBERED), BETTER.get(name, -1) * found.values, -np.inf)
+    known = np.isin(status, (0, 4))  # ok, unchecked
+    worth = np.where(known, BETTER.get(name, -1) * found.values, -np.inf)
     at = np.unravel_index(np.nan_to_num(worth, nan=-np.inf).argmax(), worth.shape)
     if np.isfinite(worth[at]):
         axes = result.attributes["axes"]

@@ -66,6 +66,7 @@ def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
 class Quadrature:
     """Gauss' rule between phases (m,) that ascend from 0 to 1, and the poses (m, 3) it gives."""
 
+    tau: np.ndarray  # (m,)
     nodes: np.ndarray  # (q,)
     weights: np.ndarray  # (q,)
     poses: np.ndarray
@@ -88,7 +89,7 @@ def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
     way = np.einsum("kdc,d->kc", rotate(angle, twist[..., :2]), rule.B)
     poses = np.column_stack([np.vstack([np.zeros(2), np.cumsum(way, axis=0)]), turned])
     weights = (step[:, None] * rule.B).ravel()
-    return Quadrature(nodes.ravel(), weights, poses[np.searchsorted(ends, tau)])
+    return Quadrature(tau, nodes.ravel(), weights, poses[np.searchsorted(ends, tau)])
 
 
 def _halved(crawl: Crawl, ends: np.ndarray) -> np.ndarray:
