@@ -67,7 +67,8 @@ def _export(options: argparse.Namespace) -> int:
         force=options.force,
     )
     if result.status != "ok":
-        say(f"{result.scene}: the result failed, as the files say: {result.reason}")
+        state = "failed" if result.status == "failed" else "is unchecked"
+        say(f"{result.scene}: the result {state}, as the files say: {result.reason}")
     if not options.quiet:
         for file in files:
             print(file)
