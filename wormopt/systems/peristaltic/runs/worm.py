@@ -14,7 +14,7 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, Unchecked
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
@@ -287,6 +287,12 @@ def _warnings(case: WormCase, scalars: dict[str, Any]) -> Iterator[str]:
         yield (
             f"the load of {worm.load:g} N takes the worm {abs(advance):.3g} m along in a cycle, "
             "farther than all of its strokes together; write a smaller worm.load"
+        )
+    head, pressure = 2 * worm.density * worm.gravity * worm.radius, case.table.coils.pressure
+    if 0 < pressure < head:
+        yield Unchecked(
+            f"the weight of the fluid presses with {head:.3g} Pa over a segment's width, more than "
+            f"the field with {pressure:.3g} Pa: segments sag, and are no cylinders"
         )
     reserve = scalars["holding_reserve"]
     if reserve is not None and reserve < _NONE:
