@@ -297,7 +297,7 @@ def best_stroke(
     >>> coarse = Mesh.even(1, 8, Collocation(4, "legendre"))
     >>> best = best_stroke(purcell, -2.0, 2.0, starts=1, mesh=coarse, tolerance=1.0)
     >>> round(best.value, 4)
-    0.0108
+    0.011
     """
     aim = StrokeAim(swimmer, np.asarray(lower), np.asarray(upper), maximise)
     problem, found, tried = stroke_problem(aim), [], []
