@@ -11,6 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
+from wormopt.errors import SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.crawling.phases import Course
 from wormopt.systems.planar.crawling.record import quadrature, record
@@ -140,5 +141,32 @@ def _drawn(seed: int) -> dict[str, Any]:
 @pytest.mark.parametrize("tens", range(20))
 def test_no_right_crawl_is_refused(tens: int):
     for seed in range(10 * tens, 10 * tens + 10):
-        result = wo.run(_drawn(seed))
+        try:
+            result = wo.run(_drawn(seed))
+        except SolveError as error:  # equal links, through a part of the stroke
+            if "leaves the motion open" not in error.reason:
+                raise
+            continue
         assert result.status == "ok", (seed, result.reason)
+
+
+@pytest.mark.slow
+def test_an_instant_at_which_the_motion_is_open_does_not_refuse_a_stroke():
+    """Three equal links straighten in front: there, and only there, other velocities do as well."""
+    stroke = {
+        "course": "harmonic",
+        "mean": [-0.6755160025112188, 0.5425420988651222],
+        "cosine": [
+            [-0.5761965718304626, -0.5731153141711082],
+            [0.2618950007529099, 0.282102873143179],
+            [0.14347774733249058, 0.07616529130279415],
+        ],
+        "sine": [
+            [-0.41113560589511255, 0.48904226430313946],
+            [0.002895223809581182, 0.12021084480911748],
+            [-0.1907001224027438, -0.15299421503604618],
+        ],
+    }
+    ground = {"forward": 2.1778577587514123, "sideways": 2.1703146339678083}
+    result = wo.run(_scene({"links": 3, "lengths": 1.0}, ground, stroke))
+    assert result.status == "ok", result.reason

@@ -66,7 +66,7 @@ def recheck(crawl: Crawl, rule: Quadrature) -> tuple[dict[str, float], str]:
     usual = np.maximum(seen.motion.power, 1e-6 * size)
     speeds = np.linalg.norm(seen.motion.velocities, axis=2).max(axis=1)
     off = np.abs(dual.twist - seen.motion.twist) * [1.0, 1.0, length]
-    even = even_displacement(crawl.course, _EVEN)
+    even = even_displacement(crawl.course, _EVEN, crawl.phases)
     apart = np.abs([even - crawl.displacement, rule.poses[-1] - crawl.displacement])
     errors = {
         "actuator_work": actuators,
