@@ -297,7 +297,7 @@ def test_of_a_heavy_float_what_is_written_instead_is_followed(tmp_path: Path) ->
     with pytest.raises(SceneError, match=r"swing some 2e\+06 times .*periods = 0.95 at most"):
         wo.run(path)
     result = wo.run(load_scene(path, ["body.weight=5.6e5", "tolerance.recheck=false"]))
-    assert result.status == "ok"
+    assert result.status == "unchecked"
     assert result.scalars["held"].value  # by the trough
 
 

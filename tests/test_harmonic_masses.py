@@ -534,7 +534,7 @@ def test_without_recheck_there_is_none_and_a_warning(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr("wormopt.systems.shared.proof.simulate", never)
     result = solved_anew("tolerance.recheck=false")
-    assert result.status == "ok"
+    assert result.status == "unchecked"
     assert value(result, "recheck_error") is None
     assert result.trust["exact"]["recheck"] is None
     assert any("tolerance.recheck is false" in text for text in result.trust["warnings"])

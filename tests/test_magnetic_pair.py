@@ -249,7 +249,7 @@ def test_weaker_friction_backward_moves_the_pair_backward(tmp_path: Path):
 def test_a_motion_that_settles_slowly_is_followed_longer(tmp_path: Path):
     result = run_text(tmp_path, PAIR, "detuning=0.1", "tolerance.recheck=false")
     closed = steady_pair(0.5, 1.0, 0.1)
-    assert result.status == "ok"
+    assert result.status == "unchecked"
     assert result.trust["settled_to"] < 1e-9
     assert value(result, "velocity_steady") == pytest.approx(closed.velocity, rel=1e-12)
     assert value(result, "velocity_exact_mean") == pytest.approx(closed.velocity, rel=1e-2)

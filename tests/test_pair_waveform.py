@@ -69,7 +69,8 @@ def cheap() -> Result:
 
 
 def test_the_field_that_jumps_is_fastest_and_exact_simulation_keeps_its_speed(best: Result):
-    assert best.status == "ok"
+    assert best.status == "unchecked"  # the law of the link is for small strains
+    assert "the link changes its length by 139 %" in best.reason
     # first order in eps: the first harmonic of a field between 0 and 2 is 4 / pi at most
     assert value(best, "first_harmonic") == pytest.approx(4 / math.pi, abs=1e-4)
     assert set(np.round(best["field"].values, 9)) == {0.0, 2.0}

@@ -296,3 +296,14 @@ def test_worms_that_do_not_hold_are_refused(change: str, words: str):
 def test_a_push_beyond_elastic_return_is_warned_of():
     result = wo.run(wo.load_scene("peristaltic_design", [*QUICK, "worm.push=1e-3"]))
     assert any("worm.push" in warning for warning in result.trust["warnings"])
+
+
+@pytest.mark.parametrize(("drag", "spare"), [(0.01, False), (0.009, True)])
+def test_anchors_that_hold_just_what_they_must_are_warned_of(drag: float, spare: bool):
+    """One of three holds 0.25 times 0.08 N, and two move."""
+    tube = ["tube.friction=0.25", "tube.wall_force=0.08", f"worm.drag={drag}"]
+    result = wo.run(wo.load_scene("peristaltic_design", [*QUICK, *tube]))
+    assert result.status == "ok", result.reason
+    assert result["reserve_min"].value == pytest.approx(0.02 / (2 * drag))
+    told = any("hold just what they must" in text for text in result.trust["warnings"])
+    assert told is not spare

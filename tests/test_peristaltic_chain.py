@@ -28,6 +28,8 @@ from wormopt.systems.peristaltic.chain.chain import Body, peristaltic_worm
 from wormopt.systems.peristaltic.chain.crawl import Anchors, crawl, energy_error, second_route
 from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround, Ground
 from wormopt.systems.peristaltic.chain.waves import harmonic_wave, held, switched_wave
+from wormopt.systems.peristaltic.runs.worm import WormCase
+from wormopt.systems.peristaltic.runs.worm import _warnings as worm_warnings
 from wormopt.systems.peristaltic.segment.segment import Anchoring, Segment, Tube
 
 SEGMENT = Segment(20e-3, 5e-3, 0.3e-3, 20e3)  # the set of numbers that works, theory section 6
@@ -330,6 +332,8 @@ def test_the_scene_in_a_tube_moves_against_its_wave():
     found = {name: scalar.value for name, scalar in result.scalars.items()}
     assert result.status == "ok", result.reason
     assert (found["against_wave"], found["coil_duty"]) == (1, 0.5)
+    assert (found["holding_reserve"], found["slip"] > 0) == (0, True)
+    assert any("holding_reserve is 0" in text for text in result.trust["warnings"])
     assert found["stroke"] == pytest.approx(20e-3 * (1 - 0.98029604941), rel=1e-9)
     assert found["loading"] == pytest.approx(0.47, rel=1e-3)
     assert 0 < found["advance"] < found["advance_ideal"] == pytest.approx(2 * found["stroke"])
@@ -343,6 +347,16 @@ def test_the_scene_on_open_ground_moves_against_its_wave():
     result = wo.run(load_scene("fig28_peristaltic_wave", SHORT))
     assert result.status == "ok", result.reason
     assert result.scalars["against_wave"].value == 1
+
+
+@pytest.mark.parametrize("reserve", [0.0, 1e-3, None])
+def test_anchors_with_nothing_to_spare_are_warned_of(reserve: float | None):
+    """Segments that slide use all of their friction: none is left, and nothing said so."""
+    table = load_scene("peristaltic_tube", SHORT).table
+    given = {"advance": 1e-4, "holding_reserve": reserve, "slip": 9.4e-5}
+    told = [text for text in worm_warnings(WormCase(table), given) if "to spare" in text]
+    assert len(told) == (reserve == 0)
+    assert all("slide back by 9.4e-05 m" in text for text in told)
 
 
 def test_a_load_that_takes_the_worm_along_is_warned_of():

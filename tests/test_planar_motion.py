@@ -90,7 +90,7 @@ def test_a_worm_pressed_against_a_stiff_wall_gets_by_slow_slip() -> None:
         wo.run("planar_chain", {**changed, "contact": contact})
         for contact in ({"treatment": "exact"}, {"treatment": "smooth", "v_reg": 1e-5})
     )
-    assert exact.status == "ok"
+    assert exact.status == "unchecked"
     assert exact.scalars["n_steps"].value < 50_000
     for name in ("x", "y"):
         assert_allclose(exact[name].values[:, -1], smooth[name].values[:, -1], atol=1e-3)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from by_rods import followed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
@@ -20,7 +21,7 @@ from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.body.strokes import Harmonics, Polygon
 from wormopt.systems.planar.body.travel import _uniform
 from wormopt.systems.planar.swimming.balance import balanced, stepped
-from wormopt.systems.planar.swimming.best import best_stroke
+from wormopt.systems.planar.swimming.best import best_stroke, once
 from wormopt.systems.planar.swimming.heights import heights, in_frame
 from wormopt.systems.planar.swimming.spectral import spectral_stroke
 from wormopt.systems.planar.swimming.stroke import swim
@@ -288,3 +289,70 @@ def test_folded_strokes_are_better() -> None:
     assert found.value == pytest.approx(0.0157211196, abs=1e-9)
     spectral = spectral_stroke(PURCELL, found.harmonics, 3.0, orders=24)
     assert spectral.efficiency == pytest.approx(found.value, rel=1e-7)
+
+
+# -- what a search may not be deceived by ----------------------------------------------------------
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 6))
+def test_a_loop_that_is_repeated_is_found_in_its_repetition(seed: int, times: int) -> None:
+    rng = np.random.default_rng(seed)
+    cosine, sine = rng.uniform(-1, 1, (2, 6, 2)) / np.arange(1, 7)[:, None] ** 2
+    mean = rng.uniform(-1, 1, 2)
+    assert once(Harmonics(mean, cosine, sine)) is None
+    spread = np.zeros((2, 6 * times, 2))
+    spread[:, times - 1 :: times] = cosine, sine
+    loop = once(Harmonics(mean, *spread))
+    assert loop is not None
+    tau = np.linspace(0, 1, 17)
+    assert loop.at(tau)[0] == pytest.approx(Harmonics(mean, cosine, sine).at(tau)[0], abs=1e-12)
+
+
+def test_harmonics_are_added_until_they_change_nothing() -> None:
+    few = spectral_stroke(PURCELL, CIRCLE, 3.0, orders=4)
+    assert few.change < 1e-9
+    assert few.efficiency == pytest.approx(0.01236415462, abs=1.1e-11)
+
+
+def _searched(across: float, starts: int) -> wo.Result:
+    return wo.run(
+        "planar_purcell",
+        {"ground.across": across, "search.starts": starts, "want": []},
+    )
+
+
+@pytest.mark.slow
+def test_a_loop_gone_round_twice_does_not_win() -> None:
+    """The second start goes round the same loop twice: twice the way, the same efficiency."""
+    result = _searched(3.0, 3)
+    assert result.status == "ok", result.reason
+    # the same loop by harmonics; its way and action by quadrature
+    assert result["distance"].value == pytest.approx(0.42998840, abs=2e-7)
+    assert result["action"].value == pytest.approx(20.0861790, abs=2e-5)
+    own = followed(result["shape"].values, 3.0)
+    assert result["distance"].value == pytest.approx(own.distance, abs=1e-7)
+
+
+@pytest.mark.slow
+def test_the_second_route_is_as_exact_as_what_it_checks() -> None:
+    result = _searched(5.0, 1)
+    assert result.status == "ok", result.reason
+    assert result["efficiency"].value == pytest.approx(0.04907227187, abs=1e-11)
+    assert result["efficiency_spectral"].value == pytest.approx(0.04907227187, abs=1e-11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_drawn_grounds_have_accepted_single_loops(seed: int) -> None:
+    rng = np.random.default_rng(1000 + seed)
+    across = float(np.exp(rng.uniform(np.log(1.2), np.log(20.0))))
+    result = _searched(across, int(rng.integers(1, 4)))
+    assert result.status == "ok", result.reason
+    own = followed(result["shape"].values, across)
+    assert abs(own.turn) < 1e-7
+    assert result["distance"].value == pytest.approx(own.distance, abs=1e-7)
+    assert result["action"].value == pytest.approx(own.action, rel=1e-7)
+    angle = np.unwrap(
+        np.angle([1, 1j] @ (result["shape"].values - result["shape"].values.mean(1)[:, None]))
+    )
+    assert abs(angle[-1] - angle[0]) == pytest.approx(2 * np.pi)  # round its middle once

@@ -497,6 +497,6 @@ def test_an_ensemble_of_delayed_loops(tmp_path: Path):
     change = ['tracker={feedback="difference", lag=0.1, tube_radius=0.2, growth=100}',
               "time.end=0.25", "tolerance.recheck=false"]  # fmt: skip
     result = wo.run(load_scene(write(tmp_path, RANDOM), change))
-    assert result.status == "ok"
+    assert result.status == "unchecked"
     assert result["member_distance"].values.shape == (1, 5)
     assert len(set(result["member_distance"].values[0])) == 5

@@ -204,7 +204,7 @@ def test_a_shaken_capsule_against_closed_form():
 
 def test_tracking_a_sine_settles_at_once():
     result = wo.run(load_scene("track_sine", ["tolerance.recheck=false"]))
-    assert result.status == "ok"
+    assert result.status == "unchecked"
     # in the tube for good from the first entry on, and the gain constant from then
     for k in range(2):
         captured = value(result, "capture_time")[k]
@@ -485,7 +485,7 @@ def test_bands_are_quantiles_of_the_members(tmp_path: Path):
 
 def test_random_links_as_packaged():
     result = wo.run(load_scene("random_links", ["ensemble.members=12", "tolerance.recheck=false"]))
-    assert result.status == "ok"
+    assert result.status == "unchecked"
     # the kinematic speed 4 e l0 / T = 1.2, within what chance makes of it
     assert value(result, "mean_speed") == pytest.approx(1.2, abs=0.2)
     assert value(result, "captured_share") == np.mean(

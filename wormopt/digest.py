@@ -132,7 +132,8 @@ def _best(result: Any) -> Iterator[tuple[str, str, str]]:
     if name is None:
         return
     found, status = result[name], result["status"].values
-    worth = np.where(status == 0, BETTER.get(name, -1) * found.values, -np.inf)
+    known = np.isin(status, (0, 4))  # ok, unchecked
+    worth = np.where(known, BETTER.get(name, -1) * found.values, -np.inf)
     at = np.unravel_index(np.nan_to_num(worth, nan=-np.inf).argmax(), worth.shape)
     if np.isfinite(worth[at]):
         axes = result.attributes["axes"]
@@ -231,7 +232,10 @@ def _second_route(result: Any) -> str:
     errors = [one["error"] for one in each if isinstance(one.get("error"), int | float)]
     found = [f"differs by {max(map(abs, errors)):.2g}"] if errors else []
     if not errors:
-        for name in (name for name in result.scalars if name.startswith("recheck_")):
+        asked = [name for name in result.scalars if name.startswith("recheck_")]
+        known = [name for name in asked if result.scalars[name].value is not None]
+        found += ["not taken"] if asked and not known else []
+        for name in known:
             what = name.removeprefix("recheck_").removesuffix("error").strip("_")
             found.append(f"{what} differs by {brief(result.scalars[name].value)}".strip())
     return ", ".join([*filter(None, routes), *found])

@@ -22,7 +22,27 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-Status = Literal["ok", "failed"]
+Status = Literal["ok", "unchecked", "failed"]
+
+
+class Unchecked(str):
+    """A warning that leaves a result unchecked: its numbers are neither confirmed nor refuted.
+
+    No second route was taken, or the theory leaves out what is not small here.
+    """
+
+    __slots__ = ()
+
+
+NOT_RECHECKED = Unchecked("not rechecked by a second route: tolerance.recheck is false")
+
+
+def left_out(share: float, text: str) -> str:
+    """Return a warning of what a theory leaves out, a share of what it keeps.
+
+    The warning is `Unchecked` where the share is above 1: the theory does not hold there.
+    """
+    return Unchecked(text) if share > 1 else text
 
 
 @dataclass(frozen=True)
@@ -84,8 +104,10 @@ class Result:
         Kind of the scene.
     title : str
         Title of the scene, any text.
-    status : {"ok", "failed"}
-        "failed" where the trust report fails or the study was not finished.
+    status : {"ok", "unchecked", "failed"}
+        "failed" where the trust report fails or the study was not finished. "unchecked" where
+        nothing fails, but no second route confirms the numbers, or the theory that gives them
+        does not hold.
     scalars : mapping of str to Scalar
         The numbers asked for.
     variables : tuple of Variable
@@ -95,7 +117,7 @@ class Result:
     timings_s : mapping of str to float
         Seconds spent per stage.
     reason : str
-        Why the result failed; empty otherwise.
+        Why the result failed or is unchecked; empty otherwise.
     scene_text : str
         The resolved scene as JSON text, enough to compute the result again.
     attributes : mapping of str to JSON data

@@ -38,7 +38,8 @@ def run(
     Returns
     -------
     Result
-        Its status is "failed" where the trust report does not hold.
+        Its status is "failed" where the trust report does not hold, and "unchecked" where nothing
+        confirms it.
 
     Raises
     ------
@@ -90,7 +91,8 @@ def _failed(scene: Scene[Any], partial: object, reason: str = "") -> Result:
 
     # a motion that a study came upon is no Result of it
     found = partial if isinstance(partial, Result) else conclude(scene, {})
-    return found.failed(reason or found.reason or "interrupted")
+    known = found.reason if found.status == "failed" else ""
+    return found.failed(reason or known or "interrupted")
 
 
 def result_at(given: str | Path) -> Result:

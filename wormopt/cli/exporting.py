@@ -85,7 +85,8 @@ def _export(options: argparse.Namespace) -> int:
         force=options.force,
     )
     if result.status != "ok":
-        say(f"{result.scene}: the result failed, as the files say: {result.reason}")
+        state = "failed" if result.status == "failed" else "is unchecked"
+        say(f"{result.scene}: the result {state}, as the files say: {result.reason}")
     for file in files:
         if "ros" in options.formats and file.suffix == SUFFIXES["ros"]:
             head = file.read_text(encoding="utf-8").partition("header:")[0]

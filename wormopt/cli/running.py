@@ -82,7 +82,7 @@ def _run(options: argparse.Namespace) -> int:
     with shown_on_stderr(options.quiet) as report, engine_of(options):
         try:
             result = attempt(scene, report)
-            code = DONE if result.status == "ok" else NOT_SOLVED
+            code = NOT_SOLVED if result.status == "failed" else DONE
         except Interrupted as stop:
             result, code = stop.partial, INTERRUPTED
     if scene.sweep is not None:
@@ -114,8 +114,8 @@ def finish(
     if keys and (earlier.scene, earlier.kind) == (result.scene, result.kind):
         names = ", ".join(keys[:_MOST_KEYS]) + ", …" * (len(keys) > _MOST_KEYS)
         say(f"{output.folder}: replaced the earlier result, of other inputs ({names})")
-    if result.status == "failed":
-        say(f"{result.scene}: failed: {result.reason}")
+    if result.status != "ok":
+        say(f"{result.scene}: {result.status}: {result.reason}")
 
 
 def _draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:

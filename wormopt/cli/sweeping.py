@@ -95,7 +95,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 engine=Engine(options.engine, options.workers, options.scheduler),
                 report=report,
             )
-            code = DONE if result.status == "ok" else NOT_SOLVED
+            code = NOT_SOLVED if result.status == "failed" else DONE
     except Interrupted as stop:
         result, code = stop.partial, INTERRUPTED
     if options.show:

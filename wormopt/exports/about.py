@@ -20,14 +20,16 @@ _MADE_BY = f"{MARK}, version {VERSION}"
 
 
 def remarks(result: Result) -> list[str]:
-    """Lines, each plain text, on what a result is and whether it failed."""
+    """Lines, each plain text, on what a result is and whether it failed or is unchecked."""
     titled = f": {result.title}" if result.title and result.title != result.scene else ""
     lines = [
         f"{result.scene}{titled} (kind {result.kind or 'unknown'})",
         _MADE_BY,
     ]
-    if result.status != "ok":
+    if result.status == "failed":
         lines.append(f"NOT TO BE TRUSTED, the result failed: {result.reason}")
+    if result.status == "unchecked":
+        lines.append(f"UNCHECKED: {result.reason}")
     return [one_line(line) for line in lines]
 
 

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.values import numbers
+from wormopt.result import left_out
 
 Expression = Any
 """A float, an array, or a CasADi expression."""
@@ -312,11 +313,12 @@ class MagnetoElastic:
         """
         u0, largest = self.field_strain(field), float(np.max(np.abs(numbers("strain", strain))))
         if u0 > SMALL_STRAIN:
-            yield f"u0 = {u0:.3g} is beyond small strains, {SMALL_STRAIN:g}"
+            yield left_out(u0, f"u0 = {u0:.3g} is beyond small strains, {SMALL_STRAIN:g}")
         if largest > SMALL_STRAIN:
-            yield (
+            yield left_out(
+                largest,
                 f"strains reach {largest:.3g}; the line holds for small ones, up to "
-                f"{SMALL_STRAIN:g} say"
+                f"{SMALL_STRAIN:g} say",
             )
         yield from self._warnings_of_lambda()
         inside = (self.mu_r - 1) / (self.mu_r + 1)

@@ -15,7 +15,7 @@ from wormopt.quantities import Variable
 from wormopt.reports.source import Source
 from wormopt.reports.words import name_text, number, unit_text, value_text
 from wormopt.result import Result
-from wormopt.sweeps.gathered import STATUS, as_typed
+from wormopt.sweeps.gathered import NUMBERED, STATUS, as_typed
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,8 @@ class Grid:
 
     def good(self, variable: Variable, point: int) -> bool:
         """Whether there is a number at a point that counts."""
-        return not self.states[point] and bool(np.isfinite(self.value(variable, point)))
+        counts = self.states[point] in NUMBERED
+        return counts and bool(np.isfinite(self.value(variable, point)))
 
     def span(self, variable: Variable) -> tuple[float, float, int | None]:
         """Least and largest number that count, and the best point where it is known which is."""

@@ -58,7 +58,7 @@ def _cell(
         kind += " best" if point == best else ""
     else:
         state = grid.states[point] or 3
-        told, kind = _SIGNS[state], f"cell state{state}"
+        told, kind = _SIGNS.get(state, "·"), f"cell state{state}"
     return (
         f'<td><a class="{kind}" data-point="{point}" href="{target}" title="{said}" '
         f'aria-label="{said}"{style}>{told}</a></td>'

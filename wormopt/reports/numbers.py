@@ -123,7 +123,7 @@ def comparison_html(results: Sequence[Result]) -> str:
         f"{' (at its knee)' if 'front_knee' in r.scalars else ''}"
         for k, r in enumerate(results)
     ]
-    states = ["failed" if r.status == "failed" else "accepted" for r in results]
+    states = ["accepted" if r.status == "ok" else r.status for r in results]
     whole = table("compare", ["", *heads], [*_differences(results), ["status", *states], *rows])
     return scrolled("Comparison", whole) + ("" if rows else "<p>They share no number.</p>")
 
@@ -177,7 +177,7 @@ def _row(name: str, results: Sequence[Result]) -> list[str]:
             cells.append("–")
             continue
         told = escaped(value_text(s.value, "1" if one_unit else s.unit))
-        if result.status == "ok" and told == best:
+        if result.status != "failed" and told == best:
             told = f'<strong>{told}</strong> <span class="best">best</span>'
         cells.append(told)
     shown = f' <span class="unit">{escaped(unit)}</span>' if unit else ""
@@ -186,7 +186,7 @@ def _row(name: str, results: Sequence[Result]) -> list[str]:
 
 def _best(name: str, results: Sequence[Result]) -> str:
     """Best value among accepted results as it is told, empty where all are told the same."""
-    found = [r.scalars[name].value for r in results if r.status == "ok" and name in r.scalars]
+    found = [r.scalars[name].value for r in results if r.status != "failed" and name in r.scalars]
     found = [value for value in found if is_number(value)]
     if name not in BETTER or len({number(value) for value in found}) < 2:
         return ""

@@ -70,7 +70,7 @@ def _contents(sources: Sequence[Source]) -> str:
     results = [source.result for source in sources]
     items = "".join(
         f'<li><a href="#r{k}">{escaped(r.title or r.scene)}</a> {numbers.told_apart(r, results)}'
-        f"{' – failed' if r.status == 'failed' else ''}</li>"
+        f"{'' if r.status == 'ok' else f' – {r.status}'}</li>"
         for k, r in enumerate(results)
     )
     return (

@@ -15,11 +15,14 @@ _LONGEST = 60_000  # letters of a report in full
 
 
 def status_html(result: Result) -> str:
-    """One line: accepted or failed, and why."""
+    """One line: accepted, unchecked or failed, and why."""
     checks = result.checks
     if result.status == "failed":
         why = sentence(result.reason or "no reason is given")
         return f'<p class="status failed"><strong>Failed.</strong> {escaped(why)}</p>'
+    if result.status == "unchecked":
+        why = escaped(sentence(result.reason))
+        return f'<p class="status unchecked"><strong>Unchecked.</strong> {why}</p>'
     warnings = len(result.trust.get("warnings") or [])
     told = "Accepted."
     if checks:

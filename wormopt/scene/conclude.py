@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, Status, Unchecked
 from wormopt.scene.scene import Scene
 
 
@@ -21,7 +21,7 @@ def conclude(
     timings: Mapping[str, float] | None = None,
     attributes: Mapping[str, Any] | None = None,
 ) -> Result:
-    """Make the Result of a scene, which is failed where a check is.
+    """Make the Result of a scene: failed where a check is, unchecked where a warning says so.
 
     Units, dimensions and long names of numbers and arrays given by name are those that the table
     of the scene's kind declares; Scalars and Variables may be given too. `facts` are the part of
@@ -32,13 +32,13 @@ def conclude(
     if checks:
         trust["checks"] = {check.name: check.found() for check in checks}
         assert len(trust["checks"]) == len(checks), [check.name for check in checks]
-    warnings = [*scene.warnings, *table.file_warnings(scene.folder, table.units), *warnings]
-    reasons = dict.fromkeys(c.advice for c in checks if not c.passed)
+    warned = [*scene.warnings, *table.file_warnings(scene.folder, table.units), *warnings]
+    status, reasons = _status(checks, warned)
     return Result(
         scene.name,
         table.kind,
         scene.title,
-        status="failed" if reasons else "ok",
+        status=status,
         reason="; ".join(reasons),
         scalars={
             name: value
@@ -47,11 +47,22 @@ def conclude(
             for name, value in scalars.items()
         },
         variables=tuple(_arrays(table, variables)),
-        trust=trust | {"warnings": list(dict.fromkeys(warnings))},
+        trust=trust | {"warnings": list(dict.fromkeys(warned))},
         timings_s=timings or {},
         scene_text=scene.text,
         attributes=attributes or {},
     )
+
+
+def _status(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
+    """Status of a result by its checks and warnings, and the reasons for it."""
+    failed = dict.fromkeys(check.advice for check in checks if not check.passed)
+    if failed:
+        return "failed", failed
+    doubts = dict.fromkeys(str(text) for text in warned if isinstance(text, Unchecked))
+    if not checks and not doubts:
+        doubts = {"nothing confirms the numbers: no check of them was made": None}
+    return ("unchecked" if doubts else "ok"), doubts
 
 
 def _arrays(table: Any, found: Mapping[str, Any] | Sequence[Variable]) -> Iterator[Variable]:

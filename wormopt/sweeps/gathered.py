@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 STATUS = get_args(Status)
 """Names of the numbers in the variable ``status``."""
+NUMBERED = tuple(map(STATUS.index, ("ok", "unchecked")))
+"""Numbers of the points whose scalars count."""
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(\.\d+)?(e[-+]?\d+)?")
 # So many reasons, warnings and failed checks stand in the trust report, the most frequent first.
 _MOST = 10
@@ -46,7 +48,7 @@ def gathered(
     found = [
         *_coordinates(asked, axes, base),
         Variable("status", "1", asked.dims, _shaped([STATUS.index(r.status) for r in records],
-                 asked), "0 ok, 1 failed, 2 refused, 3 not computed"),
+                 asked), "0 ok, 1 failed, 2 refused, 3 not computed, 4 unchecked"),
         Variable("seconds", "s", asked.dims, _shaped([r.seconds for r in records], asked),
                  "time that it took"),
     ]  # fmt: skip

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from wormopt.plotting.parts import GREY, LINKS, RED, label, narrow, sheet
 from wormopt.result import Result
-from wormopt.sweeps.gathered import as_typed, everywhere
+from wormopt.sweeps.gathered import NUMBERED, as_typed, everywhere
 
 # So many numbers are shown where none were asked for.
 _MOST = 4
@@ -52,7 +52,7 @@ def _maps(result: Result, names: list[str], dims: list[str]) -> Figure:
     rows = -(-len(names) // columns)
     figure = sheet(4.6 * columns, 3.4 * rows, narrow=2.4 * rows)
     y, x = (result[dim] for dim in dims)
-    lost = result["status"].values != 0
+    lost = ~np.isin(result["status"].values, NUMBERED)
     for k, name in enumerate(names):
         axes = figure.add_subplot(rows, columns, k + 1)
         values = np.ma.masked_invalid(np.where(lost, np.nan, result[name].values))
@@ -77,7 +77,7 @@ def _columns(result: Result, names: list[str], dims: list[str], lines: bool) -> 
     """A column for every key, a row for every number."""
     figure = sheet(max(4.2 * len(dims), 6.4), 2.3 * len(names) + 0.6)
     panels: Any = figure.subplots(len(names), len(dims), squeeze=False, sharex="col", sharey="row")
-    lost = result["status"].values.ravel() != 0
+    lost = ~np.isin(result["status"].values.ravel(), NUMBERED)
     for j, dim in enumerate(dims):
         at = everywhere(result, dim, result[dim].values)
         for i, name in enumerate(names):

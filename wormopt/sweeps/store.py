@@ -35,7 +35,7 @@ from wormopt.scene import Scene
 from wormopt.scene.conclude import conclude
 
 Keep = Literal["results", "scalars"]
-Status = Literal["ok", "failed", "refused", "not computed"]
+Status = Literal["ok", "failed", "refused", "not computed", "unchecked"]
 _JOURNAL = "journal.txt"
 _HEAD = "made by wormopt: time, machine, process, point, seconds\n"
 # A point at which so many processes of one sweep died is not tried again.

@@ -6,7 +6,7 @@ import os
 import secrets
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -221,7 +221,7 @@ class _Sweep:
 
     def _note(self, key: str, record: Record) -> None:
         self._records[key] = record
-        self._poor += record.status != "ok"
+        self._poor += record.status not in ("ok", "unchecked")
 
     def _file(self, key: str) -> Path:
         return self._store / f"{key}.nc"
@@ -246,4 +246,15 @@ class _Sweep:
         if interrupted:
             done = len(records) - counts["not computed"]
             return found.failed(f"interrupted after {done} of {len(records)} points; run it again")
-        return found if counts["ok"] else found.failed("no point has an accepted result")
+        if not counts["ok"] and not counts["unchecked"]:
+            return found.failed("no point has an accepted result")
+        if counts["unchecked"]:
+            return replace(found, status="unchecked", reason=_unchecked(records))
+        return found
+
+
+def _unchecked(records: Sequence[Record]) -> str:
+    """How many points are unchecked, and the reason that most of them give."""
+    reasons = Counter(record.reason for record in records if record.status == "unchecked")
+    why, _ = reasons.most_common(1)[0]
+    return f"{reasons.total()} of {len(records)} points are unchecked: {why}"

@@ -13,6 +13,7 @@ from wormopt.magnetics.material import check_number
 from wormopt.magnetics.pressure import OERSTED, field_of
 from wormopt.model.values import numbers
 from wormopt.quantities import GRAVITY
+from wormopt.result import left_out
 
 # Numbers that shall be small against 1 are warned of above this.
 _SMALL = 0.1
@@ -144,6 +145,8 @@ class Fluid:
     def warnings(self) -> Iterator[str]:
         """Say which numbers are not as small as the theory takes them to be.
 
+        Above 1 they leave a result unchecked.
+
         Yields
         ------
         str
@@ -163,4 +166,5 @@ class Fluid:
             (self.gravity, "rho g d / P", "the weight of the fluid is left out"),
         ):
             if value > _SMALL:
-                yield f"{name} is {value:.3g}, not small against 1: {what}"
+                text = f"{name} is {value:.3g}, not small against 1: {what}"
+                yield left_out(value, text)

@@ -16,7 +16,7 @@ from wormopt.model.friction import Coulomb, Law
 from wormopt.model.model import Model
 from wormopt.model.values import nominal_of, signal_values
 from wormopt.progress import Report
-from wormopt.result import Check
+from wormopt.result import NOT_RECHECKED, Check
 from wormopt.simulation.event_free import ending
 from wormopt.simulation.options import Recheck, Route, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import Values, simulate
@@ -257,7 +257,7 @@ def warnings_of_motion(motion: Trajectory, second: CrossCheck | None) -> Iterato
     from wormopt.simulation.native.build import compiler
 
     if second is None:
-        yield "not rechecked by a second route: tolerance.recheck is false"
+        yield NOT_RECHECKED
     elif second.until is not None:
         yield (
             f"the second route ({second.route}) was compared at t = {second.until:.6g}, not at the "

@@ -13,7 +13,7 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
-from wormopt.result import Result
+from wormopt.result import NOT_RECHECKED, Result, Unchecked
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
@@ -222,7 +222,10 @@ def _result(
             "plans": [{name: a.numbers for name, a in row.items()} for row in plans],
             "decisions": [{name: d.numbers for name, d in row.items()} for row in decided],
         },
-        warnings=_warnings(names, plans, decided, runs, known),
+        warnings=[
+            *_warnings(names, plans, decided, runs, known),
+            *_not_rechecked(runs[0], asked=bool(table.tolerance.recheck)),
+        ],
         timings=timings,
         attributes={
             "references": names,
@@ -317,6 +320,20 @@ def _sampled(model: Model, motion: Trajectory | None) -> dict[str, np.ndarray] |
         return None
     outputs = {name: model[name] for name in COMPARED if name != "position"}
     return sample(motion, outputs | {"position": model["position"]})
+
+
+def _not_rechecked(row: Sequence[JudgedRun], *, asked: bool) -> Iterator[str]:
+    """Warn of motions of the first reference that no second route confirms."""
+    alone = [each.rival.name for each in row if each.motion and not each.second]
+    if not asked:
+        yield NOT_RECHECKED
+    elif len(alone) == sum(each.motion is not None for each in row):
+        yield Unchecked(
+            "no motion is rechecked by a second route: those of trackers and through delayed "
+            'measurements take too long; scenes of kind "track" recheck trackers'
+        )
+    elif alone:
+        yield f"not rechecked by a second route: {', '.join(alone)}"
 
 
 def _warnings(

@@ -22,7 +22,7 @@ from wormopt.model.friction import Law
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import NOT_RECHECKED, Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
@@ -130,7 +130,7 @@ def _result(scene: Scene[LinearScene], report: Report) -> Result:
         },
         {**_of_point(point), **_of_loops(loops, margins, loop), **arrays},
         checks=_checks(scene, worm, loop, own, numbers, second),
-        warnings=_warnings(scene, worm, numbers, motion),
+        warnings=_warnings(scene, worm, numbers, motion, second),
         timings=timings,
         facts={"hidden": "the place of the worm is a shift, no pole or zero of the loop"},
     )
@@ -338,14 +338,22 @@ def _by_simulation(scene: Scene[LinearScene], worm: Worm, loop: FrozenLoop) -> f
 
 
 def _warnings(
-    scene: Scene[LinearScene], worm: Worm, numbers: dict[str, Any], motion: dict[str, Any]
-) -> Iterator[str]:
+    scene: Scene[LinearScene], worm: Worm, numbers: dict[str, Any], motion: dict[str, Any],
+    second: CrossCheck | None,
+) -> Iterator[str]:  # fmt: skip
+    if second is None:
+        yield NOT_RECHECKED
     yield from warnings_of_contact(treatment_of(scene.table.contact), worm.laws)
     most = scene.table.gains.most
     for name in ("gain_linear", "gain_simulated"):
         if numbers[name] is None:
             yield f"{name}: not even {most:g} suffices; write more for gains.most"
     loop = FrozenLoop(worm.task.plant, float(motion["k_end"]), worm.feedback)
+    if not loop.stable:
+        yield (
+            f"at gain_learned = {loop.gain:.4g} the linear loop is unstable: it has no margins, "
+            "which are given as 0"
+        )
     if loop.stable and _settled(worm, loop) > _LONGEST * worm.gait.period:
         yield "a motion settles too slowly for gain_linear to be rechecked by simulation"
     if motion["capture_time"] is None:

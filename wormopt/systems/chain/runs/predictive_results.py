@@ -9,7 +9,7 @@ import numpy as np
 
 from wormopt.control.estimation import places
 from wormopt.model.values import nominal_of
-from wormopt.result import Check, Result
+from wormopt.result import NOT_RECHECKED, Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.systems.chain.copies import Draw, numbers_of
 from wormopt.systems.chain.measured import balance, chain_checks
@@ -225,4 +225,4 @@ def _warnings(task: Task, rows: Sequence[Row]) -> Iterator[str]:
         if lost:
             yield f"{row.name}: {lost} of the plants could not be simulated"
     if not task.scene.table.tolerance.recheck:
-        yield "not rechecked by a second route: tolerance.recheck is false"
+        yield NOT_RECHECKED

@@ -18,7 +18,7 @@ from wormopt.model.values import nominal_of
 from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Check, Result
+from wormopt.result import NOT_RECHECKED, Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact
@@ -160,7 +160,7 @@ def _warnings(
     table: TrackOptimalScene, numbers: dict[str, Any], second: CrossCheck | None
 ) -> Iterator[str]:
     if second is None:
-        yield "not rechecked by a second route: tolerance.recheck is false"
+        yield NOT_RECHECKED
     outside, peak = numbers["time_outside_tube"], numbers["error_peak"]
     if not isinstance(table.objective, LeastError) and outside > 0:
         yield (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, left_out
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel.closed_forms import DIRECTION, SHAPES, ChannelWorm
@@ -71,6 +71,16 @@ def warnings_of_count(name: str, worm: ChannelWorm, count: int, length: float) -
         yield (
             f"{name}: {count} segments of {1e3 * length:.4g} mm are longer than the body of "
             f'{1e3 * worm.length:.4g} mm; worm.count = "floor" counts whole ones'
+        )
+
+
+def warnings_of_susceptibility(value: float, label: str = "") -> Iterator[str]:
+    """Warn where the body changes the field; across a rod it does by 1 / (1 + χ / 2)."""
+    if value > 1:
+        yield left_out(
+            value / 2,
+            f"{label}a susceptibility of {value:g} changes the field in and near the body, which "
+            "the pull by the field without it leaves out",
         )
 
 

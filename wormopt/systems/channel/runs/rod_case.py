@@ -24,6 +24,7 @@ from wormopt.systems.channel.rod_model import (
     straight,
     switched_blocks,
 )
+from wormopt.systems.channel.runs.channel_worm import warnings_of_susceptibility
 from wormopt.systems.channel.scenes.rod import (
     ChannelTable,
     CourseTable,
@@ -177,11 +178,7 @@ class RodCase:
 
     def warnings(self) -> Iterator[str]:
         """Yield warnings where assumptions are stretched."""
-        if self.worm.susceptibility > 1:
-            yield (
-                f"a susceptibility of {self.worm.susceptibility:g} changes the field in and near "
-                "the body, which the pull by the field without it leaves out"
-            )
+        yield from warnings_of_susceptibility(self.worm.susceptibility)
 
 
 @lru_cache(maxsize=16)

@@ -13,7 +13,7 @@ import numpy as np
 
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
-from wormopt.result import Result
+from wormopt.result import Result, Unchecked
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.channel import rod_rest
@@ -23,7 +23,11 @@ from wormopt.systems.channel.closed_forms import (
     velocity_per_frequency,
 )
 from wormopt.systems.channel.rod_rest import RodAtRest, Sweep
-from wormopt.systems.channel.runs.channel_worm import body_of, warnings_of_count
+from wormopt.systems.channel.runs.channel_worm import (
+    body_of,
+    warnings_of_count,
+    warnings_of_susceptibility,
+)
 from wormopt.systems.channel.scenes.channel import SegmentShapesScene
 from wormopt.systems.channel.segments import (
     ACCEPTED,
@@ -229,11 +233,7 @@ def _warnings_of_rod(rod: RodAtRest | None, table: SegmentShapesScene) -> Iterat
             f"rod: {rod.table.ampere_turns:g} ampere-turns do not bend it from wall to wall; "
             "write more in rod.ampere_turns"
         )
-    if rod.table.susceptibility > 1:
-        yield (
-            f"rod: a susceptibility of {rod.table.susceptibility:g} changes the field in and near "
-            "the body, which the pull by the field without it leaves out"
-        )
+    yield from warnings_of_susceptibility(rod.table.susceptibility, "rod: ")
 
 
 def _warnings(worm: ChannelWorm, shapes: list[SegmentShape]) -> Iterator[str]:
@@ -244,7 +244,7 @@ def _warnings(worm: ChannelWorm, shapes: list[SegmentShape]) -> Iterator[str]:
         yield from warnings_of_count(shape.name, worm, count, shape.curve.length)
         strain = (shape.curvature or 0.0) * worm.body / 2
         if strain >= 1:
-            yield (
+            yield Unchecked(
                 f"{shape.name}: at the walls the body is bent more sharply than it is thick and "
                 "would run into itself"
             )

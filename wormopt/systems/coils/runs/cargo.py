@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.result import Check
+from wormopt.result import Check, left_out
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.coils.cargo import Float, rigid
 from wormopt.systems.coils.layer import Layer
@@ -104,7 +104,7 @@ def warnings_of(
     )
     share = scalars["draught"] / film.depth
     if share > _HEAVY:
-        yield f"the float presses the film down by {share:.2g} of its depth"
+        yield left_out(share, f"the float presses the film down by {share:.2g} of its depth")
     if _stiffness(table) > cargo.stiffness:
         yield (
             "the float counts as rigid: a heap as high as the film is deep would bend it by less "

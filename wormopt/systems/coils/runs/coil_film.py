@@ -18,7 +18,7 @@ from wormopt.magnetics.ripples import field_stiffness, growth_rate, normal_field
 from wormopt.magnetics.travelling import switched_course
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, left_out
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
@@ -327,4 +327,4 @@ def _warnings(table: CoilFilmScene, scalars: dict[str, Any]) -> Iterator[str]:
     }
     for name, words in told.items():
         if scalars[name] > _SMALL:
-            yield words.format(scalars[name])
+            yield left_out(scalars[name], words.format(scalars[name]))

@@ -12,7 +12,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, left_out
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.shown import enough
@@ -135,11 +135,13 @@ def _warnings(choice: Choice, best: float) -> Iterator[str]:
     membrane = choice.membrane
     strain = membrane.strain(best)
     if strain > SMALL_STRAIN * (1 + _ACCEPTED):
-        yield f"a strain of {strain:.2g} is not small; above {SMALL_STRAIN:g} the law is a guess"
+        text = f"a strain of {strain:.2g} is not small; above {SMALL_STRAIN:g} the law is a guess"
+        yield left_out(strain, text)
     if best > _THIN * membrane.radius:
-        yield (
+        yield left_out(
+            best / membrane.radius,
             f"the wall is {best / membrane.radius:.2g} of the radius; above {_THIN:g} the stress "
-            "is not even over it, and the membrane not thin"
+            "is not even over it, and the membrane not thin",
         )
     left = membrane.contact_pressure(best)
     if left <= 0:

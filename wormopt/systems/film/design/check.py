@@ -26,7 +26,8 @@ _NODES = 16384
 # Slopes of the field are taken over so many of them: they are third differences of the thickness.
 _APART = 16
 # A wave that just holds a float misses it by no more than round-off and quadrature leave.
-_HELD = 1e-6
+HELD = 1e-6
+"""What a float that is held may be short of by rounding."""
 # Accepted: of numbers of order 1; of the field over its range; of its slope over the largest.
 _NUMBER, _FIELD, _SLOPE = 1e-6, 1e-3, 1e-2
 
@@ -54,7 +55,7 @@ def sampled(h: np.ndarray, tension: float) -> Sampled:
     field = -(np.asarray(field_function(h)) + tension * bend)
     margin = highest(h) + 3 * C
     # the surface is slower than the wave by (-3 C - h) / (2 h)
-    held = margin >= -_HELD
+    held = margin >= -HELD
     drift = 1.0 if held else float(1 - 1 / np.mean(2 * h / (-3 * C - h)))
     return Sampled(h, C, field - field.min(), float(h.mean()), margin, drift)
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
 from wormopt.quantities import GRAVITY
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, left_out
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
@@ -286,8 +286,10 @@ def _warnings(table: FilmBodyScene, course: _Course, fluid: Fluid | None) -> Ite
             f"the last two turns differ by {course.settled:.2g}: the start is not forgotten; write "
             "more course.periods"
         )
-    if fluid and table.body.on == "surface" and _draught(table, fluid) > _DRAUGHT:
-        yield (
-            f"its draught is {_draught(table, fluid):.3g} of the thickness of the film, not small "
-            "against 1: a heavy float makes a hollow"
+    draught = _draught(table, fluid) if fluid and table.body.on == "surface" else 0.0
+    if draught > _DRAUGHT:
+        yield left_out(
+            draught,
+            f"its draught is {draught:.3g} of the thickness of the film, not small against 1: a "
+            "heavy float makes a hollow",
         )

@@ -11,7 +11,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, gaussian_pressure, magnetic_pressure
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, Unchecked
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
@@ -82,7 +82,7 @@ def least_field(wave: Wave, xi: np.ndarray, tension: float) -> np.ndarray:
 def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
     """Say where the next order in eps is no error bar."""
     if eps is not None and not within_reach(wave, eps):
-        yield (
+        yield Unchecked(
             f"eps = {eps:.3g} times the highest harmonic is above {REACH:g}: how far lubrication "
             "is off is not known"
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import NOT_RECHECKED, Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
@@ -28,7 +28,7 @@ from wormopt.systems.film.families import (
 )
 from wormopt.systems.film.given_field import GivenField, WaveField, film_volume, resampled
 from wormopt.systems.film.runs.film_fields import field_of_scene
-from wormopt.systems.film.runs.film_flow import fluid_of, wave_of
+from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene, StartTable
 from wormopt.systems.film.shapes import Wave, grid
 
@@ -109,7 +109,12 @@ def run(scene: Scene[FilmForwardScene], report: Report) -> Result:
         variables,
         checks=_checks(found),
         facts=_facts(found),
-        warnings=_warnings(found),
+        warnings=[
+            *_warnings(found),
+            *(fluid.warnings() if fluid else ()),
+            *(reach_warnings(wave, eps_of(table.film)) if wave else ()),
+            *(() if table.tolerance.recheck else (NOT_RECHECKED,)),
+        ],
         timings={
             "film": followed - begin,
             "recheck": rechecked - followed,

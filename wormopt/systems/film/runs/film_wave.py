@@ -17,7 +17,7 @@ from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.design.check import CosineBeside, Sampled, check_wave, cosine_beside
+from wormopt.systems.film.design.check import HELD, CosineBeside, Sampled, check_wave, cosine_beside
 from wormopt.systems.film.design.search import DesignedWave, best_wave
 from wormopt.systems.film.design.wave import WaveAim, WaveLimits, largest_flow
 from wormopt.systems.film.lubrication import surface_velocity
@@ -66,7 +66,7 @@ def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
         _variables(wave, shape, cosine) | swept,
         checks=checks,
         facts=_facts(waves, checks),
-        warnings=[*missed, *_warnings(table, wave, cosine)],
+        warnings=[*missed, *_warnings(table, wave, shape, cosine)],
         timings={
             **optimum_timings(wave.stages),
             "optimise": solved - begin,
@@ -238,12 +238,19 @@ def _facts(waves: list[DesignedWave], checks: tuple[Check, ...]) -> dict[str, An
     return {**trust, "accepted": {c.name: c.limit for c in checks}, "starts": starts}
 
 
-def _warnings(table: FilmWaveScene, wave: DesignedWave, cosine: CosineBeside) -> Iterator[str]:
+def _warnings(
+    table: FilmWaveScene, wave: DesignedWave, shape: Sampled, cosine: CosineBeside
+) -> Iterator[str]:
     yield from warnings_of_optimum(wave.optimum, table.mesh.tolerance)
     if wave.crests >= table.search.crests and table.search.crests > 1:
         yield (
             f"the best wave has {wave.crests} crests and the search began with "
             f"{table.search.crests} at most; raise search.crests to see whether more are better"
+        )
+    if -HELD <= shape.margin < HELD:
+        yield (
+            f"the wave just holds a small float: capture_margin is {shape.margin:.2g}, and any "
+            "disturbance may take it off"
         )
     if wave.limits.gradient is not None and "phases" not in wave.stages:
         yield (

@@ -11,6 +11,7 @@ import numpy as np
 from wormopt.analysis.steady import SteadyState
 from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
+from wormopt.result import left_out
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.chain import law_of
@@ -62,9 +63,10 @@ def warnings_of_pair(pair: Pair, state: SteadyState | None) -> Iterator[str]:
         return
     strain = 2 * float(np.hypot(*state.states["swing"]))
     if strain > SMALL_STRAIN:
-        yield (
+        yield left_out(
+            strain,
             f"the stretch swings by {strain:.3g} of the length: the law of the material assumes "
-            f"small strains, up to about {SMALL_STRAIN:g}"
+            f"small strains, up to about {SMALL_STRAIN:g}",
         )
     if float(state.states["center_velocity"][0]) < 0:
         yield "the pair goes backward: friction is weaker that way"

@@ -18,7 +18,7 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, Unchecked
 from wormopt.scene.scene import Scene
 from wormopt.systems.chain import law_of
 from wormopt.systems.pair.driven_pair import (
@@ -198,7 +198,7 @@ def _warnings(
             f"{MOST_PERIODS} periods; the motion found may not be stable"
         )
     if proof.orbit.strain >= _WIDE:
-        yield (
+        yield Unchecked(
             f"the link changes its length by {100 * proof.orbit.strain:.3g} %: the law of its "
             "material is for small strains, and below no length masses would pass each other; "
             "write limits.strain"

@@ -179,6 +179,12 @@ def _warnings(table: PeristalticDesignScene, found: Fastest) -> Iterator[str]:
             f"a gait could be faster by {found.gap:.2g} of the speed: give search.time_limit more "
             "seconds, or search.phases fewer phases"
         )
+    reserves = found.gait.reserves(table.tube.hold, table.worm.drag, table.worm.load)
+    if np.any(reserves < 1 + _ROUNDING):  # NaN where a phase lasts no time
+        yield (
+            "anchors hold just what they must in some phase: reserve_min is 1, and any disturbance "
+            "makes them slip; write a larger limits.reserve"
+        )
     push, most = float(found.gait.pushes(table.worm.drag).max()), table.worm.push
     if most is not None and push > most:
         yield (

@@ -12,7 +12,7 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.magnetics.winding import Coil
 from wormopt.numerics.chebyshev import resolve
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, Unchecked
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.peristaltic.scenes.segment import SegmentScene
@@ -30,6 +30,7 @@ from wormopt.systems.peristaltic.segment.segment import Segment, Tube
 from wormopt.systems.peristaltic.segment.wound import WoundSegment
 
 _ACCEPTED = 1e-9
+_NONE = 1e-9  # a share to spare below is none
 _ASSUMED = {
     "sealed": "no fluid leaves or enters the segment, so that an even pressure does nothing to it; "
     "only [inflation] lets fluid in",
@@ -304,13 +305,24 @@ def _warnings(segment: Segment, table: SegmentScene, found: dict[str, Any]) -> I
     pressure = table.coil.pressure
     if table.tube and not found["moves"]:
         yield f"it will not move: {_why(table, found)}"
-    if 0 < pressure < found["head"]:
+    if table.tube and found["moves"] and _spare(table, found) <= _NONE:
         yield (
+            "it moves with nothing to spare: the wall just holds load and drag, or the rubber just "
+            "pushes against the drag"
+        )
+    if 0 < pressure < found["head"]:
+        yield Unchecked(
             f"the weight of the fluid presses with {found['head']:.3g} Pa over the segment's "
             f"width, more than the field with {pressure:.3g} Pa: it sags"
         )
     if found["stretch"] == segment.coil_share:
         yield "the coil pulls the segment wholly into its even field, where it pulls no more"
+
+
+def _spare(table: SegmentScene, found: dict[str, Any]) -> float:
+    """Least share of hold and push that is not used up."""
+    hold, push = found["holding_loaded"], found["return_force"]
+    return min(1 - (table.load + found["drag"]) / hold, 1 - found["drag"] / push)
 
 
 def _why(table: SegmentScene, found: dict[str, Any]) -> str:

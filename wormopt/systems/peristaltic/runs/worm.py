@@ -14,7 +14,7 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
-from wormopt.result import Check, Result
+from wormopt.result import Check, Result, Unchecked
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
@@ -44,6 +44,7 @@ _SAMPLES = 160  # of a cycle, at least
 # quarter of its step leaves of that difference (a quarter at first order), unless that is noise:
 # without damping single sticks and slips that fall into one step or the next are as much.
 _ENERGY, _AGREED, _ORDER, _NOISE = 1e-6, 0.01, 0.5, 1e-4
+_NONE = 1e-9  # a reserve below is none
 _ASSUMED = (
     "segments are sealed: fluid is not exchanged",
     "membranes are thin and incompressible, segments cylinders of one radius at a time",
@@ -286,6 +287,21 @@ def _warnings(case: WormCase, scalars: dict[str, Any]) -> Iterator[str]:
         yield (
             f"the load of {worm.load:g} N takes the worm {abs(advance):.3g} m along in a cycle, "
             "farther than all of its strokes together; write a smaller worm.load"
+        )
+    head, pressure = 2 * worm.density * worm.gravity * worm.radius, case.table.coils.pressure
+    if 0 < pressure < head:
+        yield Unchecked(
+            f"the weight of the fluid presses with {head:.3g} Pa over a segment's width, more than "
+            f"the field with {pressure:.3g} Pa: segments sag, and are no cylinders"
+        )
+    reserve = scalars["holding_reserve"]
+    if reserve is not None and reserve < _NONE:
+        more = "ground.forward and ground.backward"
+        more = "ground.friction or coils.current" if isinstance(ground, Bed) else more
+        yield (
+            "anchors have nothing to spare: holding_reserve is 0, and segments that are to hold "
+            f"slide back by {scalars['slip']:.3g} m in a cycle; write larger {more}, or a smaller "
+            "worm.load"
         )
     if not isinstance(ground, Bed):
         return

@@ -48,7 +48,7 @@ class Crawl:
     >>> to_and_fro = wo.planar.Harmonics([0.7], cosine=[[0.5]], sine=[[0.0]])
     >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), to_and_fro)
     >>> len(found.phases), round(found.work, 6)
-    (1, 3.794466)
+    (2, 3.794466)
     """
 
     phases: tuple[Phase, ...]
@@ -134,7 +134,7 @@ def crawl(
     if stroke.n_s != len(shape.names):
         raise ArgumentError(f"a stroke of {stroke.n_s} variables for {len(shape.names)} of a shape")
     course = Course(crawler, stroke)
-    ends = stroke.breaks
+    ends = course.breaks
     pieces = [
         Piece(a, b, course.sample(_instants(a, b, samples, len(ends))))
         for a, b in pairwise(ends.tolist())

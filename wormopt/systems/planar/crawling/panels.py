@@ -15,6 +15,10 @@ from wormopt.systems.planar.crawling.phases import THIN, Course, Phase, Sample
 # What a panel may miss, as a share of how far the stroke moves the masses in the body; and how
 # often a panel is halved.
 _MISSED, _HALVINGS = 1e-12, 24
+# Between the outermost nodes and the ends a kink would go unseen: so near to the ends polynomials
+# are held against the motion. A kink at a distance changes values by that, and integrals by its
+# square.
+_END, _LEAPT = 1e-6, 1e-6
 _WIDE = 1e2 * THIN  # nodes of narrower panels lie so near breaks that rounding decides what rests
 
 
@@ -62,7 +66,12 @@ def resolve(
         samples = course.samples_of(tau.ravel(), motion)
         twist, power = motion.twist.reshape(*tau.shape, 3), motion.power.reshape(tau.shape)
         missed = _missed(twist, power) * (end - start)[:, None]
-        fine = np.all(missed <= _MISSED * course.sizes, axis=1) | (halving == _HALVINGS)
+        fine = np.all(missed <= _MISSED * course.sizes, axis=1)
+        held = np.flatnonzero(fine & (end - start > _WIDE))
+        fine[held] = _follows(
+            course, start[held], end[held], [found[k] for k in of[held]], twist[held], power[held]
+        )
+        fine |= halving == _HALVINGS
         for j, k in enumerate(of):
             own = samples[j * tau.shape[1] : (j + 1) * tau.shape[1]]
             wide = strict and end[j] - start[j] > _WIDE
@@ -85,6 +94,28 @@ def _missed(twist: np.ndarray, power: np.ndarray) -> np.ndarray:
     values = np.concatenate([twist, power[..., None]], axis=2)
     last = np.einsum("kd,pdc->pkc", _last_rows(), values)
     return np.abs(last).max(axis=1)
+
+
+def _follows(
+    course: Course, start: np.ndarray, end: np.ndarray, within: list[Phase],
+    twist: np.ndarray, power: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Whether the polynomials of K panels lead to the motion near their ends."""
+    if not within:
+        return np.zeros(0, bool)
+    tau = start[:, None] + (end - start)[:, None] * np.array([_END, 1 - _END])
+    motion = course.at(tau.ravel(), [phase for phase in within for _ in tau[0]])
+    there = np.column_stack([motion.twist, motion.power]).reshape(*tau.shape, 4)
+    led = np.einsum("ed,kdc->kec", _to_ends(), np.concatenate([twist, power[..., None]], axis=2))
+    return np.all(np.abs(led - there) <= _LEAPT * course.sizes, axis=(1, 2))
+
+
+@cache
+def _to_ends() -> np.ndarray:
+    """What takes values at the nodes to those near both ends, (2, d)."""
+    tau = gauss().tau
+    near = legvander(np.array([2 * _END - 1, 1 - 2 * _END]), len(tau) - 1)
+    return near @ np.linalg.inv(legvander(2 * tau - 1, len(tau) - 1))
 
 
 @cache

@@ -8,6 +8,7 @@ from functools import cached_property
 from itertools import islice, pairwise, takewhile
 
 import numpy as np
+from scipy.optimize import brentq
 
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
@@ -17,6 +18,8 @@ from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 _POINT, _PARTS, THIN = 1e-12, np.arange(1, 10) / 10, 1e-8
 _ASIDE = 1e-9
 _LEAST, _LOOKS = 1e-14, 64  # at the stroke, for its size
+# Looks for reversals between two breaks, and how near to one a kink does not matter.
+_TURNS, _ASIDE_OF_BREAKS = 1024, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +62,27 @@ class Course:
         length = float(bodies.sizes[:, 2].mean())
         way = max(float(bodies.speed.mean()), _LEAST * length)
         return way * np.array([1.0, 1.0, 1 / length, self.crawler.force])
+
+    @cached_property
+    def breaks(self) -> np.ndarray:
+        """Phases between which the motion can be smooth: breaks of the stroke, and reversals.
+
+        The velocity goes with the size of the rates of the shape, so that it has a kink where they
+        all pass through 0 at once, as where a single joint turns back.
+        """
+        found = [self.stroke.breaks]
+        for a, b in pairwise(self.stroke.breaks):
+            tau = a + (b - a) * (np.arange(_TURNS) + 0.5) / _TURNS
+            rates = self.stroke.at(tau)[1]
+            back = np.flatnonzero((rates[:-1] * rates[1:]).sum(axis=1) < 0)
+            turns = np.array([self._turn(tau[k], tau[k + 1], rates[k]) for k in back])
+            kept = (turns > a + _ASIDE_OF_BREAKS) & (turns < b - _ASIDE_OF_BREAKS)
+            found.append(turns[kept])
+        return np.sort(np.concatenate(found))
+
+    def _turn(self, start: float, end: float, ahead: np.ndarray) -> float:
+        """Where the rates no longer go `ahead`, as they do at the start only."""
+        return brentq(lambda t: float(self.stroke.at([t])[1][0] @ ahead), start, end, xtol=1e-15)
 
     def sample(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> list[Sample]:
         """Which masses rest and slide back at phases, by samples near each if there are."""

@@ -7,6 +7,7 @@ ellipses, and the multipliers of its balance are the twist of the body.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,9 +15,10 @@ import numpy as np
 
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.systems.planar.body.se2 import compose, rotate
-from wormopt.systems.planar.crawling.phases import Course
-from wormopt.systems.planar.crawling.velocity import Crawler
+from wormopt.systems.planar.crawling.phases import Course, Phase
+from wormopt.systems.planar.crawling.velocity import Crawler, refuse_open
 
+_FEW = 8  # middles next to one instant at which the motion is open
 _IPOPT = Ipopt(tolerance=1e-11, iterations=300)
 
 
@@ -64,14 +66,25 @@ def _program(forward: np.ndarray, backward: np.ndarray, sideways: np.ndarray) ->
     return NonlinearProgram(w, p, -ca.dot(push, b), ca.vertcat(balance, (a + c) ** 2 + aside**2))
 
 
-def even_displacement(course: Course, count: int) -> np.ndarray:
+def even_displacement(course: Course, count: int, known: Sequence[Phase] = ()) -> np.ndarray:
     """Displacement (3,) of a stroke by the middles of even phases, whatever its breaks.
 
-    The velocity of each is found anew. The error falls as 1/count^2.
+    The velocity of each is found anew. The error falls as 1/count^2. A middle may fall so near to
+    an instant at which the motion is open that its velocity cannot be told by itself: there it
+    follows what is `known` of the stroke. More than a few are a part of the stroke, and refused.
     """
-    ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), course.stroke.breaks]))
+    ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), course.breaks]))
     step = np.diff(ends)
-    twist = course.at((ends[1:] + ends[:-1]) / 2).twist * step[:, None]
+    tau = (ends[1:] + ends[:-1]) / 2
+    shapes, rates = course.stroke.at(tau)
+    motion, open_ = course.crawler.sought(shapes, rates)
+    twist = motion.twist
+    if not known or open_.sum() > _FEW:
+        refuse_open(course.crawler.shape, shapes, open_)
+    elif open_.any():
+        within = np.searchsorted([phase.end for phase in known[:-1]], tau[open_], side="right")
+        twist[open_] = course.at(tau[open_], [known[k] for k in within]).twist
+    twist = twist * step[:, None]
     angle = np.concatenate([[0.0], np.cumsum(twist[:, 2])])
     way = rotate((angle[1:] + angle[:-1]) / 2, twist[:, :2])
     return np.array([*way.sum(axis=0), angle[-1]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from wormopt.numerics.collocation import Collocation
 from wormopt.systems.planar.body.se2 import rotate
@@ -13,6 +14,9 @@ from wormopt.systems.planar.crawling.recheck import actuator_loads
 from wormopt.systems.planar.crawling.velocity import Motion
 
 _DEGREE = 6
+# Panels of the quadrature are halved where they miss more than this share of how far the stroke
+# moves the masses, down to a width at which rounding decides what rests.
+_MISSED, _NARROW = 1e-11, 1e-6
 _APART = 1e-9  # breaks nearer to a phase are not told from it: what barely moves there is rounding
 
 
@@ -62,17 +66,21 @@ def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
 class Quadrature:
     """Gauss' rule between phases (m,) that ascend from 0 to 1, and the poses (m, 3) it gives."""
 
+    tau: np.ndarray  # (m,)
     nodes: np.ndarray  # (q,)
     weights: np.ndarray  # (q,)
     poses: np.ndarray
 
 
 def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
-    """Follow the pose anew between phases, and between the breaks among them."""
-    breaks = np.union1d(crawl.breaks, crawl.course.stroke.breaks)
+    """Follow the pose anew between phases, and between the breaks among them.
+
+    Panels are halved about kinks that are no breaks, as where a single joint turns back.
+    """
+    breaks = np.union1d(crawl.breaks, crawl.course.breaks)
     after = np.searchsorted(tau, breaks).clip(1, len(tau) - 1)
     told = np.minimum(np.abs(breaks - tau[after]), np.abs(breaks - tau[after - 1])) < _APART
-    ends = np.union1d(tau, breaks[~told])
+    ends = _halved(crawl, np.union1d(tau, breaks[~told]))
     rule, step = Collocation(_DEGREE), np.diff(ends)
     nodes = ends[:-1, None] + step[:, None] * rule.tau
     twist = motion_at(crawl, nodes.ravel()).twist.reshape(*nodes.shape, 3) * step[:, None, None]
@@ -81,4 +89,21 @@ def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
     way = np.einsum("kdc,d->kc", rotate(angle, twist[..., :2]), rule.B)
     poses = np.column_stack([np.vstack([np.zeros(2), np.cumsum(way, axis=0)]), turned])
     weights = (step[:, None] * rule.B).ravel()
-    return Quadrature(nodes.ravel(), weights, poses[np.searchsorted(ends, tau)])
+    return Quadrature(tau, nodes.ravel(), weights, poses[np.searchsorted(ends, tau)])
+
+
+def _halved(crawl: Crawl, ends: np.ndarray) -> np.ndarray:
+    """Ends of panels on which Gauss' rule follows twist and power, by those to begin with."""
+    tau = Collocation(_DEGREE).tau
+    last = np.linalg.inv(legvander(2 * tau - 1, _DEGREE - 1))[-2:]  # coefficients of a series
+    start, step = ends[:-1], np.diff(ends)
+    while start.size:
+        nodes = start[:, None] + step[:, None] * tau
+        motion = motion_at(crawl, nodes.ravel())
+        values = np.column_stack([motion.twist, motion.power]).reshape(*nodes.shape, 4)
+        missed = np.abs(np.einsum("cd,kdv->kcv", last, values)).max(axis=1) * step[:, None]
+        split = np.any(missed > _MISSED * crawl.course.sizes, axis=1) & (step > _NARROW)
+        middles = start[split] + step[split] / 2
+        ends = np.union1d(ends, middles)
+        start, step = np.append(start[split], middles), np.tile(step[split] / 2, 2)
+    return ends

@@ -84,11 +84,16 @@ class Crawler:
         return Bodies(body, speed, sizes)
 
     def move(self, s: np.ndarray, ds: np.ndarray) -> Motion:
-        """Motions of least power."""
+        """Motions of least power; refused where others take as little."""
+        motion, open_ = self.sought(s, ds)
+        refuse_open(self.shape, s, open_)
+        return motion
+
+    def sought(self, s: np.ndarray, ds: np.ndarray) -> tuple[Motion, np.ndarray]:
+        """Motions of least power, and whether (G,) others take as little."""
         bodies = self.bodies(s, ds)
         least = least_power(bodies.body)
-        _refuse_open(self.shape, s, open_instants(bodies.body, least))
-        return self._told(bodies, least)
+        return self._told(bodies, least), open_instants(bodies.body, least)
 
     def follow(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
         """The same, by a guess (G, m) of the resting masses and one (G, 3) of the twist."""
@@ -127,7 +132,7 @@ def open_instants(body: LeastPower, least: Held) -> np.ndarray:
     return open_
 
 
-def _refuse_open(shape: Shape, s: np.ndarray, open_: np.ndarray) -> None:
+def refuse_open(shape: Shape, s: np.ndarray, open_: np.ndarray) -> None:
     """Refuse instants at which the motion is open."""
     if open_.any():
         first = s[np.flatnonzero(open_)[0]]

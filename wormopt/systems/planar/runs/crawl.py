@@ -13,6 +13,7 @@ from wormopt.result import Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.planar.crawling.crawl import Crawl, crawl
+from wormopt.systems.planar.crawling.record import quadrature
 from wormopt.systems.planar.runs.crawling import (
     checks_of,
     instants,
@@ -44,15 +45,16 @@ def run(scene: Scene[PlanarCrawlScene], report: Report) -> Result:
         raise refused(scene, error) from None
     crawled = time.perf_counter()
     report("recheck", 0.7)
-    errors, violation = recheck(found, instants(found))
+    tau = instants(found)
+    rule = quadrature(found, tau)
+    errors, violation = recheck(found, rule)
     floor = sum(min(row) for row in table.ground.numbers(masses))
     loaded = any(table.load.numbers)
-    tau = instants(found)
     return conclude(
         scene,
         way_scalars(found, table.period, None if loaded else floor) | errors,
         variables_of(
-            found, tau, tau * table.period, np.full(len(tau), 1 / table.period), table.cycles
+            found, rule, tau * table.period, np.full(len(tau), 1 / table.period), table.cycles
         ),
         checks=checks_of(errors),
         facts={

@@ -16,7 +16,7 @@ from wormopt.systems.planar.crawling.recheck import (
     most_resistance,
     repeated,
 )
-from wormopt.systems.planar.crawling.record import Record, quadrature, record
+from wormopt.systems.planar.crawling.record import Quadrature, Record, record
 
 _INSTANTS, _BESIDE = 240, 1e-5
 _SAMPLED, _EVEN = 24, 4096
@@ -53,10 +53,9 @@ def size_of(crawl: Crawl) -> float:
     return float(np.hypot(*np.diff(points, axis=1)).sum())
 
 
-def recheck(crawl: Crawl, tau: np.ndarray) -> tuple[dict[str, float], str]:
+def recheck(crawl: Crawl, rule: Quadrature) -> tuple[dict[str, float], str]:
     """The crawl by other ways, along phases: errors, and by how much the dual missed its limits."""
     crawler = crawl.course.crawler
-    rule = quadrature(crawl, tau)
     fine = record(crawl, rule.nodes)
     actuators = float(rule.weights @ (fine.actuators * fine.rates).sum(axis=1))
     pulled = float(rule.weights @ (fine.motion.twist @ crawler.load))
@@ -67,7 +66,7 @@ def recheck(crawl: Crawl, tau: np.ndarray) -> tuple[dict[str, float], str]:
     usual = np.maximum(seen.motion.power, 1e-6 * size)
     speeds = np.linalg.norm(seen.motion.velocities, axis=2).max(axis=1)
     off = np.abs(dual.twist - seen.motion.twist) * [1.0, 1.0, length]
-    even = even_displacement(crawl.course, _EVEN)
+    even = even_displacement(crawl.course, _EVEN, crawl.phases)
     apart = np.abs([even - crawl.displacement, rule.poses[-1] - crawl.displacement])
     errors = {
         "actuator_work": actuators,
@@ -116,15 +115,15 @@ def instants(crawl: Crawl) -> np.ndarray:
 
 
 def variables_of(
-    crawl: Crawl, tau: np.ndarray, times: np.ndarray, pace: np.ndarray, cycles: int
+    crawl: Crawl, rule: Quadrature, times: np.ndarray, pace: np.ndarray, cycles: int
 ) -> dict[str, Any]:
-    """Courses over `cycles` strokes, by phases, the times of a stroke at which it has them.
+    """Courses over `cycles` strokes, by phases, and by the times (m,) at which a stroke has them.
 
-    `pace` is the rate of the phase in time, all three (m,).
+    `pace` (m,) is the rate of the phase in time.
     """
-    told = record(crawl, tau)
+    told = record(crawl, rule.tau)
     motion, laps = told.motion, np.arange(cycles)
-    poses = repeated(crawl.displacement, quadrature(crawl, tau).poses, cycles)
+    poses = repeated(crawl.displacement, rule.poses, cycles)
     shapes = np.concatenate([*[told.points[:-1]] * cycles, told.points[-1:]])
     placed = poses[:, None, :2] + rotate(poses[:, None, 2], shapes)
     rests = motion.rest.astype(float)

@@ -129,7 +129,7 @@ def _checks(
         excess = max(0.0, done.drag * done.distance**2 / done.action - swimmer.ceiling)
         yield Check("efficiency below its ceiling", excess, 0.0, "efficiency beyond what can be")
     if spectral is not None:
-        apart = abs(spectral / best.value - 1) if best else 0.0
+        apart = abs(spectral * done.action / (done.drag * done.distance**2) - 1)
         advice = f"by harmonics the efficiency is {spectral:.9g}; more arcs (mesh.arcs) may help"
         yield Check("efficiency by harmonics", apart, _AGREED, advice)
     elif reason.startswith("failed"):

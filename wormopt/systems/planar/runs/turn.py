@@ -17,6 +17,7 @@ from wormopt.scene.scene import Scene
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.crawling.crawl import Crawl, crawl
+from wormopt.systems.planar.crawling.record import Quadrature, quadrature
 from wormopt.systems.planar.runs.crawling import (
     checks_of,
     instants,
@@ -48,12 +49,13 @@ def run(scene: Scene[PlanarTurnScene], report: Report) -> Result:
         raise refused(scene, error) from None
     crawled = time.perf_counter()
     report("recheck", 0.7)
-    errors, violation = recheck(found, instants(found))
+    rule = quadrature(found, instants(found))
+    errors, violation = recheck(found, rule)
     scalars = _scalars(table, gait, found)
     return conclude(
         scene,
         scalars | _way(table, found) | errors,
-        _variables(table, gait, found),
+        _variables(table, gait, found, rule),
         checks=[*_promised(gait, scalars), *checks_of(errors)],
         facts={
             "second_way": "forces of most resistance by an interior point; even phases",
@@ -105,13 +107,15 @@ def _promised(gait: TurnInPlace, scalars: dict[str, Any]) -> Iterator[Check]:
         yield Check("heading below its bound", excess, _WITHIN, "faster than can be")
 
 
-def _variables(table: PlanarTurnScene, gait: TurnInPlace, found: Crawl) -> dict[str, Any]:
+def _variables(
+    table: PlanarTurnScene, gait: TurnInPlace, found: Crawl, rule: Quadrature
+) -> dict[str, Any]:
     swing, swap = table.swing_time, table.swap_time
     ends = np.cumsum([0.0, swing, swap, swing, swap])
-    tau, corners = instants(found), found.course.stroke.breaks
+    tau, corners = rule.tau, found.course.stroke.breaks
     side = np.clip(np.searchsorted(corners, tau, side="right") - 1, 0, 3)
     pace = 1 / (4 * np.diff(ends)[side])
-    told = variables_of(found, tau, np.interp(tau, corners, ends), pace, table.cycles)
+    told = variables_of(found, rule, np.interp(tau, corners, ends), pace, table.cycles)
     angle = told["shape"][2]
     angles = np.concatenate([*[angle[:-1]] * table.cycles, angle[-1:]])
     holds = gait.swing_hold(_angles(gait))

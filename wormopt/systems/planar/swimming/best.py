@@ -34,6 +34,8 @@ _ROUNDS = 4
 # Strokes to begin with go round so far from their centre, and centres lie so far out, in parts of
 # the room that limits leave.
 _AMPLITUDE, _OUT, _LARGEST = 0.5, 0.5, 1.0
+# A stroke repeats a loop up to so often, where other harmonics are below this share of the largest.
+_MOST_LOOPS, _REPEATED, _TRIES = 8, 1e-2, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +224,7 @@ class BestStroke:
     optimum : Optimum
         How it was found.
     value : float
-        Its efficiency, or its way.
+        Its efficiency, or its way, by quadrature.
     tried : tuple of float
         The same of every start, NaN where none was found.
     stroke : MotionStroke
@@ -295,37 +297,66 @@ def best_stroke(
     >>> coarse = Mesh.even(1, 8, Collocation(4, "legendre"))
     >>> best = best_stroke(purcell, -2.0, 2.0, starts=1, mesh=coarse, tolerance=1.0)
     >>> round(best.value, 4)
-    0.0108
+    0.011
     """
     aim = StrokeAim(swimmer, np.asarray(lower), np.asarray(upper), maximise)
     problem, found, tried = stroke_problem(aim), [], []
     refusal = SolveError("no start leads to a stroke", "other limits or more starts")
     for k, first in enumerate(first_strokes(aim, starts)):
         try:
-            optimum = optimise(problem, mesh, FixedModes(), _guess(aim, first), solver=_SOLVER)
+            optimum = _single_loop(aim, problem, mesh, first)
         except SolveError as error:
             refusal = error
             tried.append(float("nan"))
             continue
-        found.append(optimum)
-        tried.append(_value(aim, optimum))
+        tried.append(_value(aim, optimum.motion))
+        found.append((tried[-1], optimum))
         report(f"start {k + 1}: {tried[-1]:.6g}", (k + 1) / (starts + 1))
     if not found:
         raise refusal
-    best = max(found, key=lambda one: _value(aim, one))
+    best = max(found, key=lambda one: one[0])[1]
     if maximise == "efficiency":  # the way is best along limits, with corners that no mesh meets
         best = refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
     motion = best.motion
     return BestStroke(
-        best, _value(aim, best), tuple(tried), MotionStroke(motion), harmonics_of(motion)
+        best, _value(aim, motion), tuple(tried), MotionStroke(motion), harmonics_of(motion)
     )
 
 
-def _value(aim: StrokeAim, optimum: Optimum) -> float:
-    best = -optimum.objective
+def _single_loop(aim: StrokeAim, problem: Problem, mesh: Mesh, first: Harmonics) -> Optimum:
+    """Best stroke from a first one; where it repeats a shorter loop, the best from that loop.
+
+    Repetition leaves the efficiency as it is and multiplies the way, so that neither the error of
+    the mesh nor the aim may choose it.
+    """
+    begin: Harmonics | None = first
+    for _ in range(_TRIES):
+        optimum = optimise(problem, mesh, FixedModes(), _guess(aim, begin), solver=_SOLVER)
+        begin = once(harmonics_of(optimum.motion))
+        if begin is None:
+            return optimum
+    raise SolveError("a start leads to a loop that is gone round more than once", "other limits")
+
+
+def once(stroke: Harmonics) -> Harmonics | None:
+    """Return the loop that a stroke repeats, or None if it repeats none.
+
+    Of a loop that is repeated m times, only every m-th harmonic is there.
+    """
+    sizes = np.hypot(stroke.cosine, stroke.sine).max(axis=1)
+    for m in range(_MOST_LOOPS, 1, -1):
+        others = np.arange(1, len(sizes) + 1) % m != 0
+        if sizes[others].max() < _REPEATED * sizes.max():
+            return Harmonics(stroke.mean, stroke.cosine[m - 1 :: m], stroke.sine[m - 1 :: m])
+    return None
+
+
+def _value(aim: StrokeAim, motion: Motion) -> float:
+    """Efficiency or way of a stroke by quadrature: that of a mesh may be above what can be."""
+    done = swim(aim.seen, MotionStroke(motion))
     if aim.maximise == "efficiency":
-        return best / 100
-    return aim.length * float(np.sqrt(max(best, 0.0)))
+        return aim.drag * done.distance**2 / done.action
+    return done.distance
 
 
 def harmonics_of(motion: Motion, orders: int = 40, samples: int = 512) -> Harmonics:

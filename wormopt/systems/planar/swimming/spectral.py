@@ -7,7 +7,7 @@ harmonics, and SciPy's sequential quadratic programming climbs by exact gradient
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -18,6 +18,8 @@ from wormopt.systems.planar.body.strokes import Harmonics
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 _ORDERS, _PER_ORDER, _STEPS = 14, 12, 400
+# Harmonics are added until they change the efficiency by no more than this share, up to so many.
+_SETTLED, _MORE, _MOST = 1e-9, 10, 94
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,7 @@ class SpectralStroke:
     efficiency: float
     turn: float
     iterations: int
+    change: float  # of the efficiency by the last harmonics that were added, as a share
 
 
 def spectral_stroke(
@@ -55,7 +58,24 @@ def spectral_stroke(
     SolveError
         Where the search does not end.
     """
-    n = first.n_s
+    start = Harmonics(first.mean, first.cosine[:1], first.sine[:1])
+    found = _climbed(swimmer, start, drag, orders)
+    while not found.change <= _SETTLED:
+        orders += _MORE
+        if orders > _MOST:
+            raise SolveError(
+                f"{_MOST} harmonics do not suffice: the last {_MORE} changed the efficiency by a "
+                f"share of {found.change:.1g}",
+                "wider limits, so that the stroke has no bends as sharp",
+            )
+        more = _climbed(swimmer, found.stroke, drag, orders)
+        found = replace(more, change=abs(more.efficiency / found.efficiency - 1))
+    return found
+
+
+def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> SpectralStroke:
+    """Best stroke of so many harmonics, by steps from one of fewer."""
+    n, known = first.n_s, len(first.cosine)
     phases = np.arange(_PER_ORDER * orders) / (_PER_ORDER * orders)
     rows = np.arange(1, orders + 1)
     angle = 2 * np.pi * np.outer(phases, rows)
@@ -63,7 +83,9 @@ def spectral_stroke(
     base = np.hstack([np.ones((len(phases), 1)), np.cos(angle) / rows, np.sin(angle) / rows])
     slope = 2 * np.pi * np.hstack([np.zeros((len(phases), 1)), -np.sin(angle), np.cos(angle)])
     start = np.zeros((2 * orders + 1, n))
-    start[[0, 1, orders + 1]] = first.mean, first.cosine[0], first.sine[0]
+    start[0] = first.mean
+    start[1 : known + 1] = first.cosine * rows[:known, None]
+    start[orders + 1 : orders + known + 1] = first.sine * rows[:known, None]
     told = _told(swimmer, base, slope, drag)
 
     def cost(c: np.ndarray) -> tuple[float, np.ndarray]:
@@ -84,7 +106,8 @@ def spectral_stroke(
     c = found.x.reshape(2 * orders + 1, n, order="F")
     stroke = Harmonics(c[0], c[1 : orders + 1] / rows[:, None], c[orders + 1 :] / rows[:, None])
     value, _, turned, _ = told(found.x)
-    return SpectralStroke(stroke, float(np.exp(float(value))), float(turned), int(found.nit))
+    efficiency, steps = float(np.exp(float(value))), int(found.nit)
+    return SpectralStroke(stroke, efficiency, float(turned), steps, np.inf)
 
 
 def _told(swimmer: Swimmer, base: np.ndarray, slope: np.ndarray, drag: float) -> ca.Function:
