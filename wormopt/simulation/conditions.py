@@ -392,7 +392,7 @@ class _Graph:
         chosen = jumps[:, :count].any(axis=1)
         for _ in known:  # no guard of those may jump either
             chosen = chosen | jumps[:, count:][:, chosen].any(axis=1)
-        return [c for c, is_chosen in zip(known, chosen, strict=True) if is_chosen]
+        return [known[k] for k in np.flatnonzero(chosen).tolist()]
 
     def _jumps(
         self,
