@@ -270,7 +270,7 @@ def test_conditions_stay_out_of_what_is_shown():
     motion = wo.simulate(scalar(ca.if_else(x > 1, x, 2.0)), 2.0, times=[0, 1, 2], dense=True)
     assert motion.names == ("x",)
     assert motion.end.shape == (1,)
-    assert motion.at([0.25])["x"].item() == pytest.approx(0.5)
+    assert motion.at(np.array([0.25]))["x"].item() == pytest.approx(0.5)
 
 
 def test_steps_without_events_know_conditions_too():
