@@ -14,6 +14,7 @@ from by_symbols import Symbols, unchecked, zero
 from sympy import Rational as Q
 
 from wormopt.magnetics.pressure import field_of, gaussian_pressure
+from wormopt.model.model import Signal
 from wormopt.systems.film import given_field
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
@@ -334,7 +335,8 @@ def test_a_film_under_a_given_field_obeys_28_and_29(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(given_field, "_weights", lambda _: tuple(map(np.array, CENTRAL)))
     points, step = 8, sp.pi / 4
     slope, tension = ca.SX.sym("slope", points), ca.SX.sym("W")
-    model = given_field.thin_film(slope, tension, order=4)
+    p = [Signal("slope", slope), Signal("W", tension)]
+    model = given_field.thin_film(slope, tension, order=4, p=p)
     s = Symbols.of(model, columns={"slope": slope, "W": tension})
     H, flows = s(model["thickness"]), s(model["flow"])
     rates, around = H.jacobian(s["volume"]) * s(model.ode), range(-2, 3)

@@ -33,6 +33,7 @@ def body(
     v0: tuple[float, ...] = (0.0, 0.0, 0.0),
     *,
     inertia: float | None = None,
+    p: Sequence[Signal] = (),
 ) -> Model:
     """A rigid body with a mass 1 at every point; forces and moment act on it, time is a place."""
     q, w, f = ca.SX.sym("q", 4), ca.SX.sym("w", 4), ca.SX.sym("f", 2 * len(points))
@@ -52,7 +53,7 @@ def body(
         grounds.append(Contact(f"point {k}", along, f[2 * k : 2 * k + 2], laws[k]))
     ode = ca.vertcat(w, force / mass, moment / inertia, 0)
     states = [Signal("place", q, value=0.0), Signal("rate", w, value=[*v0, 1.0])]
-    return Model("body", states, ode, contacts=grounds)
+    return Model("body", states, ode, contacts=grounds, p=p)
 
 
 def critical(
@@ -93,7 +94,7 @@ RING = np.array([[np.cos(a), np.sin(a)] for a in 2 * np.pi * np.arange(12) / 12]
 def pushed(laws: tuple[Elliptic, ...]) -> Model:
     """The rod under a constant load, a parameter."""
     push = ca.SX.sym("push", 3)
-    return replace(body(ROD, laws, lambda _: push), p=[Signal("push", push, value=0.0)])
+    return body(ROD, laws, lambda _: push, p=[Signal("push", push, value=0.0)])
 
 
 def releases(motion: Trajectory) -> dict[str, float]:
@@ -174,7 +175,8 @@ def test_a_rod_rests_if_any_split_holds_its_load(
 def two_rods() -> Model:
     """Two rods, each pulled by a multiple of time."""
     pulls = ca.SX.sym("pulls", 2)
-    rods = [body(ROD, ROUND, lambda t, i=i: ca.vertcat(pulls[i] * t, 0, 0)) for i in range(2)]
+    p = [Signal("pulls", pulls, value=0.0)]
+    rods = [body(ROD, ROUND, lambda t, i=i: ca.vertcat(pulls[i] * t, 0, 0), p=p) for i in range(2)]
     return Model(
         "rods",
         [replace(x, name=f"{x.name} {i}") for i, rod in enumerate(rods) for x in rod.x],
@@ -182,7 +184,7 @@ def two_rods() -> Model:
         contacts=[
             replace(c, name=f"{c.name} of {i}") for i, rod in enumerate(rods) for c in rod.contacts
         ],
-        p=[Signal("pulls", pulls, value=0.0)],
+        p=p,
     )
 
 

@@ -12,6 +12,7 @@ on each mass, which the feed-forward needs, is what they leave unexplained, aver
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -123,7 +124,7 @@ def _on_ground(worm: Model, ground: Ground) -> Model:
     place, known = worm["position"], ("load", "drag")
     met = ground.pull_expression(place), ground.expression("drag", place)
     left = [signal for signal in worm.p if signal.name not in known]
-    return _put(replace(worm, p=left), [worm[name] for name in known], met)
+    return replace(_put(worm, [worm[name] for name in known], met), p=left)
 
 
 def _held(worm: Model, wanted: ca.SX, rate: ca.SX, shared: ca.SX) -> Model:
@@ -137,4 +138,7 @@ def _put(worm: Model, symbols: Sequence[ca.SX], values: Sequence[ca.SX]) -> Mode
     expressions = [worm.ode, *(output.expression for output in worm.outputs)]
     ode, *shown = ca.substitute(expressions, [*symbols], [*values])
     outputs = [replace(o, expression=e) for o, e in zip(worm.outputs, shown, strict=True)]
-    return replace(worm, ode=ode, outputs=outputs)
+    put = copy(worm)  # not `replace`: symbols that the caller still declares would be refused
+    for name, part in (("ode", ode), ("outputs", outputs)):
+        object.__setattr__(put, name, part)
+    return put
