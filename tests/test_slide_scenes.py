@@ -369,3 +369,16 @@ def test_the_least_effort_of_a_weak_drive(net: float):
     result = solved("slide", *changes)
     assert result.status == "ok"
     assert value(result, "objective") == pytest.approx(effort, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "time"),
+    [
+        (["end.velocity=-1"], 2.5),
+        (["end.velocity=-0.5"], 1.799038105676658),
+        (["end.position=5", "end.velocity=-1"], 3.872281323269015),
+    ],
+)
+def test_the_fastest_slide_may_end_backwards(change: list[str], time: float):
+    """By hand: full drive ahead, full drive back to rest, and back at full drive to the speed."""
+    assert value(wo.run(load_scene("slide", change)), "time") == pytest.approx(time, rel=1e-9)

@@ -150,6 +150,8 @@ class FrozenLoop:
         if not unstable.size:
             return None
         at = int(unstable[0])
+        if at == 0:  # it is where the grid begins
+            return float(grid[0])
         ends = grid[at - 1], grid[at]
         found: Any = brentq(lambda z: self._abscissa(factor(z))[0], *ends, xtol=1e-13)
         return float(found)

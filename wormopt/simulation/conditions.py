@@ -7,7 +7,7 @@ side jumps as switches: in between each is held, whatever it says there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -28,11 +28,11 @@ NAME = "conditions"
 _TIME, _FIXED, _PIECES, _STATE = 1, 2, 4, 8
 
 # Where a guard is looked for, and how near to it is at it.
-_TRIALS, _NEWTON, _AT_GUARD = 4, 30, 1e-12
+_TRIALS, _NEWTON, _AT_GUARD = 8, 30, 1e-12
 # A guard that is 0 for a while is on one side by this.
 _BARELY = 1e-280
 # Share of the right-hand side that is no jump but rounding.
-_JUMP = 1e-8
+_JUMP, _ROUNDING = 1e-8, 1e-14
 # How far beyond its guard, in usual sizes, what is held must have a value.
 _BEYOND = 1e-3
 
@@ -109,7 +109,7 @@ _CURVED = (
     *(ca.OP_ATAN2, ca.OP_HYPOT),
 )
 # So many of them are looked at.
-_MOST_COURSES = 256
+_MOST_COURSES = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +126,7 @@ class Timed:
     nested: np.ndarray  # (m,) whether a guard may jump, by other conditions
     jumping: ca.SX  # column, guards of those that do not only bend
     courses: ca.SX  # column of functions that may be narrow
+    complete: bool  # whether these are all of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,13 +167,14 @@ def may_have(model: Model, operations: np.ndarray) -> bool:
     ):
         return True
     curved = np.isin(operations, _CURVED).any()
-    return bool(curved and ca.depends_on(ca.vertcat(model.ode, model.contact_velocities), model.t))
+    return bool(curved and ca.depends_on(expressions_of(model), model.t))
 
 
 def expressions_of(model: Model) -> ca.SX:
     """Column of all that the right-hand side of a model consists of."""
     laws = [s for c in model.contacts for s in _composed(c).values()]
-    return ca.vertcat(model.ode, model.alg, model.contact_velocities, *laws)
+    guards = [switch.guard for switch in model.switches]
+    return ca.vertcat(model.ode, model.alg, model.contact_velocities, *laws, *guards)
 
 
 def _composed(contact: Contact) -> dict[str, ca.SX]:
@@ -301,6 +303,10 @@ class _Graph:
 
         def note(k: int, arguments: list[ca.SX], depends: int) -> ca.SX | None:
             operation = self._operations[k]
+            if operation in (ca.OP_DIV, ca.OP_INV) and not ca.depends_on(
+                arguments[-1], self._model.t
+            ):
+                return None  # by a number
             if operation in _CURVED and depends & _TIME:
                 apply = ca.SX.unary if len(arguments) == 1 else ca.SX.binary
                 course = apply(operation, *arguments)
@@ -309,7 +315,7 @@ class _Graph:
 
         if ca.depends_on(self._function(self._symbols), self._model.t):
             self._walk(note, until=_TIME | _FIXED | _PIECES)
-        return ca.vertcat(ca.SX(0, 1), *list(found.values())[:_MOST_COURSES])
+        return ca.vertcat(ca.SX(0, 1), *found.values())
 
     def _holding(self, chosen: Sequence[_Condition]) -> tuple[ca.SX, dict[int, list[ca.SX]]]:
         """Expressions with conditions held, and the arguments of these."""
@@ -344,7 +350,8 @@ class _Graph:
             jumps=np.array([c.kind.jumps for c in timed], dtype=bool),
             nested=np.array([c.is_nested for c in timed], dtype=bool),
             jumping=ca.vertcat(ca.SX(0, 1), *(c.guard for c in timed if c.kind.jumps)),
-            courses=courses,
+            courses=ca.vertcat(ca.SX(0, 1), *ca.vertsplit(courses)[:_MOST_COURSES]),
+            complete=courses.numel() <= _MOST_COURSES,
         )
         scheduled = [c for c in timed if c not in switched]
         arguments, changes = dict[int, list[ca.SX]](), dict[str, Any]()
@@ -352,7 +359,7 @@ class _Graph:
             expressions, arguments = self._holding([*timed, *jumps])
             changes = _with(model, expressions)
             if switched:
-                changes |= _switched(model, changes["ode"], switched, arguments)
+                changes |= _switched(model, changes, switched, arguments)
         # of what is switched the schedule has the instants alone
         symbols = [c.symbol if c in scheduled else ca.SX.sym("unused") for c in timed]
         symbols = ca.vertcat(ca.SX(0, 1), *symbols)
@@ -386,8 +393,17 @@ class _Graph:
         look = ca.Function("look", [self._symbols], [values, guards])
         slopes = ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)])
         right = ca.Function("right", [self._symbols, held], [all_])
+        two = np.array([c.kind.bounds is None for c in known])
+        ends = np.array([sum(c.kind.sides[:2]) for c in known])
+
+        def others(values: np.ndarray) -> np.ndarray:
+            return np.where(two, ends - values, values)
+
         jumps = np.array(
-            [self._jumps(k, c.kind, count, look, slopes, right) for k, c in enumerate(known)]
+            [
+                self._jumps(k, c.kind, count, others, look, slopes, right)
+                for k, c in enumerate(known)
+            ]
         )
         chosen = jumps[:, :count].any(axis=1)
         for _ in known:  # no guard of those may jump either
@@ -399,6 +415,7 @@ class _Graph:
         k: int,
         kind: _Kind,
         count: int,
+        others: Callable[[np.ndarray], np.ndarray],
         look: ca.Function,
         slopes: ca.Function,
         right: ca.Function,
@@ -409,30 +426,30 @@ class _Graph:
         for trial in range(_TRIALS):
             at = size * random.normal(size=len(size)) * 3.0**trial
             at[1 : 1 + len(own)] = own
-            target, steep = None, 0.0
+            target, steep = _target(kind, trial), 0.0
             for _ in range(_NEWTON):
                 level, slope = float(look(at)[1][k]), np.array(slopes(at)[k, :]).ravel()
-                if target is None:
-                    target = np.floor(level) or 1.0 if kind.bounds else 0.0
                 steep = float(slope**2 @ size[first:] ** 2)
                 if abs(level - target) <= _AT_GUARD * np.sqrt(steep) or not steep > 0:
                     break
                 at[first:] -= slope * size[first:] ** 2 * (level - target) / steep
             else:
                 continue  # not found from here
-            if not steep > 0 or target is None:
+            if not steep > 0:
                 continue
             way = np.zeros(len(at))
             way[first:] = slope * size[first:] ** 2 / np.sqrt(steep)
             sides, values = [], np.array(look(at)[0]).ravel()
+            if trial >= _TRIALS // 2:  # whatever the others say: all but never do they at random
+                values = np.where(random.random(len(values)) < 0.5, values, others(values))
             for values[k] in _around(kind, target):
                 sides.append(np.array(right(at, values)).ravel())
                 beyond = [right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
                 if not np.all(np.isfinite(np.array(beyond))):
                     return np.zeros_like(found)  # what is held has no value where a step may look
             largest = np.maximum(*map(np.abs, sides))
-            largest[:count] = largest[:count].max(initial=0.0)
-            found |= np.abs(sides[1] - sides[0]) > _JUMP * largest
+            rounding = _ROUNDING * largest.max(initial=0.0)
+            found |= np.abs(sides[1] - sides[0]) > np.maximum(_JUMP * largest, rounding)
         return found
 
     def _sizes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -444,6 +461,11 @@ class _Graph:
         first = len(size) - self._states.numel()
         size[first : first + len(usual)] = usual
         return size, signal_values(values, None, "parameter")
+
+
+def _target(kind: _Kind, trial: int) -> float:
+    """Where a guard is looked for: at 0, or at one whole number after the other."""
+    return (1.0, 2.0, -1.0, 3.0)[trial % 4] if kind.bounds else 0.0
 
 
 def _around(kind: _Kind, level: float) -> tuple[float, float]:
@@ -469,7 +491,8 @@ def _with(model: Model, expressions: ca.SX) -> dict[str, Any]:
         fields = {name: take(old) for name, old in _composed(contact).items()}
         law = replace(contact.law, **fields) if fields else contact.law  # type: ignore[type-var]
         contacts.append(replace(contact, velocity=velocity, law=law))
-    return {"ode": ode, "alg": alg, "contacts": contacts}
+    switches = [replace(switch, guard=take(switch.guard)) for switch in model.switches]
+    return {"ode": ode, "alg": alg, "contacts": contacts, "switches": switches}
 
 
 def _barely(at_guard: ca.SX) -> ca.SX:
@@ -478,12 +501,15 @@ def _barely(at_guard: ca.SX) -> ca.SX:
 
 
 def _switched(
-    model: Model, ode: ca.SX, jumps: list[_Condition], arguments: dict[int, list[ca.SX]]
+    model: Model,
+    changes: Mapping[str, Any],
+    jumps: list[_Condition],
+    arguments: dict[int, list[ca.SX]],
 ) -> dict[str, Any]:
     """Parts of the model with a state for its conditions, behind its own, and switches of it."""
     symbols, x = [c.symbol for c in jumps], pack(model.x)
     held = ca.vertcat(*symbols)
-    switches = [replace(s, reset=ca.vertcat(s.reset, held)) for s in model.switches]
+    switches = [replace(s, reset=ca.vertcat(s.reset, held)) for s in changes["switches"]]
     for k, c in enumerate(jumps):
         guard, m = c.kind.guard(*arguments[c.at]), c.symbol
         if c.kind.bounds:
@@ -499,5 +525,5 @@ def _switched(
             after = least + most - m
         column = [*symbols[:k], after, *symbols[k + 1 :]]
         switches.append(Switch(NAME, guard, ca.vertcat(x, *column), crosses=True))
-    ode = ca.vertcat(ode, ca.SX.zeros(len(jumps)))
+    ode = ca.vertcat(changes["ode"], ca.SX.zeros(len(jumps)))
     return {"x": [*model.x, Signal(NAME, held)], "ode": ode, "switches": switches}

@@ -129,9 +129,13 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
 @lru_cache(maxsize=64)
 def _may_have(system: System) -> bool:
     """Whether there may be conditions, by instructions that are read anyway to compile them."""
-    if system.model.alg.numel() or not system.rhs.is_a("SXFunction"):
+    if system.model.alg.numel():
         return True
-    return may_have(system.model, read(system.rhs)[0])
+    functions = [system.rhs, *([system.probe] if system.exact else [])]
+    functions += [system.guards] if system.model.switches else []
+    if not all(function.is_a("SXFunction") for function in functions):
+        return True
+    return may_have(system.model, np.concatenate([read(each)[0] for each in functions]))
 
 
 @lru_cache(maxsize=64)

@@ -23,6 +23,9 @@ _CELLS, _MOST_CELLS, _SAMPLE = 64, 50_000, 8
 # Shares of the span: cells are not halved below it; and share of a function's size that is nothing.
 _SHORTEST, _QUIET = 1e-12, 1e-13
 _HALVINGS = 60
+# Share of a guard's parts that is rounding; what underflow leaves of a number; so many bounds are
+# found at once.
+_NOISE, _ZERO, _MOST_NUMBERS = 4e-15, 1e-300, 5_000_000
 # Of so many changes a motion is not followed.
 _MOST_CHANGES = 20_000
 # A cell is fine enough if the function bends on it by no more than this share of its size.
@@ -219,13 +222,16 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
     """Instants at which conditions change, each the first number at which it has."""
     timed = functions.timed
     levels, nested, scale = timed.levels[:, None], timed.nested[:, None], np.zeros(1)
-    least = _SHORTEST * max(span[1] - span[0], *map(abs, span))
+    least = _shortest(span)
     found, ignored = list[_Cells](), np.zeros((1, 1), dtype=bool)
     while cells.low.size:
         bounds, (slowest, fastest) = cells.bounds(functions.guards)
         largest = np.abs(bounds).max(axis=0)
         scale = np.maximum(scale, np.where(np.isfinite(largest), largest, 0).max(1, keepdims=True))
-        nothing = _QUIET * np.maximum(scale, cells.largest(functions.sizes))
+        # a bend may be so small that it does not matter; a jump is one as long as it is no rounding
+        size = np.where(timed.jumps[:, None], levels, scale)
+        noise = np.where(timed.jumps[:, None], _NOISE, _QUIET)
+        nothing = np.maximum(noise * np.maximum(size, cells.largest(functions.sizes)), _ZERO)
         same = _same(*bounds, levels, nothing)
         # what holds other conditions may jump, unless these do not change
         open_ = ~same & timed.jumps[:, None]
@@ -265,6 +271,11 @@ def _changes(functions: _Functions, cells: _Cells, span: tuple[float, float]) ->
     return high
 
 
+def _shortest(span: tuple[float, float]) -> float:
+    """Width of a cell that is not halved."""
+    return max(_SHORTEST * (span[1] - span[0]), 4 * np.spacing(max(map(abs, span))))
+
+
 def _same(low: np.ndarray, high: np.ndarray, levels: np.ndarray, nothing: np.ndarray) -> np.ndarray:
     """Whether what guards decide is the same all over a cell; what is `nothing` decides nothing."""
     whole = (np.floor(low) == np.floor(high)) & (np.ceil(low) == np.ceil(high))
@@ -282,8 +293,8 @@ def _narrow(
     Gives them, and whether there was room for all. A function that is quiet nowhere, a sine say,
     is not narrow, and needs none.
     """
-    whole = span[1] - span[0]
-    least = _SHORTEST * max(whole, *map(abs, span))
+    whole, least = span[1] - span[0], _shortest(span)
+    most = min(_MOST_CELLS, _MOST_NUMBERS // functions.timed.courses.numel())
     done, size, rests, sample = list[_Cells](), None, np.zeros(1, dtype=bool), None
     while cells.low.size:
         (low, high), (slowest, fastest) = cells.bounds(functions.courses)
@@ -298,9 +309,9 @@ def _narrow(
         done.append(cells.those(fine))
         cells = cells.those(~fine).halves
         many = cells.low.size + sum(c.low.size for c in done)
-        if many > 2 * _MOST_CELLS:
+        if many > 2 * most:
             break
-        if sample is None and many > _MOST_CELLS:
+        if sample is None and many > most:
             # a few of them show whether what goes on there is narrow
             sample = np.linspace(0, cells.low.size - 1, _SAMPLE).astype(int)
             cells = cells.those(sample)
@@ -309,7 +320,7 @@ def _narrow(
     low = np.concatenate([c.low for c in done])
     order = np.argsort(low)
     low, high = low[order], np.concatenate([c.high for c in done])[order]
-    return _isolated(low, high, min(longest, whole)), True
+    return _isolated(low, high, min(longest, whole)), functions.timed.complete
 
 
 def _isolated(low: np.ndarray, high: np.ndarray, longest: float) -> np.ndarray:

@@ -219,6 +219,7 @@ def task_of(
     system = system_of(model, contact)
     start, end = _ends(span)
     sampled = np.zeros(0) if times is None else numbers("times", times).ravel()
+    sampled = np.where(np.abs(sampled - end) <= 4 * np.spacing(abs(end)), end, sampled)
     if sampled.size and not (
         np.all(np.diff(sampled) >= 0) and start <= sampled[0] and sampled[-1] <= end
     ):

@@ -41,6 +41,8 @@ _RELAXED = Complementarity(residual=1e-3, first=1e-1)
 # If less of the drive than this share is left to gather speed, relaxed contact hides the phases:
 # it lets friction be smaller by a thousandth of the drive and more.
 _RELAXED_BELOW = 0.05
+# Share of an objective that is no gain.
+_SAME = 1e-9
 # First width of the smooth law, in usual speeds, and how often the mesh is refined.
 _WIDE, _ROUNDS = 0.1, 8
 # A simulation may end elsewhere by so many defects of a single arc.
@@ -104,15 +106,32 @@ def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
         known = phases_of(table)
         if known is not None and known.excess < _RELAXED_BELOW:
             return {"phases": _in_phases(table, problem, known, report)}
-        relaxed = optimise(problem, plain, _RELAXED, cubic_guess(table), report=report)
-        return {
-            "relaxed": relaxed,
-            "phases": optimise_switching_times(relaxed, tolerance=mesh.tolerance),
-        }
+        try:
+            relaxed = optimise(problem, plain, _RELAXED, cubic_guess(table), report=report)
+            phases = optimise_switching_times(relaxed, tolerance=mesh.tolerance)
+        except SolveError as error:
+            if known is None or error.code in ("bad_guess", "unbounded", "late"):
+                raise
+            return {"phases": _in_phases(table, problem, known, report)}
+        return {"relaxed": relaxed, "phases": _better(table, problem, known, phases, report)}
     width, size = table.contact.v_reg, problem.model.x[1].nominal
     smoothed = Regularised(width, max(width, _WIDE * size))
     coarse = optimise(problem, plain, smoothed, cubic_guess(table), report=report)
     return {"smooth": coarse, "switched": _switched(coarse, mesh.tolerance, report)}
+
+
+def _better(
+    table: SlideScene, problem: Problem, known: Phases | None, read: Optimum, report: Report
+) -> Optimum:
+    """The better of what was read off relaxed contact, a local optimum, and of known phases."""
+    if known is None:
+        return read
+    try:
+        found = _in_phases(table, problem, known, report)
+    except SolveError:
+        return read
+    gained = read.objective - found.objective
+    return found if gained > _SAME * abs(read.objective) else read
 
 
 def _in_phases(table: SlideScene, problem: Problem, known: Phases, report: Report) -> Optimum:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -70,7 +70,10 @@ class _Course:
         """Mean velocity over the last turn; 1 of what is held."""
         if self.held:
             return 1.0
-        return 1 - _TURN / self.turns[-1] if len(self.turns) else None
+        if not len(self.turns):
+            return None
+        times = [e.time for e in self.motion.events if e.name == "body 0 overtaken"][-2:]
+        return mean_velocity(self.motion.at(np.array(times))["position"][0], 1, times)
 
     @property
     def settled(self) -> float | None:
@@ -85,6 +88,17 @@ class _Course:
         end = self.motion.end_time
         turn = self.turns[-1] if len(self.turns) and not self.held else min(_TURN, end)
         return self.motion.at(np.linspace(end - turn, end, _SAMPLES))["velocity"][0]
+
+
+def mean_velocity(places: np.ndarray, turns: int, times: Sequence[float]) -> float:
+    """Mean velocity of a body over whole turns, to the digits of their times.
+
+    The wave goes past it, or it past the wave: its `places` (2,) at the first and the last of the
+    `times` say which.
+    """
+    took = times[-1] - times[0]
+    ahead = 1.0 if places[-1] - places[0] > took else -1.0
+    return 1 + ahead * _TURN * turns / took
 
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters

@@ -28,6 +28,7 @@ from wormopt.systems.film.float import (
     tracer_drift,
     tracers,
 )
+from wormopt.systems.film.runs.film_body import mean_velocity
 from wormopt.systems.film.runs.film_flow import (
     eps_of,
     fluid_of,
@@ -83,7 +84,8 @@ class _Ride:
             if drift.captured:
                 found.append(float(last[i] - middle[i]) / (end / 2))
             elif len(times) > 1:
-                found.append(1 - _TURN * (len(times) - 1) / (times[-1] - times[0]))
+                places = self.motion.at(np.array([times[0], times[-1]]))["position"][i]
+                found.append(mean_velocity(places, len(times) - 1, times))
             else:
                 found.append(None)
         return found
