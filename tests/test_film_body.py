@@ -321,3 +321,12 @@ def test_hostile_numbers_are_refused() -> None:
         carried_body(HeavyFloat(wave), mass=1.0, forward=1.0)
     with pytest.raises(ArgumentError, match="places along it"):
         LyingBody(CosineWave(0.9), 0.0999999, 3.0)
+
+
+def test_a_body_may_overtake_the_wave() -> None:
+    """It is faster than the wave everywhere: 1 + 1 / mean(1 / (v - 1)) without mass."""
+    change = ["film.delta=0.97", "tolerance.recheck=false"]
+    change.append('body={on="surface",length=0.75,mass=1e-3,weight=0.0}')
+    result = wo.run(load_scene("body_in_film", change))
+    assert result.scalars["drift"].value == pytest.approx(1.2252745, abs=1e-6)
+    assert result.scalars["drift_massless"].value == pytest.approx(1.2252745, abs=1e-6)

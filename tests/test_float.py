@@ -482,3 +482,15 @@ def test_a_tracer_on_the_surface_of_a_wave_that_holds_it_is_refused(
     sets = ["--set", "film.delta=0.7", "--set", "tracers.height=[0.5, 1.0]"]
     assert main(["run", "fig27_float", "-o", str(tmp_path / "out"), *sets]) == 2
     assert "tracers.height[1]: this wave holds what floats" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("delta", [0.93, 0.95])
+def test_a_long_float_may_overtake_the_wave(delta: float) -> None:
+    """Where the surface under it is faster than the wave everywhere; by quadrature and motion."""
+    wave, length = CosineWave(delta), 2 * np.pi * 0.75
+    xi = np.linspace(0.0, 2 * np.pi, 20_001)[:-1]
+    speed = np.array([float(body_velocity(wave, at, length)) for at in xi[::20]])
+    assert speed.min() > 1
+    found = float_drift(wave, length)
+    assert found.velocity == pytest.approx(1 + 1 / np.mean(1 / (speed - 1)), rel=1e-9)
+    assert found.turn == pytest.approx(2 * np.pi * np.mean(1 / (speed - 1)), rel=1e-9)

@@ -54,7 +54,8 @@ class Drift:
     """How a wave carries something in the long run."""
 
     velocity: float  # mean, over the wave's; 1 if captured
-    turn: float  # time to be overtaken by a wavelength, in 1 / omega; infinite if captured
+    # time to be overtaken by a wavelength, or to overtake one, in 1 / omega; infinite if captured
+    turn: float
     rests: tuple[float, ...] = ()  # phases xi, 0 to 2 pi, at which it is held
 
     @property
@@ -136,7 +137,7 @@ def float_drift(wave: Wave, length: float = 0.0) -> Drift:
             return Drift(1.0, math.inf, (0.0,))
         return Drift(velocity, 2 * math.pi / (1 - velocity))
     turn = _turn(lambda xi: 1 / (1 - body_velocity(wave, xi, length)))
-    return Drift(1 - 2 * math.pi / turn, turn)
+    return Drift(1 - 2 * math.pi / turn, abs(turn))  # below 0 of one that overtakes the wave
 
 
 def corrected_drift(wave: Wave, eps: float, length: float = 0.0) -> Corrected:
@@ -233,7 +234,7 @@ def tracer_drift(wave: Wave, height: float, position: float = 0.0) -> Drift:
     if faster or np.isnan(reached).any():
         return Drift(1.0, math.inf)
     turn = _turn(per_phase)
-    return Drift(1 - 2 * math.pi / turn, turn)
+    return Drift(1 - 2 * math.pi / turn, abs(turn))  # below 0 of one that overtakes the wave
 
 
 def _slower_below(h: np.ndarray, constant: float) -> np.ndarray:
