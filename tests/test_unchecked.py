@@ -14,6 +14,7 @@ import wormopt as wo
 from wormopt.digest import trust
 from wormopt.quantities import Scalar
 from wormopt.result import NOT_RECHECKED, Check, Result, Unchecked, left_out
+from wormopt.scene import load_scene
 from wormopt.scene.conclude import conclude
 from wormopt.systems.film.units import Fluid
 
@@ -149,3 +150,10 @@ def test_a_comparison_that_no_second_route_confirms_says_it_is_not_checked(reche
 def test_a_number_of_no_second_route_is_not_taken():
     result = Result("a", "gait", scalars={"recheck_error": Scalar(None)})
     assert "second route: not taken" in trust(result)
+
+
+@pytest.mark.parametrize(("eps", "status"), [(1.0, "ok"), (2.0, "unchecked"), (4.0, "unchecked")])
+def test_a_film_whose_next_order_is_larger_than_its_flow_is_unchecked(eps: float, status: str):
+    """The cosine wave of amplitude 1/2: flow 1/3, next order 0.93 of it squared at eps 2."""
+    result = wo.run(load_scene("fig15_film_flow", [f"film.eps={eps}"]))
+    assert result.status == status

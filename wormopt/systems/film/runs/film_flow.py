@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, gaussian_pressure, magnetic_pressure
 from wormopt.progress import Report
-from wormopt.result import Check, Result, Unchecked
+from wormopt.result import Check, Result, Unchecked, left_out
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
@@ -81,7 +82,16 @@ def least_field(wave: Wave, xi: np.ndarray, tension: float) -> np.ndarray:
 
 def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
     """Say where the next order in eps is no error bar."""
-    if eps is not None and not within_reach(wave, eps):
+    if eps is None:
+        return
+    if within_reach(wave, eps):
+        bar, flow = corrected_flow(wave, eps).bar, abs(wave.mean_flow)
+        if bar is not None and bar > flow:
+            yield left_out(
+                bar / flow if flow else math.inf,
+                f"eps = {eps:.3g}: lubrication may be off by {bar:.2g} of a mean flow {flow:.2g}",
+            )
+    else:
         yield Unchecked(
             f"eps = {eps:.3g} times the highest harmonic is above {REACH:g}: how far lubrication "
             "is off is not known"
