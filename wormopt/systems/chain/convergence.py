@@ -87,7 +87,7 @@ def converge(stages: Mapping[str, Optimum], report: Report) -> Convergence:
     fine = Mesh.even(1, 2 * arcs, Collocation(3, "radau"))
     smoothed = optimise(problem, fine, widths, relaxed.motion.guess)
     found = []
-    for k, n in enumerate((arcs // 2, arcs, 2 * arcs)):
+    for k, n in enumerate((arcs // 2, arcs, 2 * arcs, 4 * arcs)):
         report("complementarity on finer grids", 0.8 + k / 20)
         grid = Mesh.even(1, n, Collocation(2, "radau"))
         found.append(optimise(problem, grid, _TIGHT, relaxed.motion.guess))
