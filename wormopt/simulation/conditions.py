@@ -28,7 +28,9 @@ NAME = "conditions"
 _TIME, _FIXED, _PIECES, _STATE = 1, 2, 4, 8
 
 # Where a guard is looked for, and how near to it is at it.
-_TRIALS, _NEWTON, _AT_GUARD = 8, 30, 1e-12
+_TRIALS, _WIDEST, _NEAR, _NEWTON, _AT_GUARD = 24, 4, 3, 12, 1e-12
+# Of more conditions than that no others are looked for near by.
+_FEW = 8
 # A guard that is 0 for a while is on one side by this.
 _BARELY = 1e-280
 # Share of the right-hand side that is no jump but rounding.
@@ -393,17 +395,9 @@ class _Graph:
         look = ca.Function("look", [self._symbols], [values, guards])
         slopes = ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)])
         right = ca.Function("right", [self._symbols, held], [all_])
-        two = np.array([c.kind.bounds is None for c in known])
-        ends = np.array([sum(c.kind.sides[:2]) for c in known])
-
-        def others(values: np.ndarray) -> np.ndarray:
-            return np.where(two, ends - values, values)
-
+        two = np.flatnonzero([c.kind.bounds is None for c in known])
         jumps = np.array(
-            [
-                self._jumps(k, c.kind, count, others, look, slopes, right)
-                for k, c in enumerate(known)
-            ]
+            [self._jumps(k, c.kind, count, two, look, slopes, right) for k, c in enumerate(known)]
         )
         chosen = jumps[:, :count].any(axis=1)
         for _ in known:  # no guard of those may jump either
@@ -415,7 +409,7 @@ class _Graph:
         k: int,
         kind: _Kind,
         count: int,
-        others: Callable[[np.ndarray], np.ndarray],
+        two: np.ndarray,
         look: ca.Function,
         slopes: ca.Function,
         right: ca.Function,
@@ -423,26 +417,30 @@ class _Graph:
         """Which results differ on the two sides of where a condition changes."""
         random, (size, own) = np.random.default_rng(k), self._sizes()
         first, found = len(size) - self._states.numel(), np.zeros(right.numel_out(0), dtype=bool)
-        for trial in range(_TRIALS):
-            at = size * random.normal(size=len(size)) * 3.0**trial
+        many = look.numel_out(1) > _FEW  # each look takes long then
+        for trial in range(2 if many else _TRIALS):
+            at = size * random.normal(size=len(size)) * 3.0 ** (trial % _WIDEST)
             at[1 : 1 + len(own)] = own
-            target, steep = _target(kind, trial), 0.0
+            # near places where others change: it may be that all hold in a small place only
+            near = random.permutation(np.setdiff1d(two, [k]))
+            near = near[:0] if many or not trial else near[: random.integers(0, _NEAR + 1)]
+            rows = np.append(k, near)
+            off = random.choice([-1.0, 1.0], len(near)) * 10.0 ** random.uniform(-4, 0, len(near))
+            targets = np.append(_target(kind, trial), off)
+            steep, lacks = np.zeros((1, 1)), np.ones(1, dtype=bool)
             for _ in range(_NEWTON):
-                level, slope = float(look(at)[1][k]), np.array(slopes(at)[k, :]).ravel()
-                steep = float(slope**2 @ size[first:] ** 2)
-                if abs(level - target) <= _AT_GUARD * np.sqrt(steep) or not steep > 0:
+                levels, slope = np.array(look(at)[1]).ravel()[rows], np.array(slopes(at))[rows]
+                steep = slope * size[first:]
+                lacks = np.abs(levels - targets) > _AT_GUARD * np.linalg.norm(steep, axis=1)
+                if not lacks.any() or not np.all(np.isfinite(steep)):
                     break
-                at[first:] -= slope * size[first:] ** 2 * (level - target) / steep
-            else:
+                at[first:] -= size[first:] * (np.linalg.pinv(steep) @ (levels - targets))
+            if lacks[0] or not np.any(steep[0]):
                 continue  # not found from here
-            if not steep > 0:
-                continue
             way = np.zeros(len(at))
-            way[first:] = slope * size[first:] ** 2 / np.sqrt(steep)
+            way[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
             sides, values = [], np.array(look(at)[0]).ravel()
-            if trial >= _TRIALS // 2:  # whatever the others say: all but never do they at random
-                values = np.where(random.random(len(values)) < 0.5, values, others(values))
-            for values[k] in _around(kind, target):
+            for values[k] in _around(kind, float(targets[0])):
                 sides.append(np.array(right(at, values)).ravel())
                 beyond = [right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
                 if not np.all(np.isfinite(np.array(beyond))):

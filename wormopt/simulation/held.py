@@ -54,7 +54,7 @@ class Held:
             samples=as_asked(found.samples),
             kept=np.column_stack([found.kept[:, 0], as_asked(found.kept[:, 1:])])
             if len(found.kept)
-            else found.kept,
+            else np.zeros((0, 1 + len(self.asked.start))),
             dense=as_asked(found.dense) if len(found.dense) else found.dense,
             events=found.events[found.events[:, 1] < own],
             doubts=found.doubts[found.doubts[:, 1] < own],
