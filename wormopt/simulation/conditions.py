@@ -29,8 +29,9 @@ _TIME, _FIXED, _PIECES, _STATE = 1, 2, 4, 8
 
 # Where a guard is looked for, and how near to it is at it.
 _TRIALS, _WIDEST, _NEAR, _NEWTON, _AT_GUARD = 24, 4, 3, 12, 1e-12
-# Of more conditions than that no others are looked for near by.
-_FEW = 8
+# Where there are more conditions, others near by are not looked for; where there are still more,
+# as in averages, which are continuous, none are.
+_FEW, _MOST = 8, 24
 # A guard that is 0 for a while is on one side by this.
 _BARELY = 1e-280
 # Share of the right-hand side that is no jump but rounding.
@@ -384,7 +385,7 @@ class _Graph:
         model = self._model
         out_of_reach = ca.vertcat(pack(model.z), model.forces, pack(model.delays))
         known = [c for c in candidates if not ca.depends_on(c.guard, out_of_reach)]
-        if not known:
+        if not known or len(known) > _MOST:
             return []
         expressions, arguments = self._holding(known)
         held = ca.vertcat(*(c.symbol for c in known))
