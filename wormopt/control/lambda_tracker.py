@@ -208,6 +208,7 @@ def lambda_tracker(
     watch: bool = False,
     output: str = "length",
     input: str = "input",  # noqa: A002
+    any_sign: bool = False,
 ) -> Model:
     """Close the loop by a lambda-tracker: the error e = y - y_ref is forced into |e| <= lambda.
 
@@ -247,6 +248,8 @@ def lambda_tracker(
         Time h over which "difference" takes its difference.
     feedforward : FeedForward, optional
         Force added to the tracker's.
+    any_sign : bool, optional
+        Whether an input that pushes the output the wrong way is taken too; the loop is unstable.
     watch : bool, optional
         Whether crossings of the tube are events of the model, so that solvers locate them. A
         `Decay` has these events anyway.
@@ -287,7 +290,8 @@ def lambda_tracker(
     check_number("gain_start", gain_start, above=0.0)
     check_choice("feedback", feedback, get_args(Feedback))
     error = TrackingError.of(plant, reference, output)
-    check_sign(plant, output, input)
+    if not any_sign:
+        check_sign(plant, output, input)
     k, lam = ca.SX.sym("gain"), ca.SX.sym("tube_radius")
     given = Quadratic() if adaptation is None else adaptation
     if not isinstance(given, Adaptation):

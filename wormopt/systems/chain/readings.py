@@ -110,6 +110,7 @@ def build(example: Example, of: Structure) -> Model:
         filter_start=example.filter_start,
         actuator=of.input,
         feedforward=FeedForward(0.0, 0.0),
+        any_sign=of.unstable,
     )
 
 
