@@ -248,13 +248,13 @@ def lambda_tracker(
         Time h over which "difference" takes its difference.
     feedforward : FeedForward, optional
         Force added to the tracker's.
-    any_sign : bool, optional
-        Whether an input that pushes the output the wrong way is taken too; the loop is unstable.
     watch : bool, optional
         Whether crossings of the tube are events of the model, so that solvers locate them. A
         `Decay` has these events anyway.
     output, input : str, optional
         Names of the plant's output that follows, or state, and of the input that is put in.
+    any_sign : bool, optional
+        Whether an input that pushes the output the wrong way is taken too; the loop is unstable.
 
     Returns
     -------
