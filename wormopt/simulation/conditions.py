@@ -21,7 +21,7 @@ from wormopt.model.schedule import Schedule
 from wormopt.model.values import nominal_of, signal_values
 from wormopt.numerics.instructions import read
 
-NAME = "conditions"
+NAME = "held conditions"
 """Name of the schedule and of the state that hold them."""
 
 # What a result depends on.
