@@ -81,7 +81,7 @@ class Contacts:
         self._in_plane = np.isin(np.arange(self._n), system.planar)
         laws = enumerate(contact.law for contact in system.contacts)
         self._directions = [(1,) if i in planar else law.directions for i, law in laws]
-        self._prescribed = frozenset(system.prescribed)
+        self._prescribed, self._geared = frozenset(system.prescribed), frozenset(system.geared)
         self._held = np.array([not directions for directions in self._directions], dtype=bool)
         self._released = dict[int, float]()  # when each was last let go by an event
         self._probe, self._project = Call(system.probe, *shared), Call(system.project, *shared)
@@ -116,11 +116,12 @@ class Contacts:
             if self._coupled:  # velocities alone do not determine the impulses
                 raise GivenUp("no_contact_mode")
             self._columns.carry("project_along", t, x)
+        passing = self._slide_through(t, x, np.flatnonzero((self._modes == 0) & ~hit).tolist())
         x = self._stopped(t, x)
         if self._sharing:
             self._take_along(t, x)
             x = self._stopped(t, x)
-        stopped = np.flatnonzero(self._modes == 0).tolist()
+        stopped = [*np.flatnonzero(self._modes == 0).tolist(), *passing]
         forced_mode = None if forced is None else float(before[forced])
         if forced is not None and forced_mode == 0:
             self._released |= dict.fromkeys(self._release(t, x, [forced], probe), t)
@@ -220,6 +221,21 @@ class Contacts:
                 self._modes[i] = np.sign(v) if np.sign(v) in self._directions[i] else 0.0
             elif self._released.get(i) != t:  # else let go this very instant
                 self._modes[i] = 0.0
+
+    def _slide_through(self, t: float, x: np.ndarray, slow: list[int]) -> list[int]:
+        """Let go, before anything is stopped, of geared contacts that their force cannot hold.
+
+        What stopped them where none of it acts would stop all that moves.
+        """
+        passing = list[int]()
+        for i in slow:
+            if i in self._geared:
+                probe = self._look(t, x)
+                if -probe.margin[i] > self._f_rest[i]:
+                    self._modes[i] = probe.toward[i]
+                    passing.append(i)
+        self._check_directions(passing)
+        return passing
 
     def _take_along(self, t: float, x: np.ndarray) -> None:
         """Let contacts in the plane rest that others have stopped: they have no direction left."""

@@ -113,7 +113,13 @@ class System:
     def _grips(self) -> Grips:
         # smooth forces know no modes
         modes = self._modes if self.exact else ca.SX(self._n_modes, 1)
-        return Grips.of(self.contacts, self.model.t, modes, self.prescribed if self.exact else ())
+        return Grips.of(
+            self.contacts,
+            self.model.t,
+            modes,
+            self.prescribed if self.exact else (),
+            self.geared if self.exact else (),
+        )
 
     @cached_property
     def planar(self) -> np.ndarray:
@@ -228,6 +234,19 @@ class System:
                     "be held; write its force into the ode, or contact=Smooth(v_reg)"
                 )
         return found
+
+    @cached_property
+    def geared(self) -> tuple[int, ...]:
+        """Contacts on lines whose response to their own force depends on time or place.
+
+        Where it is 0 so is their velocity, and yet no force stops them there: the foot of a leg
+        that turns moves along the ground by the cosine of its angle.
+        """
+        t, x, _, _ = self.symbols
+        response, changes = ca.diag(self.delassus), ca.vertcat(t, x)
+        rows = [i for i in range(response.numel()) if ca.depends_on(response[i], changes)]
+        found = np.setdiff1d(self.row_contact[rows], self.planar).tolist()
+        return tuple(i for i in found if self.contacts[i].law.directions)
 
     @cached_property
     def forces(self) -> ca.SX:
@@ -412,7 +431,10 @@ class System:
         if not self.coupled:
             own = ca.diag(self.delassus)
             own[list(self.prescribed)] = 1  # they never rest
-            return self.function("project", x - push @ (rests * velocity / own))
+            impulses = rests * velocity / own
+            for i in np.flatnonzero(np.isin(self.row_contact, self.geared)).tolist():
+                impulses[i] = ca.if_else(rests[i], velocity[i] / own[i], 0)
+            return self.function("project", x - push @ impulses)
         matrix, right = ca.diag(1 - rests) + ca.diag(rests) @ self.delassus, -rests * velocity
         if not self.shares:
             return self.function("project", x + push @ ca.solve(matrix, right))

@@ -95,6 +95,7 @@ class LineGrip:
     velocity: ca.SX
     mode: ca.SX
     prescribed: bool = False  # no force changes their velocity: they slide at all times
+    geared: bool = False  # none does in some places
 
     @cached_property
     def rests(self) -> ca.SX:
@@ -117,7 +118,8 @@ class LineGrip:
         """Forces on contacts that act on no other."""
         if self.prescribed:
             return self.slip
-        return weighted(self.mode**2, self.slip, -free / response)
+        choose = ca.if_else if self.geared else weighted  # without a product by infinity
+        return choose(self.mode**2, self.slip, -free / response)
 
     def equations(self, free: ca.SX, response: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Rows of the equations for all forces, and their right-hand side."""

@@ -25,15 +25,20 @@ class Grips:
 
     @classmethod
     def of(
-        cls, contacts: Sequence[Contact], t: ca.SX, s: ca.SX, prescribed: Sequence[int] = ()
+        cls,
+        contacts: Sequence[Contact],
+        t: ca.SX,
+        s: ca.SX,
+        prescribed: Sequence[int] = (),
+        geared: Sequence[int] = (),
     ) -> Grips:
         """Grips of contacts: their modes come first in s, then their onsets.
 
-        `prescribed`: those whose velocity no force changes.
+        `prescribed`: those whose velocity no force changes; `geared`: or none in some places.
         """
         alike = defaultdict[Hashable, list[int]](list)
         for i, contact in enumerate(contacts):
-            kind = i if contact.planar else (i in prescribed, _kind(contact.law))
+            kind = i if contact.planar else (i in prescribed, i in geared, _kind(contact.law))
             alike[kind].append(i)
         first = np.cumsum([0, *(contact.force.numel() for contact in contacts)]).tolist()
         found: list[LineGrip | PlaneGrip] = []
@@ -48,8 +53,8 @@ class Grips:
             else:
                 velocity = ca.vertcat(*(contacts[i].velocity for i in group))
                 law = _Several.of([contacts[i].law for i in group])
-                rows, slides = [first[i] for i in group], group[0] in prescribed
-                found.append(LineGrip(group, rows, law, velocity, s[group], slides))
+                rows, kind = [first[i] for i in group], (group[0] in prescribed, group[0] in geared)
+                found.append(LineGrip(group, rows, law, velocity, s[group], *kind))
         return cls(found)
 
     def _by_rows(self, parts: Iterable[ca.SX]) -> ca.SX:

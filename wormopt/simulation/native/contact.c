@@ -117,6 +117,19 @@ static int is_held(const Run *run, long long i) {
     return run->modes[i] == 0.0 && run->in.coupled && !is_open(run) && share_left(run, i) > HELD;
 }
 
+/* Let go, before anything is stopped, of geared contacts that their force cannot hold: what stopped
+   them where none of it acts would stop all that moves. */
+static void slide_through(Run *run) {
+    const long long n = run->in.n_contacts;
+    for (long long i = 0; i < n; i++) {
+        if (!(run->in.directions[i] & 8) || run->modes[i] != 0.0 || run->struck[i] != 0.0) continue;
+        evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+        if (!(excess(run, i) > 1.0)) continue;
+        run->modes[i] = way_out(run, i);
+        if (!allowed(run, i, run->modes[i])) run->out.status = NO_CONTACT_MODE;
+    }
+}
+
 /* Let a contact go the way it is pulled, after `look_where`. */
 static void release(Run *run, long long i) {
     run->modes[i] = way_out(run, i);
@@ -224,9 +237,13 @@ void decide_modes(Run *run, long long forced, int record) {
         if (run->in.coupled) run->out.status = NO_CONTACT_MODE;
         carry(run, run->in.project_along, 0);
     }
-    stop(run);
-    if (run->in.shares) take_along(run), stop(run);
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
+    slide_through(run);
+    stop(run);
+    if (run->in.shares) {
+        take_along(run), stop(run);
+        for (long long i = 0; i < n; i++) run->scan[n + i] *= run->modes[i] != 0.0;
+    }
     if (forced >= 0 && run->before[forced] == 0.0) { /* what it had of drift has been stopped */
         if (is_open(run)) run->out.status = NO_CONTACT_MODE;
         look_where(run);

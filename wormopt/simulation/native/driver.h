@@ -51,8 +51,8 @@ typedef struct {
     const long long *velocity_state; /* per contact the state that is its velocity, or -1 */
     const long long *planar;         /* per contact its place among those in the plane, or -1 */
     const long long *row_contact, *row_state; /* per component of velocity */
-    const long long *directions;     /* per contact 1 forward, 2 backward, 3 both; and 4
-                                        where no force changes its velocity */
+    const long long *directions;     /* per contact 1 forward, 2 backward, 3 both; and 4 where no
+                                        force changes its velocity, 8 where none does in places */
     const long long *terminal;       /* per switch: whether the motion ends with it */
     const long long *crosses;        /* per switch: whether the motion must leave it, see Switch */
     const double *v_rest;            /* per contact: slower counts as at rest */

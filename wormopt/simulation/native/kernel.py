@@ -185,9 +185,10 @@ def compiled(system: System, variation: Variation | None = None) -> Compiled:
     places = np.full(len(system.contacts), -1)
     places[system.planar] = np.arange(len(system.planar))
     ways = [(1,) if c.planar else c.law.directions for c in system.contacts]
-    prescribed = system.prescribed if system.exact else ()
+    prescribed, geared = (system.prescribed, system.geared) if system.exact else ((), ())
     directions = [
-        (1 in each) + 2 * (-1 in each) + 4 * (i in prescribed) for i, each in enumerate(ways)
+        (1 in each) + 2 * (-1 in each) + 4 * (i in prescribed) + 8 * (i in geared)
+        for i, each in enumerate(ways)
     ]
     arrays = {
         "velocity_state": system.velocity_state,
