@@ -299,3 +299,34 @@ def test_an_optimisation_refuses_delays():
     )
     with pytest.raises(ArgumentError, match="optimisation knows no delays"):
         wo.optimise(problem, mesh, wo.FixedModes(wo.ModeSequence(((),))), guess)
+
+
+def passed_on(signal: ca.SX, t: ca.SX, before: ca.SX | None = None) -> Model:
+    """A state that grows by a signal of time half a second ago."""
+    sum_, past = ca.SX.sym("sum"), ca.SX.sym("past")
+    delay = Delay("past", past, signal, lag=0.5, before=before)
+    return Model("passed on", [Signal("sum", sum_, value=0.0)], past, t=t, delays=[delay])
+
+
+@pytest.mark.parametrize("place", [-0.3, 0.3, 1.234567])
+def test_pulses_and_steps_in_what_is_remembered_are_seen(place: float):
+    t = ca.SX.sym("t")
+    pulse = ca.logic_and(t > place, t < place + 1e-4) * 1e4
+    gauss = ca.exp(-(((t - place) / 1e-3) ** 2))
+    sums = 1.0, (2.5 if place > 0 else 0.0) - place, np.sqrt(np.pi) * 1e-3
+    for signal, sum_ in zip((pulse, t > place, gauss), sums, strict=True):
+        model = passed_on(signal, t) if place > 0 else passed_on(0 * t, t, before=signal)
+        assert simulate(model, 3.0).end == pytest.approx([sum_], rel=1e-7)
+
+
+@pytest.mark.parametrize("route", ["native", "python"])
+@pytest.mark.parametrize("remembers", ["sign", "state"])
+def test_a_relay_with_a_delay_turns_where_it_did(remembers: str, route: Route):
+    """x' = -sign x(t - 1) from 0.5 falls to -1, and goes between -1 and 1 ever after."""
+    x, past = ca.SX.sym("x"), ca.SX.sym("past")
+    signal, ode = (ca.sign(x), -past) if remembers == "sign" else (x, -ca.sign(past))
+    model = Model(
+        "relay", [Signal("x", x, value=0.5)], ode, delays=[Delay("past", past, signal, 1.0)]
+    )
+    motion = simulate(model, 6.0, times=[1.5, 3.5, 6.0], route=route)
+    assert motion["x"] == pytest.approx([-1.0, 1.0, -0.5], abs=1e-8)

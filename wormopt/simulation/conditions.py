@@ -174,10 +174,11 @@ def may_have(model: Model, operations: np.ndarray) -> bool:
 
 
 def expressions_of(model: Model) -> ca.SX:
-    """Column of all that the right-hand side of a model consists of."""
+    """Column of all that the right-hand side of a model consists of, then signals of the past."""
     laws = [s for c in model.contacts for s in _composed(c).values()]
     guards = [switch.guard for switch in model.switches]
-    return ca.vertcat(model.ode, model.alg, model.contact_velocities, *laws, *guards)
+    past = [delay.signal for delay in model.delays]
+    return ca.vertcat(model.ode, model.alg, model.contact_velocities, *laws, *guards, *past)
 
 
 def _composed(contact: Contact) -> dict[str, ca.SX]:
@@ -476,7 +477,10 @@ def _around(kind: _Kind, level: float) -> tuple[float, float]:
 
 
 def _with(model: Model, expressions: ca.SX) -> dict[str, Any]:
-    """Parts of the model with other expressions, in the order of `expressions_of`."""
+    """Parts of the model with other expressions, in the order of `expressions_of`.
+
+    Signals of the past stay as they are: what is remembered is cut where steps end.
+    """
     rest = iter(ca.vertsplit(expressions))
 
     def take(old: ca.SX) -> ca.SX:

@@ -16,11 +16,13 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.model import pack
+from wormopt.model.model import Model, Signal, pack
 from wormopt.model.schedule import Schedule
 from wormopt.progress import Report
+from wormopt.simulation.conditions import lifted
 from wormopt.simulation.functions import System
 from wormopt.simulation.initial_value import InitialValueProblem, Outcome
+from wormopt.simulation.instants import scheduled
 from wormopt.simulation.memory import GENERATIONS, Course, Memory, Piece, fitted
 from wormopt.simulation.options import Route
 from wormopt.simulation.routes import integrate
@@ -88,7 +90,34 @@ class _Past:
             return self._values(function, at, np.repeat(x0, len(t), axis=1))
 
         allowed = self._allowed(np.linspace(begin, start, 33), lambda t: x0 + 0 * t)
-        return fitted(course, begin, start, np.zeros(0), allowed, 0, GENERATIONS)
+        knots = np.zeros(0) if before is None else self._instants(before, begin, start)
+        return fitted(course, begin, start, knots, allowed, 0, GENERATIONS)
+
+    def _instants(self, before: ca.SX, begin: float, end: float) -> np.ndarray:
+        """Times at which what was before the start jumps, or between which it is narrow."""
+        task, model = self._task, self._task.system.model
+        course = Model(
+            model.name,
+            [Signal(self.memory.delay.name, self.memory.delay.symbol)],
+            before,
+            t=model.t,
+            p=model.p,
+            u=model.u,
+            schedules=model.schedules,
+        )
+        found = lifted(course, False, moving=False)
+        if found is None:
+            return np.zeros(0)
+        given, own = task.p[: task.system.n_fixed - 1], len(model.schedules)
+        pieces, _ = scheduled(
+            found.timed,
+            found.model.schedules[own],
+            (begin, end),
+            given,
+            task.schedules[:own],
+            end - begin,
+        )
+        return begin + pieces.breaks
 
     def _values(self, function: ca.Function, t: np.ndarray, x: np.ndarray) -> np.ndarray:
         task = self._task

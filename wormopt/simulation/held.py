@@ -77,7 +77,7 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
     model = task.system.model
     if not _may_have(task.system):
         return None
-    switches = switches and not (model.delays or model.alg.numel())
+    switches = switches and not model.alg.numel()
     found = lifted(model, switches, moving=False)
     if found is None:
         return None
@@ -129,7 +129,7 @@ def hold(task: InitialValueProblem, *, switches: bool) -> Held | None:
 @lru_cache(maxsize=64)
 def _may_have(system: System) -> bool:
     """Whether there may be conditions, by instructions that are read anyway to compile them."""
-    if system.model.alg.numel():
+    if system.model.alg.numel() or system.model.delays:
         return True
     functions = [system.rhs, *([system.probe] if system.exact else [])]
     functions += [system.guards] if system.model.switches else []
@@ -145,7 +145,7 @@ def _system(found: Lifted, treatment: Treatment) -> System:
 
 def jumps_move(model: Model) -> bool:
     """Whether the right-hand side of a model jumps at instants that its numbers move."""
-    found = lifted(model, not (model.delays or model.alg.numel()), moving=False)
+    found = lifted(model, not model.alg.numel(), moving=False)
     if found is None:
         return False
     others = found.timed.inputs[1:]

@@ -100,13 +100,17 @@ def fitted(
 ) -> list[Piece]:
     """Pieces of a signal that is smooth but for rounding at `knots`, the ends of steps.
 
-    They err by no more than `allowed` where so many halvings of a step suffice.
+    They err by no more than `allowed` where so many halvings of a step suffice. Each step is looked
+    into: steps are short where what is remembered is narrow.
     """
     length = end - begin
-    values = course(begin + _PLACES * length)
-    coefficients = values[:, : DEGREE + 1] @ _FIT
-    error = np.abs(coefficients @ _TRIAL - values[:, DEGREE + 1 :]).max(initial=0.0)
     inner = knots[(knots > begin + 1e-9 * length) & (knots < end - 1e-9 * length)]
+    edges = np.concatenate([[begin], inner, [end]])
+    middles = (edges[:-1] + edges[1:]) / 2
+    values = course(np.append(begin + _PLACES * length, middles))
+    coefficients = values[:, : DEGREE + 1] @ _FIT
+    trial = np.hstack([_TRIAL, chebyshev.chebvander(2 * (middles - begin) / length - 1, DEGREE).T])
+    error = np.abs(coefficients @ trial - values[:, DEGREE + 1 :]).max(initial=0.0)
     if not error > allowed or (halvings == 0 and not len(inner)):
         return [Piece(begin, end, np.append(length, coefficients.ravel()), generation)]
     middle = (begin + end) / 2
