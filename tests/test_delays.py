@@ -329,4 +329,4 @@ def test_a_relay_with_a_delay_turns_where_it_did(remembers: str, route: Route):
         "relay", [Signal("x", x, value=0.5)], ode, delays=[Delay("past", past, signal, 1.0)]
     )
     motion = simulate(model, 6.0, times=[1.5, 3.5, 6.0], route=route)
-    assert motion["x"] == pytest.approx([-1.0, 1.0, -0.5], abs=1e-8)
+    assert motion.states[0] == pytest.approx([-1.0, 1.0, -0.5], abs=1e-8)
