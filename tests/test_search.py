@@ -68,6 +68,35 @@ def test_a_search_of_all_orders_finds_them_too():
     check(found)
 
 
+BEST_PERIOD, BEST_SPEED = 1.33923804728, 0.86944916
+"""Of the cycle of G1's worm in G1's order, were the period free."""
+
+
+@pytest.mark.parametrize("cycles", [75, 7467])
+def test_the_number_of_cycles_is_the_best_in_the_end(cycles: int):
+    """It was taken from a cycle of few arcs, and 76 filled a period of 100."""
+    found = design(G1_WORM, replace(G1_LIMITS, period=cycles * BEST_PERIOD), search=OWN)
+    assert found.cycles == cycles
+    assert found.speed == pytest.approx(BEST_SPEED, rel=1e-7)
+
+
+@pytest.mark.parametrize("longest", [1e4, 1e9, 1e30])
+def test_a_period_may_be_as_long_as_it_likes(longest: float):
+    found = design(G1_WORM, replace(G1_LIMITS, period=(1.0, longest)), search=OWN)
+    assert found.speed == pytest.approx(BEST_SPEED, rel=1e-7)
+
+
+@pytest.mark.slow
+def test_a_prescribed_order_is_as_good_as_the_search_makes_it():
+    """With drag, two of four masses at rest, and nine phases: 0.759 from phases alike."""
+    worm = Worm(links=3, drag=0.0655, load=5.39)
+    limits = Limits(1.2, (0.472, 0.783), rate=1.38, acceleration=123, resting=2)
+    order = ((0, 1), (0, 3), (1, 3), (2, 3), (1, 2), (0, 1), (0, 3), (2, 3), (0, 2))
+    for seed in (0, 1):
+        found = design(worm, limits, search=Search(sequence=order, seed=seed))
+        assert found.speed >= 0.767017 - 1e-6
+
+
 @pytest.mark.slow
 @settings(max_examples=examples(4), derandomize=True)
 @given(st.floats(0.4, 1.2), st.floats(1.05, 2.5), st.floats(0.0, 1.0))
@@ -193,6 +222,18 @@ def test_relaxing_a_limit_never_slows_down(
         assert speed(worm, wider) >= least * (1 - 1e-6)
     lighter = replace(worm, mass=tuple(0.9 * m for m in mass))
     assert speed(lighter, limits) >= least * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("limit", ["acceleration", "spike_load", "actuator_force", "rate"])
+def test_a_limit_that_never_binds_is_as_good_as_none(limit: str):
+    """Over 30 decades; the largest acceleration was 45 % slower, of the largest forces no gait."""
+    own = replace(OWN, sequence=((0,), (2,))) if limit == "acceleration" else OWN
+    found = [
+        design(G1_WORM, replace(G1_LIMITS, **{limit: size}), search=own).speed
+        for size in (1e6, 1e12, 1e30)
+    ]
+    assert found == pytest.approx([found[0]] * 3, rel=3e-6)
+    assert found[0] > design(G1_WORM, G1_LIMITS, search=own).speed * (1 - 1e-9)
 
 
 # -- loads ---------------------------------------------------------------------------------------

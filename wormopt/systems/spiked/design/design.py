@@ -36,6 +36,8 @@ _GAINS = 8.0
 _OF_GAIN = 0.01
 # Excess over a limit, and how many times more trials are sharpened before one within it is found.
 _ACCEPTED, _MOST_UNSOUND = 1e-9, 4
+# A period beyond its bounds by this share is at them.
+_UP = 1 + 1e-9
 # Distances from all limits that are tried where an exact end breaks one.
 _MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
 
@@ -266,12 +268,31 @@ def sharpest(
     if ended == "searched":
         try:
             report("choosing among equal gaits", 0.95)
-            trial = _in_fewer_phases(trier, trial)
+            trial, error = _recounted(trier, _in_fewer_phases(trier, trial), error)
             both = trial, trial
             both = _chosen(trier, trial, turn=settings.sequence is None)
         except KeyboardInterrupt:
             ended = "interrupted"
     return of_trial(task, both[0], error, bound, survey, ended, both[1])
+
+
+def _recounted(trier: Trier, trial: Trial, error: float) -> tuple[Trial, float]:
+    """The trial, or a better one of another number of cycles; and its error.
+
+    The number was chosen with few arcs, and the best period of a cycle changes with more.
+    """
+    shortest, longest = trier.shortest / trial.cycles, trier.longest / trial.cycles
+    period = float(trial.durations.sum())
+    if trial.cycles < 2 or shortest * _UP < period < longest / _UP:
+        return trial, error
+    free, before = trier.freed(trial), trial
+    for other in trier.fits(free) if free else []:
+        if other.cycles != trial.cycles:
+            sharp, own, keeps = _sharpen(trier, other, quickly=False, best=trial.value)
+            if keeps and sharp.value > trial.value:
+                trial, error = _in_fewer_phases(trier, sharp), own
+    # a climb may end before the best period
+    return (trial, error) if trial is before else _recounted(trier, trial, error)
 
 
 def _hopeful(best: Trial, sharp: Trial) -> float:

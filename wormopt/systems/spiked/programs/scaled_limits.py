@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
 from typing import NamedTuple
@@ -13,6 +13,8 @@ import numpy as np
 from wormopt.systems.shared.sequences import Resting
 from wormopt.systems.spiked.task import GaitProblem
 
+# Acceleration within 1e-7 of a longest period from rest to the largest rate.
+_ABRUPT = 1e7
 # Limits are widened by this share of the numbers that they are the difference of.
 _ROUNDING = 1e-14
 
@@ -117,11 +119,14 @@ class ScaledLimits:
 
     @cached_property
     def acceleration(self) -> np.ndarray | None:
-        """Largest link accelerations, shape (n,); None where velocities may jump."""
+        """Largest link accelerations, shape (n,); None where velocities may jump.
+
+        Programs lose digits where numbers differ too much, and a larger one gains next to nothing.
+        """
         limit = self.task.limits.acceleration
         if limit is None:
             return None
-        return np.broadcast_to(limit, self.links) * self.time / self.speed
+        return np.minimum(np.broadcast_to(limit, self.links) * self.time / self.speed, _ABRUPT)
 
     @cached_property
     def spikes(self) -> np.ndarray:
@@ -158,7 +163,27 @@ class ScaledLimits:
                 np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
             )
         ]
-        return [*links, self._momentum(resting, more), *([] if more else self._actuators(resting))]
+        forces = [self._momentum(resting, more), *([] if more else self._actuators(resting))]
+        return [*links, *(self._binding(form, resting) for form in forces)]
+
+    def _binding(self, form: Form, resting: Resting) -> Form:
+        """The form without a limit that accelerations and drag cannot reach."""
+        implied, slow, fast = self._implied(form, resting)
+        below = form.below if form.below < implied - slow else np.inf
+        return replace(
+            form, below=below, above=form.above if form.above < implied + fast else np.inf
+        )
+
+    def _implied(self, form: Form, resting: Resting) -> tuple[float, float, float]:
+        """Largest size of alpha a by the links' limits, least and largest k beta v."""
+        v_max = self.fastest(resting)
+        slow = self.drag * float(np.minimum(form.beta, 0.0) @ v_max)
+        fast = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
+        if self.acceleration is None:
+            return np.inf, slow, fast
+        a, masses = self.acceleration, range(self.links + 1)
+        between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
+        return float(np.abs(form.alpha) @ between), slow, fast
 
     def admits_rest(self, resting: Resting) -> bool:
         """Whether the worm may stand still on the spikes of these masses."""
@@ -237,15 +262,8 @@ class ScaledLimits:
 
         Not negative; infinite where velocities may jump and nothing holds them.
         """
-        v_max = self.fastest(resting)
-        fastest_drag = self.drag * float(np.maximum(form.beta, 0.0) @ v_max)
-        slowest_drag = self.drag * float(np.minimum(form.beta, 0.0) @ v_max)
-        fall, rise = form.below + fastest_drag, form.above - slowest_drag
-        if self.acceleration is not None:
-            a, masses = self.acceleration, range(self.links + 1)
-            between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
-            implied = float(np.abs(form.alpha) @ between)
-            fall, rise = min(fall, implied), min(rise, implied)
+        implied, slow, fast = self._implied(form, resting)
+        fall, rise = min(form.below + fast, implied), min(form.above - slow, implied)
         # A form that must fall, or rise, all the time does not rise, or fall, at all.
         return max(fall, 0.0), max(rise, 0.0)
 

@@ -88,15 +88,17 @@ class Race:
             self.trier.work += pivots
             yield found
 
-    def enter(self, starts: Iterable[Start]) -> None:
-        """Try orders for the first time."""
-        starts = [start for start in starts if self.can_win(start.sequence)]
+    def enter(self, starts: Iterable[Start]) -> list[Trial]:
+        """Try orders for the first time; gives what was found."""
+        starts, found = [s for s in starts if self.can_win(s.sequence)], list[Trial]()
         usual = None if self._best is None else self._best.durations
         first = partial(_first, enough=self._close(0), usual=usual)
         for start, fitted in zip(starts, self._each(first, starts), strict=True):
             self.trials.setdefault(self.canonical(start.sequence), None)
             if fitted is not None:
                 self.keep(fitted)
+                found.append(fitted)
+        return found
 
     def can_win(self, sequence: Sequence_) -> bool:
         """Whether the ceiling of an order is above the best."""
@@ -163,10 +165,17 @@ class Race:
             close = [t for t in close if t.value >= self._close(level)][: min(4, most)]
             if not close:
                 return
-            for trial, finer in zip(close, self._each(Trier.finer, close), strict=True):
-                self.trials[self.canonical(trial.sequence)] = None  # some phases may last no time
-                self.keep(finer)
+            self.refine(close)
             most -= len(close)
+
+    def refine(self, trials: list[Trial]) -> list[Trial]:
+        """Try again with more arcs; gives what was found."""
+        found = list(self._each(Trier.finer, trials))
+        for trial in trials:
+            self.trials[self.canonical(trial.sequence)] = None  # some phases may last no time
+        for finer in found:
+            self.keep(finer)
+        return found
 
 
 def _tried(
@@ -212,6 +221,15 @@ def _again(trier: Trier, trial: Trial, seed: Sequence[int]) -> Trial | None:
 def rank(trial: Trial) -> tuple[float, int, Sequence_]:
     """Key that sorts the best first, and of those that tie but for rounding, short cycles."""
     return -float(f"{trial.value:.11g}"), len(trial.sequence), trial.sequence
+
+
+def apart(trials: Iterable[Trial]) -> list[Trial]:
+    """Trials that are different gaits, best first."""
+    found = list[Trial]()
+    for trial in sorted(trials, key=rank):
+        if not any(_alike(trial, other) for other in found):
+            found.append(trial)
+    return found
 
 
 def _alike(one: Trial, other: Trial) -> bool:

@@ -26,7 +26,7 @@ from wormopt.systems.shared.sequences import (
 )
 from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.search.orders import first_orders, plain_orders, search_letters
-from wormopt.systems.spiked.search.race import Better, Race, Start, rank
+from wormopt.systems.spiked.search.race import Better, Race, Start, apart, rank
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import GaitProblem, Search
 
@@ -42,19 +42,22 @@ class Effort:
     # pivots × rows and columns after which no more are varied; long worms need more each
     work: float
     starts: int  # random starts of the best orders, for a cost
+    timed: int  # starts of a prescribed order from random durations
 
 
 _EFFORTS = {
-    "quick": Effort(enumerated=16, width=1, varied=8, patience=1, work=3e8, starts=1),
-    "normal": Effort(enumerated=160, width=4, varied=240, patience=2, work=7e8, starts=3),
-    "thorough": Effort(enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8),
+    "quick": Effort(enumerated=16, width=1, varied=8, patience=1, work=3e8, starts=1, timed=8),
+    "normal": Effort(enumerated=160, width=4, varied=240, patience=2, work=7e8, starts=3, timed=32),
+    "thorough": Effort(
+        enumerated=1000, width=8, varied=800, patience=2, work=6e9, starts=8, timed=128
+    ),
 }
 # Shares of the work that one climb may take, and that the last restarts may where nothing is left.
 _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
 # Pivots of its programs take longer: they are denser.
 _WORK_OF_ENERGY = 0.3
-# Gain, as a share, by which variations begin anew.
-_BETTER = 1e-3
+# Gain, as a share, by which variations begin anew, and draws of durations.
+_BETTER, _GAIN = 1e-3, 1e-4
 _BATCH = 8
 # Most joined cycles in a round.
 _JOINED = 100
@@ -122,12 +125,8 @@ def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator
     """Search in steps of some seconds at most; after each, the stage that it belongs to."""
     effort, task = effort_of(settings), race.task
     if settings.sequence is not None:
-        stage = race.tell("your sequence", 0.0)
-        race.enter([Start(ascending(settings.sequence))])
-        yield stage
-        race.promote(0, 1)
-        race.promote(1, 1)
-        yield stage
+        for _ in _prescribed(race, ascending(settings.sequence), settings):
+            yield "your sequence"
         return
     first = [race.canonical(s) for s in (*hints, *first_orders(task))]
     first = [s for s in dict.fromkeys(first) if len(s) <= (settings.phases or len(s))]
@@ -165,6 +164,37 @@ def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator
         yield stage
         if race.trier.work > most:
             return
+
+
+def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None]:
+    """Climb with one order from durations drawn at random, then from those near the best.
+
+    Where a climb ends depends on them. What is best with few arcs need not be with more, so that
+    several go on.
+    """
+    effort, random, phases = effort_of(settings), np.random.default_rng(settings.seed), len(order)
+    longest = min(race.trier.longest, 2 * race.trier.phase_guess() * phases)
+    times = longest * random.uniform(0.5, 1, (effort.timed, 1))
+    drawn = times * random.dirichlet(np.ones(phases), effort.timed)
+    found = race.enter([Start(order)])
+    while len(drawn):
+        before = race.value
+        for batch in _batches(Start(order, durations) for durations in drawn):
+            race.tell("your sequence", 0.5)
+            found += race.enter(batch)
+            yield
+            if race.trier.work > effort.work / 2:
+                break
+        if race.trier.work > effort.work / 2 or not race.value > before + _GAIN * abs(before):
+            break
+        near = [t.durations for t in apart(found)[: effort.width] if t.sequence == order]
+        few = effort.timed // max(1, len(near))
+        drawn = np.array([d * random.lognormal(0, 1, phases) for d in near for _ in range(few)])
+    for _ in range(2):
+        race.tell("your sequence, finer arcs", 0.8)
+        found = race.refine(apart(found)[: 2 * effort.width])
+        yield
+    race.others += apart(found)[1 : effort.width]
 
 
 def _vary(race: Race, settings: Search) -> Iterator[None]:

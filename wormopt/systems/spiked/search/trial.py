@@ -102,6 +102,20 @@ class Trier:
         durations = durations * min(1.0, longest / durations.sum())
         return self._climb(sequence, (_SHORTEST * longest, longest), durations, enough, random)
 
+    def freed(self, trial: Trial) -> Trial | None:
+        """Climb on with the period of a cycle as it likes; None where the solver fails."""
+        period = float(trial.durations.sum())
+        program = type(trial.program)(
+            self.task,
+            trial.sequence,
+            (period / 2, min(self.longest, 2 * period)),
+            trial.program.arcs,
+            trial.program.degree,
+            trial.program.patterns,
+        )
+        start = self._near(trial, program, trial.program.widths(trial.point))
+        return start and self.climbed(replace(trial, program=program, point=start), 1e-6, 40)
+
     def near(
         self, sequence: Sequence_, durations: np.ndarray, cycles: int, enough: float = -np.inf
     ) -> Trial | None:
@@ -109,8 +123,8 @@ class Trier:
 
         `enough` is what is worth going on for.
         """
-        period = self.shortest / cycles, self.longest / cycles
         total = float(durations.sum())
+        period = self._cycle(cycles, total)
         durations = durations * (np.clip(total, *period) / total)
         trial = self._climb(sequence, period, durations, enough, None)
         return trial and self.settled(replace(trial, cycles=cycles))
@@ -120,13 +134,19 @@ class Trier:
 
         None where no number of cycles has a gait.
         """
-        period = float(trial.durations.sum())
-        counts = {floor(self.longest / period * _UP), ceil(self.shortest / period / _UP)}
-        fitted = [self._fitted(trial, max(1, count)) for count in sorted(counts)]
-        best = max((t for t in fitted if t is not None), key=lambda t: t.value, default=None)
+        best = max(self.fits(trial), key=lambda t: t.value, default=None)
         if best is None or self.task.objective.speed is None:
             return best
         return self._fewer_cycles(best)
+
+    def fits(self, trial: Trial) -> list[Trial]:
+        """A trial with a free period, fitted to the numbers of cycles nearest to it."""
+        period = float(trial.durations.sum())
+        counts = {max(1, ceil(self.shortest / period / _UP))}
+        if max(counts) * period > self.longest * _UP:  # no number of whole periods is in the range
+            counts.add(max(1, floor(self.longest / period * _UP)))
+        fitted = (self._fitted(trial, count) for count in sorted(counts))
+        return [t for t in fitted if t is not None]
 
     def _fewer_cycles(self, best: Trial) -> Trial:
         """As many cycles fewer as lower the cost: climbs of costs stay near where they begin."""
@@ -139,8 +159,8 @@ class Trier:
         return best
 
     def _fitted(self, trial: Trial, cycles: int) -> Trial | None:
-        low, high = self.shortest / cycles, self.longest / cycles
         period = float(trial.durations.sum())
+        low, high = self._cycle(cycles, period)
         wanted = float(np.clip(period, low, high))
         same = trial.program
         program = type(same)(self.task, trial.sequence, (low, high), same.arcs, same.degree)
@@ -152,6 +172,14 @@ class Trier:
         if start is None:
             return None
         return self.settled(self.climbed(Trial(program, start, cycles, trial.level)))
+
+    def _cycle(self, cycles: int, like: float) -> tuple[float, float]:
+        """Shortest and longest cycle of which so many fill a period, and not much longer than one.
+
+        Programs lose their digits where a period may be far longer than it is.
+        """
+        low, high = self.shortest / cycles, self.longest / cycles
+        return low, max(low, min(high, _LONGEST * like))
 
     def _near(self, trial: Trial, program: GaitProgram, widths: np.ndarray) -> Point | None:
         """A motion like that of a trial with other durations."""
