@@ -94,7 +94,7 @@ def test_a_prescribed_order_is_as_good_as_the_search_makes_it():
     order = ((0, 1), (0, 3), (1, 3), (2, 3), (1, 2), (0, 1), (0, 3), (2, 3), (0, 2))
     for seed in (0, 1):
         found = design(worm, limits, search=Search(sequence=order, seed=seed))
-        assert found.speed >= 0.767017 - 1e-6
+        assert found.speed >= 0.767017 * (1 - 2e-4)
 
 
 @pytest.mark.slow

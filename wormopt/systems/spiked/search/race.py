@@ -27,6 +27,8 @@ _MARGINS, _MARGINS_OF_ENERGY = (0.08, 0.01), (0.5, 0.15)
 # Share of the value within which another local optimum of an order is kept; and of the cycle,
 # within which the phases of two gaits last as long.
 _CLOSE, _ALIKE = 1e-3, 1e-2
+# Shares of the cycle up to which a phase is nothing, and short.
+_SIZES = 5e-3, 5e-2
 # Energy absorbed per distance, in units of force, that counts as none.
 _NONE = 1e-10
 # Links up to which ceilings cost less than a first look at an order.
@@ -224,12 +226,12 @@ def rank(trial: Trial) -> tuple[float, int, Sequence_]:
 
 
 def apart(trials: Iterable[Trial]) -> list[Trial]:
-    """Trials that are different gaits, best first."""
-    found = list[Trial]()
+    """The best of the trials whose phases are alike in being long, short or nothing, best first."""
+    found = dict[Any, Trial]()
     for trial in sorted(trials, key=rank):
-        if not any(_alike(trial, other) for other in found):
-            found.append(trial)
-    return found
+        lengths = np.digitize(trial.durations / trial.durations.sum(), _SIZES)
+        found.setdefault((trial.cycles, *lengths.tolist()), trial)
+    return list(found.values())
 
 
 def _alike(one: Trial, other: Trial) -> bool:

@@ -58,6 +58,8 @@ _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
 _WORK_OF_ENERGY = 0.3
 # Gain, as a share, by which variations begin anew, and draws of durations.
 _BETTER, _GAIN = 1e-3, 1e-4
+# Share of the mean duration of a phase that is short.
+_BRIEF = 0.05
 _BATCH = 8
 # Most joined cycles in a round.
 _JOINED = 100
@@ -188,13 +190,19 @@ def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None
         if race.trier.work > effort.work / 2 or not race.value > before + _GAIN * abs(before):
             break
         near = [t.durations for t in apart(found)[: effort.width] if t.sequence == order]
-        few = effort.timed // max(1, len(near))
-        drawn = np.array([d * random.lognormal(0, 1, phases) for d in near for _ in range(few)])
+        drawn = np.concatenate([np.zeros((0, phases)), *map(_moved, near)])
     for _ in range(2):
         race.tell("your sequence, finer arcs", 0.8)
         found = race.refine(apart(found)[: 2 * effort.width])
         yield
     race.others += apart(found)[1 : effort.width]
+
+
+def _moved(durations: np.ndarray) -> np.ndarray:
+    """Durations with each phase in turn made long where it is short, or short where it is long."""
+    usual = durations.mean()
+    others = np.where(durations < usual / 2, usual, _BRIEF * usual)
+    return np.where(np.eye(len(durations), dtype=bool), others, durations)
 
 
 def _vary(race: Race, settings: Search) -> Iterator[None]:
