@@ -72,9 +72,12 @@ NonNegativePair = Annotated[
 PositiveOrPair = Annotated[
     Positive | Pair, _words("a finite number above 0, or a range [smallest, largest]")
 ]
-NonNegativeOrPair = Annotated[
-    NonNegative | Annotated[tuple[NonNegative, ...], Meta(min_length=2, max_length=2)],
-    _words("a finite number, 0 or above, or a range [smallest, largest]"),
+Loads = Annotated[
+    NonNegative | Annotated[tuple[NonNegative, ...], Meta(min_length=2)],
+    _words(
+        "a finite number, 0 or above, a range [smallest, largest], or a list of three or more, one "
+        "per mass"
+    ),
 ]
 PairPerLink = Annotated[
     tuple[Positive | Pair, ...],

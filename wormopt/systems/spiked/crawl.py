@@ -104,7 +104,8 @@ class Crawl(SampledMotion):
             (w,) = stretch.common(s)
             slope = -(drive.drag * w + sigma) / drive.mean_mass
             v, a = v + w, a + slope
-        unloaded = -np.cumsum(drive.drag * v + drive.load + drive.mass[:, None] * a, axis=0)
+        load = drive.load + np.reshape(drive.beyond, (-1, 1))
+        unloaded = -np.cumsum(drive.drag * v + load + drive.mass[:, None] * a, axis=0)
         mean = np.zeros_like(s) if stretch.common is not None else sigma
         total = len(drive.mass) * mean
         if stretch.resting:
@@ -296,7 +297,7 @@ def crawl(
     gait: Gait,
     mass: Sequence[float],
     drag: float,
-    load: float,
+    load: float | Sequence[float],
     sharing: Sharing = "equal",
     spike_load: float | Sequence[float] | None = None,
 ) -> Crawl:
@@ -308,8 +309,10 @@ def crawl(
         Link lengths over time.
     mass : sequence of float, shape (n+1,)
         Point masses.
-    drag, load : float
-        Viscous drag k and load Gamma on every mass.
+    drag : float
+        Viscous drag k of every mass.
+    load : float or sequence of float, shape (n+1,)
+        Load Gamma, on every mass or one for each.
     sharing : {"equal", "least_actuation"}, optional
         How two or more resting masses share the load.
     spike_load : float or sequence of float, optional
@@ -323,7 +326,7 @@ def crawl(
     Raises
     ------
     ArgumentError
-        If the number of masses is not that of the links plus one.
+        If the number of masses or loads is not that of the links plus one.
     SolveError
         If no periodic motion is reached: the worm glides faster from period to period.
 
@@ -342,5 +345,11 @@ def crawl(
     """
     if len(mass) != gait.links + 1:
         raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
-    drive = Drive(gait, np.asarray(mass, dtype=float), drag, load, sharing, spike_load)
+    mean, beyond = load, 0.0
+    if not np.isscalar(load):
+        if np.shape(load) != np.shape(mass):
+            raise ArgumentError(f"{np.size(load)} loads for {len(mass)} masses; give one for each")
+        mean = float(np.mean(load))
+        beyond = np.asarray(load, dtype=float) - mean
+    drive = Drive(gait, np.asarray(mass, dtype=float), drag, mean, sharing, spike_load, beyond)
     return Crawl(gait, *periodic_stretches(drive), drive)

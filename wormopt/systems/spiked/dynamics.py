@@ -18,7 +18,7 @@ from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Worm
 def spiked_worm(
     mass: Sequence[float],
     drag: float,
-    load: float,
+    load: float | Sequence[float],
     *,
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
@@ -38,10 +38,11 @@ def spiked_worm(
     span_rate = ca.vertcat(0, ca.cumsum(rate))  # S_i', (2)
     span_acceleration = ca.vertcat(0, ca.cumsum(acceleration))
     v = velocity - span_rate
-    momentum = ca.sum1(reaction) - drag * ca.sum1(v) - load * (n + 1)
+    loads = ca.DM(np.broadcast_to(load, n + 1))
+    momentum = ca.sum1(reaction) - drag * ca.sum1(v) - ca.sum1(loads)
     head_acceleration = (momentum + ca.dot(ca.DM(mass), span_acceleration)) / sum(mass)
     # Recursion from the head down, (3): mu_{i+1} = mu_i + reaction_i - k v_i - Gamma - m_i v_i'.
-    surplus = reaction - drag * v - load - ca.DM(mass) * (head_acceleration - span_acceleration)
+    surplus = reaction - drag * v - loads - ca.DM(mass) * (head_acceleration - span_acceleration)
     actuator_force = ca.cumsum(surplus)[:n]
 
     return Model(
@@ -77,7 +78,7 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
     model = spiked_worm(
         worm.masses,
         worm.drag,
-        worm.load_range[-1 if limits.spike_load is not None else 0],
+        worm.loads(worm.load_range[-1 if limits.spike_load is not None else 0]),
         length_nominal=float(ranges.max()),
         time_nominal=period_range[1],
     )

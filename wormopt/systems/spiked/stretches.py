@@ -26,10 +26,12 @@ class Drive:
     gait: Gait
     mass: np.ndarray  # (n+1,)
     drag: float  # viscous drag k of every mass
-    load: float  # Gamma on every mass
+    load: float  # Gamma on every mass, the mean of those that differ
     sharing: Sharing  # how resting masses share the load
     # what each spike can carry; for "least_actuation"
     spike_load: float | Sequence[float] | None = None
+    # load of each mass beyond the mean, (n+1,); the motion does not depend on it
+    beyond: np.ndarray | float = 0.0
 
     @property
     def mean_mass(self) -> float:
@@ -44,7 +46,8 @@ class Drive:
     @cached_property
     def force_scale(self) -> float:
         """Size of the forces: load, inertia and drag."""
-        return self.load + self.mean_mass * self._largest(2) + self.drag * self.rate_scale
+        most = self.load + float(np.max(self.beyond))
+        return most + self.mean_mass * self._largest(2) + self.drag * self.rate_scale
 
     def _largest(self, derivative: int) -> float:
         steps = [np.linspace(0, h, 9) for h in np.diff(self.gait.breaks)]

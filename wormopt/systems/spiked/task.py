@@ -44,9 +44,14 @@ class Worm(Frozen):
         Mass, alike for all or one per mass, head first.
     drag : float, optional
         Viscous drag coefficient of each mass.
-    load : float or (float, float), optional
+    load : float, (float, float) or sequence of float, optional
         Force against the direction of motion on each mass: a towed load, on a slope m g sin(slope)
-        too. A pair is a range: what is designed must hold for every load in it.
+        too. A pair is a range: what is designed must hold for every load in it. Three or more
+        numbers are the loads of the masses, head first: a cable at the tail of four masses is
+        (0, 0, 0, 0.3).
+    pull : float or sequence of float, optional
+        Further force on each mass, alike for all or one per mass: the pull of unequal weights on a
+        slope, beside a range of loads say.
 
     Examples
     --------
@@ -58,7 +63,8 @@ class Worm(Frozen):
     links: int
     mass: Numbers = 1.0
     drag: float = 0.0
-    load: float | tuple[float, float] = 0.0
+    load: float | tuple[float, ...] = 0.0
+    pull: Numbers = 0.0
 
     @property
     def masses(self) -> tuple[float, ...]:
@@ -67,9 +73,43 @@ class Worm(Frozen):
 
     @property
     def load_range(self) -> tuple[float, float]:
-        """Smallest and largest load on each mass; equal where the load is known."""
-        low, high = per(self.load, 2)
-        return low, high
+        """Smallest and largest load on each mass, their mean where they differ.
+
+        Equal where the load is known. How the worm moves depends on the mean alone.
+        """
+        fixed = _mean(self._known)
+        low, high = per(self.load, 2) if self._may_vary else (0.0, 0.0)
+        return low + fixed, high + fixed
+
+    @property
+    def _may_vary(self) -> bool:
+        """Whether the load is one number for all masses, or a range of it."""
+        return not isinstance(self.load, tuple) or len(self.load) == 2
+
+    @property
+    def _known(self) -> tuple[float, ...]:
+        """What each mass bears beside a number or range for all."""
+        pull = per(self.pull, self.links + 1)
+        if self._may_vary:
+            return pull
+        return tuple(a + b for a, b in zip(pull, per(self.load, self.links + 1), strict=True))
+
+    @property
+    def beyond(self) -> tuple[float, ...]:
+        """What each mass bears beyond the mean of all; they sum to 0."""
+        mean = _mean(self._known)
+        return tuple(each - mean for each in self._known)
+
+    def loads(self, mean: float) -> float | tuple[float, ...]:
+        """Load on each mass where the mean is given; one number where all are alike.
+
+        Parameters
+        ----------
+        mean : float
+            Within `load_range`.
+        """
+        beyond = self.beyond
+        return tuple(mean + each for each in beyond) if any(beyond) else mean
 
     def faults(self) -> Iterator[Fault]:
         """Yield field and message of whatever is wrong."""
@@ -78,9 +118,18 @@ class Worm(Frozen):
             return
         yield from faults_of_numbers("mass", self.mass, self.links + 1, "masses")
         yield from faults_of_number("drag", self.drag, least=0.0)
-        yield from faults_of_numbers("load", self.load, 2, "ends of a range", least=0.0)
-        if len(per(self.load, 2)) == 2:
-            yield from wrong_order("load", self.load_range)
+        yield from faults_of_numbers("pull", self.pull, self.links + 1, "masses", least=0.0)
+        if self._may_vary:
+            yield from faults_of_numbers("load", self.load, 2, "ends of a range", least=0.0)
+            if isinstance(self.load, tuple):
+                yield from wrong_order("load", self.load)
+            return
+        yield from faults_of_numbers("load", self.load, self.links + 1, "masses", least=0.0)
+
+
+def _mean(each: tuple[float, ...]) -> float:
+    """Mean of numbers; exact where they are alike."""
+    return each[0] if len(set(each)) == 1 else sum(each) / len(each)
 
 
 @dataclass(frozen=True)

@@ -130,7 +130,7 @@ class Design:
         Parameters
         ----------
         load : float
-            On each mass.
+            On each mass; the mean of loads that differ.
         """
         return _motion_under(load, self.task, self.gait)
 
@@ -172,7 +172,7 @@ class Design:
 
 def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
     worm, limits = task.worm, task.limits
-    return crawl(gait, worm.masses, worm.drag, load, limits.sharing, limits.spike_load)
+    return crawl(gait, worm.masses, worm.drag, worm.loads(load), limits.sharing, limits.spike_load)
 
 
 def _violations(task: GaitProblem, gait: Gait) -> dict[str, float]:

@@ -197,9 +197,11 @@ def limits_of(task: GaitProblem) -> Iterator[Limit]:
     """
     for part, key, quantity, ends in _KEYS:
         value = getattr(getattr(task, part), key)
-        if value is None or (key == "drag" and value == 0.0):
+        if value is None or (key in ("drag", "pull") and value == 0.0):
             continue
-        if key in ("period", "load"):
+        if key == "load" and isinstance(value, tuple) and len(value) > 2:
+            ends = ()
+        elif key in ("period", "load"):
             value = _single(value)
         for suffix, number, rebuilt in _numbers(value, ends):
             moved = partial(_replaced, task, part, key, rebuilt)
@@ -262,6 +264,7 @@ _KEYS: tuple[tuple[str, str, str, Sequence[str]], ...] = (
     ("worm", "mass", "mass", ()),
     ("worm", "drag", "drag", ()),
     ("worm", "load", "force", ("smallest", "largest")),
+    ("worm", "pull", "force", ()),
 )
 # Powers of the units of mass, length and time.
 _POWERS = {

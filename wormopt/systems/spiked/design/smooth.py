@@ -278,7 +278,7 @@ def _loads(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Loads of the spikes and power that is spent, each (mass or link, place, arc)."""
     of, worm = trial.program, trial.program.task.worm
-    mass, load = np.array(worm.masses), worm.load_range[1]
+    mass, load = np.array(worm.masses), worm.load_range[1] + np.array(worm.beyond)
     forces = np.zeros((worm.links + 1, len(tau), len(v)))
     spent = np.zeros((worm.links, len(tau), len(v)))
     sets = [resting for resting, n in zip(of.sequence, of.arcs, strict=True) for _ in range(n)]

@@ -196,7 +196,8 @@ def on_plant(design: Design, plant: Worm) -> Crawl:
     """How the worm with other numbers crawls with a design's gait."""
     limits = design.task.limits
     load = plant.load_range[1]
-    return crawl(design.gait, plant.masses, plant.drag, load, limits.sharing, limits.spike_load)
+    loads = plant.loads(load)
+    return crawl(design.gait, plant.masses, plant.drag, loads, limits.sharing, limits.spike_load)
 
 
 def load_band(design: Design, believed: Believed, reach: float) -> tuple[np.ndarray, ...]:

@@ -204,7 +204,8 @@ class GaitRows:
             shares = [
                 (shared[:, k, b], float(line[count + b])) for b in np.flatnonzero(line[count:])
             ]
-            return [*linear, *shares, (h, load * float(weight.sum()))], products
+            at_rest = load * float(weight.sum()) + float(weight @ limits.beyond)
+            return [*linear, *shares, (h, at_rest)], products
 
         for k in range(degree + 1):
             for line, cap, sign in zip(loads, limits.spikes[list(resting)], signs, strict=True):
@@ -234,7 +235,8 @@ class GaitRows:
         for weight, at_rest in limits.actuators(resting):
             for sign in (1.0, -1.0):
                 form = limits.weighted(sign * weight)
-                self._add_peak(form, at, float(np.max(sign * at_rest * loads)), 1.0)
+                most = np.max(sign * (at_rest * loads + weight @ limits.beyond))
+                self._add_peak(form, at, float(most), 1.0)
 
     def _add_peak(self, form: Form, at: slice, at_rest: float, shared: float) -> None:
         for k in self._coefficients(form):
@@ -356,6 +358,7 @@ class CostColumns:
         """Bernstein coefficients of the power that actuator j absorbs, times the duration."""
         limits, v = self.program.limits, self.program.v[at]
         load = at_rest * self.program.task.worm.load_range[1] / limits.force
+        load += float(weight @ limits.beyond)
         form = limits.weighted(weight)
         steps = [(v[:, end, i], s * form.alpha[i]) for end, s in ((1, 1.0), (0, -1.0))
                  for i in np.flatnonzero(form.alpha)]  # fmt: skip

@@ -230,7 +230,7 @@ class GaitProgram(GaitRows):
         h, v, _ = self.motion(point)
         change = degree * (_amid(degree - 1) @ np.diff(v, axis=1))
         slope = change / np.where(h > 1e-9 * h.sum(), h, np.inf)[:, None]
-        load = float(np.mean(self.task.worm.load_range)) / limits.force
+        load = float(np.mean(self.task.worm.load_range)) / limits.force + limits.beyond
         return limits.mass * slope + limits.drag * (_amid(degree) @ v) + load
 
     def durations(self, point: Point) -> np.ndarray:

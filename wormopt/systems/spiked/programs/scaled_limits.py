@@ -101,6 +101,11 @@ class ScaledLimits:
         return np.array(self.task.worm.masses) / self.mean_mass
 
     @cached_property
+    def beyond(self) -> np.ndarray:
+        """Load of each mass beyond the mean, shape (n + 1,)."""
+        return np.array(self.task.worm.beyond) / self.force
+
+    @cached_property
     def drag(self) -> float:
         """Drag coefficient k of each mass."""
         return self.task.worm.drag * self.speed / self.force
@@ -213,7 +218,8 @@ class ScaledLimits:
             return
         most_of_each = _spread(limits.actuator_force, self.links)
         for (weight, per_load), most in zip(self.actuators(resting), most_of_each, strict=True):
-            at_rest = sorted(load * per_load for load in self.task.worm.load_range)
+            own = float(weight @ np.array(self.task.worm.beyond))
+            at_rest = sorted(load * per_load + own for load in self.task.worm.load_range)
             yield Form(
                 weight * self.mass,
                 weight,
@@ -224,7 +230,7 @@ class ScaledLimits:
     def actuators(self, resting: Resting) -> Iterator[tuple[np.ndarray, float]]:
         """Weights (n + 1,) of masses' forces in each actuator's, its force at rest per load.
 
-        The resting masses share the load equally.
+        The latter under loads alike. The resting masses share the load equally.
         """
         count, rest = self.links + 1, len(resting)
         for j in range(1, count):

@@ -31,7 +31,9 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
     clock = time.perf_counter()
     report("crawling", None)
     gait = gait_of_shape(table.gait, scene)
-    motion = crawl(gait, worm.masses, worm.drag, worm.worm.load_range[1], table.gait.sharing)
+    plant = worm.worm
+    loads = plant.loads(plant.load_range[1])
+    motion = crawl(gait, plant.masses, plant.drag, loads, table.gait.sharing)
     crawled = time.perf_counter()
     again = cross_check(motion)
     found = Findings(

@@ -283,7 +283,7 @@ def _of_limits(table: GaitDesignScene, found: Design) -> Findings:
         attributes={
             "limits": {
                 "objective": found.task.objective.minimise or "speed",
-                "name": [in_scene(s.name) for s in known],
+                "name": [in_scene(s.name.replace(".pull", ".slope")) for s in known],
                 "value": [s.value for s in known],
                 "unit": [unit_of(s.quantity, table.units) for s in known],
                 "one_sided": [s.one_sided for s in known],
@@ -310,15 +310,22 @@ def _derivatives(
     values: dict[str, Any] = {}
     unit: dict[str, str] = {}
     for s in known:
+        if s.name.startswith("worm.pull"):
+            continue
         name = "sensitivity." + re.sub(r"\[\d+\]", "", s.name.partition(".")[2])
         unit[name] = unit_ratio(objective, s.quantity, table.units)
         if "[" in s.name:
             values.setdefault(name, []).append(s.derivative)
         else:
             values[name] = s.derivative
-    if worm.slope:  # by the load it makes, whose derivative m g cos(slope) is
-        by_load = sum(s.derivative for s in known if s.name.startswith("worm.load"))
-        weight = weights(math.pi / 2 - worm.slope, worm.gravity, worm.masses)[0]
-        values["sensitivity.slope"] = by_load * weight
+    if worm.slope:  # by the loads it makes, whose derivatives m g cos(slope) are
+        across = weights(math.pi / 2 - worm.slope, worm.gravity, worm.masses)
+        by_pull = [s.derivative for s in known if s.name.startswith("worm.pull")]
+        if not by_pull:  # alike on all masses, and part of their load
+            loads = [s.derivative for s in known if s.name.startswith("worm.load")]
+            by_pull = (
+                loads if len(loads) == len(across) > 2 else [sum(loads) / len(across)] * len(across)
+            )
+        values["sensitivity.slope"] = sum(a * b for a, b in zip(by_pull, across, strict=True))
         unit["sensitivity.slope"] = unit_ratio(objective, "angle", table.units)
     return {name: Scalar(value, unit[name]) for name, value in values.items()}

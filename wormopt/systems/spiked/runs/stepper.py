@@ -59,7 +59,9 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
     asked, steps = _commands(scene, gait, stepper)
     report("crawling", 0.4)
     worm = table.worm
-    ideal = crawl(gait, worm.masses, worm.drag, worm.worm.load_range[1], table.gait.sharing)
+    plant = worm.worm
+    loads = plant.loads(plant.load_range[1])
+    ideal = crawl(gait, plant.masses, plant.drag, loads, table.gait.sharing)
     again = cross_check(ideal)
     report("moving by steps", 0.7)
     bristles = table.bristles

@@ -10,8 +10,8 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.scene.types import (
+    Loads,
     NonNegative,
-    NonNegativeOrPair,
     NonNegativePair,
     Pair,
     PerMass,
@@ -156,11 +156,13 @@ class WormTable(Table, frozen=True, kw_only=True):
     mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>; mass 0 is the head")]
     drag: Annotated[NonNegative, says("drag", "*k*: viscous drag −*k v* on each mass")] = 0.0
     load: Annotated[
-        NonNegativeOrPair,
+        Loads,
         says(
             "force",
-            "*Γ*: force against the direction of motion on each mass (towed load, slope). A range "
-            "is for designs only: a designed gait keeps its limits under every load of it",
+            "*Γ*: force against the direction of motion on each mass (towed load, slope). A pair "
+            "is a range, for designs only: a designed gait keeps its limits under all of it. "
+            "Three or more numbers are the loads of the masses, head first: a cable at the tail of "
+            "a worm of two links is [0, 0, 0.3]",
         ),
     ] = 0.0
     slope: Uphill = 0.0
@@ -169,11 +171,14 @@ class WormTable(Table, frozen=True, kw_only=True):
     @property
     def worm(self) -> Worm:
         """The worm itself, pulled back by its load and by its weight."""
-        load = self.load
-        if self.slope:
-            pull = weights(self.slope, self.gravity, per(self.mass, self.links + 1))[0]
-            load = tuple(g + pull for g in load) if isinstance(load, tuple) else load + pull
-        return Worm(self.links, self.mass, self.drag, load)  # pyright: ignore[reportArgumentType]
+        if not self.slope:
+            return Worm(self.links, self.mass, self.drag, self.load)
+        pull = weights(self.slope, self.gravity, per(self.mass, self.links + 1))
+        if len(set(pull)) > 1:
+            return Worm(self.links, self.mass, self.drag, self.load, pull)
+        given = self.load if isinstance(self.load, tuple) else (self.load,)
+        loads = tuple(load + pull[0] for load in given)
+        return Worm(self.links, self.mass, self.drag, loads if len(loads) > 1 else loads[0])
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -191,15 +196,12 @@ class WormTable(Table, frozen=True, kw_only=True):
         `units` are the scene's; `loads`: whether the load may be a range.
         """
         yield from faults_of_slope(self.slope, self.gravity, units)
-        if self.slope and isinstance(self.mass, tuple) and len(set(self.mass)) > 1:
+        if isinstance(self.load, tuple) and len(self.load) == 2 and not loads:
             yield (
-                "worm.slope",
-                "pulls unequal masses back by unequal forces, but Γ is alike on all here; write "
-                'one mass for all, or take kind "simulate"',
+                "worm.load",
+                "a range of loads is for gaits that are designed; write one number, or the loads "
+                "of three or more masses",
             )
-            return
-        if isinstance(self.load, tuple) and not loads:
-            yield "worm.load", "a range of loads is for gaits that are designed; write one number"
         for key, message in self.worm.faults():
             yield f"worm.{key}", message
 

@@ -1,0 +1,124 @@
+"""Loads that differ from mass to mass: a cable at the tail, unequal weights on a slope."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wormopt.cli import main
+from wormopt.errors import ArgumentError
+from wormopt.systems.spiked.construct import travelling_sine
+from wormopt.systems.spiked.crawl import crawl
+from wormopt.systems.spiked.design.optimize import design
+from wormopt.systems.spiked.design.sensitivity import scaling_error, sensitivities
+from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.task import GaitProblem, Search, Worm
+
+MASSES, LOADS = (1.0, 2.0, 1.5), (0.5, 4.0, 9.0)
+LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+OWN = Search(sequence=((0,), (1,), (2,)), effort="quick", workers=1)
+
+
+def test_the_motion_depends_on_the_sum_of_the_loads_and_actuators_on_each():
+    """Actuator j carries the loads of the masses behind it, less what spikes there carry."""
+    gait = travelling_sine(2, 1.0, 1.0, 0.1, lag=0.3)
+    even, uneven = (crawl(gait, MASSES, 0.2, load) for load in (sum(LOADS) / 3, LOADS))
+    assert uneven.speed == even.speed
+    assert uneven["reaction"] == pytest.approx(even["reaction"], abs=1e-12)
+    beyond = np.array(LOADS) - sum(LOADS) / 3
+    pulled = np.cumsum(beyond[::-1])[::-1][1:, None]
+    assert uneven["actuator_force"] - even["actuator_force"] == pytest.approx(
+        np.broadcast_to(pulled, even["actuator_force"].shape), abs=1e-11
+    )
+    lifted = sum(LOADS) * uneven.advance  # by each load as far
+    assert uneven.net_work - lifted == pytest.approx(even.dissipation - lifted, rel=1e-9)
+
+
+def test_numbers_alike_are_one_load():
+    even, listed = Worm(2, MASSES, load=0.1), Worm(2, MASSES, load=(0.1, 0.1, 0.1))
+    assert even.load_range == listed.load_range == (0.1, 0.1)
+    assert listed.loads(0.1) == 0.1
+    ranged = Worm(2, MASSES, load=(1.0, 2.0), pull=(0.5, 1.0, 0.0))
+    assert ranged.load_range == (1.5, 2.5)
+    assert ranged.loads(1.5) == (1.5, 2.0, 1.0)
+
+
+def test_designs_keep_the_limits_of_actuators_with_the_loads_where_they_are():
+    """All loads at the tail, whose link carries them: 12 less the spikes' share."""
+    limit = LIMITS.__class__(1.0, (0.7, 1.3), rate=1.0, acceleration=20.0, actuator_force=14.0)
+    speeds = {}
+    for load in ((12.0, 0.0, 0.0), 4.0, (0.0, 0.0, 12.0)):
+        found = design(Worm(2, load=load), limit, search=OWN)
+        assert max(found.violations.values()) < 1e-9
+        speeds[load] = found.speed
+    assert len(set(np.round(list(speeds.values()), 6))) == 3
+    mirrored = Search(sequence=((2,), (1,), (0,)), effort="quick", workers=1)
+    other = design(Worm(2, load=(12.0, 0.0, 0.0)), limit, search=mirrored)
+    # forces of actuators change their signs only when the worm is turned round, loads do not
+    assert other.speed == pytest.approx(speeds[(12.0, 0.0, 0.0)], rel=0.2)
+
+
+@pytest.mark.parametrize("load", [(0.0, 1.0, 3.0), 2.0])
+def test_sensitivities_by_each_load_are_those_of_designs(load: float | tuple[float, ...]):
+    """Of a peak actuator force at a speed, in one order."""
+    worm = Worm(2, (1.0, 1.5, 1.0), load=load, pull=(0.3, 0.9, 0.6))
+    found = design(worm, LIMITS, "peak_actuator_force", 0.5, search=OWN)
+    known = {s.name: s for s in sensitivities(found)}
+    assert scaling_error(known.values(), found.task.objective) < 1e-3
+    step = 1e-3
+    for name, moved in (
+        ("worm.pull[2]", Worm(2, worm.mass, load=load, pull=(0.3, 0.9, 0.6 + step))),
+        ("worm.load[1]", Worm(2, worm.mass, load=(0.0, 1.0 + step, 3.0), pull=worm.pull)),
+    ):
+        if name in known and not known[name].one_sided:
+            dearer = design(moved, LIMITS, "peak_actuator_force", 0.5, search=OWN).value
+            slope = (dearer - found.value) / step
+            assert known[name].raised == pytest.approx(slope, rel=0.05, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        ((0.0, 1.0, 2.0, 3.0), "worm.load: 4 entries for 3 masses"),
+        ((0.0, -1.0, 2.0), "worm.load: not -1"),
+        ((2.0, 1.0), "worm.load: the range .2, 1. is empty"),
+    ],
+)
+def test_loads_that_fit_no_worm_are_refused(load: tuple[float, ...], message: str):
+    with pytest.raises(ArgumentError, match=message):
+        GaitProblem(Worm(2, load=load), LIMITS)
+
+
+def test_a_robot_as_it_is_built_is_designed_on_its_slope_with_its_cable(tmp_path: Path, capsys):
+    scene = tmp_path / "robot.toml"
+    scene.write_text(
+        """
+schema = 1
+kind = "gait-design"
+units = "SI"
+[worm]
+links = 4
+mass = ["0.12 kg", "0.08 kg", "0.08 kg", "0.08 kg", "0.08 kg"]
+load = [0, 0, 0, 0, "0.3 N"]
+slope = "10 deg"
+[gait]
+period = ["0.5 s", "4 s"]
+length = ["30 mm", "60 mm"]
+rate = "60 mm/s"
+acceleration = "1 m/s^2"
+actuator_force = "3 N"
+[objective]
+maximise = "speed"
+[search]
+effort = "quick"
+"""
+    )
+    assert main(["run", str(scene), "-o", str(tmp_path / "out"), "--json", "--no-plots"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["status"] == "ok"
+    mean = (0.3 + 0.44 * 9.80665 * np.sin(np.radians(10))) / 5
+    assert told["scalars"]["lambda_mean"]["value"] == pytest.approx(mean, rel=1e-9)
+    assert told["scalars"]["actuator_force_max"]["value"] <= 3.0 + 1e-9
