@@ -391,6 +391,7 @@ class _Graph:
         held = ca.vertcat(*(c.symbol for c in known))
         values = ca.vertcat(*(c.value for c in known))
         guards = ca.vertcat(*(c.kind.guard(*arguments[c.at]) for c in known))
+        nested = [ca.depends_on(guard, held) for guard in ca.vertsplit(guards)]
         all_, count = ca.vertcat(expressions, guards), expressions.numel()
         guards = ca.substitute(guards, held, values)
         look = ca.Function("look", [self._symbols], [values, guards])
@@ -398,7 +399,10 @@ class _Graph:
         right = ca.Function("right", [self._symbols, held], [all_])
         two = np.flatnonzero([c.kind.bounds is None for c in known])
         jumps = np.array(
-            [self._jumps(k, c.kind, count, two, look, slopes, right) for k, c in enumerate(known)]
+            [
+                self._jumps(k, c.kind, count, two, look, slopes, right, nested[k])
+                for k, c in enumerate(known)
+            ]
         )
         chosen = jumps[:, :count].any(axis=1)
         for _ in known:  # no guard of those may jump either
@@ -414,6 +418,7 @@ class _Graph:
         look: ca.Function,
         slopes: ca.Function,
         right: ca.Function,
+        nested: bool,
     ) -> np.ndarray:
         """Which results differ on the two sides of where a condition changes."""
         random, (size, own) = np.random.default_rng(k), self._sizes()
@@ -436,10 +441,12 @@ class _Graph:
                 if not lacks.any() or not np.all(np.isfinite(steep)):
                     break
                 at[first:] -= size[first:] * (np.linalg.pinv(steep) @ (levels - targets))
-            if lacks[0] or not np.any(steep[0]):
-                continue  # not found from here
+            found_there = not lacks[0] and np.any(steep[0])
+            if not found_there and not nested:
+                continue  # not found from here; a nested one may change where its guard jumps
             way = np.zeros(len(at))
-            way[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
+            if found_there:
+                way[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
             sides, values = [], np.array(look(at)[0]).ravel()
             for values[k] in _around(kind, float(targets[0])):
                 sides.append(np.array(right(at, values)).ravel())
