@@ -498,7 +498,7 @@ def test_scenes_that_cannot_be_are_refused_by_key(changes: str | tuple[str, ...]
 
 def test_a_goal_beyond_all_poses_is_refused_at_once():
     """Two links that stretch by 0.4 each move no mass farther than 0.8 in a step."""
-    task = PathTask((0.0, 0.0, 0.0), (1e9, 0.0, 0.0), (1e-6, 1e-6))
+    task = PathTask(np.zeros(3), np.array([1e9, 0.0, 0.0]), FINE)
     with pytest.raises(SolveError, match=r"the goal is 1.25e\+09 or more steps away") as refused:
         plan_path(task, library(), (0.3, 0.1))
     assert refused.value.code == "too_far"

@@ -87,8 +87,8 @@ def stop_of(
         )
 
     def rate(_: float, state: np.ndarray) -> tuple[float, ...]:
-        angle, logarithm = state[:2]
-        psi, growth, turning, *_ = rates(angle)
+        angle, logarithm = float(state[0]), float(state[1])
+        psi, growth, turning, _, _ = rates(angle)
         v = speed * math.exp(logarithm)
         return turning, growth, v**2 * psi * math.cos(angle), v**2 * psi * math.sin(angle), v * psi
 
@@ -97,7 +97,7 @@ def stop_of(
 
     def turned(_: float, state: np.ndarray) -> float:
         """What the speed still changes by, because the direction does; less what is none."""
-        _, _, turning, slope, steep = rates(state[0])
+        _, _, turning, slope, steep = rates(float(state[0]))
         if turning == 0:
             return -_SMALL
         if steep >= 0:
