@@ -212,6 +212,51 @@ def test_sliding_on_a_condition_is_refused_at_once(route):
 
 
 @pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(
+    "back",
+    [
+        3 * (2 * x >= 0),  # 0 at the same place
+        3 * (ca.if_else(x >= 0, 5, 1) > 3),  # jumps there
+        2 * (2 * x >= 0) + (3 * x >= 0),
+        3 * (ca.if_else(2 * x >= 0, 5, 1) > 3),
+        3 * (2 * x >= 0) - 5 * (3 * x >= 0) + 5 * (4 * x >= 0),
+    ],
+)
+def test_conditions_that_change_together_are_no_slide(back, route):
+    """One alone turns the motion back, x' = -2; all together let it go on, x' = 1."""
+    model = scalar(1 - 3 * (x >= 0) + back, start=-1.0)
+    assert wo.simulate(model, 3.0, route=route).end[0] == pytest.approx(2.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(
+    "back", [1.5 * (2 * x >= 0), 1.5 * (ca.if_else(x >= 0, 5, 1) > 3), 3 * (x > 1)]
+)
+def test_conditions_that_turn_the_motion_back_together_are_a_slide(back, route):
+    with pytest.raises(SolveError) as caught:
+        wo.simulate(scalar(1 - 3 * (x >= 0) + back, start=-1.0), 3.0, route=route)
+    assert caught.value.code == "slides_on_condition"
+    assert caught.value.partial.end_time == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_remainder_that_is_compared_with_0_where_it_jumps(route):
+    """The motion comes to 3 from below, where the remainder is 0 for an instant, and goes on."""
+    model = scalar(-0.5 + 1.5 * (ca.fmod(x, 1.5) > 0), start=2.0)
+    assert wo.simulate(model, 2.0, route=route).end[0] == pytest.approx(4.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_condition_that_changes_only_where_another_one_does(route):
+    """A sign whose argument is never 0: x' = 2 up to 0, and then 1."""
+    model = scalar(1 + (ca.copysign(2, ca.if_else(x < 0, 1, -1)) > 0), start=-1.0)
+    held = lifted(model, True, moving=False)
+    assert held is not None
+    assert held.held == 3
+    assert wo.simulate(model, 2.0, route=route).end[0] == pytest.approx(1.5, abs=1e-12)
+
+
+@pytest.mark.parametrize("route", ROUTES)
 def test_derivatives_pass_a_jump_in_a_state(route):
     start = wo.simulate(scalar(ca.if_else(x > 1, x, 2.0)), 2.0, route=route, sensitivities=["x"])
     # the jump is 1/2 earlier for each unit of the start, and the end e^(2 - that)

@@ -465,6 +465,7 @@ def test_too_short_a_course_is_told(tmp_path: Path):
         ("tracers.height=[1.2]", "tracers.height", "up to 1"),
         ("tracers={}", "tracers.height", "missing"),
         ("course.periods=0.0", "course.periods", "above 0"),
+        ("course.periods=1e9", "course.periods", "up to 20000"),
         ("film={cosines=[1.2]}", "film.cosines", "falls to"),
         ('units="SI"', "film.fluid", "missing"),
     ],

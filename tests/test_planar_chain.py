@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -12,10 +14,12 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import quad, solve_ivp
 
+import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb, Held, Spike, Viscous
 from wormopt.model.model import Model, pack
 from wormopt.model.planar_friction import Elliptic
+from wormopt.scene import load_scene
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
@@ -396,6 +400,42 @@ def test_a_block_on_anisotropic_ground_stops_where_quadrature_says() -> None:
     found = stop_of(law, 1.0, (1.0, 1.0), (0.0, 0.0))
     assert_allclose((found.time, *found.place), (1.21151159553, *place), atol=2e-11)
     _stops(law, (1.0, 1.0), (0.0, 0.0), 1.21151159553, place)
+
+
+@pytest.mark.parametrize("aside", [1e3, 1e6, 1e9])
+def test_a_block_that_can_hardly_slide_aside_stops_where_the_formula_says(aside: float) -> None:
+    """Without a pull both components of the velocity decay as exp(-F^2 T)."""
+    found = stop_of(Elliptic(1.0, 1.0, aside), 1.0, (1.0, 1.0), (0.0, 0.0))
+    corner = [k * np.log(aside) / aside**2 for k in (0.5, 1, 2, 4)]
+
+    def integral(of: Callable[[float, float, float], float]) -> float:
+        def integrand(T: float) -> float:
+            ahead, across = np.exp(-T), np.exp(-(aside**2) * T)
+            return of(ahead, across, np.hypot(ahead, aside * across))
+
+        edges = [0.0, *corner, 1e-3, 1.0, 60.0]
+        parts = pairwise(sorted(edges))
+        return sum(quad(integrand, *part, epsabs=0, epsrel=1e-12, limit=200)[0] for part in parts)
+
+    assert_allclose(found.time, integral(lambda _, __, psi: psi), rtol=1e-10)
+    assert_allclose(found.place[0], integral(lambda ahead, _, psi: ahead * psi), rtol=1e-10)
+    assert_allclose(found.place[1], integral(lambda _, across, psi: across * psi), rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.5, 0.999999, 1 - 1e-9])
+def test_a_pull_that_nearly_holds_stops_the_block_late(share: float) -> None:
+    """Along a line: m v over what friction exceeds the pull by."""
+    found = stop_of(Elliptic(1.0, 1.0, 2.0), 1.0, (1.0, 0.0), (share, 0.0))
+    assert_allclose(found.time, 1 / (1 - share), rtol=1e-12)
+    assert_allclose(found.place, (0.5 / (1 - share), 0.0), rtol=1e-12)
+
+
+def test_a_scene_of_a_block_that_can_hardly_slide_aside_ends() -> None:
+    result = wo.run(load_scene("planar_block", ["ground.sideways=1e9"]))
+    assert result.status == "ok"
+    # what it does aside is used up after v/F, the rest is a straight slide from speed 1
+    assert_allclose(result.scalars["stop_time"].value, 1.0, atol=1e-8)
+    assert_allclose(result.scalars["x_stop"].value, 0.5, atol=1e-8)
 
 
 def _stops(law: Elliptic, velocity: Any, pull: Any, time: float, place: Any) -> None:

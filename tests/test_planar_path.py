@@ -496,6 +496,14 @@ def test_scenes_that_cannot_be_are_refused_by_key(changes: str | tuple[str, ...]
     assert key in str(refused.value)
 
 
+def test_a_goal_beyond_all_poses_is_refused_at_once():
+    """Two links that stretch by 0.4 each move no mass farther than 0.8 in a step."""
+    task = PathTask(np.zeros(3), np.array([1e9, 0.0, 0.0]), FINE)
+    with pytest.raises(SolveError, match=r"the goal is 1.25e\+09 or more steps away") as refused:
+        plan_path(task, library(), (0.3, 0.1))
+    assert refused.value.code == "too_far"
+
+
 @pytest.mark.slow
 def test_the_packaged_path_goes_through_the_gap_and_is_least_by_what_is_asked():
     found = {}

@@ -397,3 +397,23 @@ def test_any_scene_is_read_or_refused(
     else:
         assert "NaN" not in scene.text
         assert "Infinity" not in scene.text
+
+
+@pytest.mark.parametrize(
+    ("changes", "refused"),
+    [
+        (["gait.spike_load=5"], True),
+        (["gait.spike_load=[1e-9, 10, 4.9]"], True),
+        (["gait.spike_load=5.01"], False),
+        (["gait.spike_load=1e-9", "worm.load=0"], False),
+    ],
+)
+def test_spikes_that_cannot_bear_the_load_are_refused(changes: list[str], refused: bool):
+    """Momentum over a cycle: three masses of load 5 rest on their spikes with 15 on average."""
+    if not refused:
+        assert load_scene("design_spike_limited", changes)
+        return
+    with pytest.raises(
+        SceneError, match=r"gait.spike_load: .* the load of the worm, 15, .* than 5"
+    ):
+        load_scene("design_spike_limited", changes)

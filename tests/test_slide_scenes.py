@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
 
 import wormopt as wo
 from wormopt.cli import main
@@ -16,6 +18,7 @@ from wormopt.ocp.motion import Guess
 from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.systems.block import run as slide
+from wormopt.systems.block.block import phases_of
 from wormopt.systems.shared import optimum
 
 SMOOTH = 'contact={treatment="smooth", v_reg=0.025}'
@@ -170,7 +173,7 @@ def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
     assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet", "--no-plots"]) == 3
     result = Result.load(tmp_path / "out")
     assert result.status == "failed"
-    assert "ends elsewhere, by 1.6e-05" in result.reason
+    assert "ends elsewhere, by 1.2e-05" in result.reason
     failed = [check.name for check in result.checks if not check.passed]
     assert failed == ["simulation of the inputs found"]
 
@@ -315,6 +318,50 @@ def test_a_drive_just_above_friction_slides_as_fast_as_it_can(digits: int):
     assert value(result, "time") == pytest.approx(
         math.sqrt(2 * (1 / net + 1 / (drive + 1))), rel=within(net)
     )
+
+
+VISCOUS = 'block.friction={kind="viscous", drag=1.0}'
+
+
+@pytest.mark.parametrize("contact", ["contact={treatment='exact'}", SMOOTH])
+@pytest.mark.parametrize("drive", [1.0, 0.1, 0.03])
+def test_the_fastest_slide_under_drag_is_that_of_theory(drive: float, contact: str):
+    """Momentum: drive (t1 - t2) = drag way; top speed: 1 - exp(-t1) = exp(t2) - 1."""
+    exact = 1 / drive + 2 * math.log1p(math.sqrt(-math.expm1(-1 / drive)))
+    known = phases_of(load_scene("slide", [f"block.force={drive}", VISCOUS, contact]).table)
+    assert known is not None
+    assert known.guess.duration == pytest.approx(exact, rel=1e-7)
+    assert known.active == ((1,), (-1,))
+
+
+@pytest.mark.parametrize("drive", [1.01, 1.05, 1.1, 3.0])
+def test_the_fastest_smooth_slide_is_that_of_theory(drive: float):
+    """By quadratures of m v dv/(u + f(v)) up to the speed at which the drive turns."""
+
+    def until(top: float, power: int) -> float:
+        def part(v: float, side: int) -> float:
+            return side * v**power / (side * drive + 0.5 - 1.5 * math.tanh(v / 0.025))
+
+        return sum(quad(part, 0.0, top, side, points=[0.05], limit=200)[0] for side in (1, -1))
+
+    exact = until(brentq(lambda top: until(top, 1) - 1.0, 0.06, 2.0, xtol=1e-14), 0)
+    known = phases_of(load_scene("slide", [f"block.force={drive}", SMOOTH]).table)
+    assert known is not None
+    assert known.guess.duration == pytest.approx(exact, rel=1e-7)
+
+
+@pytest.mark.parametrize("changes", [(VISCOUS, "block.force=0.02"), (SMOOTH, "block.force=1.02")])
+def test_weak_drives_against_smooth_friction_are_solved(changes: tuple[str, ...]):
+    result = solved("slide", "mesh.tolerance=1e-5", *changes)
+    known = phases_of(load_scene("slide", changes).table)
+    assert result.status == "ok"
+    assert known is not None
+    assert value(result, "time") == pytest.approx(known.guess.duration, rel=1e-4)
+
+
+def test_a_speed_beyond_that_of_the_drive_is_never_reached():
+    scene = load_scene("slide", [VISCOUS, "block.force=0.03", "end.velocity=0.031"])
+    assert phases_of(scene.table) is None
 
 
 @pytest.mark.parametrize("digits", [3, 6, 9])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +13,7 @@ from wormopt.errors import interruptible
 from wormopt.progress import Report
 from wormopt.simulation.call import Call
 from wormopt.simulation.contacts import Contacts
-from wormopt.simulation.crossings import Crossing, Watch
+from wormopt.simulation.crossings import FALLS, Crossing, Near, Watch
 from wormopt.simulation.initial_value import KINDS, InitialValueProblem, Outcome
 from wormopt.simulation.layer import Layer
 from wormopt.simulation.sensitivity.columns import Columns
@@ -22,6 +22,8 @@ from wormopt.simulation.steps import GivenUp, Kept, Step, Stepper
 
 _SWITCH = KINDS.index("switch")
 _STEPS_PER_REPORT = 500
+# Of so many switches that must be crossed together all choices are tried.
+_TOGETHER = 8
 
 
 def integrate(task: InitialValueProblem, report: Report, *, stiff: bool) -> Outcome:
@@ -232,16 +234,56 @@ class _Motion:
             self._columns.land(self._t, self._x, guards, armed)
 
     def _fire(self, k: int, error: tuple[float, float] = (0.0, 0.0)) -> None:
-        assert self._resets is not None
-        switches = self._task.system.model.switches
-        (states,) = self._resets(self._t, self._x)
-        self._columns.carry("resets_along", self._t, self._x, k)
-        self._x = np.split(states, len(switches))[k].copy()
-        which = len(self._task.system.contacts) + k
-        self._record.events.append((self._t, which, _SWITCH, 0, *self._columns.dt))
+        switch, rates = self._task.system.model.switches[k], self._watch.rates(self._t, self._x)
+        self._apply(k)
         self._decide()
         self._watch.note_fired(k, self._t, self._x, error)
-        self._ended |= switches[k].terminal
+        if switch.crosses and error != (0.0, 0.0):
+            self._cross(k, self._watch.near(k, error, np.abs(rates), self._t, self._x))
+        self._ended |= switch.terminal
+
+    def _apply(self, k: int) -> None:
+        """Reset the state as a switch does."""
+        which = len(self._task.system.contacts) + k
+        self._columns.carry("resets_along", self._t, self._x, k)
+        self._x = self._reset(k, self._x)
+        self._record.events.append((self._t, which, _SWITCH, 0, *self._columns.dt))
+
+    def _reset(self, k: int, x: np.ndarray) -> np.ndarray:
+        assert self._resets is not None
+        (states,) = self._resets(self._t, x)
+        return np.split(states, len(self._task.system.model.switches))[k].copy()
+
+    def _cross(self, k: int, near: Near) -> None:
+        """Fire all switches that must fire with one that must be crossed.
+
+        Where several guards are 0 together, or jump, the first choice of these switches is taken
+        with which the motion leaves all their guards. Raises GivenUp if none does, and the motion
+        is led back to the guard of switch `k`.
+        """
+        watch, t = self._watch, self._t
+        choices = list(_choices(watch.at_guard(t, self._x, near)[:_TOGETHER]))
+        for leaves, choice in product((FALLS, -FALLS), choices):  # rather than staying there
+            x, jumped = self._x, list[int]()
+            for j in choice:
+                x = self._reset(j, x)
+            while len(jumped) < len(near.size) and len(more := watch.jumped(t, x, near)):
+                jumped.append(int(more[0]))
+                x = self._reset(jumped[-1], x)
+            if not watch.returns(t, x, near, leaves).any():
+                break
+        else:
+            if watch.returns(t, self._x, near, -FALLS)[k]:
+                raise GivenUp("events_accumulate")
+            return
+        for j in (*choice, *jumped):
+            self._apply(j)
+        if choice or jumped:
+            self._decide()
+        for j in jumped:
+            watch.note_fired(j, t, self._x)
+        for j in watch.at_guard(t, self._x, near):  # those that have not fired must not by rounding
+            watch.note_fired(j, t, self._x, (near.size[j], near.rate[j]))
 
     def _decide(self, forced: int | None = None) -> None:
         """Decide the contacts' modes, for the first time or anew."""
@@ -282,6 +324,12 @@ class _Motion:
             dense_time=np.array([task.span[0], *(end for end, _ in steps)] if task.dense else []),
             dense=_table([rows for _, rows in steps], 8, len(x)),
         )
+
+
+def _choices(of: Sequence[int]) -> Iterator[list[int]]:
+    """All choices of some, the smallest first."""
+    for bits in sorted(range(1 << len(of)), key=int.bit_count):
+        yield [k for place, k in enumerate(of) if bits >> place & 1]
 
 
 def _table(rows: Sequence[ArrayLike], *shape: int) -> np.ndarray:

@@ -221,6 +221,16 @@ class _Condition:
         return bool(np.isin(operations, _JUMPING).any())
 
 
+class _Sides(NamedTuple):
+    """Functions of the symbols by which conditions of states are looked at."""
+
+    look: ca.Function  # what conditions say, and their guards
+    slopes: ca.Function  # of the guards, by states
+    right: ca.Function  # results and guards, also of what conditions say
+    nested: list[bool]  # whether a guard is of what other conditions say
+    two: np.ndarray  # conditions that say one of two things
+
+
 class _Graph:
     """Instructions of a model's right-hand side."""
 
@@ -392,59 +402,55 @@ class _Graph:
         held = ca.vertcat(*(c.symbol for c in known))
         values = ca.vertcat(*(c.value for c in known))
         guards = ca.vertcat(*(c.kind.guard(*arguments[c.at]) for c in known))
-        all_, count = ca.vertcat(expressions, guards), expressions.numel()
-        guards = ca.substitute(guards, held, values)
-        look = ca.Function("look", [self._symbols], [values, guards])
-        slopes = ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)])
-        right = ca.Function("right", [self._symbols, held], [all_])
-        two = np.flatnonzero([c.kind.bounds is None for c in known])
-        jumps = np.array(
-            [self._jumps(k, c.kind, count, two, look, slopes, right) for k, c in enumerate(known)]
+        nested = [ca.depends_on(guard, held) for guard in ca.vertsplit(guards)]
+        right = ca.Function("right", [self._symbols, held], [ca.vertcat(expressions, guards)])
+        guards, count = ca.substitute(guards, held, values), expressions.numel()
+        sides = _Sides(
+            ca.Function("look", [self._symbols], [values, guards]),
+            ca.Function("slopes", [self._symbols], [ca.jacobian(guards, self._states)]),
+            right,
+            nested,
+            np.flatnonzero([c.kind.bounds is None for c in known]),
         )
+        jumps = np.array([self._jumps(k, c.kind, sides) for k, c in enumerate(known)])
         chosen = jumps[:, :count].any(axis=1)
         for _ in known:  # no guard of those may jump either
             chosen = chosen | jumps[:, count:][:, chosen].any(axis=1)
         return [known[k] for k in np.flatnonzero(chosen).tolist()]
 
-    def _jumps(
-        self,
-        k: int,
-        kind: _Kind,
-        count: int,
-        two: np.ndarray,
-        look: ca.Function,
-        slopes: ca.Function,
-        right: ca.Function,
-    ) -> np.ndarray:
+    @np.errstate(all="ignore")  # what is not finite is noticed where it matters
+    def _jumps(self, k: int, kind: _Kind, of: _Sides) -> np.ndarray:
         """Which results differ on the two sides of where a condition changes."""
         random, (size, own) = np.random.default_rng(k), self._sizes()
-        first, found = len(size) - self._states.numel(), np.zeros(right.numel_out(0), dtype=bool)
-        many = look.numel_out(1) > _FEW  # each look takes long then
+        first, found = len(size) - self._states.numel(), np.zeros(of.right.numel_out(0), dtype=bool)
+        many = of.look.numel_out(1) > _FEW  # each look takes long then
         for trial in range(2 if many else _TRIALS):
             at = size * random.normal(size=len(size)) * 3.0 ** (trial % _WIDEST)
             at[1 : 1 + len(own)] = own
             # near places where others change: it may be that all hold in a small place only
-            near = random.permutation(np.setdiff1d(two, [k]))
+            near = random.permutation(np.setdiff1d(of.two, [k]))
             near = near[:0] if many or not trial else near[: random.integers(0, _NEAR + 1)]
             rows = np.append(k, near)
             off = random.choice([-1.0, 1.0], len(near)) * 10.0 ** random.uniform(-4, 0, len(near))
             targets = np.append(_target(kind, trial), off)
             steep, lacks = np.zeros((1, 1)), np.ones(1, dtype=bool)
             for _ in range(_NEWTON):
-                levels, slope = np.array(look(at)[1]).ravel()[rows], np.array(slopes(at))[rows]
-                steep = slope * size[first:]
+                levels = np.array(of.look(at)[1]).ravel()[rows]
+                steep = np.array(of.slopes(at))[rows] * size[first:]
                 lacks = np.abs(levels - targets) > _AT_GUARD * np.linalg.norm(steep, axis=1)
                 if not lacks.any() or not np.all(np.isfinite(steep)):
                     break
                 at[first:] -= size[first:] * (np.linalg.pinv(steep) @ (levels - targets))
-            if lacks[0] or not np.any(steep[0]):
-                continue  # not found from here
+            found_there = not lacks[0] and np.any(steep[0])
+            if not found_there and not of.nested[k]:
+                continue  # not found from here; a nested one may change where its guard jumps
             way = np.zeros(len(at))
-            way[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
-            sides, values = [], np.array(look(at)[0]).ravel()
+            if found_there:
+                way[first:] = size[first:] * steep[0] / np.linalg.norm(steep[0])
+            sides, values = [], np.array(of.look(at)[0]).ravel()
             for values[k] in _around(kind, float(targets[0])):
-                sides.append(np.array(right(at, values)).ravel())
-                beyond = [right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
+                sides.append(np.array(of.right(at, values)).ravel())
+                beyond = [of.right(at + off * way, values) for off in (-_BEYOND, _BEYOND)]
                 if not np.all(np.isfinite(np.array(beyond))):
                     return np.zeros_like(found)  # what is held has no value where a step may look
             largest = np.maximum(*map(np.abs, sides))

@@ -29,6 +29,8 @@ from wormopt.simulation.steps import GivenUp, Step, Stepper, floor_of_step
 
 _SAMPLES = np.array([0.0, 1 / 64, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 63 / 64, 1.0])
 
+# Share of its rate before the event below which a guard stays as it is.
+FALLS = 1e-9
 # Share of the whole time from which a step at velocity 0, but for rounding, is no mere touch.
 _AT_REST = 1e-3
 
@@ -39,6 +41,13 @@ class Crossing(NamedTuple):
     which: int  # event function; switches count on from the contacts
     theta: float  # fraction of the step
     level: float
+
+
+class Near(NamedTuple):
+    """What counts as 0 where a switch has been found that must be crossed, per switch."""
+
+    size: np.ndarray  # of guards; negative for switches that need not be crossed
+    rate: np.ndarray  # of guards, their time derivatives before
 
 
 class Located(NamedTuple):
@@ -160,8 +169,11 @@ class Watch:
 
     def _rate(self, k: int, t: float, x: np.ndarray) -> float:
         """Time derivative of the guard of switch `k`."""
-        (rates,) = self._rates(t, x)
-        return float(rates[k])
+        return float(self.rates(t, x)[k])
+
+    def rates(self, t: float, x: np.ndarray) -> np.ndarray:
+        """Time derivatives of the guards of all switches."""
+        return self._rates(t, x)[0]
 
     def note_fired(
         self, k: int, t: float, x: np.ndarray, error: tuple[float, float] = (0.0, 0.0)
@@ -169,20 +181,53 @@ class Watch:
         """Lower the level of a switch that has fired.
 
         It may fire again at once if its guard falls now, be it from a rounding error above 0
-        (bouncing ball), else once it was below 0 by more than `error` (0 where it jumped). Raises
-        GivenUp where it must be crossed and rises.
+        (bouncing ball), else once it was below 0 by more than `error` (0 where it jumped).
         """
         which, residual, rate = self.n_contacts + k, *error
         value, now = self.value(which, t, x), self._rate(k, t, x)
         crosses = self._task.system.model.switches[k].crosses
-        near, rises = value >= -residual, now > 1e-9 * rate
-        jumped = error == (0.0, 0.0)
-        if crosses and not jumped and abs(value) <= residual and rises:
-            raise GivenUp("events_accumulate")
-        again = crosses or now < -1e-9 * rate
-        self._jumped[k] = jumped and crosses
-        self._levels[which] = 2 * min(value, 0.0) - 1e-300 if again and near else -np.inf
+        again = crosses or now < -FALLS * rate
+        self._jumped[k] = error == (0.0, 0.0) and crosses
+        near = again and value >= -residual
+        self._levels[which] = 2 * min(value, 0.0) - 1e-300 if near else -np.inf
         self._passed[k], self._fired[k] = residual, t
+
+    # -- switches that must be crossed -------------------------------------------------------
+
+    def near(
+        self, k: int, error: tuple[float, float], rates: np.ndarray, t: float, x: np.ndarray
+    ) -> Near:
+        """How near to 0 all guards are 0, for switch `k` has been found with an `error`.
+
+        `rates`: sizes of the guards' time derivatives before it fired.
+        """
+        residual, rate = error
+        late = residual / rate if rate else floor_of_step(self._task, t)
+        size = late * np.maximum(rates, np.abs(self.rates(t, x)))
+        size[k] = residual
+        crosses = [switch.crosses for switch in self._task.system.model.switches]
+        return Near(np.where(crosses, size, -1.0), rates)
+
+    def at_guard(self, t: float, x: np.ndarray, near: Near) -> list[int]:
+        """Switches that must be crossed whose guards are 0."""
+        (values,) = self._values(t, x)
+        return np.flatnonzero(np.abs(values[self.n_contacts :]) <= near.size).tolist()
+
+    def jumped(self, t: float, x: np.ndarray, near: Near) -> np.ndarray:
+        """Switches that must be crossed whose guards have jumped above 0."""
+        (values,) = self._values(t, x)
+        least = np.minimum(self._levels[self.n_contacts :], -near.size)
+        return np.flatnonzero((near.size >= 0) & (values[self.n_contacts :] < least))
+
+    def returns(self, t: float, x: np.ndarray, near: Near, leaves: float) -> np.ndarray:
+        """Whether the motion is led back to the guard of each switch, or is beyond it.
+
+        `leaves`: at what share of its rate before the event a guard falls.
+        """
+        rises = self.rates(t, x) > -leaves * near.rate
+        rises[np.setdiff1d(np.arange(len(rises)), self.at_guard(t, x, near))] = False
+        rises[self.jumped(t, x, near)] = True
+        return rises
 
     def jumped_switch(self, t: float, x: np.ndarray) -> int | None:
         """Index of the first switch whose guard has jumped above 0."""

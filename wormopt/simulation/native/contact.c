@@ -271,17 +271,109 @@ static void note_fired(Run *run, long long which, double residual, double rate, 
     const long long k = which - n_exact(run);
     const int falls = run->guard[run->in.n_switches + k] < -1e-9 * rate;
     const int near = value >= -residual; /* left clearly above 0, it must come from below */
-    const int rises = run->guard[run->in.n_switches + k] > 1e-9 * rate;
     const int again = run->in.crosses[k] || falls;
     run->level[which] = again && near ? 2.0 * fmin(value, 0.0) - 1e-300 : -INFINITY;
-    if (run->in.crosses[k] && !jumped && fabs(value) <= residual && rises)
-        run->out.status = EVENTS_ACCUMULATE;
     run->jumped[k] = jumped && run->in.crosses[k];
     run->passed[k] = residual, run->fired[k] = run->out.t;
 }
 
+/* Reset the state as switch k does. */
+static void reset_state(Run *run, long long k) {
+    evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);
+    memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
+}
+
+/* The same, for good. */
+static void fire(Run *run, long long k) {
+    carry(run, run->in.resets_along, k * run->in.n_x);
+    reset_state(run, k);
+    note_event(run, run->in.n_contacts + k, SWITCH, 0.0);
+}
+
+/* Of the state whose event values are known: whether a switch that must be crossed is at its guard;
+   whether its guard has jumped above 0; whether the motion is led back to it, or is beyond it. */
+static int is_at(const Run *run, long long k) {
+    return fabs(run->value[n_exact(run) + k]) <= run->near[k];
+}
+
+static int has_jumped(const Run *run, long long k) {
+    const long long j = n_exact(run) + k;
+    return run->near[k] >= 0.0 && run->value[j] < smaller(run->level[j], -run->near[k]);
+}
+
+static int returns(const Run *run, long long k) {
+    const double rate = run->guard[run->in.n_switches + k];
+    return has_jumped(run, k) || (is_at(run, k) && rate > 1e-9 * run->approach[k]);
+}
+
+/* The same, or it stays there. */
+static int lingers(const Run *run, long long k) {
+    const double rate = run->guard[run->in.n_switches + k];
+    return has_jumped(run, k) || (is_at(run, k) && rate > -1e-9 * run->approach[k]);
+}
+
+/* First switch of which it is so; -1: none. */
+static long long first_of(Run *run, int (*is)(const Run *, long long)) {
+    event_values(run, run->out.t, run->out.x, run->value);
+    for (long long k = 0; k < run->in.n_switches; k++)
+        if (is(run, k)) return k;
+    return -1;
+}
+
+/* Fire the switches of a choice, and those whose guards jump then; gives how many these are. */
+static long long choose(Run *run, const long long *at, int choice, void (*how)(Run *, long long)) {
+    long long n = 0, k;
+    for (int bit = 0; choice >> bit; bit++)
+        if (choice >> bit & 1) how(run, at[bit]);
+    while (n < run->in.n_switches && (k = first_of(run, has_jumped)) >= 0)
+        run->jumps[n++] = (double)k, how(run, k);
+    return n;
+}
+
+static int count_bits(int bits) { return bits ? (bits & 1) + count_bits(bits >> 1) : 0; }
+
+/* Fire all switches that must fire with switch k, which must be crossed. Where several guards are 0
+   together, or jump, the first choice of these switches is taken with which the motion leaves all
+   their guards. It slides if none does, and it is led back to that of switch k. `residual`, `rate`:
+   how exactly k has been found; the rates of all guards before it fired are in `approach`. */
+static void cross(Run *run, long long k, double residual, double rate) {
+    enum { TOGETHER = 8 };
+    const long long n = run->in.n_switches, m = n_exact(run), size = run->in.n_x;
+    const double late = rate > 0.0 ? residual / rate : floor_of_step(run);
+    long long at[TOGETHER];
+    int (*const wrong[])(const Run *, long long) = {lingers, returns};
+    int found = -1, together = 0;
+    event_values(run, run->out.t, run->out.x, run->value);
+    for (long long j = 0; j < n; j++) {
+        const double change = larger(run->approach[j], fabs(run->guard[n + j]));
+        run->near[j] = !run->in.crosses[j] ? -1.0 : j == k ? residual : late * change;
+        if (is_at(run, j) && together < TOGETHER) at[together++] = j;
+    }
+    memcpy(run->origin, run->out.x, size * sizeof(double));
+    for (int weak = 0; weak < 2; weak++)
+        for (int count = 0; count <= together; count++)
+            for (int choice = 0; choice < 1 << together && found < 0; choice++) {
+                if (count_bits(choice) != count) continue;
+                choose(run, at, choice, reset_state);
+                if (first_of(run, wrong[weak]) < 0) found = choice;
+                memcpy(run->out.x, run->origin, size * sizeof(double));
+            }
+    if (found < 0) {
+        event_values(run, run->out.t, run->out.x, run->value);
+        if (returns(run, k)) run->out.status = EVENTS_ACCUMULATE;
+        return;
+    }
+    const long long jumped = choose(run, at, found, fire);
+    if (found || jumped) decide_modes(run, -1, 1);
+    for (long long i = 0; i < jumped; i++) note_fired(run, m + (long long)run->jumps[i], 0.0, 0.0, 1);
+    for (long long j = 0; j < n; j++) { /* those that have not fired must not do so by rounding */
+        event_values(run, run->out.t, run->out.x, run->value);
+        if (is_at(run, j)) note_fired(run, m + j, run->near[j], run->approach[j], 0);
+    }
+}
+
 void apply_event(Run *run, long long which, int jumped) {
-    const long long k = which - n_exact(run);
+    const long long k = which - n_exact(run), n = run->in.n_switches;
     if (k < 0) {
         decide_modes(run, which, 1);
         return;
@@ -289,15 +381,14 @@ void apply_event(Run *run, long long which, int jumped) {
     double residual = 0.0, rate = 0.0; /* how far from 0 the guard may be by rounding */
     if (!jumped) {
         event_values(run, run->out.t, run->out.x, run->value);
-        rate = fabs(run->guard[run->in.n_switches + k]);
+        for (long long j = 0; j < n; j++) run->approach[j] = fabs(run->guard[n + j]);
+        rate = run->approach[k];
         residual = 2.0 * fabs(run->value[which]) + rate * floor_of_step(run);
     }
-    evaluate(run, run->in.resets, run->out.t, run->out.x, run->reset);
-    carry(run, run->in.resets_along, k * run->in.n_x);
-    memcpy(run->out.x, run->reset + k * run->in.n_x, run->in.n_x * sizeof(double));
-    note_event(run, run->in.n_contacts + k, SWITCH, 0.0);
+    fire(run, k);
     decide_modes(run, -1, 1);
     note_fired(run, which, residual, rate, jumped);
+    if (run->in.crosses[k] && !jumped && run->out.status == RUNNING) cross(run, k, residual, rate);
     if (run->in.terminal[k] && run->out.status == RUNNING) run->out.status = DONE;
 }
 

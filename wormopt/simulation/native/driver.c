@@ -265,7 +265,8 @@ EXPORT void wormopt_free(Run *run) {
         run->modes,  run->before, run->aims,        run->toward,          run->bend,
         run->fresh,  run->struck, run->released,    run->probe,           run->guard,
         run->reset,  run->value,  run->level,       run->scan,            run->column,
-        run->passed, run->fired,          run->jumped,
+        run->passed, run->fired,          run->jumped,      run->near,            run->approach,
+        run->jumps,  run->origin,
         run->w,      run->event_along,          run->slope,           run->slopes_x,
         run->slopes_p, run->column_x,           run->column_p,        run->change,
         run->column_error,        run->last_along,  run->suspect,         run->touch,
@@ -305,6 +306,10 @@ static int allocate(Run *run) {
     ROOM(run->passed, in->n_switches);
     ROOM(run->fired, in->n_switches);
     ROOM(run->jumped, in->n_switches);
+    ROOM(run->near, in->n_switches);
+    ROOM(run->approach, in->n_switches);
+    ROOM(run->jumps, in->n_switches);
+    ROOM(run->origin, in->n_x);
     ROOM(run->scan, 13 * f + 2 * c);
     ROOM(run->column, n);
     ROOM(run->event_along, in->k);

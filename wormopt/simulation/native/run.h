@@ -36,6 +36,8 @@ typedef struct {
     double *value, *level; /* per event function: value, and what it falls below at an event */
     double *passed;        /* per switch: how far above 0 is nothing but rounding since it fired */
     double *fired;         /* per switch: when it last did */
+    double *near, *approach; /* per switch: guards up to this are 0; their rates before an event */
+    double *jumps, *origin; /* switches that jump at an event, and the state there */
     double *jumped;        /* per switch that is crossed: whether that was because its guard jumped */
     double *scan;          /* values at the samples of a step, at the first event, levels */
     double *column;        /* a state in between */

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import groupby
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
@@ -16,11 +19,15 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.motion import Curve, Guess
 from wormopt.ocp.problem import Constraint, Ends, Problem
+from wormopt.scene.numerics import SmoothContact
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain import law_of
 
 # No motion takes longer than so many times a plain one, see `_plain_time`.
 _LONGEST = 10.0
+# Shares of usual sizes that are none, and how exact the fastest slide is; a block that gets
+# nowhere in so many plain times never does; how often braking is looked at.
+_SMALL, _EXACT, _FOR_EVER, _LOOKS = 1e-12, 1e-10, 1e12, 9
 
 
 def block(
@@ -58,7 +65,8 @@ def block(
 
 def problem_of(table: SlideScene) -> Problem:
     """What to optimise; names of bounds are keys of the scene."""
-    slow = _plain_time(table)
+    known = phases_of(table)
+    slow = _plain_time(table) if known is None else known.guess.duration
     model = _model(table, slow)
     effort = table.minimise == "effort"
     ends = Ends.of(model, int(effort))
@@ -129,7 +137,7 @@ def cubic_guess(table: SlideScene) -> Guess:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """Phases of the best slide, and a motion to start from."""
+    """Phases of the best slide, and the fastest one, to start from."""
 
     modes: ModeSequence
     active: tuple[tuple[int, ...], ...]  # limits at which the drive is held, see `FixedModes`
@@ -138,62 +146,189 @@ class Phases:
 
 
 def phases_of(table: SlideScene) -> Phases | None:
-    """Phases of the best slide, by Pontryagin's principle; None if friction departs too much.
+    """Phases of the best slide, by Pontryagin's principle; None if there is none of this kind.
 
     The costate of the velocity in x'' = (u + f(v))/m changes its sign at most once. The drive of
     the fastest slide is at one limit and then at the other; that of least effort leaves one limit
     once, and the block may rest where its speed is 0.
     """
-    law = law_of(table.block.friction)
-    if len(law.directions) < 2:
-        return None
-    return next(filter(None, (_phases(table, law, way) for way in (1, -1))), None)
+    return next(filter(None, (_phases(table, way) for way in (1, -1))), None)
 
 
-def _phases(table: SlideScene, law: Law, way: int) -> Phases | None:
-    """Phases of a slide that goes towards `way`; the motion is the fastest if f were f(0)."""
-    drive, mass, least = table.block.force, table.block.mass, table.minimise == "effort"
-    ahead, back = (abs(float(law.slip_force(0.0, d))) for d in (way, -way))
-    v0, v1 = way * table.start.velocity, way * table.end.velocity
-    # forces that stop it where it goes back, set it going, brake it, set it going back
-    stop, go, brake, leave = drive + back, drive - ahead, drive + ahead, drive - back
-    if go <= 0 or (v1 < 0 and leave <= 0):
+def _phases(table: SlideScene, way: int) -> Phases | None:
+    """Phases of a slide that is driven towards `way` first; None if that leads elsewhere."""
+    slide = _Slide(table, way)
+    legs = slide.legs()
+    if not legs:
         return None
-    first, last = max(v0, 0.0), max(v1, 0.0)
-    run = way * (table.end.position - table.start.position) + min(v0, 0.0) ** 2 * mass / stop / 2
-    run += v1**2 * mass / leave / 2 if v1 < 0 else 0.0
-    square = (2 * go * brake * run / mass + brake * first**2 + go * last**2) / (go + brake)
-    if run < 0 or square < max(first, last) ** 2:
-        return None
-    steps = [  # contact, drive at a limit or 0, force, speed at the end
-        (v0 < 0, -way, 0 if least else way, stop, 0.0),
-        (v0 <= 0 and least, 0, 0, 1.0, 0.0),
-        (True, way, way, go, math.sqrt(square)),
-        (True, way, 0 if least else -way, brake, last),
-        (v1 <= 0 and least, 0, 0, 1.0, 0.0),
-        (v1 < 0, -way, 0 if least else -way, leave, v1),
+    least, smooth = table.minimise == "effort", isinstance(table.contact, SmoothContact)
+    steps = [  # contact, drive at a limit or 0, duration
+        (mode, side, sum(leg.duration for leg in same))
+        for (side, mode), same in groupby(
+            legs, lambda leg: (leg.side, leg.side if smooth else leg.mode)
+        )
     ]
-    _, modes, active, forces, speeds = zip(*(step for step in steps if step[0]), strict=True)
-    speeds = np.array([v0, *speeds])
-    durations = np.abs(np.diff(speeds)) * mass / np.array(forces)
-    edges = np.cumsum([0.0, *durations])
-    ways = np.cumsum([0.0, *durations * (speeds[1:] + speeds[:-1]) / 2])
+    if least:  # it is at its limit where it gathers speed ahead; before and after that it may rest
+        steps = [(mode, int(side == mode == 1), t) for mode, side, t in steps]
+        ahead = [k for k, (mode, *_) in enumerate(steps) if mode > 0]
+        for k, v in ((ahead[-1] + 1, slide.last), (ahead[0], slide.first)) if ahead else ():
+            if v <= 0:
+                steps.insert(k, (0, 0, 0.0))
+    edges = np.cumsum([0.0, *(leg.duration for leg in legs)])
 
-    def states(t: np.ndarray) -> np.ndarray:
-        v = np.interp(t, edges, speeds)
-        k = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, len(durations) - 1)
-        x = ways[k] + (t - edges[k]) * (speeds[k] + v) / 2
-        return np.vstack([table.start.position + way * x, way * v])
+    def along(of: Callable[[_Leg, float], ArrayLike]) -> Curve:
+        def curve(t: np.ndarray) -> np.ndarray:
+            at = np.searchsorted(edges[1:-1], t, side="right")
+            return (
+                way
+                * np.array([of(legs[k], s) for k, s in zip(at, t - edges[at], strict=True)])
+                .reshape(len(t), -1)
+                .T
+            )
 
-    def along(values: Sequence[float]) -> Curve:
-        return lambda t: np.array(values)[None, np.searchsorted(edges[1:-1], t, side="right")]
+        return curve
 
-    pushes = [drive * side for side in active]
-    grounds = [-mode * (ahead if mode == way else back) for mode in modes]
-    guess = Guess(float(edges[-1]), states, along(pushes), along(grounds), durations)
+    begin, states = np.array([[table.start.position], [0.0]]), along(lambda leg, t: leg.states(t))
+    gathers = [leg for leg in legs if leg.side == leg.mode]
+    left = (leg.side * slide.net(0.0, leg.side, leg.mode) / slide.drive for leg in gathers)
     return Phases(
-        ModeSequence(tuple((m,) for m in modes)),
-        tuple((a,) for a in active),
-        guess,
-        min(go, leave if v1 < 0 else go) / drive,
+        ModeSequence(tuple((way * mode,) for mode, *_ in steps)),
+        tuple((way * side,) for _, side, _ in steps),
+        Guess(
+            float(edges[-1]),
+            lambda t: begin + states(t),
+            along(lambda leg, _: [leg.side * slide.drive]),
+            along(lambda leg, t: [slide.ground(leg.states(t)[1], leg.mode)]),
+            np.array([t for *_, t in steps]),
+        ),
+        min(left, default=math.inf),
     )
+
+
+class _Leg(NamedTuple):
+    """Part of a slide in which neither drive nor direction changes; both are -1 or 1."""
+
+    side: int
+    mode: int
+    duration: float
+    states: Callable[[float], np.ndarray]  # place and velocity, at times from 0 on
+
+
+class _Slide:
+    """The slide with the drive at its limit towards `way` first, and then at the other.
+
+    Places and velocities point towards `way`; the place is 0 at the start.
+    """
+
+    def __init__(self, table: SlideScene, way: int) -> None:
+        self._slow = _plain_time(table)
+        self._sizes = np.array([s.nominal for s in _model(table, self._slow).x])
+        self._way, self._law, self._contact = way, law_of(table.block.friction), table.contact
+        self._run = way * (table.end.position - table.start.position)
+        self._mass, self.drive = table.block.mass, table.block.force
+        self.first, self.last = way * table.start.velocity, way * table.end.velocity
+
+    def ground(self, v: float, mode: int) -> float:
+        """Force of the ground."""
+        way, law = self._way, self._law
+        if isinstance(self._contact, SmoothContact):
+            return way * float(law.smooth(way * v, self._contact.v_reg))
+        if way * mode not in law.directions:
+            return -mode * math.inf
+        return way * float(law.slip_force(way * v, way * mode))
+
+    def net(self, v: float, side: int, mode: int) -> float:
+        """Force that changes the velocity."""
+        return side * self.drive + self.ground(v, mode)
+
+    def legs(self) -> list[_Leg]:
+        """Legs of the slide; none if it leads elsewhere."""
+        least = max(self.last, 0.0)  # below it the velocity must not fall before the drive turns
+        legs, y = list[_Leg](), np.array([0.0, self.first, 0.0])
+        for target in (*sorted(u for u in {0.0, self.last} if u > self.first), math.inf):
+            v, may_turn = float(y[1]), y[1] >= self.last
+            y[2] = self._way_back(v) if may_turn else 0.0
+            missing, mode = self._run - y[0] - y[2], 1 if v >= 0 else -1
+            if may_turn and abs(missing) <= _SMALL * self._sizes[0]:
+                break
+            force = self.net(v, 1, mode)
+            stays = math.isinf(force) or (v <= 0 and force <= 0) or (v >= least and missing < 0)
+            if stays or not math.isfinite(missing):
+                return []
+            leg, y, came = self._go(1, mode, y, target, least, may_turn=may_turn)
+            legs.append(leg)
+            if came == "turns":
+                break
+            if came != "there":
+                return []
+        legs = legs or [_Leg(1, 1 if self.first >= 0 else -1, 0.0, lambda _, at=y: at[:2])]
+        for target in (*([0.0] if y[1] > 0 > self.last else []), self.last):
+            leg, y, _ = self._go(-1, 1 if y[1] > 0 or target >= 0 else -1, y, target)
+            legs.append(leg)
+        return legs
+
+    def _go(
+        self,
+        side: int,
+        mode: int,
+        y: np.ndarray,
+        target: float,
+        least: float = -math.inf,
+        *,
+        may_turn: bool = False,
+    ) -> tuple[_Leg, np.ndarray, str]:
+        """Go on to a velocity, or to where the drive turns; and which of them it came to.
+
+        `y`: place, velocity, and the way from this velocity to the last one once the drive turns.
+        """
+        from scipy.integrate import solve_ivp
+
+        if abs(y[1] - target) <= _SMALL * self._sizes[1]:
+            return _Leg(side, mode, 0.0, lambda _: y[:2]), y, "there"
+
+        def rates(_: float, y: np.ndarray) -> tuple[float, float, float]:
+            v = float(y[1])
+            force = self.net(v, side, mode)
+            return v, force / self._mass, -v * force / self.net(v, -1, mode)
+
+        def there(_: float, y: np.ndarray) -> float:
+            return y[1] - target
+
+        def falls(_: float, y: np.ndarray) -> float:
+            return y[1] - least
+
+        def turns(_: float, y: np.ndarray) -> float:
+            return y[0] + y[2] - self._run
+
+        falls.direction = -1  # type: ignore[attr-defined]
+        events = [there, falls, *([turns] if may_turn else [])]
+        for event in events:
+            event.terminal = True  # type: ignore[attr-defined]
+        found = solve_ivp(
+            rates,
+            (0.0, _FOR_EVER * self._slow),
+            y,
+            method="LSODA",
+            events=events,
+            dense_output=True,
+            rtol=_EXACT,
+            atol=_EXACT * np.array([*self._sizes, self._sizes[0]]),
+        )
+        came = [e.__name__ for e, t in zip(events, found.t_events, strict=True) if len(t)]
+        end = found.y[:, -1]
+        if came == ["there"]:
+            end[1] = target
+        leg = _Leg(side, mode, float(found.t[-1]), lambda t: found.sol(t)[:2])
+        return leg, end, came[-1] if came else "stays"
+
+    def _way_back(self, v: float) -> float:
+        """Way from a velocity to the last one, the drive turned; infinite if it stops before."""
+        from scipy.integrate import quad
+
+        way, last = 0.0, self.last
+        for low, high, mode in ((min(last, 0), min(v, 0), -1), (max(last, 0), max(v, 0), 1)):
+            if low < high or (v == last and mode == (1 if v >= 0 else -1)):
+                if any(self.net(w, -1, mode) >= 0 for w in np.linspace(low, high, _LOOKS)):
+                    return math.inf
+                way += quad(lambda w, m=mode: -self._mass * w / self.net(w, -1, m), low, high)[0]
+        return way

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.model.friction import Coulomb
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
-from wormopt.ocp.motion import Motion
+from wormopt.ocp.motion import Guess, Motion
 from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise, refine
 from wormopt.ocp.problem import Problem
@@ -100,10 +101,9 @@ def _rounding(motion: Motion) -> float:
 
 
 def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
-    problem, mesh = problem_of(table), table.mesh
+    problem, mesh, known = problem_of(table), table.mesh, phases_of(table)
     plain = Mesh.even(1, mesh.arcs, Collocation(mesh.degree, mesh.scheme))
     if not isinstance(table.contact, SmoothContact):
-        known = phases_of(table)
         if known is not None and known.excess < _RELAXED_BELOW:
             return {"phases": _in_phases(table, problem, known, report)}
         try:
@@ -114,10 +114,16 @@ def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
                 raise
             return {"phases": _in_phases(table, problem, known, report)}
         return {"relaxed": relaxed, "phases": _better(table, problem, known, phases, report)}
+    if known is not None and table.minimise == "time":
+        guess, active = known.guess, known.active
+        return {"phases": _switched(problem, table, table.contact, guess, active, report)}
     width, size = table.contact.v_reg, problem.model.x[1].nominal
     smoothed = Regularised(width, max(width, _WIDE * size))
     coarse = optimise(problem, plain, smoothed, cubic_guess(table), report=report)
-    return {"smooth": coarse, "switched": _switched(coarse, mesh.tolerance, report)}
+    found = structure_of(coarse.motion, speed=None, least=2)
+    guess = replace(coarse.motion.guess, phases=found.durations)
+    switched = _switched(problem, table, table.contact, guess, found.active, report)
+    return {"smooth": coarse, "switched": switched}
 
 
 def _better(
@@ -136,28 +142,41 @@ def _better(
 
 def _in_phases(table: SlideScene, problem: Problem, known: Phases, report: Report) -> Optimum:
     """Solve with phases known beforehand, from a motion near the best one."""
-    mesh = Mesh.even(len(known.modes.phases), 1, Collocation(5), 3)
-    near = table.minimise == "time"  # the motion is then the best one under constant friction
+    near = table.minimise == "time"  # the guess is then the best one
+    if near and not isinstance(law_of(table.block.friction), Coulomb):
+        mesh = _mesh(table, known.guess)
+    else:
+        mesh = Mesh.even(len(known.modes.phases), 1, Collocation(5), 3)
     solver = Ipopt(tolerance=1e-10, mu_init=1e-5 if near else 1e-2, warm=near, rescale=False)
     contact = FixedModes(known.modes, known.active)
     found = optimise(problem, mesh, contact, known.guess, solver=solver, report=report)
     return refine(found, table.mesh.tolerance, solver=solver, report=report)
 
 
-def _switched(coarse: Optimum, tolerance: float, report: Report) -> Optimum:
+def _mesh(table: SlideScene, guess: Guess) -> Mesh:
+    """Mesh of a scene, on the phases of a guess."""
+    assert guess.phases is not None
+    mesh, shares = table.mesh, guess.phases / np.sum(guess.phases)
+    arcs = tuple(max(2, round(mesh.arcs * float(share))) for share in shares)
+    return Mesh.even(len(arcs), arcs, Collocation(mesh.degree, mesh.scheme))
+
+
+def _switched(
+    problem: Problem,
+    table: SlideScene,
+    contact: SmoothContact,
+    guess: Guess,
+    active: tuple[tuple[int, ...], ...],
+    report: Report,
+) -> Optimum:
     """Let the drive switch at any time: phases end where it reaches or leaves a limit."""
-    motion, solver = coarse.motion, Ipopt(tolerance=1e-11, mu_init=1e-2)
-    found = structure_of(motion, speed=None, least=2)
-    phases, arcs = len(found.durations), motion.mesh.total
-    counts = tuple(max(2, round(arcs * d / motion.duration)) for d in found.durations)
-    assert isinstance(coarse.treatment, Regularised)
-    width = coarse.treatment.v_reg
-    again = optimise(
-        motion.program.problem,
-        Mesh.even(phases, counts, motion.mesh.collocation),
-        Regularised(width, width, active=found.active),
-        replace(motion.guess, phases=found.durations),
+    solver = Ipopt(tolerance=1e-11, mu_init=1e-2)
+    found = optimise(
+        problem,
+        _mesh(table, guess),
+        Regularised(contact.v_reg, contact.v_reg, active=active),
+        guess,
         solver=solver,
         report=report,
     )
-    return refine(again, tolerance, rounds=_ROUNDS, solver=solver, report=report)
+    return refine(found, table.mesh.tolerance, rounds=_ROUNDS, solver=solver, report=report)

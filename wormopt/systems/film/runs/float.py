@@ -36,7 +36,7 @@ from wormopt.systems.film.runs.film_flow import (
     reach_warnings,
     wave_of,
 )
-from wormopt.systems.film.scenes.film import FloatScene
+from wormopt.systems.film.scenes.film import MOST_PERIODS, FloatScene
 from wormopt.systems.film.shapes import Wave
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.proof import (
@@ -49,8 +49,8 @@ from wormopt.systems.shared.proof import (
 from wormopt.systems.shared.settings import tolerance_of
 
 _TURN = 2 * math.pi
-# How often a body shall be overtaken, how many periods are simulated at least and at most.
-_OVERTAKEN, _LEAST, _MOST = 4, 20.0, 20_000.0
+# How often a body shall be overtaken, how many periods are simulated at least.
+_OVERTAKEN, _LEAST = 4, 20.0
 # A body is at rest on the wave if it moves less than this within the last period.
 _STILL = 1e-6
 
@@ -178,7 +178,7 @@ def _drifts(
 def _periods(drifts: Sequence[Drift]) -> float:
     """Periods of the wave in which every body that is not held is overtaken several times."""
     turns = [drift.turn / _TURN for drift in drifts if not drift.captured]
-    return min(max([_LEAST, *(_OVERTAKEN * turn for turn in turns)]), _MOST)
+    return min(max([_LEAST, *(_OVERTAKEN * turn for turn in turns)]), MOST_PERIODS)
 
 
 def _ridden(

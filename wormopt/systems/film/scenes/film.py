@@ -44,6 +44,8 @@ Levels = Annotated[
     tuple[Annotated[float, Meta(gt=0, le=1, description="a number above 0, up to 1")], ...],
     Meta(min_length=1, max_length=8, description="1 to 8 numbers above 0, up to 1"),
 ]
+MOST_PERIODS = 20_000
+"""Periods of the wave that a float rides at most."""
 Points = Annotated[int, Meta(ge=2, le=100_000, description="a whole number, 2 to 100000")]
 
 
@@ -213,7 +215,8 @@ class RideTable(Table, frozen=True, kw_only=True):
     """How long is simulated."""
 
     periods: Annotated[
-        Positive | None,
+        Annotated[float, Meta(gt=0, le=MOST_PERIODS, description="a number above 0, up to 20000")]
+        | None,
         says("1", "of the wave; if left out as many as it takes to overtake every body thrice"),
     ] = None
     samples: Annotated[Points, says("count", "times that are kept")] = 1001

@@ -1,13 +1,15 @@
 """How a block comes to rest on dry ground, by a time in which it never does.
 
 With dt = psi dT, psi being the power that the ground takes by the velocity v, the force is no more
-than linear in v: m dv/dT = f psi - (Ft² v_t, Fn² v_n). The stop at a finite time t lies at
-T = infinity, which v approaches exponentially, and t and the way are integrals over T. No event
-is located. For the law of unit directions |v| takes the place of psi, and F that of F².
+than linear in v: m dv/dT = f psi - (Ft² v_t, Fn² v_n). For the law of unit directions |v| takes the
+place of psi, and F that of F². The direction of v then obeys an equation of its own and tends to
+one that stays, along which the speed falls as exp(-cT): what is left of time and way is known in
+closed form. The stop at a finite time t lies at T = infinity. No event is located.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +18,9 @@ from scipy.integrate import solve_ivp
 from wormopt.errors import SolveError
 from wormopt.model.planar_friction import Elliptic, Unit
 
-_SMALL, _FAST = 1e-14, 1e6  # shares of the speed at which it rests, or runs away
-_LONGEST = 1e6  # T in units of mass over resistance, squared or not
+_SMALL = 1e-14  # share of the speed that is none
+_LONGEST = 1e12  # T in units of mass over the largest resistance, squared or not
+_NEWTON = 3  # of Newton, to the direction that stays
 
 
 @dataclass(frozen=True)
@@ -59,34 +62,68 @@ def stop_of(
     >>> round(stop.time, 10), [round(x, 10) for x in stop.place]
     (0.6666666667, [0.0833333333, 0.2666666667])
     """
-    start, f = np.array(velocity, dtype=float), np.array(pull, dtype=float)
-    speed = float(np.linalg.norm(start))
+    f, speed = pull, math.hypot(*velocity)
     square = 2 if isinstance(law, Elliptic) else 1
     ahead, back, aside = float(law.forward), float(law.backward), float(law.sideways)
     largest = max(ahead, back, aside)
 
-    def rate(_: float, state: np.ndarray) -> np.ndarray:
-        v = state[:2]
-        resistance = np.array([ahead if v[0] >= 0 else back, aside])
-        psi = np.linalg.norm(resistance * v if square == 2 else v)
-        change = (f * psi - resistance**square * v) / mass
-        return np.concatenate([change, v * psi, [psi]])
+    def rates(angle: float) -> tuple[float, float, float, float, float]:
+        """Psi over the speed; growth of the speed, turning, and their slopes over the angle."""
+        c, s, first = math.cos(angle), math.sin(angle), ahead
+        if c < 0:
+            first = back
+        p, q = first**square / mass, aside**square / mass
+        psi, steeper = 1.0, 0.0
+        if square == 2:
+            psi = math.hypot(first * c, aside * s)
+            steeper = (aside**2 - first**2) * s * c / psi
+        along, across = (f[0] * c + f[1] * s) / mass, (f[1] * c - f[0] * s) / mass
+        return (
+            psi,
+            psi * along - p * c * c - q * s * s,
+            psi * across - (q - p) * s * c,
+            steeper * along + psi * across - 2 * (q - p) * s * c,
+            steeper * across - psi * along - (q - p) * (c * c - s * s),
+        )
+
+    def rate(_: float, state: np.ndarray) -> tuple[float, ...]:
+        angle, logarithm = float(state[0]), float(state[1])
+        psi, growth, turning, _, _ = rates(angle)
+        v = speed * math.exp(logarithm)
+        return turning, growth, v**2 * psi * math.cos(angle), v**2 * psi * math.sin(angle), v * psi
 
     def left(_: float, state: np.ndarray) -> float:
-        return float(np.linalg.norm(state[:2])) - _SMALL * speed
+        return state[1] - math.log(_SMALL)
 
-    def runs(_: float, state: np.ndarray) -> float:
-        return float(np.linalg.norm(state[:2])) - _FAST * speed
+    def turned(_: float, state: np.ndarray) -> float:
+        """What the speed still changes by, because the direction does; less what is none."""
+        _, _, turning, slope, steep = rates(float(state[0]))
+        if turning == 0:
+            return -_SMALL
+        if steep >= 0:
+            return 1.0
+        off = turning / steep
+        return -(abs(slope * off) + 4 * largest**square / mass * off**2) / steep - _SMALL
 
-    left.terminal = runs.terminal = True  # type: ignore[attr-defined]
-    length = mass / largest**square
-    found = solve_ivp(
-        rate, (0.0, _LONGEST * length), np.concatenate([start, np.zeros(3)]), "DOP853",
-        rtol=1e-13, atol=1e-16 * speed, events=[left, runs], first_step=1e-3 * length,
-    )  # fmt: skip
-    if not len(found.t_events[0]):
+    left.terminal = turned.terminal = True  # type: ignore[attr-defined]
+    state = np.array([math.atan2(velocity[1], velocity[0]), 0.0, 0.0, 0.0, 0.0])
+    longest = mass / largest**square
+    if turned(0.0, state) > 0:
+        scale = np.array([1.0, 1.0, *(2 * [speed**2 * mass / largest]), speed * mass / largest])
+        found = solve_ivp(
+            rate, (0.0, _LONGEST * longest), state, "DOP853", rtol=1e-13, atol=1e-18 * scale,
+            events=[left, turned], first_step=1e-3 * longest,
+        )  # fmt: skip
+        state = found.y[:, -1]
+    angle, logarithm, x, y, t = state.tolist()
+    for _ in range(_NEWTON):
+        _, _, turning, _, steep = rates(angle)
+        angle -= turning / steep if steep < 0 else 0.0
+    psi, growth, *_ = rates(angle)
+    if growth >= 0:
         raise SolveError(
             "the block does not come to rest", "write a smaller pull, or more friction"
         )
-    x, y, t = found.y[2:, -1].tolist()
-    return Stop(t, (x, y))
+    v = speed * math.exp(logarithm)
+    rest = -psi * v**2 / growth / 2
+    return Stop(t - psi * v / growth, (x + rest * math.cos(angle), y + rest * math.sin(angle)))

@@ -9,7 +9,7 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.progress import Report
 from wormopt.systems.planar.path.polish import Fitted, polished
-from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, routes
+from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, least_steps, routes
 from wormopt.systems.planar.path.steps import GaitStep, Library, chained
 from wormopt.systems.planar.path.task import Cost, PathTask, Tolerance, cost_of, rest_fault
 
@@ -100,7 +100,7 @@ def plan_path(
     Raises
     ------
     SolveError
-        If the body touches something at start or goal, or no path is found.
+        If the body touches something at start or goal, the goal is too far, or no path is found.
 
     Notes
     -----
@@ -127,6 +127,12 @@ def plan_path(
     if fault := rest_fault(task, library):
         raise SolveError(fault, "move the pose or the obstacle", code="touching")
     options, looked, capture = SearchOptions(cost, cell, most), Looked(), Tolerance.of(capture)
+    if (least := least_steps(task, library, capture)) > most:
+        raise SolveError(
+            f"the goal is {least:.3g} or more steps away, and the search looks at {most} poses",
+            "give a nearer goal, larger steps or more poses",
+            code="too_far",
+        )
     fits = [Fitted(family, options.cost) for family in library.families]
     tried, short = 0, set()
     for route in routes(task, library, capture, options, looked, report):

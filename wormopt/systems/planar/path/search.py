@@ -115,6 +115,13 @@ def routes(
     looked.exhausted = not queue
 
 
+def least_steps(task: PathTask, library: Library, capture: Tolerance) -> float:
+    """Number of steps below which no sequence gets from the start to the goal."""
+    moves = np.array([step.displacement for step in library.steps])
+    bound = _bound(task, library, capture, np.ones(len(moves)), moves)
+    return float(bound(task.start[None])[0])
+
+
 @dataclass(frozen=True, eq=False)
 class _Node:
     pose: np.ndarray

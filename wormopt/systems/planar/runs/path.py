@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from wormopt.errors import Interrupted, SolveError
+from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
@@ -63,6 +63,9 @@ def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
             cell=(search.cell.place, search.cell.angle), most=search.poses, report=told,
         )  # fmt: skip
     except SolveError as error:
+        if error.code == "too_far":
+            message = f"{error.reason}; {error.suggestion} (search.poses)"
+            raise SceneError(scene.name, [("course.goal", message)]) from None
         partial = _unplanned(scene, error.reason)
         raise SolveError(error.reason, error.suggestion, partial, error.code) from None
     except KeyboardInterrupt:

@@ -59,8 +59,9 @@ def conflict(
         found, word = _together(keys, least), " and "
     else:
         return SolveError(
-            "no order of resting masses was solved, though the limits do not seem to conflict",
-            'try search.effort = "thorough" or another search.seed',
+            "no order of resting masses was solved, nor with all limits relaxed a thousandfold",
+            'write limits of the size of what the worm does, or try search.effort = "thorough" or '
+            "another search.seed",
         )
     told = word.join(_told(task, key, share) for key, share in found.items())
     return SolveError(

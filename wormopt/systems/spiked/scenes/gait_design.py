@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import ArgumentError, Fault
+from wormopt.model.given import per
 from wormopt.scene.types import SceneTable, Table, says
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.limits import Limits
@@ -255,9 +256,23 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     ] = ()
     objective: Annotated[ObjectiveTable, says("", "what to seek")]
 
+    def _faults_of_loads(self) -> Iterator[Fault]:
+        """Whether spikes can bear what they bear on average over a cycle: at least all loads."""
+        limit, masses = self.gait.spike_load, self.worm.links + 1
+        load = self.worm.worm.load
+        whole = masses * (max(load) if isinstance(load, tuple) else load)
+        if limit is not None and sum(per(limit, masses)) <= whole:
+            yield (
+                "gait.spike_load",
+                f"{sum(per(limit, masses)):.6g} on all {masses} spikes together is no more than "
+                f"the load of the worm, {whole:.6g}, which they bear on average over a cycle: no "
+                f"gait exists; write more than {whole / masses:.6g} per spike, or a smaller load",
+            )
+
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
-        yield from super().faults(folder)
+        faults = list(super().faults(folder))
+        yield from faults or self._faults_of_loads()
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
         wanted, objective = self.search.proof, self.objective.objective

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from wormopt.errors import SolveError
+from wormopt.errors import SceneError, SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result
@@ -49,6 +49,8 @@ _ON = 1e-9
 # Friction's impulse in a period against the momentum of the smallest amplitude: beyond this it is
 # not small.
 _SMALL = 0.2
+# The same beyond which exact motions are not followed: their velocities then round.
+_LARGE = 1e6
 # Of the largest velocity: by how much averages on twice as many nodes may differ, and the first
 # order from the closed form.
 _QUADRATURE = 1e-9
@@ -119,9 +121,16 @@ def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
     """Find the steady velocities by averaging, in closed form and exactly.
 
     "failed" where the routes disagree though friction is small, or no exact motion is found.
-    Raises SolveError if no velocity is steady.
+    Raises SolveError if no velocity is steady, SceneError if friction is too large to be followed.
     """
     table, begin = scene.table, time.perf_counter()
+    if (smallness := smallness_of(table.worm)) > _LARGE:
+        message = (
+            f"in a period it may change momentum by {smallness:.3g} of that of the smallest swing, "
+            f"and is followed up to {_LARGE:.0e}; write all friction smaller "
+            f"by {smallness / _LARGE:.2g} or more"
+        )
+        raise SceneError(scene.name, [("worm.friction", message)])
     report("averaging", None)
     slow = model_of(table.worm, place=False)
     extremes = extremes_of(table.worm)
