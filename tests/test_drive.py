@@ -196,7 +196,7 @@ def test_courses_that_do_not_fit_are_refused(build: Callable[[], object], messag
         build()
 
 
-def bounded(size: int = 1, lower: float = -np.inf, upper: float = np.inf) -> Model:
+def bounded(size: int = 1, *, lower: float = -np.inf, upper: float = np.inf) -> Model:
     """Places whose rates are the inputs."""
     x, u = ca.SX.sym("x", size), ca.SX.sym("u", size)
     return Model(
