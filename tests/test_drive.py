@@ -234,7 +234,7 @@ def test_a_course_along_a_bound_is_not_cut_for_its_rounding():
 @pytest.mark.parametrize("sided", [{"upper": 1.0}, {"lower": -1.0}, {"lower": -1.0, "upper": 1.0}])
 def test_bounds_may_have_one_side(sided: dict[str, float]):
     course = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[3.0]], [[-3.0]]]))
-    end = simulate(drive(bounded(**sided), course), 2.0).end
+    end = simulate(drive(bounded(1, **sided), course), 2.0).end
     assert end == pytest.approx([sided.get("upper", 3.0) + sided.get("lower", -3.0)])
 
 
