@@ -588,6 +588,30 @@ def test_angles_of_a_file_are_unwrapped_in_their_own_unit(tmp_path: Path, unwrap
     assert (key, said) == ("recording[0].unwrap", "the file has no column haed; did you mean head?")
 
 
+@pytest.mark.parametrize(
+    ("rate", "pause", "guessed"), [(0.4, 5.0, False), (0.4, 9.0, True), (-3.0, 1.5, True)]
+)
+def test_turns_over_a_pause_are_a_guess(tmp_path: Path, rate: float, pause: float, guessed: bool):
+    """Half a turn takes pi / |rate|; gaps of readings and of times are pauses alike."""
+    time = np.arange(0.0, 20.0, 0.5)
+    seen = np.mod(rate * time, 2 * np.pi)
+    during = (time > 4) & (time < 4 + pause)
+    gap, less = np.where(during, np.nan, seen), ~during
+    for t, row in ((time, gap), (time[less], seen[less])):
+        said = wo.Recording(t, {"phi": row}, unwrap=["phi"]).warnings
+        assert bool(said) == guessed
+        assert all("phi[0] has no reading from t = 4 to" in one for one in said)
+    phi = ca.SX.sym("phi")
+    model = wo.Model("turn", x=[wo.Signal("phi", phi, unit="angle")], ode=ca.SX(1))
+    rows = zip(time[less].tolist(), seen[less].tolist(), strict=True)
+    text = "".join(f"{t},{value!r}\n" for t, value in rows)
+    (tmp_path / "run.csv").write_text(f"time,phi\n{text}")
+    table = RecordingTable(file="run.csv", unwrap=("phi",))
+    (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
+    assert bool(run.warnings) == guessed
+    assert all("run: column phi has no reading from t = 4" in one for one in run.warnings)
+
+
 @pytest.mark.parametrize("fill", [None, -999.0])
 def test_fill_values_of_netcdf_are_gaps(tmp_path: Path, fill: float | None):
     given = DECAY.copy()
