@@ -105,6 +105,13 @@ def test_a_constant_of_design_is_a_parameter_that_has_no_value_of_its_own():
     assert [p.name for p in problem(model=driven).parameters] == ["ratio", "mass"]
 
 
+def test_symbols_and_what_holds_them_are_replaced_together():
+    ode, mass = ca.vertcat(v, u / s), Signal("mass", s, value=2.0)
+    with pytest.raises(ArgumentError, match=r"to none of its parts: s; .*replace takes them toget"):
+        replace(CART, ode=ode)
+    assert replace(CART, ode=ode, p=[mass]).p == [mass]
+
+
 @pytest.mark.parametrize(
     "made",
     [
@@ -301,6 +308,7 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
             lambda: wo.ModeSequence.of_resting(untyped([0, 1]), 3),
             "resting contacts must be sets of numbers from 0 to 2",
         ),
+        (lambda: wo.MoreauJean(WRONG), "model: not 'a word'; give a Model"),
         (lambda: FixedModes(untyped(3)), "modes: not 3; give a ModeSequence"),
         (lambda: wo.Regularised(WRONG), "v_reg must be finite and above 0"),
         (lambda: wo.Complementarity(ratio=1.0), "ratio must be below 1"),
