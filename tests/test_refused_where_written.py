@@ -174,6 +174,7 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
         ),
         (lambda: Signal("way", q, lower=0.0, value=-1.0), "way must be 0 or above, not -1"),
         (lambda: Signal("ways", stray.T), "signal ways: symbol must be a column of symbols"),
+        (lambda: Output("ways", stray.T), "output ways: expression must be a column"),
         (lambda: Signal(untyped(3), q), "signal: name must be a text, not 3"),
         (
             lambda: replace(CONTACT, law=Coulomb),

@@ -199,6 +199,11 @@ class Output:
     def __post_init__(self) -> None:
         check_name("output", self.name)
         _symbolic(f"output {self.name}", "expression", self.expression)
+        if self.expression.numel() and not self.expression.is_column():
+            raise ArgumentError(
+                f"output {self.name}: expression must be a column, not of the shape "
+                f"{self.expression.shape}; write ca.vec of it"
+            )
         _check_quantity(self.name, self.unit)
 
 
