@@ -281,7 +281,7 @@ def shown() -> Model:
         (lambda: retarded(float("nan")), "lag must be finite and above 0"),
         (lambda: Delay("past", ca.SX.sym("p", 2), ca.SX.sym("x"), 1.0), "columns of one size"),
         (lambda: Delay("past", ca.SX(1.0), ca.SX.sym("x"), 1.0), "columns of one size"),
-        (lambda: replace(retarded(), p=[Signal("past", ca.SX.sym("q"))]), "share a name"),
+        (lambda: replace(retarded(), p=[Signal("past", ca.SX.sym("q"))]), "share the name"),
     ],
 )
 def test_what_knows_no_delays_refuses_them(use: Callable[[], object], message: str):

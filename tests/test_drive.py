@@ -194,3 +194,50 @@ def test_a_reference_that_ends_holds_its_ends(shift: float):
 def test_courses_that_do_not_fit_are_refused(build: Callable[[], object], message: str):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+def bounded(size: int = 1, *, lower: float = -np.inf, upper: float = np.inf) -> Model:
+    """Places whose rates are the inputs."""
+    x, u = ca.SX.sym("x", size), ca.SX.sym("u", size)
+    return Model(
+        "cart",
+        [Signal("x", x, value=0.0)],
+        u,
+        u=[Signal("u", u, "speed", lower=lower, upper=upper)],
+    )
+
+
+def test_a_course_is_cut_to_the_bounds_of_its_inputs():
+    ramps = Gait(np.array([0.0, 1.0]), np.array([[[0.0, 4.0], [1.0, -4.0]]]))
+    motion = simulate(drive(bounded(2, lower=-2.0, upper=1.0), ramps), 1.0, times=[0.2, 0.5, 1.0])
+    # u = min(4 t, 1) and max(1 - 4 t, -2)
+    assert motion.end == pytest.approx([1 / 8 + 3 / 4, 3 / 4 - 9 / 8 - 1 / 2], abs=1e-9)
+    assert motion["input"] == pytest.approx(np.array([[0.8, 1, 1], [0.2, -1, -2]]))
+    assert motion["saturated"].tolist() == [[0, 1, 1], [0, 0, 1]]
+    (said,) = motion.warnings
+    assert "cut to their bounds" in said
+
+
+def test_a_course_along_a_bound_is_not_cut_for_its_rounding():
+    """Terms of a polynomial of degree 5 that is 1 but for the rounding of a sum."""
+    breaks, terms = np.linspace(0.0, 1.0, 8), np.random.default_rng(0).normal(size=(7, 1, 6))
+    terms[:, :, 1:] *= 1e-10
+    terms[:, :, 0] = 1.0
+    driven = drive(bounded(upper=1.0), Gait(breaks, terms))
+    motion = simulate(driven, 1.0)
+    assert not motion.events
+    assert not motion["saturated"].any()
+    assert motion.warnings == ()
+    assert motion.end == pytest.approx([1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("sided", [{"upper": 1.0}, {"lower": -1.0}, {"lower": -1.0, "upper": 1.0}])
+def test_bounds_may_have_one_side(sided: dict[str, float]):
+    course = Gait(np.array([0.0, 1.0, 2.0]), np.array([[[3.0]], [[-3.0]]]))
+    end = simulate(drive(bounded(1, **sided), course), 2.0).end
+    assert end == pytest.approx([sided.get("upper", 3.0) + sided.get("lower", -3.0)])
+
+
+def test_inputs_without_bounds_are_not_cut():
+    driven = drive(worm(), CUBICS)
+    assert "saturated" not in [output.name for output in driven.outputs]

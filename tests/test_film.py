@@ -556,6 +556,7 @@ def test_a_thick_film_is_warned_of():
         ("film={cosines=[0.0]}", "film.cosines", "no wave"),
         ("film={sines=[1.3]}", "film.sines", "falls to -0.3"),
         ("film.tension=-1.0", "film.tension", "0 or above"),
+        ("film.delta=0.9999", "film.delta: 0.9999", "falls to 0.0001"),
         ('units="SI"', "film.fluid", "missing"),
         ("film.fluid={}", "film.fluid.mu_r", "missing"),
         ("curves.delta=[1.5]", "curves.delta", "below 1"),

@@ -321,7 +321,7 @@ def pendulum_cart() -> Model:
            Signal("w", w, value=0.0)],
         ode=ca.vertcat(v, force, w, swing),
         u=[Signal("u", u)],
-        outputs=[Output("place", x), Output("sum", w + ca.cos(a) * v), Output("v", v),
+        outputs=[Output("place", x), Output("sum", w + ca.cos(a) * v), Output("drift", v),
                  Output("tip", x + ca.sin(a))],
     )  # fmt: skip
 

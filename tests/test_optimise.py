@@ -451,7 +451,7 @@ def test_arguments_that_cannot_be_used_are_named():
         optimise(problem, mesh, Smooth(0.1), LINE)  # type: ignore[arg-type]
     with pytest.raises(ArgumentError, match=r"it must give \(2, 8\)"):
         optimise(problem, mesh, RELAXED, Guess(1.0, lambda t: t[None]))
-    with pytest.raises(ArgumentError, match="upper has 3 entries for an expression of 2"):
+    with pytest.raises(ArgumentError, match="upper has 2 entries, not 3"):
         Constraint("end", problem.ends.end, upper=[1.0, 2.0, 3.0])
 
 

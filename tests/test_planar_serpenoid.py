@@ -40,12 +40,30 @@ def test_infinite(alpha: float, ratio: float, ground: str, speed: float) -> None
 
 
 @pytest.mark.parametrize("ground", ["viscous", "elliptic", "unit"])
-@settings(max_examples=4)
-@given(alpha=st.floats(0.1, 2.3), ratio=st.floats(1.1, 20))
-def test_by_another_way(ground: str, alpha: float, ratio: float) -> None:
-    accepted = 1e-6 if ground == "elliptic" else 1e-10
+@settings(max_examples=4, deadline=None)
+@given(size=st.floats(-12, 0.36), ratio=st.floats(0.01, 6).map(lambda size: 10**size))
+def test_by_another_way(ground: str, size: float, ratio: float) -> None:
+    """By other quadratures, relative to the amplitude's square, which small speeds go by."""
+    alpha, accepted = 10**size, 1e-6 if ground == "elliptic" else 1e-11
     found = serpenoid_speed(alpha, ratio, ground)  # type: ignore[arg-type]
-    assert found == pytest.approx(another_speed(alpha, ratio, ground), abs=accepted)
+    scale = abs(found) + alpha**2 / 4
+    assert abs(found - another_speed(alpha, ratio, ground)) <= accepted * scale
+
+
+@pytest.mark.parametrize("alpha", [1e-4, 1e-7, 1e-9, 1e-30])
+def test_small_waves_go_by_the_square_of_their_amplitude(alpha: float) -> None:
+    """V/c = (r - 1) alpha²/2 to the next order, alpha² r of it."""
+    for r in (1.5, 10.0):
+        speed = serpenoid_speed(alpha, r)
+        assert speed == pytest.approx((r - 1) * alpha**2 / 2, rel=2 * r * alpha**2 + 1e-12, abs=0)
+
+
+@pytest.mark.parametrize("ground", ["viscous", "elliptic", "unit"])
+def test_small_waves_on_steep_ground_are_rechecked(ground: str) -> None:
+    changes = ["amplitude=1e-7", "ratio=1e6", f"ground={ground}", "waves=[]"]
+    result = wo.run(wo.load_scene("planar_serpenoid", changes))
+    accepted = 1e-6 if ground == "elliptic" else 1e-11
+    assert result.scalars["recheck_error"].value < accepted
 
 
 @given(alpha=st.floats(0.1, 2.3))

@@ -77,7 +77,10 @@ def written(folder: Path, text: str) -> Path:
         ('time,x\n0,"1,500"\n1,"2,500"\n', r'line 2, column x: "1,500" may be 1500 or 1\.500'),
         ("time;x\n0;1.234,5\n1;2\n", r'"1\.234,5" has separators of thousands; write 1234\.5'),
         ("time;x\n12:03:01;1\n12:03:02;2\n", r'column time: "12:03:01" is a date or a time of'),
-        ("time,x\n0,1_000\n1,2\n", 'line 2, column x: "1_000" is no number'),
+        (
+            "time,x\n0,1_000\n1,2\n",
+            'line 2, column x: "1_000" has separators of thousands; write 1000',
+        ),
     ],
 )
 def test_what_is_wrong_in_a_file_is_told_by_its_place(tmp_path: Path, text: str, said: str):

@@ -35,7 +35,12 @@ CART = Model(
     u=[Signal("force", u, lower=-1.0, upper=1.0)],
 )
 ENDS = Ends.of(CART, 1)
+RULE = Collocation(3)
 START = Constraint("start", ENDS.start, 0.0, 0.0)
+
+
+def untyped(value: Any) -> Any:
+    return value
 
 
 def model(**changes: Any) -> Model:
@@ -100,6 +105,13 @@ def test_a_constant_of_design_is_a_parameter_that_has_no_value_of_its_own():
     assert [p.name for p in problem(model=driven).parameters] == ["ratio", "mass"]
 
 
+def test_symbols_and_what_holds_them_are_replaced_together():
+    ode, mass = ca.vertcat(v, u / s), Signal("mass", s, value=2.0)
+    with pytest.raises(ArgumentError, match=r"to none of its parts: s; .*replace takes them toget"):
+        replace(CART, ode=ode)
+    assert replace(CART, ode=ode, p=[mass]).p == [mass]
+
+
 @pytest.mark.parametrize(
     "made",
     [
@@ -121,7 +133,7 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
     [
         (
             lambda: Signal("lengths", ca.SX.sym("l", 3), value=[1, 2]),
-            "lengths has 3 entries.* of 2",
+            "value of lengths has 3 entries, not 2",
         ),
         (lambda: Signal("way", q, value=WRONG), "value of way must be a number"),
         (lambda: Signal("way", q, lower=2.0, upper=1.0), "way: lower 2.0 is above upper 1.0"),
@@ -147,6 +159,162 @@ def test_a_symbol_has_one_owner(made: Callable[[], Any]):
         (lambda: Constraint("force", u, upper=-np.inf), "'force': no number is between"),
         (lambda: Constraint("force", u, nominal=0.0), "'force': nominal must be positive"),
         (lambda: Constraint("force", WRONG), "'force': expression"),
+        (lambda: Signal("way", q, lower=WRONG), "signal way: lower must be a number, one for all"),
+        (
+            lambda: Signal("way", q, upper=untyped([0.0, 1.0])),
+            "signal way: upper must be a number, one for all",
+        ),
+        (
+            lambda: Signal("ways", stray, value=untyped([[1.0, 2.0]])),
+            r"value of ways has 2 entries, not the shape \(1, 2\)",
+        ),
+        (
+            lambda: Signal("ways", ca.SX.sym("w", 4), value=untyped(np.eye(2))),
+            "value of ways has 4 entries, not the shape",
+        ),
+        (lambda: Signal("way", q, lower=0.0, value=-1.0), "way must be 0 or above, not -1"),
+        (lambda: Signal("ways", stray.T), "signal ways: symbol must be a column of symbols"),
+        (lambda: Output("ways", stray.T), "output ways: expression must be a column"),
+        (lambda: Signal(untyped(3), q), "signal: name must be a text, not 3"),
+        (
+            lambda: replace(CONTACT, law=Coulomb),
+            "contact sole: law must be .* not the class Coulomb",
+        ),
+        (
+            lambda: replace(CONTACT, law=wo.Elliptic),
+            "contact sole: law must be .* not the class Elliptic",
+        ),
+        (
+            lambda: model(contacts=[replace(CONTACT, velocity=v + f)]),
+            "contact sole: velocity holds forces of",
+        ),
+        (
+            lambda: model(switches=[Switch("stop", q, CART.ode.T)]),
+            "switch stop: reset must be a column of 2",
+        ),
+        (
+            lambda: model(switches=[Switch("stop", q, q)]),
+            "switch stop: reset must be a column of 2",
+        ),
+        (
+            lambda: Switch("stop", q, q, terminal=WRONG),
+            "switch stop: terminal must be True or False",
+        ),
+        (lambda: model(ode=CART.ode.T), "model cart: ode must be a column of 2"),
+        (lambda: model(t=ca.SX.sym("t", 2)), "model cart: t must be a scalar symbol"),
+        (lambda: model(t=None), "model cart: t must be an expression"),
+        (
+            lambda: model(outputs=2 * [Output("way", q)]),
+            "two states or outputs share the name 'way'",
+        ),
+        (
+            lambda: model(outputs=[Output("position", v)]),
+            "two states or outputs share the name 'position'",
+        ),
+        (
+            lambda: model(contacts=[CONTACT, replace(CONTACT, force=s)]),
+            "two contacts share the name 'sole'",
+        ),
+        (
+            lambda: model(switches=2 * [Switch("stop", q, CART.ode)]),
+            "two switches share the name 'stop'",
+        ),
+        (
+            lambda: Schedule("push", s, q + 1, STEPS, STEPS[1:, None]),
+            "schedule push: begin must be a scalar sym",
+        ),
+        (
+            lambda: Schedule("push", s.T * 2, q, STEPS, STEPS[1:, None]),
+            "schedule push: symbol must be a column",
+        ),
+        (
+            lambda: Schedule("push", s, q, STEPS, STEPS[1:, None], start=WRONG),
+            "schedule push: start must be a",
+        ),
+        (
+            lambda: Schedule("push", s, q, STEPS, STEPS[1:, None], start=np.nan),
+            "push: start .* finite .* nan",
+        ),
+        (
+            lambda: Schedule("push", s, q, STEPS, STEPS[1:, None], WRONG),
+            "schedule push: periodic must be True",
+        ),
+        (
+            lambda: wo.Tolerance(max_steps=untyped(1.5)),
+            "max_steps must be a whole number from 1 on, not 1.5",
+        ),
+        (
+            lambda: wo.Tolerance(max_steps=untyped(np.inf)),
+            "max_steps must be a whole number from 1 on, not inf",
+        ),
+        (lambda: wo.simulate(CART, 1.0, dense=WRONG), "dense must be True or False"),
+        (
+            lambda: wo.simulate(CART, untyped("3")),
+            "span must be a number or a list of numbers, not '3'",
+        ),
+        (
+            lambda: Constraint("way", q, "0"),
+            "'way': lower must be a number or a list of numbers, not '0'",
+        ),
+        (lambda: Constraint("ways", ca.horzcat(q, v)), "'ways': expression must be a column"),
+        (lambda: problem(duration=2.0), r"duration must be a positive range, .* say, not 2\.0"),
+        (lambda: problem(duration=(1.0, np.inf)), "duration must be a positive range"),
+        (
+            lambda: problem(minimise=1.0),
+            r"minimise must be an expression .* ends\.duration say, not 1\.0",
+        ),
+        (lambda: problem(minimise=ENDS.end), "minimise must be a scalar"),
+        (
+            lambda: problem(minimise=ENDS.integrals[0]),
+            r"0 integrands, and ends of 1 integrals; write Ends\.of",
+        ),
+        (lambda: problem(integrands=[q]), "integrands must be an expression"),
+        (lambda: problem(ends=Ends), "ends: not <class"),
+        (
+            lambda: problem(ends=Ends.of(replace(CART, x=CART.x[:1], ode=u))),
+            "ends are of 1 states, and cart has 2",
+        ),
+        (lambda: problem(periodic=3), "periodic must be a name or a list of names"),
+        (lambda: problem(nominal=WRONG), "nominal must be positive"),
+        (lambda: problem(impulses=WRONG), "impulses must be True or False"),
+        (lambda: problem(sharing=3), "sharing must be a function"),
+        (lambda: Ends.of(CART, -1), "n_integrals must be a whole number from 0 on, not -1"),
+        (lambda: Guess(-1.0, np.sin), r"duration must be finite and above 0, not -1\.0"),
+        (lambda: Guess(1.0, WRONG), "states must be a function of times"),
+        (lambda: Guess(1.0, np.sin, phases=np.array([-1.0])), "phases must be a list of durations"),
+        (lambda: Mesh(0, 1, RULE), "phases must be a whole number from 1 on, not 0"),
+        (lambda: Mesh(1, untyped(1.5), RULE), r"arcs must be a whole number from 1 on, not 1\.5"),
+        (lambda: Mesh.even(2, [1, 2, 3], RULE), "arcs has 3 entries for 2 phases"),
+        (lambda: Mesh(1, 1, WRONG), "collocation: not .*; give a Collocation"),
+        (lambda: Mesh(1, 2, RULE, -1), "input_degree must be a whole number from 0 on"),
+        (
+            lambda: Mesh(1, 2, RULE, 0, (1.0, 1.0)),
+            "shares must be positive numbers, .* with the sum 1",
+        ),
+        (lambda: Mesh.over([0.0, np.inf], 1.0, RULE), "breaks must ascend and be finite"),
+        (
+            lambda: Mesh.over([0.0, 1.0], 1e-300, RULE),
+            "longest is 1e-300 over a span of 1: more than",
+        ),
+        (lambda: Collocation(untyped(2.5)), r"degree must be a whole number from 1 on, not 2\.5"),
+        (
+            lambda: wo.ModeSequence(untyped(3)),
+            "phases must be lists of the states of all contacts.* not 3",
+        ),
+        (
+            lambda: wo.ModeSequence(untyped((0, 1))),
+            "phases must be lists of the states of all contacts",
+        ),
+        (
+            lambda: wo.ModeSequence.of_resting(untyped([0, 1]), 3),
+            "resting contacts must be sets of numbers from 0 to 2",
+        ),
+        (lambda: wo.MoreauJean(WRONG), "model: not 'a word'; give a Model"),
+        (lambda: FixedModes(untyped(3)), "modes: not 3; give a ModeSequence"),
+        (lambda: wo.Regularised(WRONG), "v_reg must be finite and above 0"),
+        (lambda: wo.Complementarity(ratio=1.0), "ratio must be below 1"),
+        (lambda: Coulomb(untyped(None), 2.0), "forward must be a number, not None"),
+        (lambda: Coulomb(stray, 2.0), "forward must be a number, not SX"),
         (lambda: problem(duration=(2.0, 1.0)), "duration must be a positive range"),
         (lambda: problem(periodic=["positon"]), "no state 'positon'.*did you mean 'position'"),
         (lambda: problem(design=[u]), "design"),
@@ -170,7 +338,7 @@ def test_values_have_one_entry_or_all(seed: int):
     if given in (1, size):
         assert Signal("lengths", symbol, value=value).size == size
         return
-    with pytest.raises(ArgumentError, match=f"lengths has {size} entries and a value of {given}"):
+    with pytest.raises(ArgumentError, match=f"lengths has {size} entr(y|ies), not {given}"):
         Signal("lengths", symbol, value=value)
 
 
@@ -228,6 +396,21 @@ def test_equalities_that_contradict_each_other_otherwise_are_named(at_ends, alon
     assert refused.value.code == "infeasible"
 
 
+def test_numbers_of_numpy_and_casadi_are_numbers():
+    law = Coulomb(untyped(np.array(1.0)), 2)
+    assert law == Coulomb(1.0, 2.0)
+    assert hash(law) == hash(Coulomb(1.0, 2.0))
+    assert Signal("way", q, nominal=untyped(np.array(2.0)), lower=untyped(np.array(0.0))).lower == 0
+    assert Signal("ways", stray, value=untyped(ca.DM([1.0, 2.0]))).value == (1.0, 2.0)
+    assert wo.Tolerance(max_steps=untyped(1e4)).max_steps == 10_000
+    assert wo.simulate(CART, 1.0, tolerance=wo.Tolerance(max_steps=untyped(1e4))).end.tolist() == [
+        0,
+        0,
+    ]
+    assert Mesh(2, [1, 2], RULE, shares=[1.0, 0.25, 0.75]).total == 3
+    assert wo.ModeSequence(untyped([[0, 1], np.array([1, 0])])).phases == ((0, 1), (1, 0))
+
+
 # -- names -----------------------------------------------------------------------------------------
 
 
@@ -264,9 +447,20 @@ def test_misspelt_scalars_states_and_parameters_have_a_hint():
 
 def test_numbers_of_laws_may_become_parameters_later():
     law = Coulomb(stray[0], 2.0)
-    early = model(contacts=[replace(CONTACT, law=law)], outputs=[Output("grip", stray[0])])
+    early = model(
+        contacts=[replace(CONTACT, law=law)], outputs=[Output("grip", stray[0])], ode=CART.ode + f
+    )
     late = replace(early, p=[Signal("grips", stray, value=1.0)])
     assert late.n_x == 2
+    named = "forward of the law of contact sole holds .*: stray_0; add Signal"
+    solves: list[Callable[[], object]] = [
+        lambda: wo.simulate(early, 1.0),
+        lambda: wo.linearise(early, output="grip"),
+        lambda: solved(replace(problem(START), model=early)),
+    ]
+    for solve in solves:
+        with pytest.raises(ArgumentError, match=named):
+            solve()
 
 
 def test_schedules_of_a_model_own_their_symbols():

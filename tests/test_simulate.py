@@ -333,7 +333,7 @@ def test_a_law_may_differ_by_direction_without_ever_holding(start: float):
 def test_models_of_wrong_sizes_are_refused_before_anything_runs():
     x = ca.SX.sym("x", 2)
     states = [Signal("x", x, value=0.0)]
-    with pytest.raises(ValueError, match="a reset of 2 states"):
+    with pytest.raises(ValueError, match="reset must be a column of 2, one for each state"):
         Model("bad", x=states, ode=x, switches=[Switch("s", x[0], ca.SX(0))])
     with pytest.raises(ValueError, match="must be scalars"):
         Model("bad", x=states, ode=x, contacts=[Contact("c", x, ca.SX.sym("f"), Spike())])

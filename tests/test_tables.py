@@ -202,7 +202,8 @@ SMOOTH = "0;60;60\n400;75;50\n800;65;70\n1200;60;60\n"
 
 @pytest.mark.parametrize(
     "head", ["t [ms];l_0 [mm];l_1 [mm]", "t (ms);l_0 (mm);l_1 (mm)", "t / ms;l_0/mm;l_1/mm",
-             "t;l_0;l_1\nms;mm;mm", "time [ms];length_0 [mm];length_1 [mm]"]
+             "t;l_0;l_1\nms;mm;mm", "time [ms];length_0 [mm];length_1 [mm]",
+             "t in ms;l_0 in mm;l_1 (in mm)", "t in [ms];l_0 IN [mm];l_1 in mm"]
 )  # fmt: skip
 def test_units_of_a_gait_table_are_converted(tmp_path: Path, head: str):
     gait = wo.load_gait(gait_file(tmp_path, f"{head}\n{SMOOTH}"))
@@ -220,6 +221,17 @@ def test_units_of_a_gait_table_are_converted(tmp_path: Path, head: str):
         ("t [ms];l_0 [mm];l_1 [N]", "SI", 'column l_1: "N" is no unit of length; write "m" or'),
         ("t [ms];l_0 [furlong];l_1", "SI", 'column l_0: "furlong" has a unit that is not known'),
         ("t_ms;l_0_mm;l_1_mm", "SI", r'column t_ms: "ms" seems to be its unit; write t \[ms\]'),
+        ("t [ms];l_0 mm;l_1 [mm]", "SI", r'column l_0 mm: "mm" seems to be .* write l_0 \[mm\]'),
+        ("t [ms];l_0 {mm};l_1 [mm]", "SI", r'"mm" seems to be its unit; write l_0 \[mm\]'),
+        ("t [ms];l0mm;l1mm", "SI", r'"mm" seems to be its unit; write l0 \[mm\]'),
+        ("t [ms];l_0 [mm] left;l_1 [mm]", "SI", r'"mm" seems to be its unit; write l_0 \[mm\]'),
+        ("t [ms];l_0 in millimetres;l_1 [mm]", "SI", r'"mm" seems to be .* write l_0 \[mm\]'),
+        ("t in ms;l_0;l_1", "dimensionless", 'column t: a unit, "ms", in a scene without'),
+        (
+            "t;l_0 mm;l_1 mm",
+            "dimensionless",
+            'column l_0 mm: "mm" seems to be its unit; write l_0$',
+        ),
     ],
 )
 def test_units_that_cannot_be_converted_are_refused(
@@ -228,6 +240,40 @@ def test_units_that_cannot_be_converted_are_refused(
     path = gait_file(tmp_path, f"{head}\n{SMOOTH}")
     with pytest.raises(ArgumentError, match=rf"gait\.csv.*{said}"):
         wo.load_gait(path, units=units)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ('0,"1,234.5"\n1,"2,345.6"', '"1,234.5" has separators of thousands; write 1234.5'),
+        ('0,"1,234"\n1,"2,345"', '"1,234" may be 1234 or 1.234'),
+        ("0;1,234\n1;2,345", '"1,234" may be 1234 or 1.234'),
+        ("0;999\n1;1,234", '"1,234" may be 1234 or 1.234'),
+        ("0;1,234,567\n1;7", '"1,234,567" has separators of thousands; write 1234567'),
+        ("0;1.234,5\n1;2.345,6", '"1.234,5" has separators of thousands; write 1234.5'),
+        ("0;1.234.567\n1;1.234.567", '"1.234.567" has separators of thousands; write 1234567'),
+        ("0;1'234\n1;2'345", '"1\'234" has separators of thousands; write 1234'),
+        ("0;1 234\n1;2 345", '"1 234" has separators of thousands; write 1234'),
+        ("0;1_234.5\n1;2_345.5", '"1_234.5" has separators of thousands; write 1234.5'),
+        ("0,1,234.5\n1,2,345.6", "and numbers without separators of thousands"),
+        ("0 1,234.5\n1 2,345.6", "and numbers without separators of thousands"),
+    ],
+)
+def test_separators_of_thousands_are_refused(cells: str, said: str):
+    wrong: list[Wrong] = []
+    head = "t;x" if ";" in cells else "t,x" if "," in cells.split()[0] else "t x"
+    parse_table(f"{head}\n{cells}\n", wrong)
+    assert said in wrong[0][1]
+    assert "line " in wrong[0][1]
+
+
+@pytest.mark.parametrize("cells", ["0,5;1,234\n1,0;2,345", "0;0,123\n1;2,345", "0;1,2345\n1;2,345"])
+def test_decimal_commas_with_three_digits_are_read(cells: str):
+    wrong: list[Wrong] = []
+    table = parse_table(f"t;x\n{cells}\n", wrong)
+    assert table is not None
+    assert not wrong
+    assert table.values["x"][1] == 2.345
 
 
 def scene_of(folder: Path, units: str) -> dict:
@@ -540,6 +586,30 @@ def test_angles_of_a_file_are_unwrapped_in_their_own_unit(tmp_path: Path, unwrap
     wrong = RecordingTable(file="run.csv", columns={"head": "angle[0]"}, unwrap=("haed",))
     ((key, said),) = wrong.faults(tmp_path, "SI", "recording[0]")
     assert (key, said) == ("recording[0].unwrap", "the file has no column haed; did you mean head?")
+
+
+@pytest.mark.parametrize(
+    ("rate", "pause", "guessed"), [(0.4, 5.0, False), (0.4, 9.0, True), (-3.0, 1.5, True)]
+)
+def test_turns_over_a_pause_are_a_guess(tmp_path: Path, rate: float, pause: float, guessed: bool):
+    """Half a turn takes pi / |rate|; gaps of readings and of times are pauses alike."""
+    time = np.arange(0.0, 20.0, 0.5)
+    seen = np.mod(rate * time, 2 * np.pi)
+    during = (time > 4) & (time < 4 + pause)
+    gap, less = np.where(during, np.nan, seen), ~during
+    for t, row in ((time, gap), (time[less], seen[less])):
+        said = wo.Recording(t, {"phi": row}, unwrap=["phi"]).warnings
+        assert bool(said) == guessed
+        assert all("phi[0] has no reading from t = 4 to" in one for one in said)
+    phi = ca.SX.sym("phi")
+    model = wo.Model("turn", x=[wo.Signal("phi", phi, unit="angle")], ode=ca.SX(1))
+    rows = zip(time[less].tolist(), seen[less].tolist(), strict=True)
+    text = "".join(f"{t},{value!r}\n" for t, value in rows)
+    (tmp_path / "run.csv").write_text(f"time,phi\n{text}")
+    table = RecordingTable(file="run.csv", unwrap=("phi",))
+    (run,) = runs_of([table], tmp_path, model, "SI", {}, "scene")
+    assert bool(run.warnings) == guessed
+    assert all("run: column phi has no reading from t = 4" in one for one in run.warnings)
 
 
 @pytest.mark.parametrize("fill", [None, -999.0])

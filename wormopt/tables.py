@@ -30,6 +30,7 @@ _GAPS = frozenset(
         *("nan", "+nan", "-nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"),
     )
 )
+_SIZES = (("", ""), ("milli", "m"), ("micro", "u"), ("nano", "n"), ("centi", "c"), ("deci", "d"))
 _MOST_BYTES = 500_000_000
 # Lines that may be above the names; lines at the end that show what separates cells.
 _MOST_ABOVE, _LOOKED_AT = 100, 30
@@ -41,12 +42,25 @@ _BRACKETS = re.compile(
     r"(?P<name>.*?)(?:\s+\[(?P<one>1)\]|\s*\[(?P<square>(?!\d+\])[^\]]+)\]"
     r"|\s*\((?P<round>[^)]*)\))\s*"
 )
-_QUOTIENT = re.compile(r"(?P<name>\S.*?)\s*/\s*(?P<unit>[^/]+)")
+_QUOTIENT = re.compile(r"(?P<name>\S.*?)(?:\s*/\s*|\s+in\s+)(?P<unit>[^/]+)")
+_IN = re.compile(r"\s+in$|^in\s+", re.IGNORECASE)
+# units that names seem to hold, by what is written
+_MEANT = {
+    **{unit: unit for unit in "ns us µs μs ms s min um µm μm mm cm dm m".split()},
+    **{f"{size}second{s}": f"{short}s" for s in ("", "s") for size, short in _SIZES},
+    **{
+        f"{size}met{er}{s}": f"{short}m"
+        for er in ("re", "er")
+        for s in ("", "s")
+        for size, short in _SIZES
+    },
+}
 _BLANKS = re.compile(
     r'"[^"]*"|[^\s"\[(]+(?:[ \t]*\[[^\]]*\]|[ \t]*\([^)]*\))*|\[[^\]]*\]|\([^)]*\)'
 )
 _COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
+_SEPARATED = re.compile(r"[+-]?\d{1,3}(?:[., '’_\u2009\u202f]\d{3})+(?:[.,]\d*)?")
 _CLOCK = re.compile(r"(\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4})?[T ]*(\d\d?:\d\d.*)?")
 
 Wrong = tuple[str, str]
@@ -156,13 +170,15 @@ def parse_table(
     width = len(names)
     rows = [(n, cells if any(cells[width:]) else cells[:width]) for n, cells in rows]
     rows = [row for row in rows if _fits(row, names, wrong)]
-    comma = _has_decimal_commas(rows, names, separator, wrong)
+    comma = _has_decimal_commas(rows, names, wrong)
     values: dict[str, Sequence[float]] = {}
     texts = set[str]()
     for k, name in enumerate(names):
         cells = [(n, row[k]) for n, row in rows]
         numbers = [_number(cell, comma) for _, cell in cells]
-        if None in numbers and not any(v is not None and v == v for v in numbers) and name != time:
+        written = [cell for (_, cell), v in zip(cells, numbers, strict=True) if v is None]
+        words = written and not any(v is not None and v == v for v in numbers) and name != time
+        if words and not all(map(_SEPARATED.fullmatch, written)):
             texts.add(name)
         else:
             for (n, cell), number in zip(cells, numbers, strict=True):
@@ -177,12 +193,22 @@ def parse_table(
     return TextTable(values, units, frozenset(texts), said, at, tuple(n for n, _ in rows))
 
 
-def unit_at_end(name: str) -> str:
-    """Unit that a name seems to end in, ``ms`` of ``t_ms``; "" if it does not."""
-    found = re.fullmatch(r".*[A-Za-z0-9\]]_([a-zA-Zµμ]{2,3}|s|m)", name)
-    if found is None or found[1] not in "ns us µs μs ms s min um µm μm mm cm dm m".split():
-        return ""
-    return found[1]
+def unit_meant(name: str) -> tuple[str, str]:
+    """Name and unit of what seems to hold one, though not in brackets: ``t_ms``, ``t {ms}``.
+
+    The unit is "" where there is none.
+    """
+    for form in (r"[\[({<]\s*([^\W\d_]+)\s*[\])}>]", r"([^\W\d_]+)\W*$"):
+        found = re.search(form, name)
+        if found is None:
+            continue
+        word, before = found[1], name[: found.start(1)]
+        unit = _MEANT.get(word, _MEANT.get(word.lower(), "") if len(word) > 1 else "")
+        bare = _IN.sub("", re.sub(r"[\W_]+$", "", before))
+        # one letter alone is a name, and one behind a digit a part of it
+        if unit and (len(word) > 1 or (bare and not before[-1].isalnum())):
+            return bare, unit
+    return name, ""
 
 
 # -- text and lines --------------------------------------------------------------------------------
@@ -311,12 +337,12 @@ def _remark_of_names(remarks: list[tuple[int, str]], rows: list[Row], time: str)
 
 
 def name_and_unit(cell: str) -> tuple[str, str]:
-    """Name and unit, "" if there is none, of a head like ``x [mm]``, ``x (mm)`` or ``x / mm``."""
+    """Name and unit, "" if there is none, of ``x [mm]``, ``x (mm)``, ``x / mm`` or ``x in mm``."""
     found = _BRACKETS.fullmatch(cell)
     if found is not None:
-        return found["name"].strip("\"' "), (
-            found["one"] or found["square"] or found["round"] or ""
-        ).strip()
+        unit = (found["one"] or found["square"] or found["round"] or "").strip()
+        name = found["name"].strip("\"' ")
+        return (_IN.sub("", name), _IN.sub("", unit)) if unit else (name, "")
     found = _QUOTIENT.fullmatch(cell)
     if found is not None and _is_unit(found["unit"]):
         return found["name"], found["unit"]
@@ -362,13 +388,14 @@ def _fits(row: Row, names: list[str], wrong: list[Wrong]) -> bool:
     number, cells = row
     if len(cells) != len(names):
         what = f" line {number}: {len(cells)} cells for {len(names)} columns; write one per column"
-        wrong.append(("", f"{what}, empty where nothing was measured"))
+        what += ", empty where nothing was measured"
+        if re.search(r"\b[1-9]\d{0,2}(,\d{3})*,\d{3}(\.|,|$)", ",".join(cells)):
+            what += ", and numbers without separators of thousands"
+        wrong.append(("", what))
     return len(cells) == len(names)
 
 
-def _has_decimal_commas(
-    rows: list[Row], names: list[str], separator: str, wrong: list[Wrong]
-) -> bool:
+def _has_decimal_commas(rows: list[Row], names: list[str], wrong: list[Wrong]) -> bool:
     """Whether numbers have decimal commas; a table with commas and points is refused."""
 
     def those(form: Callable[[str], object]) -> list[tuple[int, str, str]]:
@@ -386,7 +413,7 @@ def _has_decimal_commas(
         (number, name, cell), (other, _, usual) = few[0], many[0]
         what = f'"{cell}" and, in line {other}, "{usual}" have different decimal signs; write one'
         wrong.append((name, f" line {number}, column {name}: {what} kind in all cells"))
-    elif commas and separator == "," and all(_THOUSANDS.fullmatch(cell) for _, _, cell in commas):
+    elif commas and all(_THOUSANDS.fullmatch(cell) for _, _, cell in commas):
         number, name, cell = commas[0]
         what = f'"{cell}" may be {cell.replace(",", "")} or {cell.replace(",", ".", 1)}; write one'
         wrong.append((name, f" line {number}, column {name}: {what} of these"))
@@ -410,9 +437,11 @@ def _is_number(cell: str) -> bool:
 
 def _why_none(cell: str) -> str:
     shown = cell if len(cell) <= 30 else cell[:27] + "..."
-    if re.fullmatch(r"[+-]?\d{1,3}([., ']\d{3})+([.,]\d*)?", cell):
-        plain = re.sub(r"[., '](?=\d{3}([., ']|$))", "", cell)
-        return f'"{shown}" has separators of thousands; write {plain.replace(",", ".")}'
+    if _SEPARATED.fullmatch(cell):
+        groups = re.split(r"[^\d+-]", cell)
+        rest = len(groups[-1]) != 3 or len(set(re.findall(r"[^\d+-]", cell))) > 1
+        plain = "".join(groups[:-1]) + "." + groups[-1] if rest else "".join(groups)
+        return f'"{shown}" has separators of thousands; write {plain}'
     if cell and _CLOCK.fullmatch(cell):
         return f'"{shown}" is a date or a time of day; write seconds from the start'
     return f'"{shown}" is no number; write one, or leave the cell empty'

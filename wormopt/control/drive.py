@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+
+import casadi as ca
+import numpy as np
 
 from wormopt.control.loop import feed
 from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
-from wormopt.model.model import Model, Output
+from wormopt.model.given import check_flag, check_kind
+from wormopt.model.model import Model, Output, Signal
+
+# Part of its bound, or nominal size, by which an input may exceed it: optimised courses run along
+# bounds, but for rounding and the tolerance of the solver.
+_EXCESS = 1e-8
 
 
 def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
@@ -30,12 +39,14 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
     Model
         The plant without inputs, with the output ``input`` (all of them, in their order) and the
         schedule ``input``, by which solvers stop at every break. Courses with as many pieces and
-        powers share one compiled model.
+        powers share one compiled model. Inputs with bounds are cut to them where they exceed them
+        by more than 1e-8 of their size; the output ``saturated`` is then 1 for each input that is
+        cut, else 0.
 
     Raises
     ------
     ArgumentError
-        If the course is no Gait, or has not one row per scalar input.
+        If the plant is no Model, the course no Gait, or it has not one row per scalar input.
 
     Examples
     --------
@@ -49,18 +60,38 @@ def drive(plant: Model, inputs: Gait, *, periodic: bool = False) -> Model:
     >>> list(driven.u), [schedule.name for schedule in driven.schedules]
     ([], ['input'])
     """
+    check_kind("plant", plant, Model)
+    check_flag("periodic", periodic)
     if not isinstance(inputs, Gait):
         raise ArgumentError(f"inputs must be a Gait of one row each, not {type(inputs).__name__}")
     size = sum(signal.size for signal in plant.u)
     if inputs.links != size:
         raise ArgumentError(f"{plant.name} has {size} scalar inputs, the course {inputs.links}")
     course = gait_reference(inputs, plant.t, periodic=periodic, name="input")
+    value, told = _cut(plant.u, course.value)
     units = {signal.unit for signal in plant.u}
-    shown = Output("input", course.value, units.pop() if len(units) == 1 else "1")
-    fed = feed(plant, plant.u, course.value)
+    shown = Output("input", value, units.pop() if len(units) == 1 else "1")
+    fed = feed(plant, plant.u, value)
     return replace(
         fed,
         name=f"{plant.name}, driven",
-        outputs=[*fed.outputs, shown],
+        outputs=[*fed.outputs, shown, *told],
         schedules=[*fed.schedules, *course.schedules],
     )
+
+
+def _cut(inputs: Sequence[Signal], course: ca.SX) -> tuple[ca.SX, tuple[Output, ...]]:
+    """Cut a course of all inputs to their bounds, and the output that says where.
+
+    Without any bounds the course stays as it is, and there is no output.
+    """
+    bounds = np.array([(s.lower, s.upper, s.nominal) for s in inputs for _ in range(s.size)])
+    if not np.any(np.isfinite(bounds[:, :2])):
+        return course, ()
+    kept, cut = [], []
+    for command, (lower, upper, nominal) in zip(ca.vertsplit(course), bounds.tolist(), strict=True):
+        low = command < lower - _EXCESS * max(abs(lower), nominal) if lower > -np.inf else ca.SX(0)
+        high = command > upper + _EXCESS * max(abs(upper), nominal) if upper < np.inf else ca.SX(0)
+        kept.append(ca.if_else(low, lower, ca.if_else(high, upper, command)))
+        cut.append(low + high)
+    return ca.vertcat(*kept), (Output("saturated", ca.vertcat(*cut)),)

@@ -19,6 +19,8 @@ from wormopt.model.values import numbers
 APART = 1000.0
 # Fewer readings do not show whether they are angles that jump by a turn.
 _FEWEST_ANGLES, _MANY_ANGLES = 5, 30
+# Steps of time so many times longer than usual are pauses.
+_LONG = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,11 @@ class Recording:
                         f"recorded modulo a turn; if it is one, write it in rad, and "
                         f'unwrap = ["{name}"]'
                     )
+            if name in self.unwrap:
+                for k, row in enumerate(rows):
+                    told += [
+                        f"{self.name}: {name}[{k}] {what}" for what in guesses(self.times, row)
+                    ]
             sizes = np.array([np.nanmax(np.abs(row), initial=0.0) for row in rows])
             moving = sizes[sizes > 0]
             if moving.size and moving.max() > APART * moving.min():
@@ -184,6 +191,27 @@ def unwrapped(row: np.ndarray) -> np.ndarray:
     there, found = np.isfinite(row), np.array(row, dtype=float)
     found[there] = np.unwrap(found[there])
     return found
+
+
+def guesses(times: np.ndarray, row: np.ndarray) -> list[str]:
+    """Warnings of an unwrapped angle (m,): pauses in which more than half a turn may have passed.
+
+    They are judged by the fastest of the steps that are not longer than usual.
+    """
+    there = np.isfinite(row)
+    t, steps = times[there], np.abs(np.diff(row[there]))
+    pauses = np.diff(t)
+    usual = pauses <= _LONG * np.median(pauses) if len(pauses) else np.zeros(0, dtype=bool)
+    if np.all(usual):
+        return []
+    fastest = float(np.max(steps[usual] / pauses[usual]))
+    open_ = np.flatnonzero(~usual & (fastest * pauses > np.pi))
+    return [
+        f"has no reading from t = {t[k]:g} to {t[k + 1]:g}, and at its fastest it turns by "
+        f"{fastest * pauses[k]:.2g} rad in so long: whole turns added there are a guess; make two "
+        "recordings of it, before and after"
+        for k in open_.tolist()
+    ]
 
 
 def _is_wrapped(row: np.ndarray, turn: float) -> bool:

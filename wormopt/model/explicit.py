@@ -45,6 +45,9 @@ class Described(Protocol):
     def switches(self) -> Sequence[Any]: ...
     @property
     def schedules(self) -> Sequence[Any]: ...
+    def check_laws(self) -> None:
+        """Refuse laws by symbols of nothing."""
+        ...
 
 
 def import_control() -> Any:
@@ -79,6 +82,7 @@ class Explicit:
             raise ArgumentError(f"{self.model.name} has algebraic variables; solve for them first")
         if getattr(self.model, "delays", ()):
             raise ArgumentError(f"{self.model.name} has delays: its states do not tell its rates")
+        self.model.check_laws()
         _ = self.outputs
 
     @cached_property

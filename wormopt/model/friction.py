@@ -7,6 +7,7 @@ is symbolic is not checked.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Protocol, runtime_checkable
@@ -14,7 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 import casadi as ca
 
 from wormopt.errors import ArgumentError
-from wormopt.model.given import fields_of
+from wormopt.model.given import fields_of, make_plain
 
 Expression = ca.SX | float
 
@@ -141,12 +142,21 @@ def symbols_of(law: object) -> dict[str, ca.SX]:
     }
 
 
-def check_numbers(law: Any) -> None:
-    """Refuse fields that are neither numbers nor symbols, a list for instance."""
+def check_numbers(law: Any, optional: Sequence[str] = ()) -> None:
+    """Refuse fields that are neither numbers nor symbols, a list for instance.
+
+    Those that are `optional` may be None.
+    """
     for name, value in fields_of(law).items():
-        if value is not None and not isinstance(value, (float, ca.SX, Real)):  # the usual first
+        if isinstance(value, float) or (value is None and name in optional):  # the usual first
+            continue
+        if getattr(value, "ndim", None) == 0:
+            make_plain(law, name)
+            value = getattr(law, name)
+        scalar = value.is_scalar() if isinstance(value, ca.SX) else isinstance(value, Real)
+        if not scalar or isinstance(value, bool):
             raise ArgumentError(
-                f"{name} must be a number, not {value!r}; for masses that differ, write a "
+                f"{name} must be a number, not {value!r:.60}; for masses that differ, write a "
                 "list of laws"
             )
 
@@ -190,7 +200,7 @@ class Coulomb(_TwoWay):
     stick_backward: Expression | None = None
 
     def __post_init__(self) -> None:
-        check_numbers(self)
+        check_numbers(self, optional=("stick_forward", "stick_backward"))
         _check_forces(self.forward, self.stick_forward)
         _check_forces(self.backward, self.stick_backward)
 

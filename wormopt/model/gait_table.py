@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
 from wormopt.errors import ArgumentError
-from wormopt.tables import TextTable, Wrong, read_table, unit_at_end
+from wormopt.tables import TextTable, Wrong, read_table, unit_meant
 from wormopt.units import scale
 
 _FEWEST_ROWS = 4
@@ -104,12 +104,12 @@ def _roles(table: TextTable) -> tuple[str, list[str], tuple[str, str] | None]:
 def _factor(name: str, wanted: str, table: TextTable, units: str) -> float:
     """What a column is multiplied by, to be in s or m."""
     unit = table.units.get(name, "")
-    at_end = unit_at_end(name)
-    if not unit and units == "SI" and at_end not in ("", wanted):
-        raise ArgumentError(
-            f': column {name}: "{at_end}" seems to be its unit; write '
-            f"{name.removesuffix(f'_{at_end}')} [{at_end}]"
-        )
+    bare, meant = unit_meant(name)
+    # without units names may end in letters that are units elsewhere, as l_m of a middle link
+    meant = "" if units != "SI" and name == f"{bare}_{meant}" else meant
+    if not unit and meant and (units != "SI" or meant != wanted):
+        written = f"{bare or 'l_0'} [{meant}]" if units == "SI" else bare or "l_0"
+        raise ArgumentError(f': column {name}: "{meant}" seems to be its unit; write {written}')
     try:
         return _size(unit, wanted, units)
     except ArgumentError as error:

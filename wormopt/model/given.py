@@ -30,10 +30,20 @@ def _names(kind: type) -> tuple[str, ...]:
     return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
 
 
+def plain(value: Any) -> Any:
+    """A scalar of numpy, or an array of none but one entry, as a number; all else as it is."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
+
+
+def make_plain(given: object, *names: str) -> None:
+    """Keep scalars of numpy as numbers in these fields of a frozen dataclass."""
+    for name in names:
+        object.__setattr__(given, name, plain(getattr(given, name)))
+
+
 def _frozen(value: Any) -> Any:
     """Lists as tuples, at any depth, and scalars of numpy as numbers: tasks can be hashed."""
-    if getattr(value, "ndim", None) == 0:
-        return value.item()
+    value = plain(value)
     if isinstance(value, Iterable) and not isinstance(value, str):
         return tuple(_frozen(item) for item in value)
     return value
@@ -78,7 +88,29 @@ def check_number(
     """Raise ArgumentError if the argument called `name` is no finite number above, or from, one."""
     if not (is_number(value, max(above, least, -sys.float_info.max)) and value != above):
         bound = f"above {above:g}" if above > -math.inf else f"at least {least:g}"
-        raise ArgumentError(f"{name} must be finite and {bound}, not {value!r:.60}")
+        wanted = "a finite number" if bound == "at least -inf" else f"finite and {bound}"
+        raise ArgumentError(f"{name} must be {wanted}, not {value!r:.60}")
+
+
+def whole(name: str, value: object, least: int) -> int:
+    """Whole number from `least` on, which may be written 1e4; ArgumentError if it is none."""
+    number = plain(value)
+    if not is_number(number, least) or number != int(number):
+        wanted = f"a whole number from {least} on"
+        raise ArgumentError(f"{name} must be {wanted}, not {value!r:.60}")
+    return int(number)
+
+
+def check_flag(name: str, value: object) -> None:
+    """Raise ArgumentError if the argument called `name` is neither True nor False."""
+    if not isinstance(plain(value), bool):
+        raise ArgumentError(f"{name} must be True or False, not {value!r:.60}")
+
+
+def check_name(what: str, name: object) -> None:
+    """Raise ArgumentError if the name of something, "signal" say, is no text."""
+    if not isinstance(name, str) or not name:
+        raise ArgumentError(f"{what}: name must be a text, not {name!r:.60}")
 
 
 def check_choice(name: str, value: object, choices: Sequence[str]) -> None:

@@ -15,9 +15,16 @@ from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.model.delay import Delay
-from wormopt.model.given import check_kinds, fields_of, is_number
+from wormopt.model.given import (
+    check_flag,
+    check_kinds,
+    check_name,
+    fields_of,
+    is_number,
+    make_plain,
+)
 from wormopt.model.schedule import Schedule
-from wormopt.model.values import numbers
+from wormopt.model.values import column, numbers
 from wormopt.quantities import check_quantity
 from wormopt.shown import lines, listed
 
@@ -32,9 +39,27 @@ def _symbolic(whose: str, what: str, given: object, *, pure: bool = False) -> No
             f"{whose}: {what} must be an expression of CasADi's SX symbols, ca.SX.sym({what!r}) "
             f"say, not {given!r}"
         )
-    if pure and not given.is_valid_input():
+    if pure and not (given.is_valid_input() and given.is_column()):
         raise ArgumentError(
             f"{whose}: {what} must be a column of symbols, not the expression {given!s:.60}"
+        )
+
+
+def _check_column(whose: str, what: str, given: ca.SX, size: int, things: str) -> None:
+    """Refuse an expression that is no column of `size`; without entries its shape is all one."""
+    if given.shape != (size, 1) and not given.numel() == size == 0:
+        raise ArgumentError(
+            f"{whose}: {what} must be a column of {size}, one for each {things}, not of the shape "
+            f"{given.shape}; stack it by ca.vertcat"
+        )
+
+
+def _check_names(whose: str, what: str, names: Sequence[str]) -> None:
+    """Refuse a name that is given twice."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise ArgumentError(
+            f"{whose}: two {what} share the name {twice[0]!r}; write another name for one of them"
         )
 
 
@@ -93,22 +118,29 @@ class Signal:
     value: float | Sequence[float] | None = None
 
     def __post_init__(self) -> None:
+        check_name("signal", self.name)
         whose = f"signal {self.name}"
         _symbolic(whose, "symbol", self.symbol, pure=True)
         _check_quantity(self.name, self.unit)
+        make_plain(self, "nominal", "lower", "upper")
         _check_nominal(whose, "nominal", self.nominal)
+        for what in ("lower", "upper"):
+            bound = getattr(self, what)
+            if not is_number(bound, -math.inf, math.inf):
+                raise ArgumentError(
+                    f"{whose}: {what} must be a number, one for all entries, not {bound!r:.60}; "
+                    "leave it out where there is no bound"
+                )
         if not self.lower <= self.upper:
             raise ArgumentError(
                 f"{whose}: lower {self.lower!r} is above upper {self.upper!r}; write the smaller "
                 "number as lower"
             )
         if self.value is not None:
-            size = numbers(f"value of {self.name}", self.value).size
-            if size not in (1, self.size):
-                raise ArgumentError(
-                    f"{whose} has {self.size} entries and a value of {size}; write one number, or "
-                    f"{self.size}"
-                )
+            values = column(f"value of {self.name}", self.value, self.size)
+            self.check(values)
+            if numbers("value", self.value).ndim > 1:  # a matrix of one column
+                object.__setattr__(self, "value", tuple(values.tolist()))
 
     @cached_property
     def size(self) -> int:
@@ -165,7 +197,13 @@ class Output:
     unit: str = "1"
 
     def __post_init__(self) -> None:
+        check_name("output", self.name)
         _symbolic(f"output {self.name}", "expression", self.expression)
+        if self.expression.numel() and not self.expression.is_column():
+            raise ArgumentError(
+                f"output {self.name}: expression must be a column, not of the shape "
+                f"{self.expression.shape}; write ca.vec of it"
+            )
         _check_quantity(self.name, self.unit)
 
 
@@ -208,20 +246,23 @@ class Contact:
     normal_force: ca.SX | None = None
 
     def __post_init__(self) -> None:
-        if not hasattr(self.law, "slip_force"):  # which laws of both kinds have
+        check_name("contact", self.name)
+        whose, law = f"contact {self.name}", self.law
+        if isinstance(law, type) or not hasattr(law, "slip_force"):  # which laws of both kinds have
+            given = f"the class {law.__name__}" if isinstance(law, type) else f"{law!r:.60}"
             raise ArgumentError(
-                f"contact {self.name}: law must be a friction law, Coulomb(1.0, 10.0) say, "
-                f"not {self.law!r}"
+                f"{whose}: law must be a friction law, Coulomb(1.0, 10.0) say, not {given}"
             )
-        whose = f"contact {self.name}"
         _symbolic(whose, "velocity", self.velocity)
         _symbolic(whose, "force", self.force, pure=True)
+        make_plain(self, "nominal_force", "nominal_speed")
         for what in ("nominal_force", "nominal_speed"):
             _check_nominal(whose, what, getattr(self, what))
-        if self.gap is not None:
-            _symbolic(whose, "gap", self.gap)
-        if self.normal_force is not None:
-            _symbolic(whose, "normal_force", self.normal_force, pure=True)
+        for what in ("gap", "normal_force"):
+            if (given := getattr(self, what)) is not None:
+                _symbolic(whose, what, given, pure=what == "normal_force")
+                if not given.is_scalar():
+                    raise ArgumentError(f"{whose}: {what} must be a scalar, not {given!s:.60}")
         shape = (2, 1) if self.planar else (1, 1)
         if self.velocity.size() != shape or self.force.size() != shape:
             be = "columns of 2, its law is one in the plane" if self.planar else "scalars"
@@ -267,6 +308,9 @@ class Switch:
     crosses: bool = False
 
     def __post_init__(self) -> None:
+        check_name("switch", self.name)
+        for what in ("terminal", "crosses"):
+            check_flag(f"switch {self.name}: {what}", getattr(self, what))
         for what in ("guard", "reset"):
             _symbolic(f"switch {self.name}", what, getattr(self, what))
         if self.guard.numel() != 1:
@@ -338,23 +382,22 @@ class Model:
     delays: Sequence[Delay] = ()
 
     def __post_init__(self) -> None:
+        check_name("model", self.name)
+        whose = f"model {self.name}"
         for what, kind in _PARTS.items():
-            check_kinds(f"model {self.name}: {what}", getattr(self, what), kind)
+            check_kinds(f"{whose}: {what}", getattr(self, what), kind)
         for what in ("ode", "alg"):
-            _symbolic(f"model {self.name}", what, getattr(self, what))
-        if self.ode.numel() != self.n_x:
-            raise ArgumentError(
-                f"model {self.name}: {self.ode.numel()} equations, {self.n_x} states"
-            )
-        names = [s.name for s in (*self.x, *self.z, *self.u, *self.p, *self.delays)]
-        if len(set(names)) < len(names):
-            raise ArgumentError(f"model {self.name}: two signals share a name in {names}")
-        if self.alg.numel() != sum(s.size for s in self.z):
-            raise ArgumentError(f"model {self.name}: {self.alg.numel()} algebraic equations for z")
+            _symbolic(whose, what, getattr(self, what))
+        _symbolic(whose, "t", self.t, pure=True)
+        if not self.t.is_scalar():
+            raise ArgumentError(f"{whose}: t must be a scalar symbol, not {self.t!s:.60}")
+        self._check_names()
+        _check_column(whose, "ode", self.ode, self.n_x, "state")
+        _check_column(whose, "alg", self.alg, sum(s.size for s in self.z), "entry of z")
         for switch in self.switches:
-            if switch.reset.numel() != self.n_x:
-                raise ArgumentError(f"switch {switch.name} needs a reset of {self.n_x} states")
-        check_symbols(f"model {self.name}", self.symbols, self._expressions, _OWNERS, self._of_laws)
+            _check_column(f"switch {switch.name}", "reset", switch.reset, self.n_x, "state")
+        check_symbols(whose, self.symbols, self._expressions, _OWNERS, self._of_laws)
+        self._check_velocities()
 
     @property
     def symbols(self) -> list[ca.SX]:
@@ -381,6 +424,51 @@ class Model:
             for what in ("signal", "lag", "before"):
                 if isinstance(part := getattr(delay, what), ca.SX):
                     yield f"{what} of delay {delay.name}", part
+
+    def _check_names(self) -> None:
+        whose = f"model {self.name}"
+        others = (*self.z, *self.u, *self.p, *self.delays)
+        _check_names(whose, "signals", [signal.name for signal in (*self.x, *others)])
+        # an output may show an input or an algebraic variable under its own name
+        _check_names(whose, "states or outputs", [part.name for part in (*self.x, *self.outputs)])
+        for what in ("contacts", "switches", "schedules"):
+            _check_names(whose, what, [part.name for part in getattr(self, what)])
+
+    def _check_velocities(self) -> None:
+        """Refuse contact forces in velocities of contacts: no law would know which it answers."""
+        walls = (c.normal_force for c in self.contacts if c.normal_force is not None)
+        forces = ca.vertcat(self.forces, *walls)
+        if not ca.depends_on(self.contact_velocities, forces):
+            return
+        name = next(c.name for c in self.contacts if ca.depends_on(c.velocity, forces))
+        raise ArgumentError(
+            f"contact {name}: velocity holds forces of contacts; write it by the states"
+        )
+
+    def check_laws(self) -> None:
+        """Refuse numbers of friction laws by symbols that belong to none of the model's parts.
+
+        A Model may lack them, as builders take laws before a Model takes their symbols.
+
+        Raises
+        ------
+        ArgumentError
+            If there are any.
+        """
+        if not self._of_laws().numel():
+            return
+        known = ca.vertcat(*map(ca.vec, self.symbols))
+        for contact in self.contacts:
+            for name, number in fields_of(contact.law).items():
+                if not isinstance(number, ca.SX):
+                    continue
+                own = ca.Function("own", [known], [number], {"allow_free": True})
+                if free := own.free_sx():
+                    raise ArgumentError(
+                        f"model {self.name}: {name} of the law of contact {contact.name} holds "
+                        f"symbols that belong to none of its parts: {free[0]}; add "
+                        f"Signal({str(free[0])!r}, {free[0]}, value=...) to p"
+                    )
 
     def _of_laws(self) -> ca.SX:
         """Symbolic numbers of the laws: builders take them before a Model does as parameters."""
@@ -542,7 +630,10 @@ class Model:
 
 
 _NONE = ca.SX(0, 1)
-_OWNERS = "give them to the Model in x, z, u or p, as t, or by their schedules, delays or contacts"
+_OWNERS = (
+    "give them to the Model in x, z, u or p, as t, or by their schedules, delays or contacts; "
+    "dataclasses.replace takes them together with what holds them"
+)
 # Symbols named in a message.
 _NAMED = 5
 

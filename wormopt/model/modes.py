@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import Frozen, whole
 
 
 @dataclass(frozen=True)
-class ModeSequence:
+class ModeSequence(Frozen):
     """Contact states, phase after phase.
 
     Parameters
     ----------
-    phases : tuple of tuple of int
+    phases : sequence of sequence of int
         One entry per contact and phase: 0 sticks, +1 slides forward, -1 slides backward.
 
     Raises
@@ -33,12 +34,21 @@ class ModeSequence:
     phases: tuple[tuple[int, ...], ...]
 
     def __post_init__(self) -> None:
-        if len({len(phase) for phase in self.phases}) != 1:
+        super().__post_init__()
+        given = self.phases
+        if not (isinstance(given, tuple) and given and all(isinstance(p, tuple) for p in given)):
             raise ArgumentError(
-                "a mode sequence needs phases over one and the same set of contacts"
+                "phases must be lists of the states of all contacts, one for each phase, "
+                f"((0, 1), (1, 0)) say, not {given!r:.60}"
             )
-        if not {state for phase in self.phases for state in phase} <= {0, 1, -1}:
-            raise ArgumentError("the state of a contact is 0, +1 or -1")
+        if len(set(map(len, given))) > 1:
+            raise ArgumentError(
+                "phases must be over one and the same set of contacts, with a state for each, not "
+                f"{given!r:.60}"
+            )
+        if not all(one in (0, 1, -1) for phase in given for one in phase):
+            raise ArgumentError(f"the state of a contact is 0, +1 or -1, not as in {given!r:.60}")
+        object.__setattr__(self, "phases", tuple(tuple(map(int, phase)) for phase in given))
 
     @classmethod
     def of_resting(cls, resting: Sequence[Iterable[int]], contacts: int) -> ModeSequence:
@@ -61,12 +71,14 @@ class ModeSequence:
         ArgumentError
             If there is no phase, or a phase names a contact that does not exist.
         """
-        sets = [frozenset(phase) for phase in resting]
-        if not frozenset().union(*sets) <= frozenset(range(contacts)):
+        contacts = whole("contacts", contacts, 1)
+        known = range(contacts)
+        if not all(isinstance(phase, Iterable) and set(phase) <= set(known) for phase in resting):
             raise ArgumentError(
-                f"resting contacts must lie within 0..{contacts - 1}, not in {resting}"
+                f"resting contacts must be sets of numbers from 0 to {contacts - 1}, one for each "
+                f"phase, not {resting!r:.60}"
             )
-        return cls(tuple(tuple(int(i not in s) for i in range(contacts)) for s in sets))
+        return cls(tuple(tuple(int(i not in phase) for i in known) for phase in map(set, resting)))
 
     @property
     def resting(self) -> tuple[tuple[int, ...], ...]:

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError
-from wormopt.model.given import check_kind
+from wormopt.model.given import check_flag, check_kind, check_name, check_number, make_plain
 from wormopt.model.values import numbers
 
 
@@ -62,19 +62,26 @@ class Schedule:
     start: float = 0.0
 
     def __post_init__(self) -> None:
+        check_name("schedule", self.name)
+        whose = f"schedule {self.name}"
         for what in ("symbol", "begin"):
-            check_kind(f"schedule {self.name}: {what}", getattr(self, what), ca.SX)
+            given = getattr(self, what)
+            check_kind(f"{whose}: {what}", given, ca.SX)
+            size = 1 if what == "begin" else given.numel()
+            if not given.is_valid_input() or given.shape != (size, 1):
+                wanted = "a scalar symbol" if what == "begin" else "a column of symbols"
+                raise ArgumentError(f"{whose}: {what} must be {wanted}, not {given!s:.60}")
+        make_plain(self, "periodic", "start")
+        check_flag(f"{whose}: periodic", self.periodic)
+        check_number(f"{whose}: start", self.start)
         for what in ("breaks", "values"):
-            given = numbers(f"schedule {self.name}: {what}", getattr(self, what))
-            object.__setattr__(self, what, given)
+            object.__setattr__(self, what, numbers(f"{whose}: {what}", getattr(self, what)))
         ascending = np.all(np.isfinite(self.breaks)) and np.all(np.diff(self.breaks) > 0)
         if self.breaks.ndim != 1 or self.breaks.size < 2 or self.breaks[0] != 0 or not ascending:
-            raise ArgumentError(f"schedule {self.name}: breaks must ascend from 0")
+            raise ArgumentError(f"{whose}: breaks must ascend from 0")
         shape = (len(self.breaks) - 1, self.symbol.numel())
         if self.values.shape != shape:
-            raise ArgumentError(
-                f"schedule {self.name}: values have {self.values.shape}, not {shape}"
-            )
+            raise ArgumentError(f"{whose}: values have {self.values.shape}, not {shape}")
 
     @property
     def pieces(self) -> int:

@@ -16,11 +16,36 @@ def numbers(name: str, given: object) -> np.ndarray:
     What is masked, or missing in a table of pandas, becomes NaN; spans of time become seconds.
     """
     try:
-        return np.asarray(_unmasked(given), dtype=float)
+        if not _has_text(given):
+            return np.asarray(_unmasked(given), dtype=float)
     except (TypeError, ValueError, OverflowError, RuntimeError):  # the last is CasADi's
-        raise ArgumentError(
-            f"{name} must be a number or a list of numbers, not {given!r:.60}"
-        ) from None
+        pass
+    raise ArgumentError(f"{name} must be a number or a list of numbers, not {given!r:.60}")
+
+
+def _has_text(given: Any) -> bool:
+    """Whether there are texts in it, which NumPy would read as numbers."""
+    if isinstance(given, list | tuple):
+        return any(map(_has_text, given))
+    if hasattr(given, "to_numpy"):  # of pandas
+        given = given.to_numpy()
+    if getattr(getattr(given, "dtype", None), "kind", "") == "O":
+        return any(map(_has_text, np.ravel(given)))
+    return isinstance(given, str | bytes) or getattr(given, "dtype", np.dtype(float)).kind in "SU"
+
+
+def column(name: str, given: object, size: int) -> np.ndarray:
+    """Numbers of a column, one or `size`; a matrix of one column is one, a row is none.
+
+    Raises ArgumentError if there are others.
+    """
+    array = numbers(name, given)
+    if array.shape not in ((), (1,), (size,), (1, 1), (size, 1)):
+        entries, given = "entry" if size == 1 else "entries", array.size
+        told = f"{given}" if array.ndim < 2 else f"the shape {array.shape}"
+        wanted = "one number" if size == 1 else f"one number or a list of {size}"
+        raise ArgumentError(f"{name} has {size} {entries}, not {told}; write {wanted}")
+    return array.ravel()
 
 
 def _unmasked(given: Any) -> Any:
@@ -92,9 +117,7 @@ def signal_values(
         value = given.get(signal.name, fill if signal.value is None else signal.value)
         if value is None:
             raise ArgumentError(f"{what} {signal.name} has no value; give one")
-        array = numbers(f"{what} {signal.name}", value).ravel()
-        if array.size not in (1, size):
-            raise ArgumentError(f"{what} {signal.name} has {size} entries, not {array.size}")
+        array = column(f"{what} {signal.name}", value, size)
         signal.check(array)
         stacked[at : at + size] = array
         at += size

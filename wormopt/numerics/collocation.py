@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.polynomial import legendre
+
+from wormopt.model.given import check_choice, whole
 
 Scheme = Literal["legendre", "radau"]
 
@@ -26,8 +28,8 @@ class Collocation:
 
     Raises
     ------
-    ValueError
-        If the degree is below 1 or the scheme unknown.
+    ArgumentError
+        If the degree is no whole number from 1 on or the scheme unknown.
 
     Examples
     --------
@@ -39,10 +41,8 @@ class Collocation:
     scheme: Scheme = "legendre"
 
     def __post_init__(self) -> None:
-        if self.degree < 1:
-            raise ValueError("degree must be at least 1")
-        if self.scheme not in ("legendre", "radau"):
-            raise ValueError(f"scheme must be 'legendre' or 'radau', not {self.scheme!r}")
+        object.__setattr__(self, "degree", whole("degree", self.degree, 1))
+        check_choice("scheme", self.scheme, get_args(Scheme))
 
     @cached_property
     def tau(self) -> np.ndarray:

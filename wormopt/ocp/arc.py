@@ -9,6 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.model.model import Signal, pack
 from wormopt.model.values import nominal_of
 from wormopt.numerics.collocation import bernstein_matrix
@@ -52,17 +53,18 @@ class Layout:
 class Arc:
     """The piece from which a `Transcription` is built: one arc, any mode, all scaled.
 
-    Raises ValueError if impulses are asked for without prescribed modes.
+    Raises ArgumentError if impulses are asked for without prescribed modes.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment) -> None:
         model = problem.model
         model.refuse_delays("optimisation")
+        model.check_laws()
         self.problem, self.mesh = problem, mesh
         self.closure = treatment.close(model)
         self.modal = isinstance(treatment, FixedModes)
         if problem.impulses and not self.modal:
-            raise ValueError("impulses need prescribed contact modes")
+            raise ArgumentError("impulses need prescribed contact modes")
         self.timed = bool(model.schedules) or ca.depends_on(
             ca.vertcat(
                 model.ode,

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError
 from wormopt.model.modes import ModeSequence
 from wormopt.model.values import signal_values
 from wormopt.ocp.arc import Arc, limits_of
@@ -39,7 +40,7 @@ class ProgramBounds:
     ) -> Bounds:
         """Bounds and parameters, see `Transcription.bounds`.
 
-        Raises ValueError if modes or schedules do not fit the mesh.
+        Raises ArgumentError if modes or schedules do not fit the mesh.
         """
         n, at = self.mesh.total, self.arc.layout
         fixed = signal_values(self.problem.parameters, p, "parameter")
@@ -115,7 +116,7 @@ class ProgramBounds:
         n, at, nominal = self.mesh.total, self.arc.layout, self.arc.time_nominal
         if self.arc.fixed_grid:
             if pins:
-                raise ValueError("on a fixed grid nothing is left to pin")
+                raise ArgumentError("on a fixed grid nothing is left to pin")
             duration = np.array(self.mesh.shares) * self.problem.duration[1]
             begin = np.concatenate([[0.0], np.cumsum(duration)[:-1]])
             lower[0] = upper[0] = duration / nominal
@@ -137,13 +138,13 @@ class ProgramBounds:
         """Times at which phases begin; no schedule may break at any other one."""
         times = {0: 0.0, **(pins or {})}
         if times[0] != 0.0:
-            raise ValueError("the first phase begins at 0; pin later ones")
+            raise ArgumentError("the first phase begins at 0; pin later ones")
         if pins and not self.arc.timed:
-            raise ValueError("times of phases are pinned only where the model depends on time")
+            raise ArgumentError("times of phases are pinned only where the model depends on time")
         breaks = self.problem.model.breaks(self.problem.duration[1])[1:-1]
         loose = [t for t in breaks if not any(np.isclose(t, pin) for pin in times.values())]
         if loose:
-            raise ValueError(
+            raise ArgumentError(
                 f"a schedule breaks at t = {loose[0]:.6g} within a phase of free duration; "
                 "pin the phase that begins there (pins)"
             )
@@ -155,7 +156,7 @@ class ProgramBounds:
             _, there = schedule.locate(begin + slack)
             since, piece = schedule.locate(begin + duration - slack)
             if np.any(there != piece) or np.any(since > begin + slack):
-                raise ValueError(
+                raise ArgumentError(
                     f"the {schedule.name} breaks within an arc; put its breaks between arcs "
                     "(Mesh.over)"
                 )
@@ -175,9 +176,11 @@ class ProgramBounds:
     ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
         """Levels, slack of followers and bounded rows of a mode sequence; impulses' bounds."""
         if not isinstance(modes, ModeSequence):
-            raise TypeError("prescribed contacts need a ModeSequence")
+            raise ArgumentError("prescribed contacts need a ModeSequence")
         if len(modes.phases) != self.mesh.phases:
-            raise ValueError(f"{len(modes.phases)} phases given, the mesh has {self.mesh.phases}")
+            raise ArgumentError(
+                f"{len(modes.phases)} phases given, the mesh has {self.mesh.phases}"
+            )
         states = modes.states[self.mesh.phase]  # (arcs, contacts)
         stick = states == 0
         follow = np.array([self._followers(row) for row in stick]).reshape(stick.shape)

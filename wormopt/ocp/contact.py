@@ -11,6 +11,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.friction import Law
+from wormopt.model.given import check_kind, check_number, make_plain
 from wormopt.model.model import Contact, Model
 from wormopt.model.modes import ModeSequence
 from wormopt.model.planar_friction import PlanarLaw
@@ -62,6 +63,10 @@ class FixedModes:
     modes: ModeSequence | None = None
     active: tuple[tuple[int, ...], ...] | None = None
 
+    def __post_init__(self) -> None:
+        if self.modes is not None:
+            check_kind("modes", self.modes, ModeSequence)
+
     def close(self, model: Model) -> Closure:
         """Forces are unknowns; what they obey hangs on the mode, see `Arc`.
 
@@ -101,8 +106,8 @@ class Regularised:
 
     Raises
     ------
-    ValueError
-        If the width is not positive or the ratio not between 0 and 1.
+    ArgumentError
+        If the width is not positive and finite or the ratio not between 0 and 1.
 
     Examples
     --------
@@ -116,7 +121,7 @@ class Regularised:
     active: tuple[tuple[int, ...], ...] | None = None
 
     def __post_init__(self) -> None:
-        _check_levels("v_reg", self.v_reg, self.ratio)
+        _check_levels(self, "v_reg")
 
     @property
     def levels(self) -> tuple[float, ...]:
@@ -161,8 +166,8 @@ class Complementarity:
 
     Raises
     ------
-    ValueError
-        If the level is not positive or the ratio not between 0 and 1.
+    ArgumentError
+        If the level is not positive and finite or the ratio not between 0 and 1.
 
     References
     ----------
@@ -179,7 +184,7 @@ class Complementarity:
     ratio: float = 0.1
 
     def __post_init__(self) -> None:
-        _check_levels("residual", self.residual, self.ratio)
+        _check_levels(self, "residual")
 
     @property
     def levels(self) -> tuple[float, ...]:
@@ -255,6 +260,9 @@ def _levels(first: float, last: float, ratio: float) -> tuple[float, ...]:
     return (*(first * ratio**k for k in range(count)), last)
 
 
-def _check_levels(name: str, last: float, ratio: float) -> None:
-    if not (last > 0 and 0 < ratio < 1):
-        raise ValueError(f"{name} must be positive and ratio between 0 and 1")
+def _check_levels(treatment: Regularised | Complementarity, last: str) -> None:
+    make_plain(treatment, last, "first", "ratio")
+    for name in (last, "first", "ratio"):
+        check_number(name, getattr(treatment, name), above=0.0)
+    if treatment.ratio >= 1:
+        raise ArgumentError(f"ratio must be below 1, not {treatment.ratio!r}")

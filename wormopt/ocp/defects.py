@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Motion
 
@@ -42,10 +43,10 @@ def finer(mesh: Mesh, defect: np.ndarray, tolerance: float, most: int = 5) -> Me
     """Split the arcs that err by more than the tolerance into at most `most` parts each.
 
     `defect` (N,) is from `defects`; the same mesh comes back where no arc errs.
-    Raises ValueError if durations of arcs are free.
+    Raises ArgumentError if durations of arcs are free.
     """
     if mesh.shares is None:
-        raise ValueError("arcs of free duration are not split; use Mesh.even")
+        raise ArgumentError("arcs of free duration are not split; use Mesh.even")
     # an arc's own error falls with one power more than the sum over all arcs
     order = mesh.collocation.degree + 1
     parts = np.clip(np.ceil((defect / tolerance) ** (1 / order)), 1, most).astype(int)

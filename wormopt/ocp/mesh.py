@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError
+from wormopt.model.given import check_kind, check_number, whole
+from wormopt.model.values import numbers
 from wormopt.numerics.collocation import Collocation, bernstein_matrix
+
+# Error of the sum of shares; most arcs of a mesh over breaks.
+_ROUNDING, _MOST = 1e-9, 1_000_000
 
 
 @dataclass(frozen=True)
@@ -18,20 +25,21 @@ class Mesh:
     ----------
     phases : int
         Number of phases.
-    arcs : int or tuple of int
+    arcs : int or sequence of int
         Arcs per phase, alike for all or one number each.
     collocation : Collocation
         Scheme and degree of the state polynomials on each arc.
     input_degree : int, optional
         Degree of the input polynomials; 0 is piecewise constant. With ``collocation.degree - 2``
         a state two integrations behind the input is still represented exactly.
-    shares : tuple of float, optional
+    shares : sequence of float, optional
         Part that each arc has of its phase's duration; without it durations of arcs are free.
 
     Raises
     ------
-    ValueError
-        If the numbers do not fit each other or shares are not positive.
+    ArgumentError
+        If the numbers are not whole, do not fit each other, or the shares of a phase are not
+        positive parts of 1.
 
     Examples
     --------
@@ -41,24 +49,32 @@ class Mesh:
     """
 
     phases: int
-    arcs: int | tuple[int, ...]
+    arcs: int | Sequence[int]
     collocation: Collocation
     input_degree: int = 0
-    shares: tuple[float, ...] | None = None
+    shares: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        if len(self.counts) != self.phases or min(self.counts) < 1:
-            raise ValueError("a mesh needs at least one arc in each of its phases")
+        check_kind("collocation", self.collocation, Collocation)
+        for name, least in (("phases", 1), ("input_degree", 0)):
+            object.__setattr__(self, name, whole(name, getattr(self, name), least))
+        object.__setattr__(self, "arcs", _arcs(self.arcs, self.phases))
         if self.shares is None:
             return
-        if len(self.shares) != self.total or not min(self.shares) > 0:
-            raise ValueError(f"a mesh of {self.total} arcs needs as many positive shares")
+        shares = numbers("shares", self.shares)
+        fit = shares.shape == (self.total,) and np.all((shares > 0) & (shares < np.inf))
+        if not fit or np.any(np.abs(np.bincount(self.phase, shares) - 1) > _ROUNDING):
+            raise ArgumentError(
+                f"shares must be positive numbers, one for each of {self.total} arcs, those of a "
+                f"phase with the sum 1, not {self.shares!r:.60}; Mesh.even makes equal ones"
+            )
+        object.__setattr__(self, "shares", tuple(shares.tolist()))
 
     @classmethod
     def even(
         cls,
         phases: int,
-        arcs: int | tuple[int, ...],
+        arcs: int | Sequence[int],
         collocation: Collocation,
         input_degree: int = 0,
     ) -> Mesh:
@@ -68,7 +84,7 @@ class Mesh:
         ----------
         phases : int
             Number of phases.
-        arcs : int or tuple of int
+        arcs : int or sequence of int
             Arcs per phase.
         collocation : Collocation
             Scheme and degree.
@@ -79,9 +95,8 @@ class Mesh:
         -------
         Mesh
         """
-        counts = arcs if isinstance(arcs, tuple) else (arcs,) * phases
-        shares = tuple(1 / n for n in counts for _ in range(n))
-        return cls(phases, arcs, collocation, input_degree, shares)
+        plain = cls(phases, arcs, collocation, input_degree)
+        return replace(plain, shares=tuple(1 / n for n in plain.counts for _ in range(n)))
 
     @classmethod
     def over(
@@ -106,17 +121,25 @@ class Mesh:
 
         Raises
         ------
-        ValueError
-            If the breaks do not ascend or ``longest`` is not positive.
+        ArgumentError
+            If the breaks are not finite or do not ascend, ``longest`` is not positive, or there are
+            more than a million arcs.
 
         Examples
         --------
         >>> Mesh.over([0.0, 1.0, 4.0], 1.5, Collocation(2)).shares
         (0.25, 0.375, 0.375)
         """
-        pieces = np.diff(np.asarray(breaks, dtype=float))
-        if not (pieces.size and np.all(pieces > 0) and longest > 0):
-            raise ValueError("breaks must ascend, and arcs must be longer than 0")
+        times = numbers("breaks", breaks)
+        pieces = np.diff(times)
+        if times.ndim != 1 or not (pieces.size and np.all((pieces > 0) & (pieces < np.inf))):
+            raise ArgumentError(f"breaks must ascend and be finite, not {breaks!r:.60}")
+        check_number("longest", longest, above=0.0)
+        if np.sum(pieces) / _MOST > longest:
+            raise ArgumentError(
+                f"longest is {longest:g} over a span of {np.sum(pieces):g}: more than {_MOST:,} "
+                "arcs; write a larger number"
+            )
         counts = np.ceil(pieces / longest - 1e-9).astype(int)
         shares = np.repeat(pieces / counts / pieces.sum(), counts)
         return cls(1, len(shares), collocation, input_degree, tuple(shares.tolist()))
@@ -124,7 +147,7 @@ class Mesh:
     @property
     def counts(self) -> tuple[int, ...]:
         """Arcs of each phase."""
-        return self.arcs if isinstance(self.arcs, tuple) else (int(self.arcs),) * self.phases
+        return tuple(self.arcs) if isinstance(self.arcs, Sequence) else (self.arcs,) * self.phases
 
     @property
     def total(self) -> int:
@@ -160,6 +183,17 @@ class Mesh:
     def input_nodes(self) -> np.ndarray:
         """Equidistant nodes that define the input polynomials."""
         return np.linspace(0, 1, self.input_degree + 1) if self.input_degree else np.array([0.5])
+
+
+def _arcs(given: object, phases: int) -> int | tuple[int, ...]:
+    """Arcs per phase, whole numbers from 1 on; raises ArgumentError if they are none."""
+    if not isinstance(given, Sequence | np.ndarray) or not np.ndim(given):
+        return whole("arcs", given, 1)
+    if len(given) != phases:
+        raise ArgumentError(
+            f"arcs has {len(given)} entries for {phases} phases; write one number, or {phases}"
+        )
+    return tuple(whole("arcs", one, 1) for one in given)
 
 
 @dataclass(frozen=True)

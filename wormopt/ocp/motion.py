@@ -12,7 +12,9 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
+from wormopt.model.given import check_number, make_plain
 from wormopt.model.motion import SampledMotion
+from wormopt.model.values import numbers
 from wormopt.numerics.collocation import bernstein_matrix
 from wormopt.ocp.mesh import Arcs, Mesh, interpolation
 from wormopt.ocp.nlp import Bounds
@@ -43,6 +45,12 @@ class Guess:
         Durations of the phases; equal parts where nothing is said.
     algebraic : callable, optional
         Algebraic variables; zero where there is none.
+
+    Raises
+    ------
+    ArgumentError
+        If the duration is not positive and finite, a curve is no function, or phases are no
+        durations.
     """
 
     duration: float
@@ -51,6 +59,20 @@ class Guess:
     forces: Curve | None = None
     phases: np.ndarray | None = None
     algebraic: Curve | None = None
+
+    def __post_init__(self) -> None:
+        make_plain(self, "duration")
+        check_number("duration", self.duration, above=0.0)
+        for name in ("states", "inputs", "forces", "algebraic"):
+            curve = getattr(self, name)
+            if not callable(curve) and (name == "states" or curve is not None):
+                raise ArgumentError(f"{name} must be a function of times, not {curve!r:.60}")
+        if self.phases is None:
+            return
+        phases = numbers("phases", self.phases)
+        if phases.ndim != 1 or not np.all(phases >= 0) or not 0 < np.sum(phases) < np.inf:
+            raise ArgumentError(f"phases must be a list of durations, not {self.phases!r:.60}")
+        object.__setattr__(self, "phases", phases)
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Guess:

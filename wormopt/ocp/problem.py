@@ -11,9 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, UnknownNameError
-from wormopt.model.given import check_kind, check_kinds, is_number
+from wormopt.model.given import (
+    check_flag,
+    check_kind,
+    check_kinds,
+    check_name,
+    is_number,
+    make_plain,
+    names_in,
+    whole,
+)
 from wormopt.model.model import TINY, Model, Signal, check_symbols
-from wormopt.model.values import numbers
+from wormopt.model.values import column
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +61,19 @@ class Constraint:
     nominal: float = 1.0
 
     def __post_init__(self) -> None:
+        check_name("constraint", self.name)
         whose = f"bound {self.name!r}"
         check_kind(f"{whose}: expression", self.expression, ca.SX)
         size = self.expression.numel()
-        for side, value in (("lower", self.lower), ("upper", self.upper)):
-            if numbers(f"{whose}: {side}", value).size not in (1, size):
-                raise ArgumentError(
-                    f"{whose}: {side} has {np.size(value)} entries for an expression of {size}"
-                )
+        if not self.expression.is_column():
+            raise ArgumentError(
+                f"{whose}: expression must be a column, not of the shape {self.expression.shape}; "
+                "write ca.vec of it"
+            )
+        make_plain(self, "nominal")
+        for side in ("lower", "upper"):
+            limits = column(f"{whose}: {side}", getattr(self, side), size)
+            object.__setattr__(self, side, limits if limits.size > 1 else limits.item())
         if not is_number(self.nominal, TINY):
             raise ArgumentError(f"{whose}: nominal must be positive, not {self.nominal!r:.60}")
         for row, (low, high) in enumerate(zip(*self.scaled, strict=True)):
@@ -125,6 +139,8 @@ class Ends:
         >>> Ends.of(Model("cart", x=[Signal("position", q)], ode=-q), 2).integrals.shape
         (2, 1)
         """
+        check_kind("model", model, Model)
+        n_integrals = whole("n_integrals", n_integrals, 0)
         return cls(
             ca.SX.sym("x_start", model.n_x),
             ca.SX.sym("x_end", model.n_x),
@@ -223,14 +239,20 @@ class Problem:
             check_kinds(what, getattr(self, what), Constraint)
         for what in ("slacks", "design"):
             check_kinds(what, getattr(self, what), Signal)
-        if not 0 < self.nominal < float("inf"):
-            raise ArgumentError(f"nominal must be positive and finite, not {self.nominal}")
-        shortest, longest = self.duration
-        if not 0 < shortest <= longest:
-            raise ArgumentError(f"duration must be a positive range, not {self.duration}")
+        make_plain(self, "nominal", "impulses")
+        if not is_number(self.nominal, TINY):
+            raise ArgumentError(f"nominal must be positive and finite, not {self.nominal!r:.60}")
+        check_flag("impulses", self.impulses)
+        if not (self.sharing is None or callable(self.sharing)):
+            raise ArgumentError(f"sharing must be a function, not {self.sharing!r:.60}")
+        self._check_duration()
         states = [signal.name for signal in self.model.x]
-        if unknown := [name for name in (*self.periodic, *self.displaced) if name not in states]:
-            raise UnknownNameError(self.model.name, "state", unknown, states)
+        for what in ("periodic", "displaced"):
+            names = names_in(what, getattr(self, what))
+            object.__setattr__(self, what, tuple(names))
+            if unknown := [name for name in names if name not in states]:
+                raise UnknownNameError(self.model.name, "state", unknown, states)
+        self._check_ends()
         chosen = [signal.symbol for signal in self.design]
         own = [*vars(self.ends).values(), *chosen, *(s.symbol for s in self.parameters)]
         check_symbols("problem", own, self._at_ends, _ENDS)
@@ -244,6 +266,45 @@ class Problem:
         """Parameters of the model that are not chosen along with the motion."""
         chosen = [signal.symbol for signal in self.design]
         return [signal for signal in self.model.p if not _within(signal.symbol, chosen)]
+
+    def _check_duration(self) -> None:
+        given = self.duration
+        pair = tuple(given) if isinstance(given, Sequence | np.ndarray) else ()
+        if len(pair) != 2 or not all(is_number(end, TINY) for end in pair):
+            raise ArgumentError(
+                "duration must be a positive range, the shortest and the longest, "
+                f"(0.1, 10.0) say, not {given!r:.60}"
+            )
+        if pair[0] > pair[1]:
+            raise ArgumentError(
+                f"duration must be a positive range, not {given!r:.60}; write the smaller number "
+                "first"
+            )
+
+    def _check_ends(self) -> None:
+        """Refuse ends of another model, and an objective or integrands that do not fit them."""
+        check_kind("ends", self.ends, Ends)
+        n_x, ends = self.model.n_x, self.ends
+        if ends.start.numel() != n_x or ends.end.numel() != n_x:
+            raise ArgumentError(
+                f"ends are of {ends.start.numel()} states, and {self.model.name} has {n_x}; write "
+                "Ends.of(model, number of integrals)"
+            )
+        for what, example in (("minimise", "ends.duration"), ("integrands", "ca.vertcat(u**2)")):
+            given = getattr(self, what)
+            if not isinstance(given, ca.SX):
+                raise ArgumentError(
+                    f"{what} must be an expression of CasADi's SX symbols, {example} say, not "
+                    f"{given!r:.60}"
+                )
+        if not self.minimise.is_scalar() or not self.minimise.numel():
+            raise ArgumentError(f"minimise must be a scalar, not of {self.minimise.shape}")
+        rows, known = self.integrands.numel(), ends.integrals.numel()
+        used = rows or any(ca.depends_on(one, ends.integrals) for _, one in self._at_ends())
+        if used and rows != known:
+            raise ArgumentError(
+                f"{rows} integrands, and ends of {known} integrals; write Ends.of(model, {rows})"
+            )
 
     def _at_ends(self) -> Iterator[tuple[str, ca.SX]]:
         yield "minimise", self.minimise
@@ -359,4 +420,10 @@ def ramped(plant: Model, slope: float) -> Model:
     (level,) = plant.u
     rate = ca.SX.sym(f"{level.name}_rate")
     steep = Signal(f"{level.name}_rate", rate, nominal=slope, lower=-slope, upper=slope, value=0.0)
-    return replace(plant, x=[*plant.x, level], ode=ca.vertcat(plant.ode, rate), u=[steep])
+    return replace(
+        plant,
+        x=[*plant.x, level],
+        ode=ca.vertcat(plant.ode, rate),
+        u=[steep],
+        outputs=[output for output in plant.outputs if output.name != level.name],
+    )

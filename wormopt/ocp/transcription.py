@@ -18,6 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from wormopt.errors import ArgumentError
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.arc import Arc
 from wormopt.ocp.bounds import ProgramBounds
@@ -31,7 +32,7 @@ class Transcription:
     """The nonlinear program of a problem on a mesh, with contacts treated in one of three ways.
 
     Variables of ``nlp``, in nominal sizes: arc after arc the rows of `Layout`, then design
-    constants. Raises ValueError if impulses are asked for without prescribed modes.
+    constants. Raises ArgumentError if impulses are asked for without prescribed modes.
     """
 
     def __init__(self, problem: Problem, mesh: Mesh, treatment: Treatment | None = None) -> None:
@@ -137,13 +138,13 @@ class Transcription:
         return objective, boundary
 
     def rows_of(self, name: str) -> list[int]:
-        """Rows of the state called `name` among all scalar states; ValueError if there is none."""
+        """Rows of the state called `name` among all scalar states; ArgumentError for no state."""
         first = 0
         for signal in self.problem.model.x:
             if signal.name == name:
                 return list(range(first, first + signal.size))
             first += signal.size
-        raise ValueError(f"{self.problem.model.name} has no state {name!r}")
+        raise ArgumentError(f"{self.problem.model.name} has no state {name!r}")
 
     @cached_property
     def _periodic_rows(self) -> list[int]:
@@ -162,7 +163,7 @@ class Transcription:
         """Bounds and parameters of the program for given modes, width or relaxation.
 
         `pins`: start times by phase, which pick pieces of schedules. `active`, per phase and
-        input: -1 lower limit, +1 upper, 0 free. ValueError if phases or schedules misfit.
+        input: -1 lower limit, +1 upper, 0 free. ArgumentError if phases or schedules misfit.
         """
         return self._limits.bounds(level, p, pins, active)
 

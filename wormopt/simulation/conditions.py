@@ -533,6 +533,7 @@ def _switched(
             guard = ca.if_else(below, guard + up, down - guard)
             after = least + most - m
         column = [*symbols[:k], after, *symbols[k + 1 :]]
-        switches.append(Switch(NAME, guard, ca.vertcat(x, *column), crosses=True))
+        name = f"{NAME} {k}"
+        switches.append(Switch(name, guard, ca.vertcat(x, *column), crosses=True))
     ode = ca.vertcat(changes["ode"], ca.SX.zeros(len(jumps)))
     return {"x": [*model.x, Signal(NAME, held)], "ode": ode, "switches": switches}

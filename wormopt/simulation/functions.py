@@ -52,6 +52,9 @@ class System:
     model: Model
     treatment: Treatment  # of contacts; those that never rest are plain forces in either
 
+    def __post_init__(self) -> None:
+        self.model.check_laws()
+
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """Contacts that may rest."""

@@ -26,6 +26,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
+from wormopt.model.given import check_kind
 from wormopt.model.model import Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
@@ -80,6 +81,7 @@ class MoreauJean:
     _impulses: Impulses = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        check_kind("model", self.model, Model)
         object.__setattr__(self, "_impulses", Impulses(self.model, self.integrals))
 
     def march(

@@ -8,6 +8,7 @@ from numbers import Real
 from typing import Literal
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import is_number, make_plain, whole
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,10 @@ class Smooth:
     v_reg: float = 1 / 40
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.v_reg, Real) and 0 < self.v_reg < math.inf):
+        make_plain(self, "v_reg")
+        if not (is_number(self.v_reg, 0.0) and self.v_reg > 0):
             raise ArgumentError(
-                f"v_reg must be positive and finite, not {self.v_reg!r}; for the limit "
+                f"v_reg must be positive and finite, not {self.v_reg!r:.60}; for the limit "
                 "v_reg = 0 take Exact()"
             )
 
@@ -92,16 +94,17 @@ class Tolerance:
     stop: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("relative", "absolute", "max_steps", "max_step", "stop"):
+        make_plain(self, "relative", "absolute", "max_steps", "max_step", "stop")
+        for name in ("relative", "absolute", "max_step", "stop"):
             value = getattr(self, name)
-            if value is not None and not isinstance(value, Real):
-                raise ArgumentError(f"{name} must be a number, not {value!r}")
+            left_out = value is None and name in ("max_step", "stop")
+            if not left_out and not (isinstance(value, Real) and not isinstance(value, bool)):
+                raise ArgumentError(f"{name} must be a number, not {value!r:.60}")
+        object.__setattr__(self, "max_steps", whole("max_steps", self.max_steps, 1))
         if not (1e-14 <= self.relative < 1 and 0 < self.absolute < math.inf):
             raise ArgumentError("tolerances must be positive and finite, relative from 1e-14 to 1")
         if self.max_step is not None and not self.max_step > 0:
             raise ArgumentError("max_step must be positive")
-        if self.max_steps < 1:
-            raise ArgumentError("max_steps must be at least 1")
         if self.stop is not None and not 0 < self.stop <= 1e-3:
             raise ArgumentError("stop must be positive, and 1e-3 at most")
 

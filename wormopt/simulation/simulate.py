@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError
+from wormopt.model.given import check_flag
 from wormopt.model.model import Model
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import check_names, numbers, signal_values
@@ -217,6 +218,7 @@ def task_of(
 ) -> InitialValueProblem:
     """Arguments of `simulate` as what is to be integrated; raises ArgumentError as it does."""
     system = system_of(model, contact)
+    check_flag("dense", dense)
     start, end = _ends(span)
     sampled = np.zeros(0) if times is None else numbers("times", times).ravel()
     sampled = np.where(np.abs(sampled - end) <= 4 * np.spacing(abs(end)), end, sampled)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
-from wormopt.errors import interruptible
+from wormopt.errors import ArgumentError, interruptible
 from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.progress import Report, silent
@@ -44,7 +44,7 @@ def integrate(task: InitialValueProblem, report: Report) -> Outcome:
     """Integrate a smooth task without switches by CVODES or IDAS, with the exact Jacobian.
 
     Gives the run to the smallest tolerance; status "layer_not_resolved" where runs disagree.
-    Raises ValueError if contact is exact, there are switches, or all shall be kept (`dense`).
+    Raises ArgumentError if contact is exact, there are switches, or all shall be kept (`dense`).
     """
     _refuse(task)
     relative, grid = task.tolerance.relative, _Grid(task)
@@ -66,12 +66,13 @@ def integrate(task: InitialValueProblem, report: Report) -> Outcome:
 def _refuse(task: InitialValueProblem) -> None:
     model, treatment = task.system.model, task.system.treatment
     if task.system.contacts and not isinstance(treatment, Smooth):
-        raise ValueError("CVODES and IDAS know no exact contact; treat it as Smooth")
+        raise ArgumentError("CVODES and IDAS know no exact contact; treat it as Smooth")
     if model.switches:
         names = [switch.name for switch in model.switches]
-        raise ValueError(f'CVODES and IDAS know no switches ({names}); take route = "python"')
+        raise ArgumentError(f'CVODES and IDAS know no switches ({names}); take route = "python"')
     if task.dense:
-        raise ValueError('CVODES and IDAS do not keep the motion; name times or route = "python"')
+        what = "CVODES and IDAS do not keep the motion"
+        raise ArgumentError(f'{what}; name times or route = "python"')
 
 
 class _Grid:

@@ -17,6 +17,7 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.special import j0, jn_zeros
 
 from wormopt.errors import ArgumentError
+from wormopt.numerics.collocation import Collocation
 from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.swimming.stroke import Swim, swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer
@@ -26,8 +27,8 @@ Ground = Literal["viscous", "elliptic", "unit"]
 
 STEEPEST = float(jn_zeros(0, 1)[0])
 """Amplitude at which the body does not advance along its wave: J0 = 0."""
-# Quadrature doubles its points, even ones over a quarter wave, until nothing changes.
-_FEWEST, _MOST, _SAME = 64, 1 << 16, 2e-15
+# Panels down to where what is left out is rounding, and points on each.
+_PANELS, _DEGREE = 56, 16
 
 
 def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> float:
@@ -65,37 +66,56 @@ def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> f
         raise ArgumentError(f"alpha must be above 0 and below {STEEPEST:.4f}, not {alpha}")
     if not (ratio > 0 and np.isfinite(ratio)):
         raise ArgumentError(f"ratio must be a number above 0, not {ratio}")
-    if ground == "viscous":
-        lean = (ratio - 1) * (1 - j0(2 * alpha)) / 2
-        return float(j0(alpha) * lean / (1 + lean))
-    if ground not in ("elliptic", "unit"):
+    if ground not in ("viscous", "elliptic", "unit"):
         raise ArgumentError(f"ground must be viscous, elliptic or unit, not {ground!r}")
-    return float(j0(alpha) - _recoil(alpha, ratio, unit=ground == "unit"))
+    phases, weights = _quarter(alpha, ratio)
+    psi = alpha * np.sin(phases)
+    if ground == "viscous":
+        lean = (ratio - 1) * float(weights @ np.sin(psi) ** 2)
+        return float(j0(alpha) * lean / (1 + lean))
+    bend, y = _slow(alpha, ratio, psi, weights, unit=ground == "unit")
+    return alpha**2 * (y - bend)
 
 
-def _recoil(alpha: float, rho: float, *, unit: bool) -> float:
-    """Speed w / c at which the wave recoils: root of the force, by ever more points."""
-    last, points = np.inf, _FEWEST
-    while True:
-        psi = alpha * np.sin((np.arange(points) + 0.5) * (np.pi / 2 / points))
-        c, s = np.cos(psi), np.sin(psi)
+def _quarter(alpha: float, rho: float) -> tuple[np.ndarray, np.ndarray]:
+    """Phases over a quarter wave, and weights of a mean: by Gauss on ever shorter panels to 0.
 
-        def force(w: float, c: np.ndarray = c, s: np.ndarray = s) -> float:
-            """Along the way; of the material, that slips at 1 - w cos along and -w sin across."""
-            ahead, aside = 1 - w * c, w * s
-            if unit:
-                push = (ahead * c - rho * aside * s) / np.hypot(ahead, aside)
-            else:
-                push = (ahead * c - rho**2 * aside * s) / np.hypot(ahead, rho * aside)
-            return float(push.mean())
+    Near 0, where the tangent lies along the way, dry friction turns within a phase of alpha / rho.
+    """
+    panels = _PANELS + max(0, int(np.log2(max(1.0, rho) / alpha)))
+    ends = np.append(0.0, 0.5 ** np.arange(panels, -1, -1))
+    rule = Collocation(_DEGREE)
+    nodes = (ends[:-1, None] + np.diff(ends)[:, None] * rule.tau).ravel()
+    return np.pi / 2 * nodes, (np.diff(ends)[:, None] * rule.B).ravel()
 
-        high = 1.0  # the force is ahead at w = 0, and backward where the recoil is fast
-        while force(high) > 0:
-            high *= 2
-        w = float(brentq(force, 0.0, high, xtol=1e-16, rtol=8.9e-16))  # pyright: ignore
-        if abs(w - last) <= _SAME or points >= _MOST:
-            return w
-        last, points = w, 2 * points
+
+def _slow(
+    alpha: float, rho: float, psi: np.ndarray, weights: np.ndarray, *, unit: bool
+) -> tuple[float, float]:
+    """Shortfalls 1 - J0 of the wave and y = 1 - w of its recoil w on dry ground, over alpha^2.
+
+    Both are of the size of 1 however small the amplitude is, and so is what they are found from.
+    """
+    c, s = np.cos(psi), np.sin(psi) / alpha
+    bent = 2 * (np.sin(psi / 2) / alpha) ** 2  # (1 - c) / alpha^2
+
+    def force(y: float) -> float:
+        """Along the way; of the material, that slips at 1 - w cos along and -w sin across."""
+        w = 1 - alpha**2 * y
+        ahead, aside = bent + y * c, w * s  # over alpha^2, and over alpha
+        if unit:
+            return float(weights @ ((ahead * c - rho * aside * s) / np.hypot(alpha * ahead, aside)))
+        across = rho * aside
+        return float(weights @ ((ahead * c - rho * across * s) / np.hypot(alpha * ahead, across)))
+
+    # the force is ahead where nothing recoils, and backward where the recoil is fast
+    way = 1.0 if force(0.0) < 0 else -1.0
+    near, far = 0.0, way
+    while way * force(far) < 0:
+        near, far = far, min(4 * far, 1 / alpha**2)
+    tiny = np.finfo(float).tiny
+    y = float(brentq(force, near, far, xtol=tiny, rtol=8.9e-16))  # pyright: ignore
+    return float(weights @ bent), y
 
 
 def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from wormopt.control.loop import feed
 from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.fitting.recording import Recording, unwrapped
+from wormopt.fitting.recording import Recording, guesses, unwrapped
 from wormopt.kinds import KINDS
 from wormopt.model.gait import Gait
 from wormopt.model.given import fields_of
@@ -173,11 +173,12 @@ def _run(
     values = {name: rows[:, kept] for name, rows in places.rows(seen, columns).items()}
     if not any(np.isfinite(rows).any() for rows in values.values()):
         raise SceneError(table.file, [(f"{key}.file", "holds no reading of any state or output")])
-    own, warnings = model, []
+    own, warnings = model, places.guesses(seen, time[kept], values)
     if driven:
         courses = places.rows(driven, columns)
+        warnings += places.guesses(driven, time, courses)
         own = _driven(model, courses, time, table.between == "held", warnings)
-        warnings = [f"{table.label}: {what}" for what in warnings]
+    warnings = [f"{table.label}: {what}" for what in warnings]
     recording = Recording(
         time[kept],
         values,
@@ -269,9 +270,24 @@ class _Places:
             rows = found.setdefault(name, np.full((size, len(columns.time)), np.nan))
             factor = self.factor(quantity, self.unit_of(column, columns), column)
             rows[entry] = factor * np.asarray(columns.values[column])
-            if {column, name, f"{name}[{entry}]"} & set(self._table.unwrap):
+            if self._turns(column, name, entry):
                 rows[entry] = unwrapped(rows[entry])
         return found
+
+    def guesses(
+        self, places: Mapping[str, _Place], time: np.ndarray, rows: Mapping[str, np.ndarray]
+    ) -> list[str]:
+        """Warnings of angles to which turns were added over pauses."""
+        return [
+            f"column {column} {what}"
+            for column, (name, entry) in places.items()
+            if self._turns(column, name, entry)
+            for what in guesses(time, rows[name][entry])
+        ]
+
+    def _turns(self, column: str, name: str, entry: int) -> bool:
+        """Whether a column is an angle modulo a turn."""
+        return bool({column, name, f"{name}[{entry}]"} & set(self._table.unwrap))
 
     def unit_of(self, column: str, columns: Columns) -> str:
         """Unit of a column, "" where nothing tells it; that of time is "" in the file."""

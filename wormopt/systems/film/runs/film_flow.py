@@ -25,6 +25,8 @@ from wormopt.systems.film.units import Fluid
 # Checks are accepted up to this share of the largest value.
 _ACCEPTED = 1e-9
 _GAUSS = 3
+# An amplitude that quadrature resolves.
+_STEEPEST = 0.999
 
 
 def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
@@ -35,13 +37,14 @@ def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
     table, begin = scene.table, time.perf_counter()
     report("evaluating", None)
     wave, fluid = wave_of(scene, table.film), fluid_of(table.film)
+    harmonics = _harmonics(scene, wave)
     tension = fluid.tension if fluid else table.film.tension or 0.0
     facts = {"validity": _validity(fluid)} if fluid else {}
     return conclude(
         scene,
         _scalars(table.film, wave, tension, fluid),
         _signals(table, wave, tension, fluid) | _curves(table, tension, fluid),
-        checks=_checks(wave, tension),
+        checks=_checks(wave, harmonics, tension),
         facts=facts,
         warnings=[*(fluid.warnings() if fluid else ()), *reach_warnings(wave, eps_of(table.film))],
         timings={"evaluate": time.perf_counter() - begin},
@@ -59,6 +62,20 @@ def wave_of(scene: Scene[Any], table: FilmTable) -> Wave:
     except ArgumentError as error:
         raise SceneError(scene.name, [(key, str(error))]) from None
     return wave
+
+
+def _harmonics(scene: Scene[FilmFlowScene], wave: Wave) -> FourierWave:
+    """Give the wave as harmonics, by which it is checked; raises SceneError for too thin a film."""
+    if not isinstance(wave, CosineWave):
+        return wave
+    harmonics = FourierWave([wave.delta])
+    try:
+        _ = harmonics.nodes
+    except ArgumentError as error:
+        what = str(error).partition(";")[0]
+        message = f"{wave.delta!r}: {what}, by which it is checked; write at most {_STEEPEST:g}"
+        raise SceneError(scene.name, [("film.delta", message)]) from None
+    return harmonics
 
 
 def fluid_of(table: FilmTable) -> Fluid | None:
@@ -98,9 +115,8 @@ def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
         )
 
 
-def _checks(wave: Wave, tension: float) -> Iterator[Check]:
+def _checks(wave: Wave, harmonics: FourierWave, tension: float) -> Iterator[Check]:
     """What does not hold, each as a share of its size, by ways that found nothing."""
-    harmonics = FourierWave([wave.delta]) if isinstance(wave, CosineWave) else wave
     xi = grid(2 * harmonics.nodes) + 0.1  # nowhere on the grid of the quadrature
     h, slope, C = wave.height(xi), wave.height(xi, 1), wave.constant
     field = wave.field_function(xi, tension)

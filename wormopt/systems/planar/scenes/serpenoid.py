@@ -33,7 +33,10 @@ class PlanarSerpenoidScene(SceneTable, frozen=True, kw_only=True):
         "speed_over_wave": ("1", "over that of the wave along the way"),
         "amplitude_best": ("angle", "at which the speed over that of the material is largest"),
         "speed_best": ("1", "`speed` there"),
-        "recheck_error": ("share", "difference to the speed found by another way"),
+        "recheck_error": (
+            "share",
+            "difference to the speed found by another way, over speed + *α*²/4",
+        ),
         "finite_over_wave": ("1", "`speed_over_wave` of worms of so many `waves`, viscous"),
     }
     variables: ClassVar = {
