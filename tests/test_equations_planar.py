@@ -4,11 +4,13 @@ from functools import cache
 from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 import sympy as sp
 from by_symbols import Symbols, zero
 
 from wormopt.model.friction import Viscous
+from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.model.planar_friction import Elliptic, Unit
 from wormopt.systems.planar.body.shape import Shape, chain_shape, rigid_shape
@@ -150,13 +152,11 @@ def test_masses_with_rods_from_their_kinetic_energy(links: int):
 
 
 def driven(shape: Shape) -> tuple[Model, Symbols]:
-    """A body of which the shape variables are any quadratics of time."""
+    """A body of which the shape variables are any quadratics of time, as on a piece of a gait."""
     size = shape.s.numel()
-    numbers = ca.SX.sym("course", 3 * size)
-    first, second, third = (numbers[k * size : (k + 1) * size] for k in range(3))
-    course = (lambda t: first + second * t + third * t**2) if size else None
+    course = Gait(np.array([0.0, 1.0]), np.ones((1, size, 1)) * [1.0, 1.0, -1.0]) if size else None
     model = driven_shape(shape, course, mass=1.0, inertia=0.5, law=DRAG)
-    return model, Symbols.of(model, ("mass", "inertia"), columns={"course": numbers})
+    return model, Symbols.of(model, ("mass", "inertia"))
 
 
 BODIES = {"two masses": lambda: chain_shape(1), "three": lambda: chain_shape(2, lengths=(1, 2)),

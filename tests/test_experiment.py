@@ -379,7 +379,8 @@ def test_a_predicted_speed_is_what_is_asked_for(tmp_path):
     )
 
     def speed(name: str, value: float) -> float:
-        motion = wo.simulate(worm, 3.0, p={"drag": 0.3, name: value}, x0={"position": [2.5, 0.0]})
+        p, x0 = {"drag": 0.3, name: value}, {"position": [2.5, 0.0]}
+        motion = wo.simulate(worm, 3.0, p=p, x0=x0, times=[0.0, 3.0])
         return float(np.diff(motion["center_of_mass"][0])[0]) / 3.0
 
     pairs = (("stiffness", 10.0), ("drag", 0.3))

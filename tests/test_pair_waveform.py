@@ -128,7 +128,7 @@ def test_the_ground_takes_what_the_field_gives_and_has_no_mean_force(steep: Resu
 
 @pytest.mark.slow
 def test_a_field_that_cannot_jump_keeps_its_slope_and_range(best: Result, steep: Result):
-    assert steep.status == "ok"
+    assert steep.status == "unchecked"  # the law of the link is for small strains
     t, field = steep["instant"].values, steep["field"].values
     apart = np.diff(t) > 1e-6
     slopes = np.abs(np.diff(field)[apart] / np.diff(t)[apart])

@@ -72,7 +72,8 @@ class Course:
         """
         found = [self.stroke.breaks]
         for a, b in pairwise(self.stroke.breaks):
-            tau = a + (b - a) * (np.arange(_TURNS) + 0.5) / _TURNS
+            inner = a + (b - a) * (np.arange(_TURNS) + 0.5) / _TURNS
+            tau = np.concatenate([[a + _ASIDE_OF_BREAKS], inner, [b - _ASIDE_OF_BREAKS]])
             rates = self.stroke.at(tau)[1]
             back = np.flatnonzero((rates[:-1] * rates[1:]).sum(axis=1) < 0)
             turns = np.array([self._turn(tau[k], tau[k + 1], rates[k]) for k in back])
