@@ -89,6 +89,38 @@ _OPTIONS: dict[str, float | str] = {
 }
 
 
+def interior_point(
+    cost: np.ndarray,
+    entries: tuple[np.ndarray, np.ndarray, np.ndarray],
+    upper: np.ndarray,
+    largest: float,
+    seconds: float,
+) -> np.ndarray:
+    """Minimise cost x within A x <= upper and |x| <= largest, to some seven digits or for a time.
+
+    `entries` are rows, columns and values of A; those of one place are added up.
+    """
+    from scipy.sparse import csc_array
+
+    row, column, value = entries
+    matrix = csc_array((value, (row, column)), shape=(len(upper), len(cost)))
+    model: Any = highspy.HighsLp()
+    model.num_row_, model.num_col_ = matrix.shape
+    model.col_cost_ = cost
+    model.col_lower_, model.col_upper_ = np.full((2, len(cost)), [[-largest], [largest]])
+    model.row_lower_, model.row_upper_ = np.full(len(upper), -highspy.kHighsInf), upper
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
+    model.a_matrix_.value_ = matrix.data
+    highs = silent_highs()
+    options = {"solver": "ipm", "run_crossover": "off", "threads": 1, "time_limit": seconds}
+    for option, given in options.items():
+        highs.setOptionValue(option, given)
+    highs.passModel(model)
+    highs.run()
+    return np.array(highs.getSolution().col_value)
+
+
 @dataclass
 class Columns:
     """Columns of a program in the making, from 0 to a bound each."""
