@@ -232,6 +232,7 @@ def test_no_motion_passes_a_bound_of_its_own_extremes(making, masses, drag, marg
     assert found.certificate is None or verify(found.certificate).holds
 
 
+@pytest.mark.slow
 def test_rows_hold_along_a_motion_that_presses_on_every_limit():
     """Of three links too, with a level of one cell, which a motion of its extremes must obey."""
     motion = motion_of(Making((3, 3), 3, 2, 5))

@@ -19,8 +19,8 @@ from typing import Any
 FORMAT, VERSION = "wormopt certificate", 1
 Data = dict[str, Any]
 Matrix = tuple[tuple[Any, ...], ...]
-Row = tuple[Sequence[Any], Fraction]
-Push = tuple[list[Fraction], list[Fraction]]
+Row = tuple[Sequence[Any], list[Fraction], bool]
+Push = list[tuple[list[Fraction], list[Fraction]]]
 
 
 def read(text: str) -> tuple[Data, Data, Fraction]:
@@ -164,56 +164,78 @@ def _faces(p: Data, h: Data) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
 
 
 def _limits(p: Data, rest: Sequence[int], corners: Sequence[Sequence[Fraction]]) -> Iterator[Row]:
-    """Weights of the masses' accelerations and room on a face: no sum of both is below 0."""
+    """Limits on a face: weights of the masses' accelerations and room at each corner.
+
+    No sum of both is below 0. The last says whether the row moves with the corners; those that do
+    have the same weights but for the sign. Others have their largest room everywhere.
+    """
     size = len(p["masses"])
     for j, a in enumerate(p["acceleration"]):
         for sign in (1, -1) if {j, j + 1} - set(rest) else ():
-            yield [sign * ((i == j) - (i == j + 1)) for i in range(size)], a
+            yield [sign * ((i == j) - (i == j + 1)) for i in range(size)], [a] * len(corners), False
     ones = [Fraction(1)] * size
-    forces = [(1, ones, size * (p["load"][0] - p["sigma_margin"]))]
+    forces = [(1, ones, size * (p["load"][0] - p["sigma_margin"]), True)]
     if p["spike_load"] is not None:
         own = [p["spike_load"][i] for i in rest]
         most = len(own) * min(own) if p["sharing"] == "equal" else sum(own)
-        forces.append((-1, ones, most - size * p["load"][1]))
+        forces.append((-1, ones, most - size * p["load"][1], True))
     if p["actuator_force"] is not None and (len(rest) == 1 or p["sharing"] == "equal"):
         for j, most in enumerate(p["actuator_force"], 1):
             held = Fraction(sum(i < j for i in rest), len(rest))
             for sign, load in product((1, -1), p["load"]):
                 room = most + sign * load * (size * held - j)
-                forces.append((sign, [held - (i < j) for i in range(size)], room))
-    for sign, weights, room in forces:
-        drag = max(sign * p["drag"] * _dot(weights, v) for v in corners)
-        yield [sign * w * m for w, m in zip(weights, p["masses"], strict=True)], room + drag
+                forces.append((sign, [held - (i < j) for i in range(size)], room, False))
+    for sign, weights, room, moves in forces:
+        rooms = [room + sign * p["drag"] * _dot(weights, v) for v in corners]
+        rooms = rooms if moves else [max(rooms)] * len(rooms)
+        yield [sign * w * m for w, m in zip(weights, p["masses"], strict=True)], rooms, moves
 
 
 def _pushes(p: Data, h: Data, face: Sequence[int], rest: Sequence[int]) -> list[Push]:
-    """Vertices of the accelerations on a face, as rates of its coordinates and of each y by v."""
+    """Accelerations that the admissible ones on a face lie between, at each of its corners.
+
+    As rates of the face's coordinates, and of each y over v.
+    """
     size = len(p["masses"])
     moving = [i for i in range(size) if i not in rest]
     corners = [[h["mesh_unit"] * x for x in h["vertices"][i]] for i in face]
-    rows = list(_limits(p, rest, corners))
+    limits = _limits(p, rest, corners)
+    rows: list[Row] = [(tuple(w[i] for i in moving), room, moves) for w, room, moves in limits]
     place = _inverse(tuple(zip(*((*(v[i] for i in moving), 1) for v in corners), strict=True)))
     found = []
-    for w in _vertices(tuple(tuple(r[i] for i in moving) for r, _ in rows), [r for _, r in rows]):
-        full, gains = dict(zip(moving, w, strict=True)), []
-        for j in range(size - 1):
-            way = int(sum(v[j] - v[j + 1] for v in corners) > 0)
-            u = (2 * way - 1) * (full.get(j, 0) - full.get(j + 1, 0))
-            start, brake = h["starts"][way][j], h["brakes"][way][j]
-            need(-brake <= u <= start, f"link {j} accelerates by {u} on face {face}")
-            gains.append(1 + u / brake)
-        found.append(([_dot(row[:-1], w) for row in place], gains))
+    for points in _vertices(rows):
+        push = []
+        for w in points if p["drag"] else points[:1]:
+            full, gains = dict(zip(moving, w, strict=True)), []
+            for j in range(size - 1):
+                way = int(sum(v[j] - v[j + 1] for v in corners) > 0)
+                u = (2 * way - 1) * (full.get(j, 0) - full.get(j + 1, 0))
+                start, brake = h["starts"][way][j], h["brakes"][way][j]
+                need(-brake <= u <= start, f"link {j} accelerates by {u} on face {face}")
+                gains.append(1 + u / brake)
+            push.append(([_dot(row[:-1], w) for row in place], gains))
+        found.append(push)
     return found
 
 
-def _vertices(normals: Matrix, sides: Sequence[Fraction]) -> set[tuple[Fraction, ...]]:
-    """Vertices of the polytope normals x + sides >= 0."""
+def _vertices(rows: list[Row]) -> set[tuple[tuple[Fraction, ...], ...]]:
+    """Points whose hull holds the polytope of the rows, between corners linear as they are.
+
+    They are the vertices with the largest rooms. One on a moving row goes along its edge with it,
+    if the other rows let it do so everywhere.
+    """
     found = set()
-    for chosen in combinations(range(len(normals)), len(normals[0])):
-        inverse = _inverse(tuple(normals[i] for i in chosen))
-        x = tuple(-_dot(row, [sides[i] for i in chosen]) for row in inverse or ())
-        if x and all(_dot(n, x) + side >= 0 for n, side in zip(normals, sides, strict=True)):
-            found.add(x)
+    for chosen in combinations(rows, len(rows[0][0])):
+        inverse = _inverse(tuple(normal for normal, *_ in chosen))
+        if not inverse:
+            continue
+        rooms = [(max(room), *room) for _, room, _ in chosen]
+        points = zip(*rooms, strict=True)
+        widest, *own = (tuple(-_dot(row, side) for row in inverse) for side in points)
+        if all(_dot(normal, widest) + max(room) >= 0 for normal, room, _ in rows):
+            fixed = [(normal, room[0]) for normal, room, moves in rows if not moves]
+            kept = all(_dot(normal, x) + room >= 0 for x in own for normal, room in fixed)
+            found.add(tuple(own) if kept else (widest,) * len(own))
     return found
 
 
@@ -226,44 +248,53 @@ def _check_face(
 ) -> int:
     """Check dW/dt + (V_0 + V_n)/2 <= bound on a face, in whole numbers."""
     points, degree, cells = [h["vertices"][i] for i in face], h["degree"], h["cells"]
-    links, low, high = (
-        len(points[0]) - 1,
-        _exponents(degree, len(face)),
-        _templates(degree, len(face)),
-    )
+    links, low = len(points[0]) - 1, _exponents(degree, len(face))
+    high = _templates(degree, len(face))
     w = {e: table[tuple(_dot(e, x) for x in zip(*points, strict=True))] for e in low}
     rates = [[v[j] - v[j + 1] for v in points] for j in range(links)]
     ends = [v[0] + v[-1] for v in points]
-    whole = []
-    for turn, gains in pushes:
-        slopes = [g * h["mesh_unit"] * cells / d for g, d in zip(gains, h["strokes"], strict=True)]
-        row = [h["unit"] * x for x in (*turn, *slopes)] + [h["mesh_unit"] / 2, (degree + 1) * bound]
-        by = lcm(*(x.denominator for x in row))
-        whole.append([int(x * by) for x in row])
-    for cell in product(range(cells), repeat=links):
-        for corner in product((0, 1), repeat=links):
-            step = [(cells + 1) ** (links - 1 - j) for j in range(links)]
-            here = sum((c + b) * s for c, b, s in zip(cell, corner, step, strict=True))
-            own = {e: values[here] for e, values in w.items()}
-            sides = [1 - 2 * b for b in corner]
-            rise = [
-                {e: sign * (values[here + sign * s] - values[here]) for e, values in w.items()}
-                for sign, s in zip(sides, step, strict=True)
+    whole = []  # of each push the factors at every corner, and the bound
+    for push in pushes:
+        rows = []
+        for turn, gains in push:
+            slopes = [
+                g * h["mesh_unit"] * cells / d for g, d in zip(gains, h["strokes"], strict=True)
             ]
-            for e, (below, slopes) in high.items():
-                parts = [sum(k * own[a] for a, k in slope.items()) for slope in slopes]
-                parts += [
-                    sum(k * rate[q] * up[a] for q, k, a in below)
-                    for rate, up in zip(rates, rise, strict=True)
-                ]
-                parts.append(sum(k * ends[q] for q, k, _ in below))
-                for *row, most in whole:
-                    if sum(map(mul, row, parts)) > most:
-                        raise BrokenProofError(
-                            f"dW/dt + V exceeds the bound on face {face}, cell {cell}, corner "
-                            f"{corner}, coefficient {e}"
-                        )
+            rows.append([h["unit"] * x for x in (*turn, *slopes)] + [h["mesh_unit"] / 2])
+        most = (degree + 1) * bound
+        by = lcm(most.denominator, *(x.denominator for row in rows for x in row))
+        whole.append(([[int(x * by) for x in row] for row in rows], int(most * by)))
+    step = [(cells + 1) ** (links - 1 - j) for j in range(links)]
+    for cell, corner in product(product(range(cells), repeat=links), product((0, 1), repeat=links)):
+        here = sum((c + b) * s for c, b, s in zip(cell, corner, step, strict=True))
+        own = {e: values[here] for e, values in w.items()}
+        rise = []
+        for s, sign in zip(step, (1 - 2 * b for b in corner), strict=True):
+            rise.append({e: sign * (v[here + sign * s] - v[here]) for e, v in w.items()})
+        parts = {}  # of every coefficient what the factors belong to
+        for e, (below, slopes) in high.items():
+            parts[e] = [sum(k * own[a] for a, k in slope.items()) for slope in slopes]
+            for rate, up in zip(rates, rise, strict=True):
+                parts[e].append(sum(k * rate[q] * up[a] for q, k, a in below))
+            parts[e].append(sum(k * ends[q] for q, k, _ in below))
+        for rows, most in whole:
+            found = [{e: sum(map(mul, row, part)) for e, part in parts.items()} for row in rows]
+            if len(rows) > 1:  # between the corners: one degree more
+                found = [_mixed(found)]
+                most *= degree + 2
+            worst = max(found[0], key=found[0].__getitem__)
+            where = f"face {face}, cell {cell}, corner {corner}, coefficient {worst}"
+            need(found[0][worst] <= most, f"dW/dt + V exceeds the bound on {where}")
     return len(whole) * len(high) * (2 * cells) ** links
+
+
+def _mixed(found: list[dict[tuple[int, ...], int]]) -> dict[tuple[int, ...], int]:
+    """Coefficients of Σ λ_r f_r, times their degree, of those of each f_r."""
+    degree = sum(next(iter(found[0]))) + 1
+    return {
+        e: sum(e[r] * f[_moved(e, r, -1)] for r, f in enumerate(found) if e[r])
+        for e in _exponents(degree, len(found))
+    }
 
 
 @lru_cache

@@ -45,11 +45,14 @@ class Level(NamedTuple):
 
 
 class Corners(NamedTuple):
-    """Vertices of the accelerations that are admissible on simplices."""
+    """Accelerations, linear in the velocities, between which the admissible ones of simplices lie.
+
+    Given at the d + 1 vertices of their simplex; without drag they are the same at each.
+    """
 
     simplex: np.ndarray  # (k,) whose they are
-    masses: np.ndarray  # (k, d) of the moving masses
-    links: np.ndarray  # (k, n)
+    masses: np.ndarray  # (k, d + 1, d) of the moving masses
+    links: np.ndarray  # (k, d + 1, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,7 @@ class Outer:
             yield Face(resting, simplices, mesh.vertices[simplices] * unit)
 
     def corners(self, face: Face) -> Corners:
-        """Vertices of the accelerations that every limit admits somewhere on each simplex."""
+        """Find accelerations between which those lie that the limits admit on each simplex."""
         s, count = self.statement, len(self.statement.masses)
         mass = _floats(s.masses) * self._acceleration / self._force
         drag = float(s.drag) * self.speed / self._force
@@ -127,20 +130,18 @@ class Outer:
             most = _floats(s.actuator_force) / self._force
             ends = np.sort(np.outer(per_load, [low, high]), axis=1)
             rows.append((weights, most - ends[:, 1], most + ends[:, 0]))
-        normals, sides = [], []
+        normals, sides, follow = [], [], []
         for number, (weights, above, below) in enumerate(rows):
             forces = number > 0
             acting = (weights * mass if forces else weights)[:, face.moving]
-            dragged = (
-                drag * face.velocities @ weights.T if forces else np.zeros((1, 1, len(acting)))
-            )
+            dragged = forces * drag * face.velocities @ weights.T
             for sign, room in ((-1.0, above), (1.0, below)):
                 used = np.isfinite(room) & acting.any(axis=1)
                 normals.append(sign * acting[used])
-                room = room + np.max(sign * dragged, axis=1)
-                sides.append(np.broadcast_to(room, (len(face.simplices), len(acting)))[:, used])
-        simplex, own = _vertices(np.vstack(normals), np.hstack(sides))
-        return Corners(simplex, own, own @ step[:, face.moving].T)
+                sides.append((room + sign * dragged)[:, :, used])
+                follow.append(np.full(used.sum(), number == 1))  # the sum of the reactions
+        own = _vertices(np.vstack(normals), np.concatenate(sides, axis=2), np.hstack(follow))
+        return Corners(*own, own[1] @ step[:, face.moving].T)
 
     def proof(self, mesh: Mesh | None = None, parts: int = 1) -> dict[str, Any]:
         """What a proof says of a link's motion and, if there are any, the simplices."""
@@ -163,11 +164,11 @@ class Outer:
         found = np.zeros((2, 2, self.statement.links))
         for face in self.faces(mesh, 1):
             corners = self.corners(face)
-            signs = face.signs[corners.simplex]
+            signs = face.signs[corners.simplex][:, None]
             for way, sign in enumerate((-1, 1)):
                 own = np.where(signs == sign, sign * corners.links, 0.0)
                 for k, value in enumerate((own, -own)):
-                    found[k, way] = np.maximum(found[k, way], value.max(axis=0, initial=0.0))
+                    found[k, way] = np.maximum(found[k, way], value.max(axis=(0, 1), initial=0.0))
         return wider(found[0] * self._acceleration), wider(found[1] * self._acceleration)
 
 
@@ -189,22 +190,36 @@ def _of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]
     return held[:, None] / rest - ahead, (held * count - rest * np.arange(1, count)) / rest
 
 
-def _vertices(normals: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices of polytopes normals x + sides >= 0, `sides` (count, rows), and whose they are."""
+def _vertices(
+    normals: np.ndarray, sides: np.ndarray, follow: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find points, linear in λ, whose hull holds the polytopes normals x + Σ λ_c sides_c >= 0.
+
+    `sides` (count, c, rows) are widened to their largest but for the rows that `follow`, of which
+    all have the same normal. A vertex on one of these moves along its edge as far as that goes.
+    Returns the numbers (k,) of the polytopes and the points (k, c, d).
+    """
     length = np.linalg.norm(normals, axis=1)
     normals, sides = normals / length[:, None], sides / length
+    widest = sides.max(axis=1)
+    sides = np.where(follow, sides, widest[:, None])
     numbers, points = [], []
-    for chosen in combinations(range(len(normals)), normals.shape[1]):
-        matrix = normals[list(chosen)]
-        if abs(np.linalg.det(matrix)) < _FLAT:
+    for chosen in map(list, combinations(range(len(normals)), normals.shape[1])):
+        if abs(np.linalg.det(normals[chosen])) < _FLAT:
             continue
-        own = -np.linalg.solve(matrix, sides[:, chosen].T).T
-        size = _OUTSIDE * (1.0 + np.abs(own).max(axis=1, keepdims=True))
-        inside = np.all(own @ normals.T + sides > -size, axis=1)
+        inverse = np.linalg.inv(normals[chosen]).T
+        own = -widest[:, chosen] @ inverse
+        away = _OUTSIDE * (1.0 + np.abs(own).max(axis=1, keepdims=True))
+        inside = np.all(own @ normals.T + widest > -away, axis=1)
+        at = np.repeat(own[:, None], sides.shape[1], axis=1)
+        if follow[chosen].any():
+            moved = -sides[:, :, chosen] @ inverse
+            left = (moved @ normals.T + widest[:, None])[:, :, ~follow]
+            at = np.where(np.all(left > -away[:, None], axis=(1, 2))[:, None, None], moved, at)
         numbers.append(np.flatnonzero(inside))
-        points.append(own[inside])
+        points.append(at[inside])
     number, point = np.concatenate(numbers), np.concatenate(points)
-    alike = np.column_stack([number, np.round(point, _SAME)])
+    alike = np.column_stack([number, np.round(point, _SAME).reshape(len(point), -1)])
     first = np.unique(alike, axis=0, return_index=True)[1]
     return number[first], point[first]
 
@@ -303,7 +318,7 @@ class Program:
         n, o, degree = len(self._outer.most), self._outer, self.level.degree
         corners = o.corners(face)
         at = corners.simplex
-        signs = face.signs[at]
+        signs = face.signs[at][:, None]
         slowing = np.where(signs > 0, o.slowing[1], o.slowing[0])
         gain = (1.0 + signs * corners.links / slowing) / (o.width / self.level.cells)
         moved = np.concatenate(
@@ -313,14 +328,20 @@ class Program:
             ],
             axis=2,
         ).transpose(0, 2, 1)
-        pushed = np.hstack([corners.masses, np.zeros((len(at), 1))])
-        turn = np.linalg.solve(moved[at], pushed[:, :, None])[:, :, 0]
-        slope, times = _derivative(degree, turn.shape[1]), _product(degree, turn.shape[1])
-        own = np.einsum("gaq,zq->zga", slope, turn)  # dW/dV times the acceleration
-        way = np.einsum("gaq,zqj->jzga", times, face.rates[at] * gain[:, None])  # dW/dy times y'
+        pushed = np.insert(corners.masses, len(face.moving), 0.0, axis=2).transpose(0, 2, 1)
+        turn = np.linalg.solve(moved[at], pushed).transpose(0, 2, 1)
+        size = turn.shape[2]
+        slope, times = _derivative(degree, size), _product(degree, size)
+        if o.statement.drag:  # accelerations are linear in the velocities
+            degree, linear = degree + 1, _product(degree + 1, size)
+        else:
+            turn, gain, linear = turn[:, :1], gain[:, :1], np.eye(len(slope))[:, :, None]
+        # dW/dV times the acceleration, and dW/dy times y'
+        own = np.einsum("hgr,zrga->zha", linear, np.einsum("gaq,zrq->zrga", slope, turn))
+        ways = np.einsum("gaq,zqj,zrj->jzrga", times, face.rates[at], gain, optimize=True)
+        way = np.einsum("hgr,jzrga->jzha", linear, ways, optimize=True)
         ends = (face.velocities[:, :, 0] + face.velocities[:, :, -1]) / 2
-        shares = _exponents(degree + 1, turn.shape[1]) / (degree + 1)
-        cost = (ends[at] @ shares.T).ravel()
+        cost = (ends[at] @ _exponents(degree + 1, size).T / (degree + 1)).ravel()
         row = np.broadcast_to(np.arange(len(cost)).reshape(*own.shape[:2], 1), own.shape)
         stride = self._cells ** np.arange(n - 1, -1, -1)
         for cell in product(range(self.level.cells), repeat=n):
