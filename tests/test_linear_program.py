@@ -387,3 +387,24 @@ def test_interior_points_end_where_the_simplex_method_does(seed: int):
     found = linprog(cost, matrix, upper, bounds=[(-5.0, 5.0)] * 3)
     assert cost @ x == pytest.approx(found.fun, abs=1e-5)
     assert np.all(matrix @ x <= upper + 1e-6)
+
+
+def test_interior_points_are_stopped_at_once(monkeypatch: pytest.MonkeyPatch):
+    """The first wait for the solver is interrupted; the second is for its end."""
+    calls: list[str] = []
+
+    class Working:
+        def is_alive(self) -> bool:
+            return True
+
+        def join(self, seconds: float | None = None) -> None:
+            calls.append("wait" if seconds else "end")
+            if seconds:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(highspy.Highs, "startSolve", lambda _: Working())
+    monkeypatch.setattr(highspy.Highs, "cancelSolve", lambda _: calls.append("cancel"))
+    one = np.zeros(1, int), np.zeros(1, int), np.ones(1)
+    with pytest.raises(KeyboardInterrupt):
+        interior_point(np.ones(1), one, np.ones(1), 1.0, 1.0)
+    assert calls == ["wait", "cancel", "end"]

@@ -116,8 +116,16 @@ def interior_point(
     options = {"solver": "ipm", "run_crossover": "off", "threads": 1, "time_limit": seconds}
     for option, given in options.items():
         highs.setOptionValue(option, given)
+    highs.HandleUserInterrupt = True
     highs.passModel(model)
-    highs.run()
+    working = highs.startSolve()
+    try:
+        while working.is_alive():  # a join without end would hold Ctrl-C back
+            working.join(0.1)
+    except KeyboardInterrupt:
+        highs.cancelSolve()
+        working.join()
+        raise
     return np.array(highs.getSolution().col_value)
 
 

@@ -37,7 +37,7 @@ _GROWTH = 1.3
 # The bound is rounded up by this share, more than sums of the program can be off.
 _SPARE = 1e-9
 _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
-# Of the wanted gap: how near to the lowest provable cost it is sought.
+# Of the gap, wanted or left: how near to the highest provable cost it is sought.
 _NEAR = 0.1
 
 
@@ -233,7 +233,9 @@ def _of_cost(
             yield replace(best, ending="time limit")
             return
         high = value
-        while high - best.bound > _NEAR * gap * value and time.perf_counter() < until:
+        while time.perf_counter() < until:
+            if high - best.bound <= _NEAR * max(gap * value, value - best.bound):
+                break
             middle = float(f"{(best.bound + high) / 2:.6g}")
             statement = Statement.of(_lowered(task, cost, middle))
             outer = Outer(statement)
