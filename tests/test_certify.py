@@ -365,6 +365,22 @@ def test_bounds_come_nearer_the_best_gaits_known(task: GaitProblem, best: float,
     test_bounds_come_near_the_best_gaits_known(task, best, gap)
 
 
+def test_strokes_that_fit_into_a_short_period_are_proven():
+    """Two of three masses rest: three strokes share a period of 1, 0.275 each, as in the gait."""
+    found = bound_of(g1(resting=2, period=1.0), 0.275, 0.005)
+    assert found.ending == "gap reached"
+    assert 0.275 <= found.bound <= 0.275 * 1.005
+    assert found.certificate is not None
+    assert verify(found.certificate).holds
+    file = json.loads(found.certificate.text)
+    assert all(0.275 <= Fraction(stroke) < 0.28 for stroke in file["proof"]["strokes"])
+    first = file["proof"]["stroke_proofs"][0]
+    first["bound"] = less(first["bound"])
+    assert "exceeds the bound" in verify(Certificate(json.dumps(file))).reason
+    del file["proof"]["stroke_proofs"]
+    assert "can move by more" in verify(Certificate(json.dumps(file))).reason
+
+
 def test_finer_programs_bound_more():
     """Each space of W holds the one before."""
     for levels in ([(1, 1, 2), (1, 1, 3), (1, 1, 4), (1, 2, 4)], [(1, 1, 2), (2, 1, 2), (2, 2, 2)]):

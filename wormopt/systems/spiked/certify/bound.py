@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from typing import Any, Literal
 
 from wormopt.errors import ArgumentError
@@ -15,7 +14,7 @@ from wormopt.progress import Report, silent
 from wormopt.shown import lines
 from wormopt.systems.spiked.certify.certificate import Certificate
 from wormopt.systems.spiked.certify.program import Level, Outer, Program, size_of
-from wormopt.systems.spiked.certify.statement import Statement, up
+from wormopt.systems.spiked.certify.statement import Statement, rounded_up
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.search.orders import ceiling_of
 from wormopt.systems.spiked.task import Certify, Cost, GaitProblem, Objective
@@ -34,8 +33,6 @@ _LEVELS = tuple(
 _SMALL, _LARGE = 3e5, 2e9
 # The time of a program grows as this power of its size.
 _GROWTH = 1.3
-# The bound is rounded up by this share, more than sums of the program can be off.
-_SPARE = 1e-9
 _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
 # Of the gap, wanted or left: how near to the highest provable cost it is sought.
 _NEAR = 0.1
@@ -173,7 +170,8 @@ def _of_speed(task: GaitProblem, until: float) -> Iterator[Bounded]:
         return
     statement = Statement.of(task)
     outer = Outer(statement)
-    bound = statement.mean_rates(outer.starts, outer.brakes)
+    outer.shorten(until - time.perf_counter())
+    bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
     if bound < best.bound:
         proof = outer.proof(outer.mesh)
         best = _certified(statement, bound, proof, "by the mean rates of links")
@@ -207,9 +205,8 @@ def _levels(outer: Outer, until: float) -> Iterator[Level | None]:
 
 
 def _certified(statement: Statement, bound: float, proof: dict[str, Any], source: str) -> Bounded:
-    """Round a bound up by more than sums in floating point are off."""
-    unit = Fraction(10) ** (math.floor(math.log10(bound)) - 9)
-    whole = up(bound * (1 + _SPARE), unit)
+    """Write a bound and its proof."""
+    whole = rounded_up(bound)
     certificate = Certificate.of(statement.fields, proof, whole)
     return Bounded(math.nextafter(float(whole), math.inf), certificate, source, ())
 
@@ -239,6 +236,7 @@ def _of_cost(
             middle = float(f"{(best.bound + high) / 2:.6g}")
             statement = Statement.of(_lowered(task, cost, middle))
             outer = Outer(statement)
+            outer.shorten(until - time.perf_counter())
             bound, proof = Program(outer, level).solve(until - time.perf_counter())
             source = f"by a linear program, level {tuple(level)}"
             proven = _certified(statement, max(bound, _NEAR * required), proof, source)

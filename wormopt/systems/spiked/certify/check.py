@@ -57,12 +57,27 @@ def need(holds: bool, what: str) -> None:
         raise BrokenProofError(what)
 
 
-def check(p: Data, h: Data, bound: Fraction) -> int:
-    """Check the proof h that no gait of the problem p exceeds the bound; count inequalities."""
+def check(
+    p: Data,
+    h: Data,
+    bound: Fraction,
+    strokes: Sequence[Fraction | None] = (),
+    link: int | None = None,
+) -> int:
+    """Check the proof h that no gait of the problem p exceeds the bound; count inequalities.
+
+    The bound is of the speed, or of the mean rate of a link. What is proven of strokes may be used.
+    """
+    known = list(strokes) or [None] * (len(p["masses"]) - 1)
+    count = 0
+    for earlier in h.get("stroke_proofs", ()):  # a link goes its stroke twice in a period
+        j, most = earlier["link"], earlier["bound"]
+        count += check(p, earlier["proof"], most, known, j)
+        known[j] = min(most * p["period"] / 2, known[j] or most * p["period"] / 2)
     accelerations = [x for k in ("starts", "brakes") for way in h[k] for x in way]
     need(min(*p["masses"], p["period"], *h["strokes"], *accelerations) > 0, "a size is not above 0")
     need(min(p["drag"], *p["load"]) >= 0, "a drag or load is below 0")
-    ways = [_check_link(p, h, j) for j in range(len(p["masses"]) - 1)]
+    ways = [_check_link(p, h, j, stroke) for j, stroke in enumerate(known)]
     if "pieces" not in h:  # nothing is known of a link's acceleration but its limit
         for given in (*h["starts"], *h["brakes"]):
             for j, (taken, a) in enumerate(zip(given, p["acceleration"], strict=True)):
@@ -72,15 +87,17 @@ def check(p: Data, h: Data, bound: Fraction) -> int:
         _check_cover(p, h)
         faces = {face: _pushes(p, h, *face) for face in sorted(_faces(p, h))}
     if "values" not in h:
+        need(link is None, "mean rates are bounded by mean rates")
         most = sum((stroke / time for stroke, time in ways), Fraction(0))
         need(most <= bound, f"the mean rates of the links allow {float(most):.9g}")
-        return len(ways)
+        return count + len(ways)
     need(min(h["degree"], h["cells"]) >= 1, "W has no degree or no cells")
     table = {tuple(k): v for k, v in zip(h["points"], h["values"], strict=True)}
-    return sum(_check_face(h, bound, table, face, found) for (face, _), found in faces.items())
+    rows = (_check_face(h, bound, table, face, own, link) for (face, _), own in faces.items())
+    return count + sum(rows)
 
 
-def _check_link(p: Data, h: Data, j: int) -> tuple[Fraction, Fraction]:
+def _check_link(p: Data, h: Data, j: int, known: Fraction | None) -> tuple[Fraction, Fraction]:
     """Check rates and stroke of a link; give the stroke and the time of its way there and back."""
     a, whole, stroke = p["acceleration"][j], p["length"][j][1] - p["length"][j][0], h["strokes"][j]
     for way in (0, 1):
@@ -90,7 +107,8 @@ def _check_link(p: Data, h: Data, j: int) -> tuple[Fraction, Fraction]:
         need(slow or (rate and taken >= rate), f"link {j} can be faster than {taken}")
     ways = zip(h["starts"], h["brakes"], strict=True)
     time = _time(p, j, stroke, [(1 / start[j] + 1 / brake[j]) / 2 for start, brake in ways])
-    need(stroke >= whole or time >= p["period"], f"link {j} can move by more than {stroke}")
+    enough = stroke >= whole or time >= p["period"] or (known is not None and stroke >= known)
+    need(enough, f"link {j} can move by more than {stroke}")
     return stroke, time
 
 
@@ -245,14 +263,15 @@ def _check_face(
     table: dict[tuple[int, ...], Any],
     face: Sequence[int],
     pushes: list[Push],
+    link: int | None,
 ) -> int:
-    """Check dW/dt + (V_0 + V_n)/2 <= bound on a face, in whole numbers."""
+    """Check dW/dt + (V_0 + V_n)/2, or + |v_link|, <= bound on a face, in whole numbers."""
     points, degree, cells = [h["vertices"][i] for i in face], h["degree"], h["cells"]
     links, low = len(points[0]) - 1, _exponents(degree, len(face))
     high = _templates(degree, len(face))
     w = {e: table[tuple(_dot(e, x) for x in zip(*points, strict=True))] for e in low}
     rates = [[v[j] - v[j + 1] for v in points] for j in range(links)]
-    ends = [v[0] + v[-1] for v in points]
+    ends = [v[0] + v[-1] for v in points] if link is None else [2 * abs(v) for v in rates[link]]
     whole = []  # of each push the factors at every corner, and the bound
     for push in pushes:
         rows = []

@@ -9,6 +9,7 @@ many rows, linear in the coefficients of W and in B.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -21,8 +22,19 @@ import numpy as np
 from wormopt.numerics.linear_program import interior_point
 from wormopt.systems.shared.sequences import Resting
 from wormopt.systems.spiked.certify.mesh import Mesh, mesh_of
-from wormopt.systems.spiked.certify.statement import Statement, wider
+from wormopt.systems.spiked.certify.statement import Statement, rounded_up, up, wider
 
+
+class Level(NamedTuple):
+    """How fine W is."""
+
+    parts: int  # of every edge of the simplices
+    cells: int  # of every link's stopping length
+    degree: int  # in the velocities
+
+
+# How mean rates are bounded, and by how much a stroke must become shorter to go on.
+_OF_STROKES, _SHORTER = Level(1, 1, 3), 0.999
 # Corners of accelerations: how far outside counts as rounding, how small a determinant as 0, and
 # how near two are the same.
 _OUTSIDE, _FLAT, _SAME = 1e-9, 1e-9, 7
@@ -34,14 +46,6 @@ _NOTHING = 1e-12
 _PART = 9
 # W and the bound are sought within these, in units in which rates and strokes are at most 1.
 _LARGEST = 100.0
-
-
-class Level(NamedTuple):
-    """How fine W is."""
-
-    parts: int  # of every edge of the simplices
-    cells: int  # of every link's stopping length
-    degree: int  # in the velocities
 
 
 class Corners(NamedTuple):
@@ -97,9 +101,48 @@ class Outer:
             whole = np.array([[int(x / self.rate_unit) for x in way] for way in self.rates])
             self.mesh = mesh_of(whole, statement.resting)
         self.starts, self.brakes = self._extremes(self.mesh) if self.mesh else (statement.most,) * 2
-        self.strokes = statement.strokes(self.starts, self.brakes)
-        self.width = _floats(self.strokes) / self.length
         self.slowing = self.brakes.astype(float) / self._acceleration
+        self.strokes = statement.strokes(self.starts, self.brakes)
+        self._earlier: list[dict[str, Any]] = []  # proofs of strokes
+
+    @property
+    def width(self) -> np.ndarray:
+        """Strokes in units of the longest range."""
+        return _floats(self.strokes) / self.length
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether head and tail exchanged it is the same worm."""
+        s = self.statement
+        both = [s.masses, s.acceleration, s.spike_load, s.actuator_force, self.strokes]
+        ways = [self.rates, self.starts.tolist(), self.brakes.tolist()]
+        return all(x is None or list(x) == list(x)[::-1] for x in both) and all(
+            list(way[0]) == list(way[1])[::-1] for way in ways
+        )
+
+    def shorten(self, seconds: float) -> None:
+        """Shorten strokes: in a period a link goes its stroke twice, at its mean rate at most.
+
+        Where one mass rests, others let a link go as fast as alone, and nothing is gained.
+        """
+        s, mirrored, until = self.statement, self.is_mirrored, time.perf_counter() + seconds
+        while self.mesh and s.resting > 1 and time.perf_counter() < until:
+            found, proofs = list(self.strokes), []
+            for j, stroke in enumerate(self.strokes):
+                bound, proof = Program(self, _OF_STROKES, j).solve(until - time.perf_counter())
+                most = rounded_up(max(bound, 0.0))
+                if most * s.period / 2 < stroke:
+                    found[j] = up(most * s.period / 2, self.part)
+                    proofs.append({"link": j, "bound": most, "proof": proof})
+            if mirrored:
+                found = [max(pair) for pair in zip(found, found[::-1], strict=True)]
+            shorter = any(
+                new < _SHORTER * old for new, old in zip(found, self.strokes, strict=True)
+            )
+            if not shorter:
+                return
+            self.strokes = tuple(found)
+            self._earlier += proofs
 
     def faces(self, mesh: Mesh, parts: int) -> Iterator[Face]:
         """Give all simplices on which masses rest together, where rows are needed."""
@@ -143,14 +186,19 @@ class Outer:
         own = _vertices(np.vstack(normals), np.concatenate(sides, axis=2), np.hstack(follow))
         return Corners(*own, own[1] @ step[:, face.moving].T)
 
-    def proof(self, mesh: Mesh | None = None, parts: int = 1) -> dict[str, Any]:
-        """What a proof says of a link's motion and, if there are any, the simplices."""
+    def proof(self, mesh: Mesh | None = None, parts: int = 1, whole: bool = True) -> dict[str, Any]:
+        """What a proof says of a link's motion and, if there are any, the simplices.
+
+        `whole`: with the proofs of strokes.
+        """
         known: dict[str, Any] = {
             "strokes": self.strokes,
             "rates": self.rates,
             "starts": self.starts.tolist(),
             "brakes": self.brakes.tolist(),
         }
+        if whole and self._earlier:
+            known["stroke_proofs"] = self._earlier
         if mesh is None:
             return known
         return known | {
@@ -225,10 +273,10 @@ def _vertices(
 
 
 class Program:
-    """The linear program of a level."""
+    """The linear program of a level, for the speed or for the mean rate of a link."""
 
-    def __init__(self, outer: Outer, level: Level) -> None:
-        self._outer, self.level = outer, level
+    def __init__(self, outer: Outer, level: Level, link: int | None = None) -> None:
+        self._outer, self.level, self._link = outer, level, link
         assert outer.mesh is not None
         self.mesh = outer.mesh.finer(level.parts)
         self._cells = level.cells + 1
@@ -247,18 +295,9 @@ class Program:
         self._places = [n.reshape(p.shape[:2]) for n, p in zip(split, places, strict=True)]
         self._column = self._columns()
 
-    @property
-    def _mirrored(self) -> bool:
-        return self._outer_is_mirrored and self.mesh.is_mirrored
-
     @cached_property
-    def _outer_is_mirrored(self) -> bool:
-        s, o = self._outer.statement, self._outer
-        both = [s.masses, s.acceleration, s.spike_load, s.actuator_force, o.strokes]
-        ways = [o.rates, o.starts.tolist(), o.brakes.tolist()]
-        return all(x is None or list(x) == list(x)[::-1] for x in both) and all(
-            list(way[0]) == list(way[1])[::-1] for way in ways
-        )
+    def _mirrored(self) -> bool:
+        return self._link is None and self._outer.is_mirrored and self.mesh.is_mirrored
 
     def _columns(self) -> np.ndarray:
         """Number of the unknown (point, place in y); the same for what the mirror exchanges."""
@@ -304,7 +343,7 @@ class Program:
             "points": self.points.tolist(),
             "values": whole.astype(int)[self._column].tolist(),
         }
-        mesh = self._outer.proof(self.mesh, self.level.parts)
+        mesh = self._outer.proof(self.mesh, self.level.parts, self._link is None)
         return float(above.max()) * self._outer.speed, mesh | proof
 
     def _rows(
@@ -340,8 +379,11 @@ class Program:
         own = np.einsum("hgr,zrga->zha", linear, np.einsum("gaq,zrq->zrga", slope, turn))
         ways = np.einsum("gaq,zqj,zrj->jzrga", times, face.rates[at], gain, optimize=True)
         way = np.einsum("hgr,jzrga->jzha", linear, ways, optimize=True)
-        ends = (face.velocities[:, :, 0] + face.velocities[:, :, -1]) / 2
-        cost = (ends[at] @ _exponents(degree + 1, size).T / (degree + 1)).ravel()
+        if self._link is None:
+            gained = (face.velocities[:, :, 0] + face.velocities[:, :, -1]) / 2
+        else:
+            gained = np.abs(face.rates[:, :, self._link])
+        cost = (gained[at] @ _exponents(degree + 1, size).T / (degree + 1)).ravel()
         row = np.broadcast_to(np.arange(len(cost)).reshape(*own.shape[:2], 1), own.shape)
         stride = self._cells ** np.arange(n - 1, -1, -1)
         for cell in product(range(self.level.cells), repeat=n):

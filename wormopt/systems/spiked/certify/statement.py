@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -16,6 +16,8 @@ from wormopt.systems.spiked.task import GaitProblem
 
 # Numbers of a proof that are not given ones are rounded away from it to so many digits.
 _DIGITS = 6
+# A bound is rounded up by this share.
+_SPARE = 1e-9
 # Floating-point numbers this close to a simple fraction stand for it, relatively.
 _ROUNDING = 1e-12
 
@@ -115,13 +117,15 @@ class Statement:
             found.append(min(whole, up(high, _unit(whole))))
         return tuple(found)
 
-    def mean_rates(self, starts: np.ndarray, brakes: np.ndarray) -> float:
+    def mean_rates(
+        self, strokes: Sequence[Fraction], starts: np.ndarray, brakes: np.ndarray
+    ) -> float:
         """Bound on the speed: half the sum of the links' largest mean rates.
 
         It is V_0 + V_n <= Σ |V_j-1 - V_j|, and no link goes its stroke there and back faster.
         """
         total = 0.0
-        for j, stroke in enumerate(self.strokes(starts, brakes)):
+        for j, stroke in enumerate(strokes):
             total += float(stroke) / self._there_and_back(float(stroke), j, starts, brakes)
         return total
 
@@ -161,6 +165,14 @@ def _unit(size: float | Fraction) -> Fraction:
 def up(value: float | Fraction, unit: Fraction) -> Fraction:
     """Round up to a multiple; what is one but for rounding stays."""
     return math.ceil(Fraction(value) / unit * (1 - Fraction(_ROUNDING))) * unit
+
+
+def rounded_up(bound: float) -> Fraction:
+    """Round a bound up by more than sums in floating point are off."""
+    if bound <= 0.0:
+        return Fraction(0)
+    unit = Fraction(10) ** (math.floor(math.log10(bound)) - 9)
+    return up(bound * (1 + _SPARE), unit)
 
 
 def wider(values: np.ndarray) -> np.ndarray:
