@@ -30,7 +30,7 @@ _LEVELS = tuple(
     )
 )  # fmt: skip
 # Estimated coefficients of a program: so many need no care, and so many are too many to keep.
-_SMALL, _LARGE = 3e5, 2e9
+_SMALL, _LARGE = 3e5, 1e8
 # The time of a program grows as this power of its size.
 _GROWTH = 1.3
 _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
