@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.optimize import linprog
 
-from wormopt.numerics.linear_program import LinearProgram, Rows, simplex, solve
+from wormopt.numerics.linear_program import LinearProgram, Rows, interior_point, simplex, solve
 
 ULP = float(np.finfo(float).eps)
 
@@ -192,40 +192,6 @@ def test_bounds_agree_with_a_second_route(numbers):
         assert np.all(numbers.A @ found.x >= numbers.low - 1e-7)
 
 
-@settings(max_examples=examples(30), derandomize=True)
-@given(
-    st.integers(1, 4).flatmap(
-        lambda n: st.integers(1, 4).flatmap(
-            lambda m: st.lists(programs(st.just(n), st.just(m)), min_size=3, max_size=3)
-        )
-    )
-)
-def test_a_changed_program_is_the_program_built_anew(several):
-    """From one program to the next by changes, solved in between."""
-    first = several[0]
-    m, n = first.A.shape
-    rows, columns = (v.ravel() for v in np.indices((m, n)))
-    changed = first.program()
-    places = changed.places(rows, columns)
-    for numbers in several:
-        changed.change(places, numbers.A.ravel())
-        changed.set_sides(np.arange(m), numbers.low, numbers.high)
-        changed.set_bounds(np.arange(n), numbers.least, numbers.most)
-        # the cost stays that of the first
-        again = Numbers(
-            first.c, numbers.A, numbers.low, numbers.high, numbers.least, numbers.most
-        ).program()
-        duals = np.linspace(-2.0, 3.0, m)
-        assert changed.bound(duals) == again.bound(duals)
-        found, fresh = changed.maximise(), again.maximise()
-        if found.x.size and fresh.x.size:
-            size = 1 + np.abs(found.row_duals).sum() + np.abs(fresh.row_duals).sum()
-            assert found.bound == pytest.approx(fresh.bound, abs=1e-6 * size)
-        elif -np.inf in (found.bound, fresh.bound):
-            # only one of them may have a proof, but then the other has no solution to show
-            assert found.x.size + fresh.x.size == 0
-
-
 # -- programs without a feasible point ---------------------------------------------------------
 
 
@@ -247,15 +213,6 @@ def test_what_only_rounding_could_forbid_is_not_called_impossible():
     """At 2 one point is left; a side above by less than tolerances is not proven to have none."""
     assert two_sides(2.0).maximise().bound >= 1.5
     assert two_sides(float(np.nextafter(2.0, 3.0))).maximise().bound > -np.inf
-
-
-def test_a_program_becomes_possible_again():
-    program = two_sides(2.5)
-    assert program.maximise().bound == -np.inf
-    program.set_sides(np.array([0]), np.array([1.0]), np.array([np.inf]))
-    assert program.maximise().bound == pytest.approx(1.5, abs=1e-12)
-    program.set_bounds(np.array([0]), np.array([0.0]), np.array([0.25]))
-    assert program.maximise().bound == pytest.approx(0.75, abs=1e-12)
 
 
 # -- a solver that is wrong --------------------------------------------------------------------
@@ -412,3 +369,42 @@ def test_coefficients_that_the_solver_refuses_give_the_poor_bound():
     rows.add([(0, 1e30), (1, 1.0)], -np.inf, 1.0)
     program = LinearProgram(np.array([1.0, 2.0]), rows, np.zeros(2), np.array([3.0, 4.0]))
     assert program.maximise().bound == pytest.approx(3.0 + 2 * 4.0, rel=1e-12)
+
+
+# -- interior points -----------------------------------------------------------------------------
+
+
+@settings(max_examples=examples(10), derandomize=True)
+@given(st.integers(0, 2**32 - 1))
+def test_interior_points_end_where_the_simplex_method_does(seed: int):
+    """Rows with entries in two parts, which are added up."""
+    random = np.random.default_rng(seed)
+    matrix, cost = random.normal(size=(6, 3)), random.normal(size=3)
+    upper = random.uniform(0.1, 2.0, 6)
+    row, column = (np.tile(v.ravel(), 2) for v in np.indices(matrix.shape))
+    entries = row, column, np.tile(matrix.ravel() / 2, 2)
+    x = interior_point(cost, entries, upper, 5.0, 10.0)
+    found = linprog(cost, matrix, upper, bounds=[(-5.0, 5.0)] * 3)
+    assert cost @ x == pytest.approx(found.fun, abs=1e-5)
+    assert np.all(matrix @ x <= upper + 1e-6)
+
+
+def test_interior_points_are_stopped_at_once(monkeypatch: pytest.MonkeyPatch):
+    """The first wait for the solver is interrupted; the second is for its end."""
+    calls: list[str] = []
+
+    class Working:
+        def is_alive(self) -> bool:
+            return True
+
+        def join(self, seconds: float | None = None) -> None:
+            calls.append("wait" if seconds else "end")
+            if seconds:
+                raise KeyboardInterrupt
+
+    monkeypatch.setattr(highspy.Highs, "startSolve", lambda _: Working())
+    monkeypatch.setattr(highspy.Highs, "cancelSolve", lambda _: calls.append("cancel"))
+    one = np.zeros(1, int), np.zeros(1, int), np.ones(1)
+    with pytest.raises(KeyboardInterrupt):
+        interior_point(np.ones(1), one, np.ones(1), 1.0, 1.0)
+    assert calls == ["wait", "cancel", "end"]

@@ -118,7 +118,7 @@ SHOWN = {
     "scene": "Scene design_fast_gait (gait-design): Fast gait of a three-mass worm",
     "design": "Design: 2 masses, speed 0.425, period 1 (searched)",
     "certified": "Certified design: 2 masses, speed 0.425",
-    "certificate": "Certificate: bound 0.425",
+    "certificate": "Certificate: no gait is faster than 0.425",
     "crawl": "Crawl of 2 masses (speed 0.425, at rest [[0], [1]]): time 0 to 1",
     "model": "Model chain of 40 links: states position[41], velocity[41]",
     "trajectory": "Trajectory of chain of 40 links (exact, native; ",

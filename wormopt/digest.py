@@ -23,7 +23,7 @@ BETTER = {
 _FIRST = 5
 # Scalars of these names speak of the computation; they are part of the whole, not of the short.
 _OF_THE_COMPUTATION = ("recheck_", "solve_", "defect_", "complementarity_", "discretisation_",
-                       "worst_", "n_steps", "boxes_", "assumed_")  # fmt: skip
+                       "worst_", "n_steps", "assumed_")  # fmt: skip
 # A limit is reached where so small a share of it is left, and has no effect below so many per cent.
 _REACHED, _NO_EFFECT = 1e-6, 1e-6
 

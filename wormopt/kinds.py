@@ -31,6 +31,7 @@ KINDS: dict[str, Kind] = {
         | _drawn("spiked.plots.certificate", "certificate")
         | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
         wanted=("limits",),
+        exports={"certificate.json": "wormopt.systems.spiked.runs.gait_design:as_json"},
     ),
     "gait-pareto": Kind(
         summary="front of the best gaits between speed and a second objective",

@@ -64,7 +64,7 @@ SCENES = {
     "gait_region": ['units="SI"'],
     "certified_gait": [
         'units="SI"', 'search.effort="quick"', "search.sequence=[[0],[1],[2]]", "search.workers=1",
-        "search.certify.gap=1e-2",
+        "search.certify.gap=2e-2",
     ],
     "body_in_film": [
         'units="SI"', "course.periods=3.0", "course.samples=301",

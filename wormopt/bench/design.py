@@ -17,9 +17,9 @@ from wormopt.bench.design_cases import draw as drawn
 from wormopt.bench.design_rivals import by_milp, by_multistart
 from wormopt.bench.run import OWN, Found, aligned, axes, colour, finite, save, seconds, why
 from wormopt.progress import Report, silent
-from wormopt.systems.spiked.certify.proof import certified
+from wormopt.systems.spiked.certify.bound import certify
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.task import Certify, Search
+from wormopt.systems.spiked.task import Search
 
 ACCURACIES = (0.1, 0.03, 0.01, 0.003)
 """Distances from the bound, as parts of it."""
@@ -27,9 +27,9 @@ ACCURACIES = (0.1, 0.03, 0.01, 0.003)
 
 _SEED = 1
 _ABOVE = 1e-6  # beyond the ceiling by more, a speed is wrong
-# Proofs speak of so many phases a cycle, and are sharp enough at this gap; they may take so many
-# times what a solver may. An accuracy is judged where the gap is below this part of it.
-_PHASES, _GAP, _PROOF_TIME, _SHARP = 4, 1e-3, 4.0, 0.5
+# Bounds are sharp enough at this gap, and may take so many times what a solver may. An accuracy is
+# judged where the gap is below this part of it.
+_GAP, _PROOF_TIME, _SHARP = 1e-3, 4.0, 0.5
 
 Solver = Callable[[Case, float], Course]
 
@@ -38,7 +38,7 @@ Solver = Callable[[Case, float], Course]
 class Bound:
     """Upper bounds on the speed of gaits of a problem."""
 
-    speed: float  # certified for at most four phases a cycle, any number of cycles
+    speed: float  # certified: no gait is faster
     gap: float  # how far it may be above the best gait, relative
     ceiling: float  # no gait at all is faster
 
@@ -84,12 +84,12 @@ def posed(*, quick: bool) -> list[Case]:
 
 
 def certified_bound(case: Case, seconds: float) -> Bound:
-    """Bound on the speed by branch and bound, sharp where the time is enough for that.
+    """Bound on the speed of any gait, sharp where the time is enough for that.
 
     `seconds` covers the design and the proof.
     """
     found = designed(task_of(case), Search(time_limit=seconds), silent)
-    proof = certified(found, Certify(_PHASES, _GAP, seconds), silent)
+    proof = certify(found, _GAP, seconds)
     return Bound(proof.bound, max(proof.gap, 0.0), found.ceiling)
 
 
@@ -141,7 +141,7 @@ def measure_design(
 
 
 def bounds(known: Sequence[Attempt]) -> dict[str, float]:
-    """By problem the certified bound, or the run's best speed if more phases made it faster."""
+    """By problem the certified bound, or the run's best speed if a wrong one is faster."""
     found: dict[str, float] = {}
     for attempt in known:
         best = max(attempt.best, attempt.bound.speed)

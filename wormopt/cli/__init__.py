@@ -23,7 +23,10 @@ from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, no_backend, say
 from wormopt.errors import ArgumentError, OutputError, SceneError, interruptible
 from wormopt.version import VERSION
 
-_GROUPS = "running sweeping showing plotting reporting exporting scenes making measuring completing"
+_GROUPS = (
+    "running sweeping showing verifying plotting reporting exporting scenes making measuring "
+    "completing"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

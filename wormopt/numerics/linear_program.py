@@ -89,6 +89,46 @@ _OPTIONS: dict[str, float | str] = {
 }
 
 
+def interior_point(
+    cost: np.ndarray,
+    entries: tuple[np.ndarray, np.ndarray, np.ndarray],
+    upper: np.ndarray,
+    largest: float,
+    seconds: float,
+) -> np.ndarray:
+    """Minimise cost x within A x <= upper and |x| <= largest, to some seven digits or for a time.
+
+    `entries` are rows, columns and values of A; those of one place are added up.
+    """
+    from scipy.sparse import csc_array
+
+    row, column, value = entries
+    matrix = csc_array((value, (row, column)), shape=(len(upper), len(cost)))
+    model: Any = highspy.HighsLp()
+    model.num_row_, model.num_col_ = matrix.shape
+    model.col_cost_ = cost
+    model.col_lower_, model.col_upper_ = np.full((2, len(cost)), [[-largest], [largest]])
+    model.row_lower_, model.row_upper_ = np.full(len(upper), -highspy.kHighsInf), upper
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
+    model.a_matrix_.value_ = matrix.data
+    highs = silent_highs()
+    options = {"solver": "ipm", "run_crossover": "off", "threads": 1, "time_limit": seconds}
+    for option, given in options.items():
+        highs.setOptionValue(option, given)
+    highs.HandleUserInterrupt = True
+    highs.passModel(model)
+    working = highs.startSolve()
+    try:
+        while working.is_alive():  # a join without end would hold Ctrl-C back
+            working.join(0.1)
+    except KeyboardInterrupt:
+        highs.cancelSolve()
+        working.join()
+        raise
+    return np.array(highs.getSolution().col_value)
+
+
 @dataclass
 class Columns:
     """Columns of a program in the making, from 0 to a bound each."""
@@ -163,9 +203,9 @@ class Maximum:
 
 
 class LinearProgram:
-    """Maximise a linear cost (n,) within rows and bounds, again and again with changed numbers.
+    """Maximise a linear cost (n,) within rows and bounds, again and again with more rows.
 
-    The basis is kept, so that a small change takes a few steps of the dual simplex method.
+    The basis is kept, so that a few rows take a few steps of the dual simplex method.
     Column bounds must be finite: the proven bound rests on them. Not thread-safe.
     """
 
@@ -173,7 +213,6 @@ class LinearProgram:
         if not (np.all(np.isfinite(lower)) and np.all(np.isfinite(upper))):
             raise ValueError("every column of the program needs finite bounds")
         self._cost, self._lower, self._upper = cost, lower.copy(), upper.copy()
-        self._starts = np.zeros(1, np.int32)
         self._row, self._column = np.empty((2, 0), np.int32)
         self._value, self._row_lower, self._row_upper = np.empty((3, 0))
         # Devex: programs are small, weights costly. Presolve would lose the proof where there is
@@ -191,43 +230,12 @@ class LinearProgram:
         starts, column, value, lower, upper = rows.assemble(len(self._cost))
         self._highs.addRows(rows.count, lower, upper, len(value), starts[:-1], column, value)
         row = np.repeat(np.arange(rows.count), np.diff(starts)) + len(self._row_lower)
-        self._starts = np.concatenate([self._starts, starts[1:] + self._starts[-1]])
         self._row, self._column = np.append(self._row, row), np.append(self._column, column)
         self._value = np.append(self._value, value)
         self._row_lower = np.append(self._row_lower, lower)
         self._row_upper = np.append(self._row_upper, upper)
         self._most_terms = int(np.bincount(self._column).max(initial=0))
         return np.arange(len(self._row_lower) - rows.count, len(self._row_lower))
-
-    def places(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Find where coefficients, (m,) rows and columns, are stored, for `change`.
-
-        They must be in the program.
-        """
-        every = self._row.astype(int) * len(self._cost) + self._column
-        wanted = rows * len(self._cost) + columns
-        found = np.searchsorted(every, wanted)
-        assert np.array_equal(every.take(found, mode="clip"), wanted)
-        return found
-
-    def change(self, places: np.ndarray, values: np.ndarray) -> None:
-        """Change the coefficients at `places` (m,), which the method of that name gives."""
-        new = self._value[places] != values
-        places, values = places[new], values[new]
-        self._value[places] = values
-        changes = (self._row[places], self._column[places], values)
-        for row, column, value in zip(*(c.tolist() for c in changes), strict=True):
-            self._highs.changeCoeff(row, column, value)
-
-    def set_sides(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-        """Change the sides of rows, (m,) each."""
-        self._row_lower[rows], self._row_upper[rows] = lower, upper
-        self._highs.changeRowsBounds(len(rows), rows.astype(np.int32), lower, upper)
-
-    def set_bounds(self, columns: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
-        """Change the bounds of columns, (m,) each."""
-        self._lower[columns], self._upper[columns] = lower, upper
-        self._highs.changeColsBounds(len(columns), columns.astype(np.int32), lower, upper)
 
     def maximise(self) -> Maximum:
         """Solve, and bound the maximum whatever the solver says of its success.

@@ -18,7 +18,7 @@ _MOST_DIFFERENCES, _FEW = 12, 4
 _LONG, _LONGEST = 24, 100  # letters of a value on a line of its own, and of one that is left out
 _ASIDE = ("recheck", "n_", "sensitivity", "lambda_", "resting", "assumed", "defect", "order_",
           "complementarity", "worst", "discretisation", "solve_", "objective", "same_", "front_",
-          "certified_", "boxes_", "leaf_", "smallest_")  # fmt: skip
+          "certified_", "smallest_")  # fmt: skip
 
 
 def is_number(value: Any) -> bool:

@@ -1,1 +1,1 @@
-"""Proofs of how much better a gait could be, by branch and bound."""
+"""Bounds of every gait by one linear program, certificates of them, and their verification."""

@@ -300,16 +300,6 @@ def _hopeful(best: Trial, sharp: Trial) -> float:
     return best.value - min(_CLOSE * abs(best.value), _GAINS * (sharp.value - best.value))
 
 
-def finished(design: Design, trial: Trial) -> Design:
-    """Make a design of a better, sharpened trial of the same task."""
-    trier = Trier(design.task)
-    sharp, error, _ = _sharpen(trier, trial, quickly=False)
-    sharp, gait = _chosen(trier, _in_fewer_phases(trier, sharp), turn=True)
-    known = (design.ceiling, design.survey, design.ended)
-    found = of_trial(design.task, sharp, error, *known, gait)
-    return replace(found, timings_s=design.timings_s)
-
-
 def _chosen(trier: Trier, trial: Trial, *, turn: bool) -> tuple[Trial, Trial]:
     """The trial in its canonical order, and the canonical gait among those as good."""
     turned, gait = chosen(trier, trial, turn=turn)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,14 +15,6 @@ from wormopt.systems.spiked.task import GaitProblem
 _ABRUPT = 1e7
 # Limits are widened by this share of the numbers that they are the difference of.
 _ROUNDING = 1e-14
-
-
-class Slope(NamedTuple):
-    """How fast a sum changes at most: at a rate, less a decay in proportion to the sum."""
-
-    rate: float  # infinite where nothing limits it
-    decay: float = 0.0  # per duration of the phase
-    longest: bool = False  # the largest duration in a box is safe, not the smallest
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,18 +29,6 @@ class Form:
     beta: np.ndarray  # (n+1,) weights of the masses' drags k v
     below: float = np.inf  # left below the value at rest; infinite: no limit
     above: float = np.inf  # left above the value at rest; infinite: no limit
-    shared: float = 0.0  # part of `above` borne by masses that may not rest
-
-
-class Bounds(NamedTuple):
-    """What limits say of a form's weighted sum of velocities, alpha v."""
-
-    form: Form  # the limits
-    least: float  # of the sum
-    largest: float  # of the sum
-    fall: float  # largest downward slope
-    rise: float  # largest upward slope
-    courses: list[tuple[Slope, Slope]]  # pairs of laws for its fall and rise
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,11 +133,8 @@ class ScaledLimits:
             [min(contraction[m:i].sum() + extension[i:m].sum() for m in resting) for i in masses]
         )
 
-    def forms(self, resting: Resting, more: int = 0) -> list[Form]:
-        """All limits on link accelerations, the sum of the spikes' loads and actuator forces.
-
-        `more` others may rest as well.
-        """
+    def forms(self, resting: Resting) -> list[Form]:
+        """All limits on link accelerations, the sum of the spikes' loads and actuator forces."""
         given = self.acceleration
         most_of_each = np.full(self.links, np.inf) if given is None else given
         links = [
@@ -168,7 +143,7 @@ class ScaledLimits:
                 np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
             )
         ]
-        forces = [self._momentum(resting, more), *([] if more else self._actuators(resting))]
+        forces = [self._momentum(resting), *self._actuators(resting)]
         return [*links, *(self._binding(form, resting) for form in forces)]
 
     def _binding(self, form: Form, resting: Resting) -> Form:
@@ -190,25 +165,16 @@ class ScaledLimits:
         between = [min(a[min(m, i) : max(m, i)].sum() for m in resting) for i in masses]
         return float(np.abs(form.alpha) @ between), slow, fast
 
-    def admits_rest(self, resting: Resting) -> bool:
-        """Whether the worm may stand still on the spikes of these masses."""
-        return all(min(form.below, form.above) >= 0.0 for form in self.forms(resting))
-
-    def _momentum(self, resting: Resting, more: int) -> Form:
+    def _momentum(self, resting: Resting) -> Form:
         """Sum of the reactions: the momentum's change, the drag and the load, (7)."""
         limits, count = self.task.limits, self.links + 1
         spikes = _spread(limits.spike_load, count)[list(resting)]
         # However they share it, together they carry no more than the sum of what each may.
-        if limits.sharing == "equal":
-            known, others = len(spikes) * spikes.min(), more * spikes.min() if more else 0.0
-        else:
-            moving = np.sort(np.delete(_spread(limits.spike_load, count), list(resting)))
-            known, others = spikes.sum(), moving[len(moving) - more :].sum()
+        most = len(spikes) * spikes.min() if limits.sharing == "equal" else spikes.sum()
         lightest, heaviest = self.task.worm.load_range  # limits hold under every load
         below = self._apart(count * lightest, count * limits.sigma_margin)
-        above = self._apart(float(known + others), count * heaviest)
-        shared = float(others) / self.force if above < np.inf else 0.0
-        return Form(self.mass, np.ones(count), below, above, shared)
+        above = self._apart(float(most), count * heaviest)
+        return Form(self.mass, np.ones(count), below, above)
 
     def _actuators(self, resting: Resting) -> Iterator[Form]:
         """Actuator forces by the recursion (3), where the spikes' loads are known."""
@@ -241,73 +207,6 @@ class ScaledLimits:
     def _apart(self, high: float, low: float) -> float:
         """Difference of two forces, rounded up, in units of force."""
         return (high - low + _ROUNDING * (abs(high) + abs(low))) / self.force
-
-    def bounds(self, resting: Resting, more: int) -> list[Bounds]:
-        """`forms` with what they say of velocities; cached.
-
-        `more` others may rest as well.
-        """
-        if (resting, more) not in self._known:
-            self._known[resting, more] = [
-                Bounds(
-                    form,
-                    *self.span(form.alpha, resting),
-                    *self.slopes(form, resting),
-                    self.courses(form, resting),
-                )
-                for form in self.forms(resting, more)
-            ]
-        return self._known[resting, more]
-
-    @cached_property
-    def _known(self) -> dict[tuple[Resting, int], list[Bounds]]:
-        return {}
-
-    def slopes(self, form: Form, resting: Resting) -> tuple[float, float]:
-        """Largest fall and rise per time of alpha v, a form's weighted sum of velocities.
-
-        Not negative; infinite where velocities may jump and nothing holds them.
-        """
-        implied, slow, fast = self._implied(form, resting)
-        fall, rise = min(form.below + fast, implied), min(form.above - slow, implied)
-        # A form that must fall, or rise, all the time does not rise, or fall, at all.
-        return max(fall, 0.0), max(rise, 0.0)
-
-    def courses(self, form: Form, resting: Resting) -> list[tuple[Slope, Slope]]:
-        """Pairs of laws for the fall and rise of alpha v: constant, or decaying with drag.
-
-        Laws that another one always beats are left out.
-        """
-        fall, rise = self.slopes(form, resting)
-        falls, rises = [Slope(fall)], [Slope(rise)]
-        some = (form.alpha != 0.0) & (self.fastest(resting) > 0.0)
-        alpha, drags = form.alpha[some], self.drag * form.beta[some]
-        positive, negative = bool(np.all(alpha > 0.0)), bool(np.all(alpha < 0.0))
-        if (positive or negative) and drags.any():
-            # k beta v lies between the least and the largest ratio times alpha v
-            ratio, top = drags / alpha, np.max(np.abs(self.span(form.alpha, resting)))
-            slow, fast = (float(ratio.min()), False), (float(ratio.max()), True)
-            for laws, most, rate, helped in (
-                (falls, fall, max(form.below, 0.0), negative),
-                (rises, rise, max(form.above, 0.0), positive),
-            ):
-                decay, longest = slow if helped else fast
-                if rate - helped * decay * top < most:
-                    laws.append(Slope(rate, decay, longest))
-        return list(product(falls, rises))
-
-    def span(self, alpha: np.ndarray, resting: Resting) -> tuple[float, float]:
-        """Least and largest velocity sum weighted by `alpha` (n + 1,), by the link rates."""
-        contraction, extension = self.rates
-        fastest = self.fastest(resting)
-        alpha = np.where(fastest > 0.0, alpha, 0.0)
-        least, largest = [np.minimum(alpha, 0.0) @ fastest], [np.maximum(alpha, 0.0) @ fastest]
-        for m in resting:  # velocities are sums of rates v_j - v_{j+1}, counted from this mass
-            inner = np.cumsum(alpha)[:-1] - (np.arange(self.links) >= m) * alpha.sum()
-            into, out = np.maximum(inner, 0.0), np.maximum(-inner, 0.0)
-            largest.append(into @ extension + out @ contraction)
-            least.append(-(into @ contraction + out @ extension))
-        return float(max(least)), float(min(largest))
 
 
 @lru_cache(maxsize=64)

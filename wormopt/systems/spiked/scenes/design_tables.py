@@ -25,7 +25,6 @@ from wormopt.systems.spiked.task import MOST_LINKS, Certify, Cost, Effort, Objec
 
 Resting = Annotated[int, Meta(ge=1, le=MOST_LINKS, description="a whole number, 1 or above")]
 Phases = Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 64")]
-FewPhases = Annotated[int, Meta(ge=2, le=8, description="a whole number from 2 to 8")]
 Gap = Annotated[float, Meta(ge=1e-5, le=0.5, description="a number from 1e-5 to 0.5")]
 Workers = Annotated[int, Meta(ge=1, le=1024, description="a whole number from 1 to 1024")]
 Order = Annotated[
@@ -161,29 +160,20 @@ class ObjectiveTable(Table, frozen=True, kw_only=True):
 class CertifyTable(Table, frozen=True, kw_only=True):
     """Proof of how much better any gait could be, of kind `gait-design` only.
 
+    It speaks of every gait within the limits: of any order of rest, number of phases and cycles.
     Its keys may all be left out, `certify = {}` is enough. What it proves:
     [certificates](../certificates.md).
 
-    Refused: objectives `energy_per_distance` and `acceleration_effort`; more than a million words
-    of resting sets (say 5 phases of 30 sets); `want = ["certificate"]` without this table; kind
-    `gait-pareto`.
+    Refused: objectives `energy_per_distance` and `acceleration_effort`; `want = ["certificate"]`
+    without this table; kind `gait-pareto`.
     """
 
-    phases: Annotated[
-        FewPhases,
-        says(
-            "count",
-            "it speaks of all gaits with at most so many phases a cycle; with `search.sequence`, "
-            "of that sequence only",
-        ),
-    ] = Certify.phases
     gap: Annotated[Gap, says("share", "it ends when no gait can be better by more than this")] = (
         Certify.gap
     )
-    time_limit: Annotated[
-        Positive,
-        says("s", "it stops then, with the gap it has; another run goes on"),
-    ] = Certify.time_limit
+    time_limit: Annotated[Positive, says("s", "it stops then, with the gap it has")] = (
+        Certify.time_limit
+    )
 
 
 class SearchTable(Table, frozen=True, kw_only=True):
@@ -229,8 +219,7 @@ class SearchTable(Table, frozen=True, kw_only=True):
         says(
             "count",
             "processes of the search, if left out 1 up to two links, else one per processor; its "
-            "result does not depend on it. A certificate takes so many too, one per processor if "
-            "left out",
+            "result does not depend on it",
         ),
     ] = None
     certify: Annotated[
@@ -247,11 +236,8 @@ class SearchTable(Table, frozen=True, kw_only=True):
 
     @property
     def proof(self) -> Certify | None:
-        """The proof that is wanted, of the designer's own sequence if there is one."""
-        if self.certify is None:
-            return None
-        given = structs.asdict(self.certify)
-        return Certify(**given, sequence=self.sequence, workers=self.workers)
+        """The proof that is wanted."""
+        return None if self.certify is None else Certify(**structs.asdict(self.certify))
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield what is wrong with the designer's own sequence.

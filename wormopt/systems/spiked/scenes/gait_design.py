@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, field
 
-from wormopt.errors import ArgumentError, Fault
+from wormopt.errors import Fault
 from wormopt.model.given import per
 from wormopt.scene.types import SceneTable, Table, says
 from wormopt.systems.shared.declared import GAIT
@@ -72,7 +71,6 @@ DESIGN_SCALARS = MOTION_SCALARS | {
     "spike_load_limit": ("force", "as given in the scene, where given"),
     "actuator_force_limit": ("force", "as given in the scene, where given"),
 }
-_LEAF = ("leaf", "leaf_phase")
 
 
 class DesignTable(SceneTable, frozen=True, kw_only=True):
@@ -136,8 +134,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     Scalars and variables are explained with kind [`gait`](gait.md); signals, and the gait that is
     saved with them, are one cycle, `period` long. Quantities of `objective`, `bound`,
     `discretisation_error` and of the variables `proof_bound`, `proof_value` are those of the
-    objective. Timings: `search`, `polish_and_refine`, `prove`, and `sensitivity`, `certify` where
-    there are. Attribute `limits`: the lists `name`, `value`, `unit` and `one_sided` in the order of
+    objective. Timings: `search`, `polish_and_refine`, `prove`, and `sensitivity`, `certify`, `verify`
+    where there are. Attribute `limits`: the lists `name`, `value`, `unit` and `one_sided` in the order of
     `limit_elasticity` (per cent of the objective per per cent of each limit; 0 for a limit of 0),
     and `objective`, what they count for.
 
@@ -186,7 +184,9 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | `search.stages_s` | seconds of each stage |
     | `search.best` | the best five orders with their cycles and objective, before they are sharpened |
     | `sensitivity` | how sensitivities were found, or why they are unknown |
-    | `certificate` | with `[search.certify]`: of which gaits the proof speaks, why it ended |
+    | `certificate` | with `[search.certify]`: of which gaits the proof speaks, what it is made of, why it ended, how many inequalities were verified exactly |
+
+    With `[search.certify]` the file `certificate.json` is written, unless rates and resting masses alone say more: `wormopt verify certificate.json` verifies it.
     """  # noqa: E501
 
     headline: ClassVar = (
@@ -204,28 +204,16 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
         "bound": (
             "speed",
-            "with `[search.certify]`: proven, no gait of at most `certified_phases` phases a cycle "
-            "is faster, or cheaper; never above the ceiling, which it is (for a cost 0) before "
-            "anything better is proven",
+            "with `[search.certify]`: proven, no gait of any phases and cycles is faster, or "
+            "cheaper; never above the ceiling, which it is (for a cost 0) before anything better "
+            "is proven",
         ),
         "gap_certified": (
             "share",
-            "with `[search.certify]`: by how much such a gait could be better at most, as a share "
-            "of `objective`; unknown where the gait itself has more phases",
+            "with `[search.certify]`: by how much any gait could be better at most, as a share "
+            "of `objective`",
         ),
-        "certified_phases": ("count", "with `[search.certify]`: what the proof speaks of"),
-        "boxes_explored": ("count", "with `[search.certify]`: linear programs solved"),
-        "certified_seconds": (
-            "s",
-            "with `[search.certify]`: time spent on the proof, earlier runs included",
-        ),
-        "leaf_sequence": (
-            "1",
-            "with `[search.certify]`: the sequence of three phases whose boxes are kept: the "
-            "gait's own if it has three, else the most divided one",
-        ),
-        "leaf_period": ("time", "shortest and longest period of these boxes"),
-        "leaf_durations": ("time", "the gait's durations, if it is its own sequence"),
+        "certified_seconds": ("s", "with `[search.certify]`: time spent on the proof"),
     }
     variables: ClassVar = {
         **MOTION_VARIABLES,
@@ -233,9 +221,6 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "proof_time": ("s", ("proof",), "time spent on the proof"),
         "proof_bound": ("speed", ("proof",), "proven bound"),
         "proof_value": ("speed", ("proof",), "of the gait"),
-        "leaf_shortest": ("time", _LEAF, "shortest durations"),
-        "leaf_longest": ("time", _LEAF, "longest durations"),
-        "leaf_bound": ("speed", ("leaf",), "bound on the speed"),
         "limit_elasticity": (
             "1",
             ("limit",),
@@ -251,7 +236,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
             "`gait`, `motion`, `spikes` as for kind [`gait`](gait.md), of one cycle, `animation` "
             "of two; `limits`: which limit to relax first, per cent speed, or cost, per per cent "
             "of each limit (not for `energy_per_distance` and `acceleration_effort`); "
-            "`certificate`: bound over time, boxes of durations (with a table `[search.certify]`)",
+            "`certificate`: bound over time (with a table `[search.certify]`)",
         ),
     ] = ()
     objective: Annotated[ObjectiveTable, says("", "what to seek")]
@@ -286,9 +271,6 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
                 f"there is no proof for {objective.minimise}; leave it out, or seek speed, "
                 "peak_spike_load or peak_actuator_force",
             )
-        with suppress(ArgumentError):  # what is wrong with the task is told already
-            for key, message in wanted.faults_of_orders(self.task(objective)):
-                yield f"search.certify.{key}".removesuffix("."), message
 
 
 class ParetoTable(Table, frozen=True, kw_only=True):

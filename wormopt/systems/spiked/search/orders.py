@@ -1,4 +1,4 @@
-"""Orders of rest: all that a task has, those to begin a search with, and their ceilings."""
+"""Orders of rest: those to begin a search with, and their ceilings."""
 
 from __future__ import annotations
 
@@ -19,26 +19,12 @@ from wormopt.systems.shared.sequences import (
     wave_orders,
 )
 from wormopt.systems.spiked.ceiling import best_modes, ceiling
-from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.task import GaitProblem
 
 # Sets are all listed up to so many, words of them up to so many.
 _MOST_SETS, _MOST_WORDS = 64, 4000
 # Solutions of the ceiling's linear program that are looked at.
 _MIXES = 3
-
-
-def all_sequences(task: GaitProblem, phases: int) -> list[Sequence_]:
-    """List sequences of 2 to `phases` phases such that every gait has one of them, short first.
-
-    A pause of all masses is a set of its own only where no fewer spikes can hold the worm.
-    Of mirror images there is one only where limits are symmetric.
-    """
-    letters, limits = letters_of(task), scaled(task)
-    if task.loads_matter and not any(map(limits.admits_rest, letters)):
-        letters.append(tuple(range(task.worm.links + 1)))
-    masses, mirror = task.worm.links + 1, is_mirror_symmetric(task)
-    return [s for p in range(2, phases + 1) for s in sequences(masses, letters, p, mirror=mirror)]
 
 
 def is_mirror_symmetric(task: GaitProblem) -> bool:

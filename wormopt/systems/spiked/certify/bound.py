@@ -1,0 +1,274 @@
+"""Bounds of every gait, made sharper until they are near enough, with their certificates."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from wormopt.errors import ArgumentError
+from wormopt.model.given import check_kind, per
+from wormopt.progress import Report, silent
+from wormopt.shown import lines
+from wormopt.systems.spiked.certify.certificate import Certificate
+from wormopt.systems.spiked.certify.program import Level, Outer, Program, size_of
+from wormopt.systems.spiked.certify.statement import Statement, rounded_up
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.search.orders import ceiling_of
+from wormopt.systems.spiked.task import Certify, Cost, GaitProblem, Objective
+
+Ending = Literal["gap reached", "time limit", "finest program", "interrupted"]
+
+# Programs in turn, each a few times as large as the one before.
+_LEVELS = tuple(
+    Level(*numbers)
+    for numbers in (
+        (1, 1, 2), (1, 1, 3), (1, 1, 4), (1, 2, 4), (2, 2, 3), (2, 3, 3), (2, 4, 3), (3, 4, 3),
+        (3, 6, 3), (4, 6, 3), (4, 8, 3), (6, 8, 3), (6, 12, 3), (8, 16, 3), (12, 24, 3),
+    )
+)  # fmt: skip
+# Estimated coefficients of a program: so many need no care, and so many are too many to keep.
+_SMALL, _LARGE = 3e5, 1e8
+# The time of a program grows as this power of its size.
+_GROWTH = 1.3
+_LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
+# Of the gap, wanted or left: how near to the highest provable cost it is sought.
+_NEAR = 0.1
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """What is proven of every gait of a task."""
+
+    bound: float  # no gait is faster, or cheaper
+    certificate: Certificate | None  # None: by rates and resting masses alone
+    source: str  # what the bound is made of
+    history: tuple[tuple[float, float], ...]  # (seconds, bound) whenever it improved
+    ending: Ending = "finest program"
+
+
+@dataclass(frozen=True, eq=False)
+class Certified:
+    """A design with a bound of every gait.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    bounded : Bounded
+        What is proven, and how.
+    """
+
+    design: Design
+    bounded: Bounded
+
+    def __repr__(self) -> str:
+        first = repr(self.design).partition("\n")[0]
+        proven = f"bound {self.bound:.9g}, gap {self.gap:.3g} ({self.bounded.ending})"
+        return lines(f"Certified {first[0].lower()}{first[1:]}", f"{proven}, {self.bounded.source}")
+
+    @property
+    def bound(self) -> float:
+        """No gait is faster, or cheaper: of any phases, cycles and period within the limits."""
+        return self.bounded.bound
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """The proof, to be saved and verified; None where rates and resting masses bound more."""
+        return self.bounded.certificate
+
+    @property
+    def gap(self) -> float:
+        """By which share of its own value the design could be better at most."""
+        cost = self.design.task.objective.minimise is not None
+        return gap_of(self.design.value, self.bound, cost)
+
+
+def certify(
+    design: Design,
+    gap: float = Certify.gap,
+    time_limit: float = Certify.time_limit,
+    report: Report = silent,
+) -> Certified:
+    """Prove how much better than a design any gait could be.
+
+    Parameters
+    ----------
+    design : Design
+        Of the speed or of a peak load.
+    gap : float, optional
+        How much better a gait might still be when it is enough, as a share.
+    time_limit : float, optional
+        Seconds after which it ends with the gap it has.
+    report : callable, optional
+        Told the gap.
+
+    Returns
+    -------
+    Certified
+        The design with its bound, gap and certificate.
+
+    Raises
+    ------
+    ArgumentError
+        If the design's cost has no bound, or an argument is wrong.
+
+    Examples
+    --------
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Worm
+    >>> from wormopt.systems.spiked.design.optimize import design
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proof = certify(design(Worm(links=1, load=5.0), limits))
+    >>> proof.gap <= 1e-3, proof.bound >= proof.design.speed
+    (True, True)
+    """
+    check_kind("design", design, Design)
+    if design.task.objective.is_smooth:
+        raise ArgumentError(
+            f"there is no proof for {design.task.objective.minimise}; seek speed, "
+            "peak_spike_load or peak_actuator_force"
+        )
+    wanted = Certify(gap, time_limit)
+    for key, message in wanted.faults():
+        raise ArgumentError(f"{key}: {message}")
+    return Certified(design, bounded(design.task, design.value, wanted, report))
+
+
+def bounded(task: GaitProblem, value: float, wanted: Certify, report: Report) -> Bounded:
+    """Bound every gait of a task, until no gait can be better than `value` by the wanted gap."""
+    begun, found = time.perf_counter(), None
+    until, cost = begun + wanted.time_limit, task.objective.minimise
+    course = _of_cost(task, cost, value, wanted.gap, until) if cost else _of_speed(task, until)
+    history: list[tuple[float, float]] = []
+    widest = 0.0
+    try:
+        for found in course:
+            if not history or found.bound != history[-1][1]:
+                history.append((time.perf_counter() - begun, found.bound))
+            gap = gap_of(value, found.bound, cost is not None)
+            widest = max(widest, gap if gap < math.inf else 0.0)
+            report(f"certifying: gap {gap:.2g}", _fraction(gap, widest, wanted.gap))
+            if gap <= wanted.gap:
+                found = replace(found, ending="gap reached")
+                break
+    except KeyboardInterrupt:
+        if found is None:
+            raise
+        found = replace(found, ending="interrupted")
+    assert found is not None
+    return replace(found, history=tuple(history))
+
+
+def _of_speed(task: GaitProblem, until: float) -> Iterator[Bounded]:
+    """Bounds of the speed, ever sharper: by rates, by mean rates, by linear programs."""
+    best = Bounded(ceiling_of(task), None, "by rates and resting masses", ())
+    yield best
+    if task.limits.acceleration is None:
+        return
+    statement = Statement.of(task)
+    outer = Outer(statement)
+    outer.shorten(until - time.perf_counter())
+    bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
+    if bound < best.bound:
+        proof = outer.proof(outer.mesh)
+        best = _certified(statement, bound, proof, "by the mean rates of links")
+        yield best
+    for level in _levels(outer, until):
+        if level is None:
+            yield replace(best, ending="time limit")
+            return
+        bound, proof = Program(outer, level).solve(until - time.perf_counter())
+        if bound < best.bound:
+            best = _certified(statement, bound, proof, f"by a linear program, level {tuple(level)}")
+        yield best
+
+
+def _levels(outer: Outer, until: float) -> Iterator[Level | None]:
+    """Levels that end in time, by how long the last one took; None where one would not."""
+    if outer.mesh is None:
+        return
+    seconds, before = 0.0, math.inf
+    for level in _LEVELS:
+        size = size_of(outer, level)
+        if size > _LARGE:
+            return
+        expected = seconds * (size / before) ** _GROWTH if size > _SMALL else 0.0
+        begun = time.perf_counter()
+        if begun + expected > until:
+            yield None
+            return
+        yield level
+        seconds, before = time.perf_counter() - begun, size
+
+
+def _certified(statement: Statement, bound: float, proof: dict[str, Any], source: str) -> Bounded:
+    """Write a bound and its proof."""
+    whole = rounded_up(bound)
+    certificate = Certificate.of(statement.fields, proof, whole)
+    return Bounded(math.nextafter(float(whole), math.inf), certificate, source, ())
+
+
+def _of_cost(
+    task: GaitProblem, cost: Cost, value: float, gap: float, until: float
+) -> Iterator[Bounded]:
+    """Peaks below which the required speed is out of reach, ever higher.
+
+    Where no gait within a lowered limit has the required speed, every gait has a higher peak.
+    """
+    required = task.objective.speed
+    assert required is not None
+    best = Bounded(0.0, None, "no peak is below 0", ())
+    yield best
+    if task.limits.acceleration is None:
+        return
+    first = Outer(Statement.of(task))
+    for level in _levels(first, until):
+        if level is None:
+            yield replace(best, ending="time limit")
+            return
+        high = value
+        while time.perf_counter() < until:
+            if high - best.bound <= _NEAR * max(gap * value, value - best.bound):
+                break
+            middle = float(f"{(best.bound + high) / 2:.6g}")
+            statement = Statement.of(_lowered(task, cost, middle))
+            outer = Outer(statement)
+            outer.shorten(until - time.perf_counter())
+            bound, proof = Program(outer, level).solve(until - time.perf_counter())
+            source = f"by a linear program, level {tuple(level)}"
+            proven = _certified(statement, max(bound, _NEAR * required), proof, source)
+            if proven.bound < required:
+                best = replace(proven, bound=middle)
+                yield best
+            else:
+                high = middle
+        yield best
+
+
+def _lowered(task: GaitProblem, cost: str, most: float) -> GaitProblem:
+    key = _LIMIT_OF[cost]
+    given = getattr(task.limits, key)
+    count = 1 if given is None or not isinstance(given, tuple) else len(given)
+    limit = tuple(min(most, g) for g in per(most if given is None else given, count))
+    limits = replace(task.limits, **{key: limit if count > 1 else limit[0]})
+    return replace(task, limits=limits, objective=Objective())
+
+
+def gap_of(value: float, bound: float, cost: bool) -> float:
+    """By which share of its own value a gait could still be better, given a proven bound.
+
+    `cost`: small values are good.
+    """
+    if not value > 0.0:  # a worm that stands still can be better by any share
+        return math.inf
+    return (value - bound) / value if cost else (bound - value) / value
+
+
+def _fraction(gap: float, widest: float, wanted: float) -> float | None:
+    """Share of the way on which gaps are multiplied, from the first gap to the wanted one."""
+    if not wanted < gap < math.inf or widest <= wanted:
+        return None
+    return math.log(widest / gap) / math.log(widest / wanted)

@@ -1,0 +1,142 @@
+"""Certificates: a bound of the speed of every gait, with a proof that anybody can check."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from wormopt.errors import ArgumentError
+from wormopt.shown import lines
+from wormopt.systems.spiked.certify.check import FORMAT, VERSION, BrokenProofError, check, read
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What the verification of a certificate found.
+
+    Parameters
+    ----------
+    holds : bool
+        Whether every inequality of the proof holds.
+    bound : Fraction
+        The bound that is claimed.
+    inequalities : int
+        How many were checked; 0 where one does not hold.
+    reason : str
+        The first that does not hold, or "".
+    """
+
+    holds: bool
+    bound: Fraction
+    inequalities: int
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A proof that no gait within a problem's limits is faster than a bound.
+
+    Parameters
+    ----------
+    text : str
+        What its file holds, in JSON.
+    """
+
+    text: str
+
+    @classmethod
+    def of(
+        cls, problem: Mapping[str, Any], proof: Mapping[str, Any], bound: Fraction
+    ) -> Certificate:
+        """Write a certificate.
+
+        Parameters
+        ----------
+        problem : mapping
+            Worm and limits, numbers as fractions.
+        proof : mapping
+            What the verification needs.
+        bound : Fraction
+            No gait is faster.
+        """
+        said = {
+            "format": FORMAT,
+            "version": VERSION,
+            "claim": "no gait of the problem has a mean speed above the bound",
+            "bound": bound,
+            "problem": dict(problem),
+            "proof": dict(proof),
+        }
+        return cls(json.dumps(said, default=str, separators=(",", ":")) + "\n")
+
+    @property
+    def bound(self) -> Fraction:
+        """No gait is faster."""
+        return Fraction(json.loads(self.text)["bound"])
+
+    def __repr__(self) -> str:
+        bound = f"no gait is faster than {float(self.bound):.9g}"
+        return lines(f"Certificate: {bound}", f"{len(self.text)} characters of JSON")
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        """Write it to a file.
+
+        Parameters
+        ----------
+        file : path
+            Its name.
+        """
+        Path(file).write_text(self.text, encoding="utf-8")
+
+
+def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
+    """Verify a certificate in exact arithmetic, from nothing but its file.
+
+    Parameters
+    ----------
+    certificate : Certificate or path
+        A certificate, or its file.
+
+    Returns
+    -------
+    Verification
+        Whether the proof holds, and where it breaks if not.
+
+    Raises
+    ------
+    ArgumentError
+        If there is no such file, or it is not a certificate.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> found = wo.verify(proven.certificate)
+    >>> found.holds, round(float(found.bound), 6)
+    (True, 0.425)
+    """
+    if isinstance(certificate, Certificate):
+        name, text = "certificate", certificate.text
+    else:
+        name = os.fspath(certificate)
+        try:
+            text = Path(certificate).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "not a text"
+            raise ArgumentError(f"{name}: {why}; give the file of a certificate") from None
+    bound = Fraction(0)
+    try:
+        problem, proof, bound = read(text)
+        return Verification(True, bound, check(problem, proof, bound))
+    except BrokenProofError as error:
+        return Verification(False, bound, 0, str(error))
+    except (KeyError, IndexError) as error:
+        raise ArgumentError(f"{name}: {error.args[0]!r} is missing in the certificate") from None
+    except (ValueError, TypeError, AttributeError, ZeroDivisionError, RecursionError) as error:
+        raise ArgumentError(f"{name}: not a certificate: {error}") from None

@@ -1,0 +1,451 @@
+"""One linear program whose solution bounds the speed of every gait, of any phases and period.
+
+Let y_j be the length at which link j would stop, less its shortest. With W(y, V) continuous,
+multilinear in y on cells and of degree p in V on simplices, dW/dt + (V_0 + V_n)/2 <= B for every
+admissible motion makes B a bound of the mean speed. W in Bernstein form turns this into finitely
+many rows, linear in the coefficients of W and in B.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import combinations, product
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wormopt.numerics.linear_program import interior_point
+from wormopt.systems.shared.sequences import Resting
+from wormopt.systems.spiked.certify.mesh import Mesh, mesh_of
+from wormopt.systems.spiked.certify.statement import Statement, rounded_up, up, wider
+
+
+class Level(NamedTuple):
+    """How fine W is."""
+
+    parts: int  # of every edge of the simplices
+    cells: int  # of every link's stopping length
+    degree: int  # in the velocities
+
+
+# How mean rates are bounded, and by how much a stroke must become shorter to go on.
+_OF_STROKES, _SHORTER = Level(1, 1, 3), 0.999
+# Corners of accelerations: how far outside counts as rounding, how small a determinant as 0, and
+# how near two are the same.
+_OUTSIDE, _FLAT, _SAME = 1e-9, 1e-9, 7
+# Programs of longer worms, or of more masses that move at a time, are too large.
+_MOST_LINKS, _MOST_DIMENSIONS = 6, 3
+# Coefficients of the program that are nothing but rounding.
+_NOTHING = 1e-12
+# W is a whole multiple of this.
+_PART = 9
+# W and the bound are sought within these, in units in which rates and strokes are at most 1.
+_LARGEST = 100.0
+
+
+class Corners(NamedTuple):
+    """Accelerations, linear in the velocities, between which the admissible ones of simplices lie.
+
+    Given at the d + 1 vertices of their simplex; without drag they are the same at each.
+    """
+
+    simplex: np.ndarray  # (k,) whose they are
+    masses: np.ndarray  # (k, d + 1, d) of the moving masses
+    links: np.ndarray  # (k, d + 1, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """Simplices on which the same masses rest."""
+
+    resting: Resting
+    simplices: np.ndarray  # (count, d + 1), numbers of vertices
+    velocities: np.ndarray  # (count, d + 1, n + 1)
+
+    @cached_property
+    def moving(self) -> list[int]:
+        """Masses that do not rest."""
+        return [i for i in range(self.velocities.shape[2]) if i not in self.resting]
+
+    @cached_property
+    def rates(self) -> np.ndarray:
+        """Link rates at the vertices (count, d + 1, n)."""
+        return -np.diff(self.velocities, axis=2)
+
+    @cached_property
+    def signs(self) -> np.ndarray:
+        """Of each link's rate (count, n)."""
+        return np.sign(self.rates.sum(axis=1))
+
+
+class Outer:
+    """The numbers that a proof takes of a statement, some of them wider, in units of size 1."""
+
+    def __init__(self, statement: Statement) -> None:
+        self.statement = statement
+        self.rates = statement.rates_taken
+        self.part = max(statement.ranges) / 10**_PART
+        self.rate_unit = _common([x for way in self.rates for x in way])
+        self.speed, self.length = float(max(map(max, self.rates))), float(max(statement.ranges))
+        self._acceleration = self.speed**2 / self.length
+        self._force = float(sum(statement.masses)) / len(statement.masses) * self._acceleration
+        self.most = _floats(statement.acceleration) / self._acceleration
+        self.mesh: Mesh | None = None
+        n = statement.links
+        if n <= _MOST_LINKS and n + 1 - statement.resting <= _MOST_DIMENSIONS:
+            whole = np.array([[int(x / self.rate_unit) for x in way] for way in self.rates])
+            self.mesh = mesh_of(whole, statement.resting)
+        self.starts, self.brakes = self._extremes(self.mesh) if self.mesh else (statement.most,) * 2
+        self.slowing = self.brakes.astype(float) / self._acceleration
+        self.strokes = statement.strokes(self.starts, self.brakes)
+        self._earlier: list[dict[str, Any]] = []  # proofs of strokes
+
+    @property
+    def width(self) -> np.ndarray:
+        """Strokes in units of the longest range."""
+        return _floats(self.strokes) / self.length
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether head and tail exchanged it is the same worm."""
+        s = self.statement
+        both = [s.masses, s.acceleration, s.spike_load, s.actuator_force, self.strokes]
+        ways = [self.rates, self.starts.tolist(), self.brakes.tolist()]
+        return all(x is None or list(x) == list(x)[::-1] for x in both) and all(
+            list(way[0]) == list(way[1])[::-1] for way in ways
+        )
+
+    def shorten(self, seconds: float) -> None:
+        """Shorten strokes: in a period a link goes its stroke twice, at its mean rate at most.
+
+        Where one mass rests, others let a link go as fast as alone, and nothing is gained.
+        """
+        s, mirrored, until = self.statement, self.is_mirrored, time.perf_counter() + seconds
+        while self.mesh and s.resting > 1 and time.perf_counter() < until:
+            found, proofs = list(self.strokes), []
+            for j, stroke in enumerate(self.strokes):
+                bound, proof = Program(self, _OF_STROKES, j).solve(until - time.perf_counter())
+                most = rounded_up(max(bound, 0.0))
+                if most * s.period / 2 < stroke:
+                    found[j] = up(most * s.period / 2, self.part)
+                    proofs.append({"link": j, "bound": most, "proof": proof})
+            if mirrored:
+                found = [max(pair) for pair in zip(found, found[::-1], strict=True)]
+            shorter = any(
+                new < _SHORTER * old for new, old in zip(found, self.strokes, strict=True)
+            )
+            if not shorter:
+                return
+            self.strokes = tuple(found)
+            self._earlier += proofs
+
+    def faces(self, mesh: Mesh, parts: int) -> Iterator[Face]:
+        """Give all simplices on which masses rest together, where rows are needed."""
+        fewest = self.statement.resting
+        most = self.statement.links if self.statement.loads_matter else fewest
+        unit = float(self.rate_unit) / parts / self.speed
+        for resting, simplices in mesh.with_faces(range(fewest + 1, most + 1)).items():
+            yield Face(resting, simplices, mesh.vertices[simplices] * unit)
+
+    def corners(self, face: Face) -> Corners:
+        """Find accelerations between which those lie that the limits admit on each simplex."""
+        s, count = self.statement, len(self.statement.masses)
+        mass = _floats(s.masses) * self._acceleration / self._force
+        drag = float(s.drag) * self.speed / self._force
+        step = -np.diff(np.eye(count), axis=0)
+        rows = [(step, self.most, self.most)]  # weights, room above and below
+        low, high = (float(x) / self._force for x in s.load)
+        spikes, rest = s.spike_load, face.resting
+        above = np.inf
+        if spikes is not None:
+            own = [float(spikes[i]) for i in rest]
+            shared = len(own) * min(own) if s.sharing == "equal" else sum(own)
+            above = shared / self._force - count * high
+        below = count * (low - float(s.sigma_margin) / self._force)
+        rows.append((np.ones((1, count)), np.array([above]), np.array([below])))
+        if s.actuator_force is not None and (len(rest) == 1 or s.sharing == "equal"):
+            weights, per_load = _of_actuators(rest, count)
+            most = _floats(s.actuator_force) / self._force
+            ends = np.sort(np.outer(per_load, [low, high]), axis=1)
+            rows.append((weights, most - ends[:, 1], most + ends[:, 0]))
+        normals, sides, follow = [], [], []
+        for number, (weights, above, below) in enumerate(rows):
+            forces = number > 0
+            acting = (weights * mass if forces else weights)[:, face.moving]
+            dragged = forces * drag * face.velocities @ weights.T
+            for sign, room in ((-1.0, above), (1.0, below)):
+                used = np.isfinite(room) & acting.any(axis=1)
+                normals.append(sign * acting[used])
+                sides.append((room + sign * dragged)[:, :, used])
+                follow.append(np.full(used.sum(), number == 1))  # the sum of the reactions
+        own = _vertices(np.vstack(normals), np.concatenate(sides, axis=2), np.hstack(follow))
+        return Corners(*own, own[1] @ step[:, face.moving].T)
+
+    def proof(self, mesh: Mesh | None = None, parts: int = 1, whole: bool = True) -> dict[str, Any]:
+        """What a proof says of a link's motion and, if there are any, the simplices.
+
+        `whole`: with the proofs of strokes.
+        """
+        known: dict[str, Any] = {
+            "strokes": self.strokes,
+            "rates": self.rates,
+            "starts": self.starts.tolist(),
+            "brakes": self.brakes.tolist(),
+        }
+        if whole and self._earlier:
+            known["stroke_proofs"] = self._earlier
+        if mesh is None:
+            return known
+        return known | {
+            "mesh_unit": self.rate_unit / parts,
+            "vertices": mesh.vertices.tolist(),
+            "pieces": [simplex for own in mesh.pieces.values() for simplex in own.tolist()],
+        }
+
+    def _extremes(self, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+        """Largest accelerations (2, n) of links that contract, extend: on the way, against it."""
+        found = np.zeros((2, 2, self.statement.links))
+        for face in self.faces(mesh, 1):
+            corners = self.corners(face)
+            signs = face.signs[corners.simplex][:, None]
+            for way, sign in enumerate((-1, 1)):
+                own = np.where(signs == sign, sign * corners.links, 0.0)
+                for k, value in enumerate((own, -own)):
+                    found[k, way] = np.maximum(found[k, way], value.max(axis=(0, 1), initial=0.0))
+        return wider(found[0] * self._acceleration), wider(found[1] * self._acceleration)
+
+
+def _floats(values: tuple[Fraction, ...]) -> np.ndarray:
+    return np.array([float(x) for x in values])
+
+
+def _common(values: list[Fraction]) -> Fraction:
+    """Largest fraction of which all are whole multiples."""
+    below = math.lcm(*(x.denominator for x in values))
+    return Fraction(math.gcd(*(int(x * below) for x in values)), below)
+
+
+def _of_actuators(resting: Resting, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of the masses' forces in each actuator's, and its force at rest per load."""
+    rest = len(resting)
+    held = np.array([sum(i < j for i in resting) for j in range(1, count)])
+    ahead = np.arange(count) < np.arange(1, count)[:, None]
+    return held[:, None] / rest - ahead, (held * count - rest * np.arange(1, count)) / rest
+
+
+def _vertices(
+    normals: np.ndarray, sides: np.ndarray, follow: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find points, linear in λ, whose hull holds the polytopes normals x + Σ λ_c sides_c >= 0.
+
+    `sides` (count, c, rows) are widened to their largest but for the rows that `follow`, of which
+    all have the same normal. A vertex on one of these moves along its edge as far as that goes.
+    Returns the numbers (k,) of the polytopes and the points (k, c, d).
+    """
+    length = np.linalg.norm(normals, axis=1)
+    normals, sides = normals / length[:, None], sides / length
+    widest = sides.max(axis=1)
+    sides = np.where(follow, sides, widest[:, None])
+    numbers, points = [], []
+    for chosen in map(list, combinations(range(len(normals)), normals.shape[1])):
+        if abs(np.linalg.det(normals[chosen])) < _FLAT:
+            continue
+        inverse = np.linalg.inv(normals[chosen]).T
+        own = -widest[:, chosen] @ inverse
+        away = _OUTSIDE * (1.0 + np.abs(own).max(axis=1, keepdims=True))
+        inside = np.all(own @ normals.T + widest > -away, axis=1)
+        at = np.repeat(own[:, None], sides.shape[1], axis=1)
+        if follow[chosen].any():
+            moved = -sides[:, :, chosen] @ inverse
+            left = (moved @ normals.T + widest[:, None])[:, :, ~follow]
+            at = np.where(np.all(left > -away[:, None], axis=(1, 2))[:, None, None], moved, at)
+        numbers.append(np.flatnonzero(inside))
+        points.append(at[inside])
+    number, point = np.concatenate(numbers), np.concatenate(points)
+    alike = np.column_stack([number, np.round(point, _SAME).reshape(len(point), -1)])
+    first = np.unique(alike, axis=0, return_index=True)[1]
+    return number[first], point[first]
+
+
+class Program:
+    """The linear program of a level, for the speed or for the mean rate of a link."""
+
+    def __init__(self, outer: Outer, level: Level, link: int | None = None) -> None:
+        self._outer, self.level, self._link = outer, level, link
+        assert outer.mesh is not None
+        self.mesh = outer.mesh.finer(level.parts)
+        self._cells = level.cells + 1
+        self._faces = list(outer.faces(self.mesh, level.parts))
+        self._exponents = {
+            f.resting: _exponents(level.degree, f.simplices.shape[1]) for f in self._faces
+        }
+        places = [
+            np.einsum("aq,pqi->pai", self._exponents[f.resting], self.mesh.vertices[f.simplices])
+            for f in self._faces
+        ]
+        flat = np.concatenate([place.reshape(-1, place.shape[2]) for place in places])
+        self.points, number = np.unique(flat, axis=0, return_inverse=True)
+        ends = np.cumsum([place.shape[0] * place.shape[1] for place in places])[:-1]
+        split = np.split(number.ravel(), ends)
+        self._places = [n.reshape(p.shape[:2]) for n, p in zip(split, places, strict=True)]
+        self._column = self._columns()
+
+    @cached_property
+    def _mirrored(self) -> bool:
+        return self._link is None and self._outer.is_mirrored and self.mesh.is_mirrored
+
+    def _columns(self) -> np.ndarray:
+        """Number of the unknown (point, place in y); the same for what the mirror exchanges."""
+        n = self._outer.statement.links
+        number = np.arange(len(self.points) * self._cells**n)
+        if self._mirrored:
+            found = {point: k for k, point in enumerate(map(tuple, self.points.tolist()))}
+            other = [found[point[::-1]] for point in found]
+            whole = number.reshape(-1, *(self._cells,) * n)[other]
+            image = np.flip(whole, tuple(range(1, n + 1))).transpose(0, *range(n, 0, -1)).ravel()
+            number = np.unique(np.minimum(number, image), return_inverse=True)[1].ravel()
+        return number.reshape(len(self.points), -1)
+
+    def solve(self, seconds: float) -> tuple[float, dict[str, Any]]:
+        """Solve within a time; give the bound of the W found, however good it is, and its proof.
+
+        The bound is right up to the rounding of sums.
+        """
+        parts = [
+            (*block, cost)
+            for face, place in zip(self._faces, self._places, strict=True)
+            for *block, cost in self._rows(face, place)
+        ]
+        count = int(self._column.max()) + 1
+        rows = np.cumsum([0, *(len(cost) for *_, cost in parts)])
+        row = np.concatenate([r + start for (r, *_), start in zip(parts, rows, strict=False)])
+        column, value = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+        cost = np.concatenate([part[3] for part in parts], dtype=float)
+        every = np.arange(len(cost))
+        entries = (
+            np.append(row, every),
+            np.append(column, np.full(len(cost), count)),
+            np.append(value, np.full(len(cost), -1.0)),
+        )
+        w = interior_point(np.eye(1, count + 1, count)[0], entries, -cost, _LARGEST, seconds)[:-1]
+        whole = np.rint(w * 10**_PART)
+        w = whole / 10**_PART
+        above = np.bincount(row, value * w[column], len(cost)) + cost
+        proof = {
+            "degree": self.level.degree,
+            "cells": self.level.cells,
+            "unit": self._outer.part,
+            "points": self.points.tolist(),
+            "values": whole.astype(int)[self._column].tolist(),
+        }
+        mesh = self._outer.proof(self.mesh, self.level.parts, self._link is None)
+        return float(above.max()) * self._outer.speed, mesh | proof
+
+    def _rows(
+        self, face: Face, place: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Give rows, columns and values of the coefficients of dW/dt, and cost by row."""
+        if self._mirrored:
+            face, place = _half(face, place, self.mesh)
+        if not len(place):
+            return
+        n, o, degree = len(self._outer.most), self._outer, self.level.degree
+        corners = o.corners(face)
+        at = corners.simplex
+        signs = face.signs[at][:, None]
+        slowing = np.where(signs > 0, o.slowing[1], o.slowing[0])
+        gain = (1.0 + signs * corners.links / slowing) / (o.width / self.level.cells)
+        moved = np.concatenate(
+            [
+                face.velocities[:, :, face.moving],
+                np.ones((*place.shape[:1], face.simplices.shape[1], 1)),
+            ],
+            axis=2,
+        ).transpose(0, 2, 1)
+        pushed = np.insert(corners.masses, len(face.moving), 0.0, axis=2).transpose(0, 2, 1)
+        turn = np.linalg.solve(moved[at], pushed).transpose(0, 2, 1)
+        size = turn.shape[2]
+        slope, times = _derivative(degree, size), _product(degree, size)
+        if o.statement.drag:  # accelerations are linear in the velocities
+            degree, linear = degree + 1, _product(degree + 1, size)
+        else:
+            turn, gain, linear = turn[:, :1], gain[:, :1], np.eye(len(slope))[:, :, None]
+        # dW/dV times the acceleration, and dW/dy times y'
+        own = np.einsum("hgr,zrga->zha", linear, np.einsum("gaq,zrq->zrga", slope, turn))
+        ways = np.einsum("gaq,zqj,zrj->jzrga", times, face.rates[at], gain, optimize=True)
+        way = np.einsum("hgr,jzrga->jzha", linear, ways, optimize=True)
+        if self._link is None:
+            gained = (face.velocities[:, :, 0] + face.velocities[:, :, -1]) / 2
+        else:
+            gained = np.abs(face.rates[:, :, self._link])
+        cost = (gained[at] @ _exponents(degree + 1, size).T / (degree + 1)).ravel()
+        row = np.broadcast_to(np.arange(len(cost)).reshape(*own.shape[:2], 1), own.shape)
+        stride = self._cells ** np.arange(n - 1, -1, -1)
+        for cell in product(range(self.level.cells), repeat=n):
+            for corner in product((0, 1), repeat=n):
+                here = int((np.add(cell, corner) * stride).sum())
+                sign = 1.0 - 2.0 * np.array(corner)
+                entries = [(here, own - np.einsum("j,jzga->zga", sign, way))]
+                entries += [
+                    (here + int(s * k), s * w) for s, k, w in zip(sign, stride, way, strict=True)
+                ]
+                found = []
+                for where, value in entries:
+                    kept = np.abs(value) > _NOTHING
+                    column = np.broadcast_to(self._column[place[at], where][:, None], value.shape)
+                    found.append((row[kept], column[kept], value[kept]))
+                yield *(np.concatenate(part) for part in zip(*found, strict=True)), cost  # pyright: ignore
+
+
+def _half(face: Face, place: np.ndarray, mesh: Mesh) -> tuple[Face, np.ndarray]:
+    """One of each pair of simplices that the mirror exchanges."""
+    image = tuple(sorted(mesh.vertices.shape[1] - 1 - i for i in face.resting))
+    middle = mesh.vertices[face.simplices].sum(axis=1).tolist()
+    kept = np.array([(face.resting, m) <= (image, m[::-1]) for m in middle], bool)
+    return Face(face.resting, face.simplices[kept], face.velocities[kept]), place[kept]
+
+
+def _exponents(degree: int, count: int) -> np.ndarray:
+    """All exponents (k, count) of so many barycentric coordinates."""
+    every = [e for e in product(range(degree + 1), repeat=count) if sum(e) == degree]
+    return np.array(every)
+
+
+def _product(degree: int, count: int) -> np.ndarray:
+    """Coefficients (g, a, q) of degree + 1 of W (a) times a linear function (q)."""
+    low = {tuple(e): k for k, e in enumerate(_exponents(degree, count).tolist())}
+    high = _exponents(degree + 1, count)
+    found = np.zeros((len(high), len(low), count))
+    for g, e in enumerate(high):
+        for q in np.flatnonzero(e):
+            found[g, low[tuple((e - np.eye(count, dtype=int)[q]).tolist())], q] = e[q] / (
+                degree + 1
+            )
+    return found
+
+
+def _derivative(degree: int, count: int) -> np.ndarray:
+    """Coefficients (g, a, q) of degree + 1 of dW/dλ_q, W (a) of its degree, elevated twice."""
+    low = {tuple(e): k for k, e in enumerate(_exponents(degree, count).tolist())}
+    below = _exponents(degree - 1, count)
+    found = np.zeros((len(below), len(low), count))
+    for b, e in enumerate(below):
+        for q in range(count):
+            found[b, low[tuple((e + np.eye(count, dtype=int)[q]).tolist())], q] = degree
+    twice = _product(degree, count).sum(axis=2) @ _product(degree - 1, count).sum(axis=2)
+    return np.einsum("gb,baq->gaq", twice, found)
+
+
+def size_of(outer: Outer, level: Level) -> float:
+    """Estimate the coefficients of a program, which its time goes by."""
+    assert outer.mesh is not None
+    n = outer.statement.links
+    dimension = n + 1 - outer.statement.resting
+    simplices = sum(map(len, outer.mesh.pieces.values())) * level.parts**dimension
+    own = math.comb(level.degree + 1 + dimension, dimension)
+    return float(simplices * (2 * level.cells) ** n * own**2 * 2**dimension * n)

@@ -1,0 +1,180 @@
+"""What a certificate speaks of, in rationals, and the wider numbers that its proof takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from wormopt.model.given import per
+from wormopt.systems.spiked.task import GaitProblem
+
+# Numbers of a proof that are not given ones are rounded away from it to so many digits.
+_DIGITS = 6
+# A bound is rounded up by this share.
+_SPARE = 1e-9
+# Floating-point numbers this close to a simple fraction stand for it, relatively.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A worm and its limits in rationals; link by link, mass by mass, head first.
+
+    Limits that do not hold are None. `rates` are of contraction and extension.
+    """
+
+    masses: tuple[Fraction, ...]
+    drag: Fraction
+    load: tuple[Fraction, ...]
+    length: tuple[tuple[Fraction, ...], ...]
+    rates: tuple[tuple[Fraction, ...], ...] | None
+    acceleration: tuple[Fraction, ...]
+    spike_load: tuple[Fraction, ...] | None
+    actuator_force: tuple[Fraction, ...] | None
+    sigma_margin: Fraction
+    sharing: str
+    resting: int
+    period: Fraction
+
+    @classmethod
+    def of(cls, task: GaitProblem) -> Statement:
+        """State a task whose accelerations are limited."""
+        worm, limits, n = task.worm, task.limits, task.worm.links
+        assert limits.acceleration is not None
+        rates = limits.rate_limits(n)
+        spikes, forces = limits.spike_load, limits.actuator_force
+        return cls(
+            masses=exactly(worm.masses),
+            drag=exactly([worm.drag])[0],
+            load=exactly(worm.load_range),
+            length=tuple(exactly(pair) for pair in limits.length_ranges(n)),
+            rates=rates and tuple(exactly(way) for way in rates),
+            acceleration=exactly(per(limits.acceleration, n)),
+            spike_load=None if spikes is None else exactly(per(spikes, n + 1)),
+            actuator_force=None if forces is None else exactly(per(forces, n)),
+            sigma_margin=exactly([limits.sigma_margin])[0],
+            sharing=limits.sharing,
+            resting=limits.resting,
+            period=exactly(limits.period_range)[1],
+        )
+
+    @property
+    def links(self) -> int:
+        """Number of links."""
+        return len(self.length)
+
+    @property
+    def loads_matter(self) -> bool:
+        """Whether a limit depends on how resting masses share the load."""
+        return self.spike_load is not None or self.actuator_force is not None
+
+    @cached_property
+    def ranges(self) -> tuple[Fraction, ...]:
+        """How far each link may change."""
+        return tuple(high - low for low, high in self.length)
+
+    @cached_property
+    def rates_taken(self) -> tuple[tuple[Fraction, ...], ...]:
+        """Rates of contraction and extension that no motion exceeds, rounded up.
+
+        A link that swings within a stroke D is never faster than sqrt(a D).
+        """
+        strokes = self.strokes(self.most, self.most)
+        found = []
+        for way in self.rates or ((None,) * self.links,) * 2:
+            swings = zip(way, self.acceleration, strokes, strict=True)
+            found.append([r if r and r * r <= a * d else math.sqrt(a * d) for r, a, d in swings])
+        unit = _unit(max(map(max, found)))
+        return tuple(tuple(up(x, unit) for x in way) for way in found)
+
+    @property
+    def most(self) -> np.ndarray:
+        """Limits on accelerations as `strokes` takes them, (2, n)."""
+        return np.array([self.acceleration] * 2, dtype=object)
+
+    def strokes(self, starts: np.ndarray, brakes: np.ndarray) -> tuple[Fraction, ...]:
+        """How far each link can change in a period: its range, or less, rounded up.
+
+        To move by A at a rate of at most r, speeding up at α and slowing down at β, takes
+        A/r + r e with e = (1/α + 1/β)/2, or 2 sqrt(A e) where r is not reached.
+        """
+        found = []
+        for j, whole in enumerate(self.ranges):
+            low, high = 0.0, float(whole)
+            if self._there_and_back(high, j, starts, brakes) <= self.period:
+                found.append(whole)
+                continue
+            for _ in range(100):
+                middle = (low + high) / 2
+                slow = self._there_and_back(middle, j, starts, brakes) > self.period
+                low, high = (low, middle) if slow else (middle, high)
+            found.append(min(whole, up(high, _unit(whole))))
+        return tuple(found)
+
+    def mean_rates(
+        self, strokes: Sequence[Fraction], starts: np.ndarray, brakes: np.ndarray
+    ) -> float:
+        """Bound on the speed: half the sum of the links' largest mean rates.
+
+        It is V_0 + V_n <= Σ |V_j-1 - V_j|, and no link goes its stroke there and back faster.
+        """
+        total = 0.0
+        for j, stroke in enumerate(strokes):
+            total += float(stroke) / self._there_and_back(float(stroke), j, starts, brakes)
+        return total
+
+    def _there_and_back(
+        self, amplitude: float, j: int, starts: np.ndarray, brakes: np.ndarray
+    ) -> float:
+        time = 0.0
+        for way in (0, 1):
+            e = float(1 / starts[way, j] + 1 / brakes[way, j]) / 2
+            rate = float(self.rates[way][j]) if self.rates else math.inf
+            short = rate * rate * e > amplitude
+            time += 2 * math.sqrt(amplitude * e) if short else amplitude / rate + rate * e
+        return time
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """What a certificate says of it."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+
+
+def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
+    """Give the decimal fractions that these numbers are written as."""
+    return tuple(Fraction(repr(float(x))) for x in values)
+
+
+def in_json(value: Any) -> Any:
+    """Write fractions as strings, through all lists."""
+    if isinstance(value, list | tuple):
+        return [in_json(each) for each in value]
+    return str(value) if isinstance(value, Fraction) else value
+
+
+def _unit(size: float | Fraction) -> Fraction:
+    return Fraction(10) ** (math.floor(math.log10(size)) - _DIGITS)
+
+
+def up(value: float | Fraction, unit: Fraction) -> Fraction:
+    """Round up to a multiple; what is one but for rounding stays."""
+    return math.ceil(Fraction(value) / unit * (1 - Fraction(_ROUNDING))) * unit
+
+
+def rounded_up(bound: float) -> Fraction:
+    """Round a bound up by more than sums in floating point are off."""
+    if bound <= 0.0:
+        return Fraction(0)
+    unit = Fraction(10) ** (math.floor(math.log10(bound)) - 9)
+    return up(bound * (1 + _SPARE), unit)
+
+
+def wider(values: np.ndarray) -> np.ndarray:
+    """Round numbers (...,) up to fractions of few digits."""
+    return np.vectorize(lambda x: up(float(x), _unit(float(x))), otypes=[object])(values)
