@@ -200,9 +200,10 @@ def _limits(p: Data, rest: Sequence[int], corners: Sequence[Sequence[Fraction]])
     if p["actuator_force"] is not None and (len(rest) == 1 or p["sharing"] == "equal"):
         for j, most in enumerate(p["actuator_force"], 1):
             held = Fraction(sum(i < j for i in rest), len(rest))
+            weights = [held - (i < j) for i in range(size)]
             for sign, load in product((1, -1), p["load"]):
-                room = most + sign * load * (size * held - j)
-                forces.append((sign, [held - (i < j) for i in range(size)], room, False))
+                room = most + sign * (load * (size * held - j) + _dot(weights, p["beyond"]))
+                forces.append((sign, weights, room, False))
     for sign, weights, room, moves in forces:
         rooms = [room + sign * p["drag"] * _dot(weights, v) for v in corners]
         rooms = rooms if moves else [max(rooms)] * len(rooms)

@@ -114,7 +114,7 @@ class Outer:
     def is_mirrored(self) -> bool:
         """Whether head and tail exchanged it is the same worm."""
         s = self.statement
-        both = [s.masses, s.acceleration, s.spike_load, s.actuator_force, self.strokes]
+        both = [s.masses, s.beyond, s.acceleration, s.spike_load, s.actuator_force, self.strokes]
         ways = [self.rates, self.starts.tolist(), self.brakes.tolist()]
         return all(x is None or list(x) == list(x)[::-1] for x in both) and all(
             list(way[0]) == list(way[1])[::-1] for way in ways
@@ -171,7 +171,8 @@ class Outer:
         if s.actuator_force is not None and (len(rest) == 1 or s.sharing == "equal"):
             weights, per_load = _of_actuators(rest, count)
             most = _floats(s.actuator_force) / self._force
-            ends = np.sort(np.outer(per_load, [low, high]), axis=1)
+            own = weights @ _floats(s.beyond) / self._force
+            ends = np.sort(np.outer(per_load, [low, high]), axis=1) + own[:, None]
             rows.append((weights, most - ends[:, 1], most + ends[:, 0]))
         normals, sides, follow = [], [], []
         for number, (weights, above, below) in enumerate(rows):

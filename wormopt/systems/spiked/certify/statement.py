@@ -31,7 +31,8 @@ class Statement:
 
     masses: tuple[Fraction, ...]
     drag: Fraction
-    load: tuple[Fraction, ...]
+    load: tuple[Fraction, ...]  # range of the mean of all masses
+    beyond: tuple[Fraction, ...]  # load of each mass beyond the mean
     length: tuple[tuple[Fraction, ...], ...]
     rates: tuple[tuple[Fraction, ...], ...] | None
     acceleration: tuple[Fraction, ...]
@@ -53,6 +54,7 @@ class Statement:
             masses=exactly(worm.masses),
             drag=exactly([worm.drag])[0],
             load=exactly(worm.load_range),
+            beyond=exactly(worm.beyond),
             length=tuple(exactly(pair) for pair in limits.length_ranges(n)),
             rates=rates and tuple(exactly(way) for way in rates),
             acceleration=exactly(per(limits.acceleration, n)),

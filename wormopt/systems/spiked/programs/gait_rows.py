@@ -58,7 +58,7 @@ class GaitRows:
         for phase, resting in enumerate(sequence):
             at = slice(self._edges[phase], self._edges[phase + 1])
             of_links = 0 if phase < self._phases else self.limits.links
-            for form in self.limits.forms(resting)[of_links:]:
+            for form in self.limits.binding(resting)[of_links:]:
                 self._add_form(form, at)
             if split_matters(task, resting):
                 self._add_splits(resting, at)

@@ -143,7 +143,12 @@ class ScaledLimits:
                 np.diff(np.eye(self.links + 1), axis=0), most_of_each, strict=True
             )
         ]
-        forces = [self._momentum(resting), *self._actuators(resting)]
+        return [*links, self._momentum(resting), *self._actuators(resting)]
+
+    def binding(self, resting: Resting) -> list[Form]:
+        """`forms` without limits on forces that accelerations and drag cannot reach."""
+        forms = self.forms(resting)
+        links, forces = forms[: self.links], forms[self.links :]
         return [*links, *(self._binding(form, resting) for form in forces)]
 
     def _binding(self, form: Form, resting: Resting) -> Form:

@@ -38,6 +38,7 @@ def is_mirror_symmetric(task: GaitProblem) -> bool:
         np.broadcast_to(limits.spike_load or 0.0, n + 1),
         np.broadcast_to(limits.actuator_force or 0.0, n),
         np.ptp(np.array(limits.length_ranges(n)), axis=1),
+        task.worm.beyond if task.loads_matter else (0.0,),
     ]
     return np.array_equal(contraction, extension) and all(
         np.array_equal(v, np.asarray(v)[::-1]) for v in per_thing
