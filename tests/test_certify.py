@@ -50,7 +50,7 @@ def solved(task: GaitProblem, *level: int) -> float:
     return Program(Outer(Statement.of(task)), Level(*level)).solve(60.0)[0]
 
 
-def bound_of(task: GaitProblem, value: float, gap: float = 0.01, seconds: float = 60.0) -> Bounded:
+def bound_of(task: GaitProblem, value: float, gap: float = 0.01, seconds: float = 600.0) -> Bounded:
     return bounded(task, value, Certify(gap, seconds), silent)
 
 
