@@ -44,7 +44,11 @@ def make(
     at = [_nanoseconds(t) for t in instants]
     last = _nanoseconds(Decimal(course.gait.period) * cycles + Decimal(ramp))
     at = [t for t in at if t < last] + [last]
-    rows = _rows(course.gait, np.array(at) / _SECOND, end, ramp)
+    whole = Decimal(repr(course.gait.period)) * _SECOND
+    if not ramp and whole == int(whole):  # cycles of whole nanoseconds repeat to the last bit
+        rows = [course.gait(np.array(at) % int(whole) / _SECOND, k) for k in range(3)]
+    else:
+        rows = _rows(course.gait, np.array(at) / _SECOND, end, ramp)
     lines = [*_head(course, rows[1], rest=rest), "points:", *_points(at, rows)]
     return {f"{stem}.yaml": "".join(f"{line}\n" for line in lines).encode()}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any, Literal, get_args
 
 from wormopt.errors import Fault
@@ -21,6 +22,8 @@ from wormopt.model.given import (
 
 # Periods that differ by a smaller share are one.
 _ROUNDING = 1e-9
+# So much of a tick is none; a controller's table holds so many.
+_NO_TICK, _MOST_TICKS = Fraction(1, 10**6), 1_000_000
 
 Sharing = Literal["equal", "least_actuation"]
 
@@ -66,6 +69,9 @@ class Limits(Frozen):
         How several resting masses share the spike load.
     impulses : bool, optional
         Velocities may jump, where no acceleration limit is given.
+    tick : float, optional
+        Tick of a controller: a cycle lasts a whole number of ticks, so that a table of lengths at
+        the ticks repeats exactly.
 
     Examples
     --------
@@ -86,6 +92,7 @@ class Limits(Frozen):
     sigma_margin: float = 0.0
     sharing: Sharing = "equal"
     impulses: bool = False
+    tick: float | None = None
 
     @property
     def period_range(self) -> tuple[float, float]:
@@ -107,6 +114,51 @@ class Limits(Frozen):
         3
         """
         return max(1, math.ceil(self.period_range[0] / period * (1.0 - _ROUNDING)))
+
+    def ticks_of(self, period: float) -> tuple[int, ...]:
+        """Numbers of ticks that a cycle may last, the next to a period: below it and above it.
+
+        A single one where the period is that; none without a tick.
+
+        Parameters
+        ----------
+        period : float
+            Of a cycle, as the other limits allow it.
+
+        Examples
+        --------
+        >>> Limits(period=(1.0, 5.0), length=(0.7, 1.3), rate=1.0, tick=0.1).ticks_of(1.23)
+        (12, 13)
+        >>> Limits(period=1.0, length=(0.7, 1.3), rate=1.0, tick=0.1).ticks_of(1 / 3)
+        (2, 5)
+        """
+        if self.tick is None:
+            return ()
+        fewest, most = self._ticks_of_period()
+
+        def fits(ticks: int) -> bool:  # some multiple of it is within the range
+            return most % ticks <= most - fewest
+
+        below, above = _between_ticks(period, self.tick)
+        shorter = next((k for k in range(min(below, most), 0, -1) if fits(k)), None)
+        longer = next((k for k in range(max(above, 1), most + 1) if fits(k)), None)
+        return tuple(sorted({k for k in (shorter, longer) if k is not None}))
+
+    def whole_ticks(self, count: int) -> float:
+        """Time of so many ticks, rounded once.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        """
+        return float(count * Fraction(repr(float(self.tick or 0.0))))
+
+    def _ticks_of_period(self) -> tuple[int, int]:
+        """Fewest and most ticks of the range of periods; the fewest are more where none fit."""
+        shortest, longest = self.period_range
+        tick = self.tick or math.inf
+        return _between_ticks(shortest, tick)[1], _between_ticks(longest, tick)[0]
 
     def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
         """Shortest and longest length of each of so many links.
@@ -198,9 +250,10 @@ class Limits(Frozen):
         prefix : str, optional
             What the names of limits begin with in messages, "gait." say.
         """
-        yield from faults_of_numbers("period", self.period, 2, "ends of a range")
+        wrong = [*faults_of_numbers("period", self.period, 2, "ends of a range")]
         if len(per(self.period, 2)) == 2:
-            yield from wrong_order("period", self.period_range)
+            wrong += wrong_order("period", self.period_range)
+        yield from wrong or self._faults_of_tick(prefix)
         if is_number(self.resting, links + 1):
             yield (
                 "resting",
@@ -214,6 +267,32 @@ class Limits(Frozen):
         yield from self._faults_of_length(links)
         yield from self._faults_of_lists(links)
         yield from self._faults_of_jumps(prefix)
+
+    def _faults_of_tick(self, prefix: str) -> Iterator[Fault]:
+        """Yield what is wrong with a tick, the period being right by itself."""
+        if self.tick is None:
+            return
+        shortest, longest = self.period_range
+        if wrong := [*faults_of_number("tick", self.tick)]:
+            yield from wrong
+        elif shortest > _MOST_TICKS * self.tick:
+            yield (
+                "tick",
+                f"{self.tick:g} is less than a millionth of {prefix}period = {shortest:g}; write "
+                f"at least {shortest / _MOST_TICKS:g}",
+            )
+        else:
+            fewest, most = self._ticks_of_period()
+            if fewest <= most:
+                return
+            nearest = [f"{self.whole_ticks(k):.12g}" for k in (most, fewest) if k > 0]
+            fixed = shortest == longest
+            given = f"{shortest:.12g} is" if fixed else f"[{shortest:.12g}, {longest:.12g}] holds"
+            yield (
+                "period",
+                f"{given} no whole number of ticks of {prefix}tick = {self.tick:.12g}; write "
+                f"{' or '.join(nearest)}, or another tick",
+            )
 
     def _faults_of_length(self, links: int) -> Iterator[Fault]:
         given: Any = self.length if isinstance(self.length, tuple) else (self.length,)
@@ -269,3 +348,9 @@ class Limits(Frozen):
                     f"an impulse exceeds any {prefix}{key}; leave {prefix}impulses out and give "
                     f"{prefix}acceleration",
                 )
+
+
+def _between_ticks(time: float, tick: float) -> tuple[int, int]:
+    """Whole numbers of ticks next to a time, below and above; the same where it is one."""
+    ticks = Fraction(repr(float(time))) / Fraction(repr(float(tick)))
+    return math.floor(ticks + _NO_TICK), math.ceil(ticks - _NO_TICK)

@@ -26,9 +26,10 @@ from wormopt.systems.shared.sequences import Sequence_, ascending
 from wormopt.systems.spiked.certify.relaxation import Relaxed
 from wormopt.systems.spiked.certify.tree import Node, Solver, Tree, periods, plant
 from wormopt.systems.spiked.design.design import Design, finished
+from wormopt.systems.spiked.design.optimize import ticked
 from wormopt.systems.spiked.search.orders import all_sequences
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import Certify, GaitProblem, Objective
+from wormopt.systems.spiked.task import Certify, GaitProblem, Objective, Search
 
 Improve = Callable[[Sequence_, tuple[float, ...]], float]
 Ending = Literal["gap reached", "time limit", "finest cells", "interrupted"]
@@ -194,6 +195,13 @@ def certified(
     """Prove as `prove`; relaxed gaits are starts from which the design may become better."""
     task, trier = design.task, Trier(design.task)
     cost = task.objective.minimise is not None
+    if design.free is not None:  # what no gait is better than, none of whole ticks is
+        of_free = certified(design.free, wanted, report, begun, save)
+        if of_free.design is not design.free:
+            again = ticked(task, Search(sequence=of_free.design.sequence), of_free.design, report)
+            design = again if again.value > design.value else design
+        gap = gap_of(design.value, of_free.certificate.progress.bound, cost)
+        return Certified(design, replace(of_free.certificate, gap=gap))
     best: list[Trial] = []
 
     def improve(sequence: Sequence_, durations: tuple[float, ...]) -> float:

@@ -70,6 +70,8 @@ class Design:
         "searched"; or "time limit" or "interrupted", where the search was cut short.
     trial : Trial, optional
         The last program, from which multipliers are taken; None for smooth costs.
+    free : Design, optional
+        With `limits.tick`, the best gait whose cycle may have any length.
 
     Examples
     --------
@@ -94,6 +96,7 @@ class Design:
     timings_s: dict[str, float]
     ended: str = "searched"
     trial: Trial | None = field(default=None, repr=False)
+    free: Design | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         rests = [list(masses) for masses in self.sequence]
@@ -155,6 +158,16 @@ class Design:
         if self.trial is None:
             return objective_of(self.motion, self.task.objective.minimise)
         return abs(self.trial.value)
+
+    @cached_property
+    def tick_loss(self) -> float:
+        """Share by which cycles of whole ticks make the objective worse; 0 without a tick."""
+        if self.free is None:
+            return 0.0
+        minimise = self.task.objective.minimise
+        own, free = (objective_of(one.motion, minimise) for one in (self, self.free))
+        worse = own - free if minimise else free - own
+        return worse / abs(free) if free else 0.0
 
     @cached_property
     def phases(self) -> int:
@@ -283,7 +296,8 @@ def _recounted(trier: Trier, trial: Trial, error: float) -> tuple[Trial, float]:
     """
     shortest, longest = trier.shortest / trial.cycles, trier.longest / trial.cycles
     period = float(trial.durations.sum())
-    if trial.cycles < 2 or shortest * _UP < period < longest / _UP:
+    ticks = trier.task.limits.tick is not None  # of which other numbers are not
+    if ticks or trial.cycles < 2 or shortest * _UP < period < longest / _UP:
         return trial, error
     free, before = trier.freed(trial), trial
     for other in trier.fits(free) if free else []:

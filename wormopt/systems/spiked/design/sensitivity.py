@@ -122,7 +122,11 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     program, point = trial.program.finer(trial.point)
     if point is not None:  # limits of single links may bend a motion where no arc ends yet
         trial = replace(trial, program=program, point=point)
-    return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+    task = design.task
+    if design.free is not None:  # the cycle as it is, which may then be moved
+        period = design.period * max(1, trial.cycles)
+        task = replace(task, limits=replace(task.limits, period=period, tick=None))
+    return tuple(_sensitivity(task, trial, limit) for limit in limits_of(task))
 
 
 def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:

@@ -162,6 +162,13 @@ def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]
         "discretisation_error": Scalar(error, unit_of(objective.quantity, table.units)),
         "length_limits": limits.length_ranges(links),
     }
+    if found.free is not None:
+        known |= {
+            "ticks": round(found.period / (limits.tick or 1.0)),
+            "tick_loss": found.tick_loss,
+            "free_period": found.free.period,
+            "free_speed": found.free.speed,
+        }
     low, high = found.task.worm.load_range
     given = {
         "rate_limit": limits.rate_limits(links),

@@ -51,6 +51,13 @@ DESIGN_SCALARS = MOTION_SCALARS | {
         "energy and effort what another halving could bring, to first order. Unknown for an "
         "interrupted design",
     ),
+    "ticks": ("count", "with `gait.tick`: ticks of a cycle"),
+    "tick_loss": (
+        "share",
+        "with `gait.tick`: by how much the objective is worse than that of `free_period`",
+    ),
+    "free_period": ("time", "with `gait.tick`: the best period of a cycle without it"),
+    "free_speed": ("speed", "with `gait.tick`: mean speed of that gait"),
     "worst_violation": ("share", "largest excess over any limit, relative to its size"),
     "rate_limit_from": (
         "1",
@@ -167,6 +174,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     - `sensitivity.scaling_error` in the trust report: the same worm in other units of mass, length
       and time has the same gait, so certain sums of per cents are known; this is how far they are
       off. Near 0, unless something counts differently to both sides.
+    - With `gait.tick`, `period` is the one that the gait has, be it a range in the scene, and what
+      it would be worth to change it.
     - Unknown for `energy_per_distance` and `acceleration_effort`, for an interrupted design, and,
       unless `want` has `limits`, for programs of more than 3000 unknowns; the trust report says
       so.
@@ -198,6 +207,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "gap",
         "period",
         "cycles",
+        "tick_loss",
         "mode_sequence",
     )
     scalars: ClassVar = DESIGN_SCALARS | {
