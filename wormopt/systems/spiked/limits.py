@@ -72,6 +72,9 @@ class Limits(Frozen):
     tick : float, optional
         Tick of a controller: a cycle lasts a whole number of ticks, so that a table of lengths at
         the ticks repeats exactly.
+    length_step : float, optional
+        Lengths at the ticks are rounded to its multiples, in `Design.table` and in what is
+        exported; other limits count before that.
 
     Examples
     --------
@@ -93,6 +96,7 @@ class Limits(Frozen):
     sharing: Sharing = "equal"
     impulses: bool = False
     tick: float | None = None
+    length_step: float | None = None
 
     @property
     def period_range(self) -> tuple[float, float]:
@@ -139,7 +143,7 @@ class Limits(Frozen):
         def fits(ticks: int) -> bool:  # some multiple of it is within the range
             return most % ticks <= most - fewest
 
-        below, above = _between_ticks(period, self.tick)
+        below, above = whole_beside(period, self.tick)
         shorter = next((k for k in range(min(below, most), 0, -1) if fits(k)), None)
         longer = next((k for k in range(max(above, 1), most + 1) if fits(k)), None)
         return tuple(sorted({k for k in (shorter, longer) if k is not None}))
@@ -154,11 +158,21 @@ class Limits(Frozen):
         """
         return float(count * Fraction(repr(float(self.tick or 0.0))))
 
+    def without_ticks(self, period: float | tuple[float, float] | None = None) -> Limits:
+        """Limits of a cycle of any length, and with another period if one is given.
+
+        Parameters
+        ----------
+        period : float or (float, float), optional
+            In place of the own one.
+        """
+        return replace(self, period=period or self.period, tick=None, length_step=None)
+
     def _ticks_of_period(self) -> tuple[int, int]:
         """Fewest and most ticks of the range of periods; the fewest are more where none fit."""
         shortest, longest = self.period_range
         tick = self.tick or math.inf
-        return _between_ticks(shortest, tick)[1], _between_ticks(longest, tick)[0]
+        return whole_beside(shortest, tick)[1], whole_beside(longest, tick)[0]
 
     def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
         """Shortest and longest length of each of so many links.
@@ -264,7 +278,8 @@ class Limits(Frozen):
             yield from faults_of_whole("resting", self.resting, 1, links)
         if self.sharing not in get_args(Sharing):
             yield "sharing", f"not {self.sharing!r}; write equal or least_actuation"
-        yield from self._faults_of_length(links)
+        wrong = [*self._faults_of_length(links)]
+        yield from wrong or self._faults_of_steps(links, prefix)
         yield from self._faults_of_lists(links)
         yield from self._faults_of_jumps(prefix)
 
@@ -293,6 +308,25 @@ class Limits(Frozen):
                 f"{given} no whole number of ticks of {prefix}tick = {self.tick:.12g}; write "
                 f"{' or '.join(nearest)}, or another tick",
             )
+
+    def _faults_of_steps(self, links: int, prefix: str) -> Iterator[Fault]:
+        step = self.length_step
+        if step is None:
+            return
+        if wrong := [*faults_of_number("length_step", step)]:
+            yield from wrong
+        elif self.tick is None:
+            yield "length_step", f"lengths are rounded at ticks; give {prefix}tick too"
+        else:
+            ranges = self.length_ranges(links)
+            few = [r for r in ranges if whole_beside(r[0], step)[1] >= whole_beside(r[1], step)[0]]
+            if few:
+                low, high = few[0]
+                yield (
+                    "length_step",
+                    f"no two multiples of {step:g} are within {prefix}length [{low:g}, {high:g}]; "
+                    f"write at most {(high - low) / 2:g}",
+                )
 
     def _faults_of_length(self, links: int) -> Iterator[Fault]:
         given: Any = self.length if isinstance(self.length, tuple) else (self.length,)
@@ -350,7 +384,7 @@ class Limits(Frozen):
                 )
 
 
-def _between_ticks(time: float, tick: float) -> tuple[int, int]:
-    """Whole numbers of ticks next to a time, below and above; the same where it is one."""
-    ticks = Fraction(repr(float(time))) / Fraction(repr(float(tick)))
-    return math.floor(ticks + _NO_TICK), math.ceil(ticks - _NO_TICK)
+def whole_beside(value: float, step: float) -> tuple[int, int]:
+    """Whole numbers of steps next to a value, below and above; the same where it is one."""
+    steps = Fraction(repr(float(value))) / Fraction(repr(float(step)))
+    return math.floor(steps + _NO_TICK), math.ceil(steps - _NO_TICK)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
@@ -21,6 +22,7 @@ from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.table import in_steps, speed_of
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
@@ -168,6 +170,26 @@ class Design:
         own, free = (objective_of(one.motion, minimise) for one in (self, self.free))
         worse = own - free if minimise else free - own
         return worse / abs(free) if free else 0.0
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        """Lengths (n, ticks + 1) at the ticks of a cycle, in whole `limits.length_step`.
+
+        The last column is the first. ArgumentError without a tick.
+        """
+        limits, links = self.task.limits, self.task.worm.links
+        if limits.tick is None:
+            raise ArgumentError("a table has rows at ticks; give limits.tick")
+        ticks = round(self.period / limits.tick)
+        lengths = self.gait(np.array([limits.whole_ticks(k) for k in [*range(ticks), 0]]))
+        if limits.length_step is None:
+            return lengths
+        return in_steps(lengths, limits.length_step, limits.length_ranges(links))
+
+    @cached_property
+    def step_loss(self) -> float:
+        """Share of the speed that is lost where lengths go straight between those of `table`."""
+        return 1.0 - speed_of(self.table, self.period) / self.speed
 
     @cached_property
     def phases(self) -> int:

@@ -144,7 +144,7 @@ def _finest(
 
 def without_tick(task: GaitProblem) -> GaitProblem:
     """The same task with cycles of any length."""
-    return replace(task, limits=replace(task.limits, tick=None))
+    return replace(task, limits=task.limits.without_ticks())
 
 
 def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) -> Design:

@@ -118,6 +118,15 @@ class LimitTable(Table, frozen=True, kw_only=True):
             "a million ticks in the shortest period",
         ),
     ] = None
+    length_step: Annotated[
+        Positive | None,
+        says(
+            "length",
+            "with `tick`: lengths exported at instants are rounded to multiples of it within "
+            "`length`, of a stepping motor `lead`/(`steps_per_turn` · `microsteps`); all else is "
+            "of the gait before that",
+        ),
+    ] = None
 
     @property
     def limits(self) -> Limits:
