@@ -10,9 +10,7 @@ import numpy as np
 from wormopt.systems.spiked.limits import Limits, whole_beside
 
 
-def in_steps(
-    lengths: np.ndarray, step: float, ranges: Sequence[Sequence[float]]
-) -> np.ndarray:  # (n, m), as `lengths`
+def in_steps(lengths: np.ndarray, step: float, ranges: Sequence[Sequence[float]]) -> np.ndarray:
     """Round lengths (n, m) to the nearest multiples of a step within the range of each link."""
     exact, rows = Fraction(repr(float(step))), []
     for row, (shortest, longest) in zip(lengths, ranges, strict=True):
