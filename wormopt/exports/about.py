@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
+
+import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.files import MARK
@@ -12,6 +16,7 @@ from wormopt.model.gait import Gait
 from wormopt.result import Result
 from wormopt.shown import one_line
 from wormopt.systems.spiked.files import gait_of_result
+from wormopt.systems.spiked.table import in_steps
 from wormopt.version import VERSION
 
 # So much of a step is no step; so few steps make no cycle.
@@ -56,6 +61,8 @@ class Course:
     remarks: tuple[str, ...] = (_MADE_BY,)
     time_unit: str = "s"
     length_unit: str = "m"
+    length_step: float | None = None  # tables hold its multiples, within
+    ranges: Sequence[Sequence[float]] = ()
 
     @classmethod
     def of(cls, result: Result) -> Course:
@@ -66,12 +73,30 @@ class Course:
                 f"{result.scene}: a result of kind {result.kind} holds no gait, which C and ROS "
                 f"need; take one of kind {held}, or export to csv or mat"
             )
+        rounded: dict[str, Any] = {}
+        if "length_step" in result.scalars:
+            step, ranges = (result.scalars[name].value for name in ("length_step", "length_limits"))
+            rounded = {"length_step": step, "ranges": ranges}
         return cls(
             gait_of_result(result),
             tuple(remarks(result)),
             result["gait_breaks"].unit,
             result["gait_polynomial"].unit,
+            **rounded,
         )
+
+    def rounded(self, lengths: np.ndarray) -> np.ndarray:
+        """Lengths (n, m) of a table, in whole steps where there are such."""
+        step = self.length_step
+        return lengths if step is None else in_steps(lengths, step, self.ranges)
+
+    @property
+    def rounding(self) -> tuple[str, ...]:
+        """What a table of lengths says of their steps."""
+        if self.length_step is None:
+            return ()
+        step = f"{self.length_step!r} {self.length_unit}".removesuffix(" 1")
+        return (f"lengths are multiples of {step}; rates and accelerations are those before that",)
 
     def in_whole_steps(self, step: float) -> Course:
         """Course whose cycle is the next multiple of a step: slower, so that limits still hold.

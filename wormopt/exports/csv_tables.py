@@ -117,8 +117,13 @@ def _cycle(result: Result, step: float) -> tuple[list[str], list[Column]]:
     columns: list[Column] = [("time", course.units[0], t)]
     for derivative, name in enumerate(("length", "rate", "acceleration")):
         unit = course.units[derivative + 1]
-        columns += [(f"{name}_{j}", unit, row) for j, row in enumerate(gait(t, derivative))]
-    return [*course.remarks, remark_of_gait("length", cycle, course.units[0])], columns
+        rows = gait(t, derivative) if derivative else course.rounded(gait(t))
+        columns += [(f"{name}_{j}", unit, row) for j, row in enumerate(rows)]
+    return [
+        *course.remarks,
+        *course.rounding,
+        remark_of_gait("length", cycle, course.units[0]),
+    ], columns
 
 
 def _said(lines: Sequence[str]) -> str:
@@ -148,6 +153,8 @@ def _over_time(
         values = np.moveaxis(variable.values, variable.dims.index(axis), -1)
         if step is not None and variable.name in exact:
             values = exact[variable.name](at, _OF_GAIT[variable.name])
+            if variable.name == "length":
+                values = Course.of(result).rounded(values)
         elif step is not None:
             values = _between(at, own, values)
         for place in np.ndindex(values.shape[:-1]):
@@ -164,6 +171,7 @@ def _over_time(
     said = f"every {every}, between samples linearly, whole numbers as they were before"
     if exact:
         said += f"; by the gait's own formulas: {', '.join(exact)}"
+        back = [*Course.of(result).rounding, *back]
     return [said, *back], columns
 
 

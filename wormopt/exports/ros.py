@@ -44,7 +44,12 @@ def make(
     at = [_nanoseconds(t) for t in instants]
     last = _nanoseconds(Decimal(course.gait.period) * cycles + Decimal(ramp))
     at = [t for t in at if t < last] + [last]
-    rows = _rows(course.gait, np.array(at) / _SECOND, end, ramp)
+    whole = Decimal(repr(course.gait.period)) * _SECOND
+    if not ramp and whole == int(whole):  # cycles of whole nanoseconds repeat to the last bit
+        rows = [course.gait(np.array(at) % int(whole) / _SECOND, k) for k in range(3)]
+    else:
+        rows = _rows(course.gait, np.array(at) / _SECOND, end, ramp)
+    rows[0] = course.rounded(rows[0])
     lines = [*_head(course, rows[1], rest=rest), "points:", *_points(at, rows)]
     return {f"{stem}.yaml": "".join(f"{line}\n" for line in lines).encode()}
 
@@ -70,7 +75,7 @@ def _rows(gait: Gait, t: np.ndarray, end: float, ramp: float) -> list[np.ndarray
 
 def _head(course: Course, rates: np.ndarray, *, rest: bool) -> Iterable[str]:
     yield "# trajectory_msgs/JointTrajectory, positions are lengths of links in m"
-    yield from (f"# {line}" for line in course.remarks)
+    yield from (f"# {line}" for line in (*course.remarks, *course.rounding))
     if course.time_unit != "s":
         yield "# The scene has no units: its unit of time is taken for 1 s, of length for 1 m."
     fastest = float(np.abs(rates[:, -1]).max())

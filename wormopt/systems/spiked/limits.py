@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any, Literal, get_args
 
 from wormopt.errors import Fault
@@ -21,6 +22,8 @@ from wormopt.model.given import (
 
 # Periods that differ by a smaller share are one.
 _ROUNDING = 1e-9
+# So much of a tick is none; a controller's table holds so many.
+_NO_TICK, _MOST_TICKS = Fraction(1, 10**6), 1_000_000
 
 Sharing = Literal["equal", "least_actuation"]
 
@@ -66,6 +69,12 @@ class Limits(Frozen):
         How several resting masses share the spike load.
     impulses : bool, optional
         Velocities may jump, where no acceleration limit is given.
+    tick : float, optional
+        Tick of a controller: a cycle lasts a whole number of ticks, so that a table of lengths at
+        the ticks repeats exactly.
+    length_step : float, optional
+        Lengths at the ticks are rounded to its multiples, in `Design.table` and in what is
+        exported; other limits count before that.
 
     Examples
     --------
@@ -86,6 +95,8 @@ class Limits(Frozen):
     sigma_margin: float = 0.0
     sharing: Sharing = "equal"
     impulses: bool = False
+    tick: float | None = None
+    length_step: float | None = None
 
     @property
     def period_range(self) -> tuple[float, float]:
@@ -107,6 +118,61 @@ class Limits(Frozen):
         3
         """
         return max(1, math.ceil(self.period_range[0] / period * (1.0 - _ROUNDING)))
+
+    def ticks_of(self, period: float) -> tuple[int, ...]:
+        """Numbers of ticks that a cycle may last, the next to a period: below it and above it.
+
+        A single one where the period is that; none without a tick.
+
+        Parameters
+        ----------
+        period : float
+            Of a cycle, as the other limits allow it.
+
+        Examples
+        --------
+        >>> Limits(period=(1.0, 5.0), length=(0.7, 1.3), rate=1.0, tick=0.1).ticks_of(1.23)
+        (12, 13)
+        >>> Limits(period=1.0, length=(0.7, 1.3), rate=1.0, tick=0.1).ticks_of(1 / 3)
+        (2, 5)
+        """
+        if self.tick is None:
+            return ()
+        fewest, most = self._ticks_of_period()
+
+        def fits(ticks: int) -> bool:  # some multiple of it is within the range
+            return most % ticks <= most - fewest
+
+        below, above = whole_beside(period, self.tick)
+        shorter = next((k for k in range(min(below, most), 0, -1) if fits(k)), None)
+        longer = next((k for k in range(max(above, 1), most + 1) if fits(k)), None)
+        return tuple(sorted({k for k in (shorter, longer) if k is not None}))
+
+    def whole_ticks(self, count: int) -> float:
+        """Time of so many ticks, rounded once.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        """
+        return float(count * Fraction(repr(float(self.tick or 0.0))))
+
+    def without_ticks(self, period: float | tuple[float, float] | None = None) -> Limits:
+        """Limits of a cycle of any length, and with another period if one is given.
+
+        Parameters
+        ----------
+        period : float or (float, float), optional
+            In place of the own one.
+        """
+        return replace(self, period=period or self.period, tick=None, length_step=None)
+
+    def _ticks_of_period(self) -> tuple[int, int]:
+        """Fewest and most ticks of the range of periods; the fewest are more where none fit."""
+        shortest, longest = self.period_range
+        tick = self.tick or math.inf
+        return whole_beside(shortest, tick)[1], whole_beside(longest, tick)[0]
 
     def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
         """Shortest and longest length of each of so many links.
@@ -198,9 +264,10 @@ class Limits(Frozen):
         prefix : str, optional
             What the names of limits begin with in messages, "gait." say.
         """
-        yield from faults_of_numbers("period", self.period, 2, "ends of a range")
+        wrong = [*faults_of_numbers("period", self.period, 2, "ends of a range")]
         if len(per(self.period, 2)) == 2:
-            yield from wrong_order("period", self.period_range)
+            wrong += wrong_order("period", self.period_range)
+        yield from wrong or self._faults_of_tick(prefix)
         if is_number(self.resting, links + 1):
             yield (
                 "resting",
@@ -211,9 +278,55 @@ class Limits(Frozen):
             yield from faults_of_whole("resting", self.resting, 1, links)
         if self.sharing not in get_args(Sharing):
             yield "sharing", f"not {self.sharing!r}; write equal or least_actuation"
-        yield from self._faults_of_length(links)
+        wrong = [*self._faults_of_length(links)]
+        yield from wrong or self._faults_of_steps(links, prefix)
         yield from self._faults_of_lists(links)
         yield from self._faults_of_jumps(prefix)
+
+    def _faults_of_tick(self, prefix: str) -> Iterator[Fault]:
+        """Yield what is wrong with a tick, the period being right by itself."""
+        if self.tick is None:
+            return
+        shortest, longest = self.period_range
+        if wrong := [*faults_of_number("tick", self.tick)]:
+            yield from wrong
+        elif shortest > _MOST_TICKS * self.tick:
+            yield (
+                "tick",
+                f"{self.tick:g} is less than a millionth of {prefix}period = {shortest:g}; write "
+                f"at least {shortest / _MOST_TICKS:g}",
+            )
+        else:
+            fewest, most = self._ticks_of_period()
+            if fewest <= most:
+                return
+            nearest = [f"{self.whole_ticks(k):.12g}" for k in (most, fewest) if k > 0]
+            fixed = shortest == longest
+            given = f"{shortest:.12g} is" if fixed else f"[{shortest:.12g}, {longest:.12g}] holds"
+            yield (
+                "period",
+                f"{given} no whole number of ticks of {prefix}tick = {self.tick:.12g}; write "
+                f"{' or '.join(nearest)}, or another tick",
+            )
+
+    def _faults_of_steps(self, links: int, prefix: str) -> Iterator[Fault]:
+        step = self.length_step
+        if step is None:
+            return
+        if wrong := [*faults_of_number("length_step", step)]:
+            yield from wrong
+        elif self.tick is None:
+            yield "length_step", f"lengths are rounded at ticks; give {prefix}tick too"
+        else:
+            ranges = self.length_ranges(links)
+            few = [r for r in ranges if whole_beside(r[0], step)[1] >= whole_beside(r[1], step)[0]]
+            if few:
+                low, high = few[0]
+                yield (
+                    "length_step",
+                    f"no two multiples of {step:g} are within {prefix}length [{low:g}, {high:g}]; "
+                    f"write at most {(high - low) / 2:g}",
+                )
 
     def _faults_of_length(self, links: int) -> Iterator[Fault]:
         given: Any = self.length if isinstance(self.length, tuple) else (self.length,)
@@ -269,3 +382,9 @@ class Limits(Frozen):
                     f"an impulse exceeds any {prefix}{key}; leave {prefix}impulses out and give "
                     f"{prefix}acceleration",
                 )
+
+
+def whole_beside(value: float, step: float) -> tuple[int, int]:
+    """Whole numbers of steps next to a value, below and above; the same where it is one."""
+    steps = Fraction(repr(float(value))) / Fraction(repr(float(step)))
+    return math.floor(steps + _NO_TICK), math.ceil(steps - _NO_TICK)

@@ -63,6 +63,9 @@ def violations(motion: Crawl, limits: Limits) -> dict[str, float]:
     shortest, longest = limits.period_range
     period = motion.gait.period * limits.cycles_of(motion.gait.period)
     found["limits.period"] = max(shortest - period, period - longest) / longest
+    if limits.tick is not None:
+        whole = limits.whole_ticks(round(motion.gait.period / limits.tick))
+        found["limits.tick"] = abs(motion.gait.period - whole) / motion.gait.period
     found["closed"] = _gap(motion, limits)
     return found
 

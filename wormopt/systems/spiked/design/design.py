@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
@@ -21,6 +22,7 @@ from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
 from wormopt.systems.spiked.search.search import Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.table import in_steps, speed_of
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
@@ -70,6 +72,8 @@ class Design:
         "searched"; or "time limit" or "interrupted", where the search was cut short.
     trial : Trial, optional
         The last program, from which multipliers are taken; None for smooth costs.
+    free : Design, optional
+        With `limits.tick`, the best gait whose cycle may have any length.
 
     Examples
     --------
@@ -94,6 +98,7 @@ class Design:
     timings_s: dict[str, float]
     ended: str = "searched"
     trial: Trial | None = field(default=None, repr=False)
+    free: Design | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         rests = [list(masses) for masses in self.sequence]
@@ -155,6 +160,36 @@ class Design:
         if self.trial is None:
             return objective_of(self.motion, self.task.objective.minimise)
         return abs(self.trial.value)
+
+    @cached_property
+    def tick_loss(self) -> float:
+        """Share by which cycles of whole ticks make the objective worse; 0 without a tick."""
+        if self.free is None:
+            return 0.0
+        minimise = self.task.objective.minimise
+        own, free = (objective_of(one.motion, minimise) for one in (self, self.free))
+        worse = own - free if minimise else free - own
+        return worse / abs(free) if free else 0.0
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        """Lengths (n, ticks + 1) at the ticks of a cycle, in whole `limits.length_step`.
+
+        The last column is the first. ArgumentError without a tick.
+        """
+        limits, links = self.task.limits, self.task.worm.links
+        if limits.tick is None:
+            raise ArgumentError("a table has rows at ticks; give limits.tick")
+        ticks = round(self.period / limits.tick)
+        lengths = self.gait(np.array([limits.whole_ticks(k) for k in [*range(ticks), 0]]))
+        if limits.length_step is None:
+            return lengths
+        return in_steps(lengths, limits.length_step, limits.length_ranges(links))
+
+    @cached_property
+    def step_loss(self) -> float:
+        """Share of the speed that is lost where lengths go straight between those of `table`."""
+        return 1.0 - speed_of(self.table, self.period) / self.speed
 
     @cached_property
     def phases(self) -> int:
@@ -283,7 +318,8 @@ def _recounted(trier: Trier, trial: Trial, error: float) -> tuple[Trial, float]:
     """
     shortest, longest = trier.shortest / trial.cycles, trier.longest / trial.cycles
     period = float(trial.durations.sum())
-    if trial.cycles < 2 or shortest * _UP < period < longest / _UP:
+    ticks = trier.task.limits.tick is not None  # of which other numbers are not
+    if ticks or trial.cycles < 2 or shortest * _UP < period < longest / _UP:
         return trial, error
     free, before = trier.freed(trial), trial
     for other in trier.fits(free) if free else []:

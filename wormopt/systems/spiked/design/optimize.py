@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from time import perf_counter
 from typing import Literal
@@ -18,12 +18,16 @@ from wormopt.systems.spiked.design.design import Design, sharpest
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Survey, search
-from wormopt.systems.spiked.search.trial import Trial
+from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 _SEARCH = Search()
 # Limits of a design are exceeded by no more than this share of their size.
 _ACCEPTED = 1e-9
+# Periods are alike that differ by a smaller share.
+_SAME = 1e-12
+# How far gaits of whole ticks are climbed before they are compared, and the most steps of it.
+_HELD, _HELD_STEPS = 1e-9, 40
 
 
 def design(
@@ -102,6 +106,9 @@ def designed(
 
     `hints` are orders of rest to try first; `better` gets every trial that beats all before.
     """
+    if task.limits.tick is not None:
+        free = designed(without_tick(task), settings, report, hints, better)
+        return ticked(task, settings, free, report)
     bound = ceiling_of(task)
     required = task.objective.speed
     if required is not None and required > bound:
@@ -120,14 +127,73 @@ def designed(
     if stands or not survey.trials:
         raise _nothing(task, settings, survey, report)
     searched = perf_counter()
-    if task.objective.is_smooth:
-        from wormopt.systems.spiked.design.smooth import smoothest  # few designs need its solver
-
-        found = smoothest(task, settings, survey, bound, report)
-    else:
-        found = sharpest(task, settings, survey, bound, report)
+    found = _finest(task, settings, survey, bound, report)
     timings = {"search": searched - begin, "sharpen": perf_counter() - searched}
     return replace(found, timings_s=timings)
+
+
+def _finest(
+    task: GaitProblem, settings: Search, survey: Survey, bound: float, report: Report
+) -> Design:
+    if not task.objective.is_smooth:
+        return sharpest(task, settings, survey, bound, report)
+    from wormopt.systems.spiked.design.smooth import smoothest  # few designs need its solver
+
+    return smoothest(task, settings, survey, bound, report)
+
+
+def without_tick(task: GaitProblem) -> GaitProblem:
+    """The same task with cycles of any length."""
+    return replace(task, limits=task.limits.without_ticks())
+
+
+def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) -> Design:
+    """Solve a design again with cycles of whole ticks, the next to its own, and take the best.
+
+    `free` is the design of the task `without_tick`; its order of rest is kept. Raises SolveError
+    where no such cycle has a gait.
+    """
+    begin, limits = perf_counter(), task.limits
+    periods = [limits.whole_ticks(count) for count in limits.ticks_of(free.period)]
+    if len(periods) == 1 and abs(periods[0] - free.period) <= _SAME * free.period:
+        found = replace(free, task=task)
+    else:
+        trials, ended = list[Trial](), free.ended
+        start = free.trial or free.survey.trials[0]
+        try:
+            for period in periods:
+                report(f"solving again for a cycle of {period:g}", 0.96)
+                trials += _held(task, start, period)
+        except KeyboardInterrupt:
+            if not trials:
+                raise
+            ended = "interrupted"
+        if not trials:
+            raise SolveError(
+                f"no gait was found whose cycle is a whole number of ticks near {free.period:.6g}",
+                f"write a limits.tick shorter than {limits.tick:g}",
+                free,
+            )
+        trials.sort(key=lambda trial: -trial.value)
+        survey = replace(free.survey, trials=tuple(trials), ended=ended)
+        found = _finest(task, settings, survey, free.ceiling, report)
+    ticks = round(found.period / (limits.tick or 1.0))
+    return replace(
+        found,
+        gait=found.gait.with_period(limits.whole_ticks(ticks)),  # phases sum to it but for rounding
+        survey=free.survey,
+        timings_s=free.timings_s | {"ticks": perf_counter() - begin},
+        free=free,
+    )
+
+
+def _held(task: GaitProblem, start: Trial, period: float) -> Iterator[Trial]:
+    """Yield a trial with its cycle held at another length, if there is a gait of it."""
+    trier = Trier(replace(task, limits=replace(task.limits, period=period)))
+    held = trier.fitted(start, 1) or trier.near(start.sequence, start.durations, 1)
+    if held is not None:
+        held = trier.climbed(held, _HELD, _HELD_STEPS)
+        yield replace(held, cycles=task.limits.cycles_of(period))
 
 
 def _nothing_slows(task: GaitProblem) -> SolveError:

@@ -88,7 +88,7 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     Parameters
     ----------
     design : Design
-        Of the speed or of a peak load.
+        Of the speed or of a peak load; of whole ticks, its `free` one counts.
 
     Returns
     -------
@@ -113,6 +113,8 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     >>> {s.name: round(s.derivative, 4) for s in found if abs(s.elasticity) > 1e-9}
     {'limits.period': 0.075, 'limits.rate': 0.35, 'limits.acceleration': 0.0012, ...
     """
+    if design.free is not None:  # of whole ticks the best objective moves in jumps
+        return sensitivities(design.free)
     trial = design.trial
     if trial is None:
         raise ArgumentError(

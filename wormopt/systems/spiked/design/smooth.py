@@ -198,7 +198,7 @@ def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
 
 def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
     """Solve for a smooth cost, started from a trial that is fast enough; None: no motion found."""
-    cycle = replace(task, limits=replace(task.limits, period=trial.program.period))
+    cycle = replace(task, limits=task.limits.without_ticks(trial.program.period))
     mesh = replace(mesh_of(trial.sequence, _ARCS), arcs=tuple(trial.program.arcs.tolist()))
     program = _program(cycle, mesh)
     bounds = _bounds(program, trial.sequence)

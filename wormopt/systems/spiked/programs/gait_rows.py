@@ -44,7 +44,7 @@ class GaitRows:
     ) -> None:
         self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
         self.patterns, self._like = patterns, like
-        self.limits = scaled(replace(task, limits=replace(task.limits, period=period)))
+        self.limits = scaled(replace(task, limits=task.limits.without_ticks(period)))
         if like is not None:
             self.limits = replace(self.limits, like=like)
         self.arcs = np.broadcast_to(arcs, len(sequence))

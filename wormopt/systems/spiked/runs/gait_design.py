@@ -37,6 +37,7 @@ from wormopt.systems.spiked.scenes.design_tables import in_scene
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
+from wormopt.systems.spiked.table import excess_of
 from wormopt.systems.spiked.task import Cost, Effort
 
 # A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
@@ -127,6 +128,8 @@ def of_design(table: DesignTable, found: Design) -> Findings:
     ) | Findings({"worst_violation": max(0.0, *excess.values())})
     if table.motor is not None:
         known |= _of_motors(table, table.motor, found)
+    if found.task.limits.length_step is not None:
+        known |= _of_steps(found)
     return known | Findings(timings=found.timings_s | {"prove": time.perf_counter() - clock})
 
 
@@ -164,6 +167,15 @@ def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]
         "discretisation_error": Scalar(error, unit_of(objective.quantity, table.units)),
         "length_limits": limits.length_ranges(links),
     }
+    if found.free is not None:
+        known |= {
+            "ticks": round(found.period / (limits.tick or 1.0)),
+            "tick_loss": found.tick_loss,
+            "free_period": found.free.period,
+            "free_speed": found.free.speed,
+        }
+    if limits.length_step is not None:
+        known |= {"length_step": limits.length_step, "step_loss": found.step_loss}
     low, high = found.task.worm.load_range
     given = {
         "rate_limit": limits.rate_limits(links),
@@ -210,6 +222,20 @@ def _warnings(found: Design, effort: Effort) -> Iterator[str]:
         yield f"halving the arcs still changed the objective {size}"
     if found.ended != "searched":
         yield f"the search was cut short ({found.ended}): a longer one may find a better gait"
+
+
+def _of_steps(found: Design) -> Findings:
+    """By how much rounded lengths, taken straight from tick to tick, exceed limits."""
+    limits = found.task.limits
+    excess = excess_of(found.table, limits.tick or 1.0, limits)
+    over = [
+        f"lengths rounded to gait.length_step exceed {in_scene(name)} by {value:.2g} of it from "
+        "tick to tick: write a shorter gait.length_step or a longer gait.tick"
+        for name, value in excess.items()
+        if value > _ACCEPTED
+    ]
+    told = {in_scene(name): value for name, value in excess.items()}
+    return Findings(facts={"rounded": told}, warnings=tuple(over))
 
 
 # -- motors --------------------------------------------------------------------------------------

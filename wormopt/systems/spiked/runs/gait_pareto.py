@@ -121,7 +121,7 @@ def _point(
 
 def _binding(found: Design) -> str:
     """Limits that leave a gait no room, but for those that every gait meets exactly."""
-    exact = {"limits.resting", "closed"}
+    exact = {"limits.resting", "limits.tick", "closed"}
     if np.size(found.task.limits.period) == 1:
         exact.add("limits.period")
     binding = [key for key, excess in found.violations.items() if excess > -_BINDS]

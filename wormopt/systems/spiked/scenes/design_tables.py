@@ -54,10 +54,11 @@ class LimitTable(Table, frozen=True, kw_only=True):
 
     *σ* ≥ 0 holds in every design: the worm never glides.
 
-    Refused: a reversed range of periods or loads; an empty length range; `resting` above *n*;
-    lists of the wrong length; neither `rate` nor `acceleration`; no `acceleration` without
-    `impulses = true`; `impulses = true` together with `acceleration` (which forbids jumps) or
-    `actuator_force` (which every impulse exceeds).
+    Refused: a reversed range of periods or loads; a period, or range of it, that holds no whole
+    number of ticks; an empty length range; `resting` above *n*; lists of the wrong length; neither
+    `rate` nor `acceleration`; no `acceleration` without `impulses = true`; `impulses = true`
+    together with `acceleration` (which forbids jumps) or `actuator_force` (which every impulse
+    exceeds).
     """
 
     period: Annotated[
@@ -107,6 +108,24 @@ class LimitTable(Table, frozen=True, kw_only=True):
             "`actuator_force` and all costs",
         ),
     ] = False
+    tick: Annotated[
+        Positive | None,
+        says(
+            "time",
+            "tick of a controller: a cycle lasts a whole number of ticks, so that lengths exported "
+            "at the ticks repeat exactly ([export](../export.md#gaits-for-a-controller)); at most "
+            "a million ticks in the shortest period",
+        ),
+    ] = None
+    length_step: Annotated[
+        Positive | None,
+        says(
+            "length",
+            "with `tick`: lengths exported at instants are rounded to multiples of it within "
+            "`length`, of a stepping motor `lead`/(`steps_per_turn` · `microsteps`); all else is "
+            "of the gait before that",
+        ),
+    ] = None
 
     @property
     def limits(self) -> Limits:

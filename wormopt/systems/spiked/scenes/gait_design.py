@@ -50,6 +50,19 @@ DESIGN_SCALARS = MOTION_SCALARS | {
         "energy and effort what another halving could bring, to first order. Unknown for an "
         "interrupted design",
     ),
+    "ticks": ("count", "with `gait.tick`: ticks of a cycle"),
+    "tick_loss": (
+        "share",
+        "with `gait.tick`: by how much the objective is worse than that of `free_period`",
+    ),
+    "free_period": ("time", "with `gait.tick`: the best period of a cycle without it"),
+    "free_speed": ("speed", "with `gait.tick`: mean speed of that gait"),
+    "length_step": ("length", "as given in the scene, where given"),
+    "step_loss": (
+        "share",
+        "with `gait.length_step`: of the speed, lost where lengths go straight from one rounded "
+        "tick to the next, some mass always at rest; negative where rounding gains",
+    ),
     "worst_violation": ("share", "largest excess over any limit, relative to its size"),
     "rate_limit_from": (
         "1",
@@ -165,6 +178,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     - `sensitivity.scaling_error` in the trust report: the same worm in other units of mass, length
       and time has the same gait, so certain sums of per cents are known; this is how far they are
       off. Near 0, unless something counts differently to both sides.
+    - With `gait.tick` they are those of the best gait without it: the best objective of whole ticks
+      moves in jumps.
     - Unknown for `energy_per_distance` and `acceleration_effort`, for an interrupted design, and,
       unless `want` has `limits`, for programs of more than 3000 unknowns; the trust report says
       so.
@@ -198,6 +213,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "gap",
         "period",
         "cycles",
+        "tick_loss",
         "mode_sequence",
     )
     scalars: ClassVar = DESIGN_SCALARS | {

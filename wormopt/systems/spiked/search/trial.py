@@ -145,20 +145,21 @@ class Trier:
         counts = {max(1, ceil(self.shortest / period / _UP))}
         if max(counts) * period > self.longest * _UP:  # no number of whole periods is in the range
             counts.add(max(1, floor(self.longest / period * _UP)))
-        fitted = (self._fitted(trial, count) for count in sorted(counts))
+        fitted = (self.fitted(trial, count) for count in sorted(counts))
         return [t for t in fitted if t is not None]
 
     def _fewer_cycles(self, best: Trial) -> Trial:
         """As many cycles fewer as lower the cost: climbs of costs stay near where they begin."""
         while best.cycles > 1:
-            fewer = [self._fitted(best, n) for n in sorted({best.cycles // 2, best.cycles - 1})]
+            fewer = [self.fitted(best, n) for n in sorted({best.cycles // 2, best.cycles - 1})]
             better = [t for t in fewer if t is not None and t.value > best.value]
             if not better:
                 break
             best = max(better, key=lambda t: t.value)
         return best
 
-    def _fitted(self, trial: Trial, cycles: int) -> Trial | None:
+    def fitted(self, trial: Trial, cycles: int) -> Trial | None:
+        """A trial fitted to a number of cycles that fill a period; None where it has no gait."""
         period = float(trial.durations.sum())
         low, high = self._cycle(cycles, period)
         wanted = float(np.clip(period, low, high))
