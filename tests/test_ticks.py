@@ -15,7 +15,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
-from wormopt.systems.spiked.certify.proof import certify
+from wormopt.systems.spiked.certify.bound import certify
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed, ticked
@@ -132,7 +132,7 @@ def test_sensitivities_are_those_without_ticks():
 
 
 def test_what_is_proven_of_every_gait_holds_for_whole_ticks():
-    proof = certify(at(LONG, 300), phases=2, gap=1e-3, time_limit=20.0)
+    proof = certify(at(LONG, 300), gap=1e-3, time_limit=20.0)
     assert proof.bound >= fastest(1.0) * (1 - 1e-9)
     assert proof.gap == pytest.approx(proof.bound / fastest(0.9) - 1, abs=1e-9)
     assert proof.design.period == 0.9

@@ -345,11 +345,10 @@ def crawl(
     """
     if len(mass) != gait.links + 1:
         raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
-    mean, beyond = load, 0.0
-    if not np.isscalar(load):
-        if np.shape(load) != np.shape(mass):
-            raise ArgumentError(f"{np.size(load)} loads for {len(mass)} masses; give one for each")
-        mean = float(np.mean(load))
-        beyond = np.asarray(load, dtype=float) - mean
-    drive = Drive(gait, np.asarray(mass, dtype=float), drag, mean, sharing, spike_load, beyond)
+    loads = np.asarray(load, dtype=float)
+    if loads.shape not in ((), np.shape(mass)):
+        raise ArgumentError(f"{loads.size} loads for {len(mass)} masses; give one for each")
+    mean = float(loads.mean())
+    own = loads - mean
+    drive = Drive(gait, np.asarray(mass, dtype=float), drag, mean, sharing, spike_load, own)
     return Crawl(gait, *periodic_stretches(drive), drive)

@@ -176,9 +176,10 @@ class WormTable(Table, frozen=True, kw_only=True):
         pull = weights(self.slope, self.gravity, per(self.mass, self.links + 1))
         if len(set(pull)) > 1:
             return Worm(self.links, self.mass, self.drag, self.load, pull)
-        given = self.load if isinstance(self.load, tuple) else (self.load,)
-        loads = tuple(load + pull[0] for load in given)
-        return Worm(self.links, self.mass, self.drag, loads if len(loads) > 1 else loads[0])
+        if isinstance(self.load, tuple):
+            loads = tuple(load + pull[0] for load in self.load)
+            return Worm(self.links, self.mass, self.drag, loads)
+        return Worm(self.links, self.mass, self.drag, self.load + pull[0])
 
     @property
     def facts(self) -> dict[str, Any]:
