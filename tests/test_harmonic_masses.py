@@ -711,5 +711,5 @@ def test_a_place_is_nothing_for_averages():
 @pytest.mark.parametrize("side", ["forward", "backward"])
 def test_friction_too_large_to_be_followed_is_refused_at_once(side: str):
     """Impulse in a period, 2 pi 1e9 on each of three masses of speed 1: 2 pi 1e9 of momentum."""
-    with pytest.raises(SceneError, match=r"worm.friction: .* by 6.28e\+09 .* smaller by 6.3e\+03"):
+    with pytest.raises(SceneError, match=r"worm.friction: .* by 6.28e\+09 .* smaller by 6.3"):
         wo.run(load_scene("three_masses_harmonic", [f"worm.friction.{side}=1e9"]))

@@ -139,7 +139,7 @@ def test_a_sweep_says_what_single_runs_say():
 def test_points_without_solution_are_data():
     found = wo.sweep(
         "design_fast_gait",
-        {"gait.spike_load": [1.0, 2.0, 40.0]},
+        {"gait.actuator_force": [1.0, 2.0, 40.0]},
         overrides=["search.effort='quick'", "search.sequence=[[0],[1],[2]]"],
         engine=SERIAL,
     )
@@ -147,7 +147,7 @@ def test_points_without_solution_are_data():
     assert found["status"].values.tolist() == [1, 1, 0]
     assert np.isnan(found["speed"].values[:2]).all()
     reasons = found.attributes["reasons"]
-    assert all("gait.spike_load" in reason for reason in reasons[:2])
+    assert all("gait.actuator_force" in reason for reason in reasons[:2])
     assert reasons[0] != reasons[1]
     assert reasons[2] == ""
     assert list(found.trust["reasons"].values()) == [2]  # they differ by numbers alone

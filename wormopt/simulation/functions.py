@@ -247,6 +247,8 @@ class System:
         """
         t, x, _, _ = self.symbols
         response, changes = ca.diag(self.delassus), ca.vertcat(t, x)
+        if not ca.depends_on(response, changes):
+            return ()
         rows = [i for i in range(response.numel()) if ca.depends_on(response[i], changes)]
         found = np.setdiff1d(self.row_contact[rows], self.planar).tolist()
         return tuple(i for i in found if self.contacts[i].law.directions)

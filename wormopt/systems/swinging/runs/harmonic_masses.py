@@ -50,7 +50,7 @@ _ON = 1e-9
 # not small.
 _SMALL = 0.2
 # The same beyond which exact motions are not followed: their velocities then round.
-_LARGE = 1e6
+_LARGE = 1e9
 # Of the largest velocity: by how much averages on twice as many nodes may differ, and the first
 # order from the closed form.
 _QUADRATURE = 1e-9
