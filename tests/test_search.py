@@ -198,9 +198,7 @@ def test_changes_at_both_ends_keep_an_order_alike_at_both_ends():
     for word in found:
         assert canonical(word, 9, mirror=False) == canonical(mirrored(word, 9), 9, mirror=False)
         assert (4,) not in word  # it is farther from 0 and from 8
-    uneven = ((0,), (1,), (8,))
-    every = list(neighbours(uneven, [(2,)], 3))
-    assert list(neighbours_at_both_ends(uneven, [(2,)], 3, 9)) == every
+    assert not [*neighbours_at_both_ends(((0,), (1,), (8,)), [(2,)], 3, 9)]
 
 
 UNEVEN = GaitProblem(
@@ -240,7 +238,7 @@ def test_the_best_of_each_niche_is_varied_before_the_next():
 
     values = {t.sequence: t.value for t in first_race().ranking}
     best = {travel(word, 4): word for word in reversed(values)}
-    parents = [word for _, (word, *_) in search_module._parents(first_race(), 4)]
+    parents = [word for _, (word, *_) in search_module._niches(first_race(), 4)]
     assert len(parents) == 6
     assert {*parents[:3]} == {*best.values()}
     assert {*best} == {-1, 0, 1}
@@ -248,11 +246,10 @@ def test_the_best_of_each_niche_is_varied_before_the_next():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("links", "known"), [(12, 3.850493), (16, 4.8837)])
-def test_long_worms_are_as_fast_as_the_best_known(links: int, known: float):
-    """12: by an independent search; 16: by another order of as many phases, prescribed."""
-    found = design(Worm(links=links, load=5.0), G1_LIMITS, search=Search(workers=1))
-    assert found.speed >= known
+def test_a_long_worm_is_as_fast_as_the_best_known():
+    """By an independent search, with the order (0)(2)(0)(12)(10)(12)."""
+    found = design(Worm(links=12, load=5.0), G1_LIMITS, search=Search(workers=1))
+    assert found.speed >= 3.850493
     check(found)
 
 

@@ -159,14 +159,12 @@ def neighbours_at_both_ends(
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
     """As `neighbours`, with the mirror image of each change half a cycle later.
 
-    All neighbours of a word whose second half is not the mirror image of the first.
+    None of a word whose second half is not the mirror image of the first.
     """
     half = len(word) // 2
-    found = neighbours(word, letters, reach)
     if word[half:] != mirrored(word[:half], masses):
-        yield from found
         return
-    for change, edited, kept in found:
+    for change, edited, kept in neighbours(word, letters, reach):
         first, second = kept[:-half], kept[-half:]
         early = all(k is None or k < half for k in first) and second == [*range(half, 2 * half)]
         if early and edited[-half:] == word[half:]:

@@ -11,7 +11,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice, product
+from itertools import chain, cycle, islice, product
 from time import monotonic
 
 import numpy as np
@@ -59,11 +59,11 @@ _EFFORTS = {
 }
 # Shares of the work that one climb may take, and that the last restarts may where nothing is left.
 _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
-# Share of it for the variations of a long worm.
-_OF_LONG = 0.2
+# Links of a long worm whose variations may take all of it; they take the longer the more there are.
+_LONGEST = 80
 # Pivots of its programs take longer: they are denser.
 _WORK_OF_ENERGY = 0.3
-# Gain, as a share, by which variations begin anew, and draws of durations.
+# Gain, as a share, by which variations begin anew, and draws of durations, and those of long worms.
 _BETTER, _GAIN = 1e-3, 1e-4
 # Share of the mean duration of a phase that is short.
 _BRIEF = 0.05
@@ -72,10 +72,12 @@ _BATCH = 8
 _JOINED = 100
 # First looks that are worth going on with, for each order that is varied at a time.
 _PLACES = 6
-# Variations for each insertion into a wave.
-_WITHOUT_WAVES = 3
-# Masses that come in are no farther from those at rest than the links of a long worm by this, or 2.
-_NEAR = 6
+# Variations of the best for each insertion into a wave, or variation of the best of a niche.
+_OF_THE_BEST = 3
+# Masses that come in are no farther from those at rest than the links of a long worm by this.
+_NEAR = 4
+# Links up to which sets come in at both ends at once: the phases are more, and take longer.
+_BOTH_ENDS = 12
 # Masses of change that outweigh being the next better parent.
 _RANK = 0.5
 # Phases of a cycle up to which orders are varied.
@@ -139,7 +141,7 @@ def search(
 def _effort(race: Race, settings: Search) -> Effort:
     """Effort that the settings ask for; each look at a long worm takes more, so there are fewer."""
     effort = effort_of(settings)
-    return replace(effort, width=(effort.width + 1) // 2, starts=1) if race.long else effort
+    return replace(effort, width=(effort.width + 1) // 2, starts=0) if race.long else effort
 
 
 def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
@@ -236,10 +238,10 @@ def _vary(race: Race, settings: Search) -> Iterator[None]:
     effort, task = _effort(race, settings), race.task
     most = effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0)
     if race.long:
-        most = race.trier.work + _OF_LONG * most
-    in_vain = 0
+        most = race.trier.work + task.worm.links / _LONGEST * most
+    in_vain, gain = 0, _GAIN if race.long else _BETTER
     while in_vain < effort.patience:
-        enough = race.record(0) + _BETTER * abs(race.record(0))
+        enough = race.record(0) + gain * abs(race.record(0))
         width = effort.width << in_vain  # where the best lead nowhere, others may
         for batch in _batches(islice(_variations(race, settings, width), effort.varied)):
             race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
@@ -262,7 +264,7 @@ def _batches(items: Iterable) -> Iterator[list]:
 
 
 def _variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
-    """Neighbours and joined cycles of the best orders, each once, and a share of edited waves."""
+    """Neighbours and joined cycles of the best orders, each once, and a share for other niches."""
     seen, most = set(race.trials), settings.phases or _MOST_PHASES
 
     def fresh(starts: Iterable[Start]) -> Iterator[Start]:
@@ -274,14 +276,18 @@ def _variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
                     seen.add(key)
                     yield start
 
-    ranked = _parents(race, width)
-    joined = islice(_joined(race, [parent for _, parent in ranked]), _JOINED)
-    waves = [] if race.long else _waves(race)  # waves of many phases take long to try
+    niches = _niches(race, width)
+    best = niches if race.long else list(enumerate(_parents(race, width)))
+    joined = islice(_joined(race, [parent for _, parent in best]), _JOINED)
+    # waves of many phases take long to try
+    waves = [] if race.long else _waves(race)
     inserted = fresh(_edited(race, waves, inserted=True))
-    for k, start in enumerate(fresh(chain(joined, _edited(race, ranked))), start=2):
+    others = cycle([inserted, fresh(_edited(race, niches))])
+    for k, start in enumerate(fresh(chain(joined, _edited(race, best))), start=2):
         yield start
-        if k % _WITHOUT_WAVES == 0:
-            yield from islice(inserted, 1)
+        if k % _OF_THE_BEST == 0:
+            yield from islice(next(others), 1)
+    yield from inserted
 
 
 _Parent = tuple[Sequence_, np.ndarray, int]  # phases that last, their durations, and cycles
@@ -292,22 +298,36 @@ def _parent(trial: Trial) -> _Parent:
     return sequence, np.array(durations), trial.cycles
 
 
-def _parents(race: Race, width: int) -> list[tuple[int, _Parent]]:
+def _parents(race: Race, width: int) -> list[_Parent]:
+    """The best `width` orders, and twice as many that are best of a length and number of cycles."""
+    ranking = race.ranking
+    of_each = {(t.cycles, len(t.sequence)): t for t in reversed(ranking)}
+    close = sorted((t for t in of_each.values() if t.value >= _hopeful(race)), key=rank)
+    found = dict[Sequence_, _Parent]()
+    for trial in dict.fromkeys([*ranking[:width], *close[: 2 * width]]):
+        parent = _parent(trial)
+        found.setdefault(race.canonical(parent[0]), parent)
+    return list(found.values())
+
+
+def _hopeful(race: Race) -> float:
+    """Value from which orders are varied."""
+    return race.value - race.margins[0] * abs(race.value)
+
+
+def _niches(race: Race, width: int) -> list[tuple[int, _Parent]]:
     """The best orders of each direction of travel in turn, ranked in each, first of each niche.
 
     A niche has the same resting sets but for those that contain another, phases and cycles.
     """
-    ranking, masses = race.ranking, race.task.worm.links + 1
-    enough = ranking[0].value - race.margins[0] * abs(ranking[0].value) if ranking else 0.0
+    masses = race.task.worm.links + 1
     found = dict[Sequence_, _Parent]()
-    for place, trial in enumerate(ranking):
-        if place < width or trial.value >= enough:
+    for place, trial in enumerate(race.ranking):
+        if place < width or trial.value >= _hopeful(race):
             parent = _parent(trial)
             found.setdefault(race.canonical(parent[0]), parent)
-    seen, ways = (
-        set[tuple](),
-        defaultdict[int, tuple[list[_Parent], list[_Parent]]](lambda: ([], [])),
-    )
+    seen = set[tuple]()
+    ways = defaultdict[int, tuple[list[_Parent], list[_Parent]]](lambda: ([], []))
     for word, parent in found.items():
         way = travel(word, masses)
         way = abs(way) if race.mirror else way
@@ -332,21 +352,20 @@ def _edited(
 ) -> Iterator[Start]:
     """One resting set inserted, exchanged, dropped or moved; what changes least first.
 
-    `inserted`: into each parent in turn, nothing else. Of a long worm only what is near, alike at
-    both ends where these are alike, and parents of few phases, which take less, more often.
+    `inserted`: into each parent in turn, nothing else. Of a long worm only what is near, at both
+    ends where these are alike, and parents of few phases, which take less, more often.
     """
     letters, links = search_letters(race.task), race.task.worm.links
-    reach, edits = max(2, links // _NEAR), []
+    edits, reach = [], links // _NEAR if race.long else np.inf
     for place, parent in ranked:
         word = parent[0]
-        if not race.long:
-            found = neighbours(word, letters)
-        elif race.mirror:
-            found = neighbours_at_both_ends(word, letters, reach, links + 1)
-        else:
-            found = neighbours(word, letters, reach)
-        found = [e for e in found if not inserted or len(e[1]) == len(word) + 1]
-        for k, (change, edited, kept) in enumerate(sorted(found, key=lambda each: each[0])):
+        found = list(neighbours(word, letters, reach))
+        if race.long and race.mirror and links <= _BOTH_ENDS:
+            found = list(neighbours_at_both_ends(word, letters, reach, links + 1)) or found
+        if inserted:
+            found = [each for each in found if len(each[1]) == len(word) + 1]
+        found.sort(key=lambda each: (each[0], -len(each[1]) * race.long))  # most gain amid a phase
+        for k, (change, edited, kept) in enumerate(found):
             cost = len(word) ** 2 * (1 + place) * (1 + k) if race.long else change + _RANK * place
             edits.append((cost, edited, kept, parent))
     for _, word, kept, (old, durations, cycles) in sorted(edits, key=lambda edit: edit[0]):
