@@ -59,8 +59,8 @@ _EFFORTS = {
 }
 # Shares of the work that one climb may take, and that the last restarts may where nothing is left.
 _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
-# Links of a long worm whose variations may take all of it; they take the longer the more there are.
-_LONGEST = 80
+# Share of it that the variations of a long worm may take.
+_OF_LONG = 0.3
 # Pivots of its programs take longer: they are denser.
 _WORK_OF_ENERGY = 0.3
 # Gain, as a share, by which variations begin anew, and draws of durations, and those of long worms.
@@ -238,7 +238,7 @@ def _vary(race: Race, settings: Search) -> Iterator[None]:
     effort, task = _effort(race, settings), race.task
     most = effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0)
     if race.long:
-        most = race.trier.work + task.worm.links / _LONGEST * most
+        most = race.trier.work + _OF_LONG * most
     in_vain, gain = 0, _GAIN if race.long else _BETTER
     while in_vain < effort.patience:
         enough = race.record(0) + gain * abs(race.record(0))
