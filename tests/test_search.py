@@ -25,7 +25,18 @@ from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.progress import silent
 from wormopt.runner import attempt
 from wormopt.scene import load_scene
-from wormopt.systems.shared.sequences import neighbours
+from wormopt.systems.shared.sequences import (
+    Sequence_,
+    canonical,
+    is_gait,
+    minimal,
+    mirrored,
+    neighbours,
+    neighbours_at_both_ends,
+    travel,
+    wave_direction,
+    wave_orders,
+)
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.design import design as design_module
 from wormopt.systems.spiked.design.design import Design
@@ -34,7 +45,8 @@ from wormopt.systems.spiked.files import load_gait
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
-from wormopt.systems.spiked.search.race import Race
+from wormopt.systems.spiked.search.orders import first_orders, letters_of
+from wormopt.systems.spiked.search.race import Race, Start
 from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
@@ -167,6 +179,78 @@ def test_variations_change_one_phase_and_say_by_how_much(word, letters):
     dropped = {word[:k] + word[k + 1 :] for k in range(len(word))}
     swapped = {(*word[:k], word[k + 1], word[k], *word[k + 2 :]) for k in range(len(word) - 1)}
     assert inserted | exchanged | dropped | swapped <= {varied for _, varied, _ in found}
+
+
+@given(words, st.integers(0, 5))
+def test_the_direction_of_travel_turns_with_the_worm_and_not_with_the_start(word, k: int):
+    assert travel(mirrored(word, 4), 4) == -travel(word, 4) == -travel(word[k:] + word[:k], 4)
+
+
+@pytest.mark.parametrize("links", range(2, 9))
+def test_waves_travel_from_tail_to_head(links: int):
+    for wave in wave_orders(links, 1)[1:]:  # two phases are a wave both ways
+        assert travel(wave, links + 1) == wave_direction(wave, links + 1) == 1
+
+
+def test_changes_at_both_ends_keep_an_order_alike_at_both_ends():
+    found = {w for _, w, _ in neighbours_at_both_ends(((0,), (8,)), [(2,), (4,)], 3, 9)} - {()}
+    assert ((0,), (2,), (0,), (8,), (6,), (8,)) in found
+    for word in found:
+        assert canonical(word, 9, mirror=False) == canonical(mirrored(word, 9), 9, mirror=False)
+        assert (4,) not in word  # it is farther from 0 and from 8
+    assert not [*neighbours_at_both_ends(((0,), (1,), (8,)), [(2,)], 3, 9)]
+
+
+UNEVEN = GaitProblem(
+    Worm(links=3, load=5.0),
+    Limits(
+        period=1.0,
+        length=((0.7, 1.3), (0.7, 1.1), (0.7, 0.9)),
+        rate=Rates(contraction=(1.0, 0.8, 0.6), extension=(1.4, 1.2, 1.0)),
+        acceleration=20.0,
+    ),
+)
+"""The waves to either side are not alike."""
+
+
+@cache
+def first_race() -> Race:
+    """Of the constructed orders."""
+    race = Race(UNEVEN, trial.Trier(UNEVEN), 1, silent, lambda _: None, 24)
+    race.enter(map(Start, first_orders(UNEVEN)))
+    return race
+
+
+def test_a_resting_set_is_inserted_into_waves_in_both_directions():
+    """The best two orders, and the best of each number of phases, travel in one direction."""
+    race, wave = first_race(), ((0,), (1,), (2,), (3,))
+    varied = {race.canonical(v.sequence) for v in search_module._variations(race, Search(), 2)}
+    for word in (wave, wave[::-1]):
+        longer = [(*word[:k], s, *word[k:]) for k in range(4) for s in letters_of(UNEVEN)]
+        wanted = {race.canonical(word) for word in longer if is_gait(word)} - {*race.trials}
+        assert len(wanted) == 8
+        assert wanted <= varied
+
+
+def test_the_best_of_each_niche_is_varied_before_the_next():
+    def niche(word: Sequence_) -> tuple:
+        return travel(word, 4), minimal(word), len(word)
+
+    values = {t.sequence: t.value for t in first_race().ranking}
+    best = {travel(word, 4): word for word in reversed(values)}
+    parents = [word for _, (word, *_) in search_module._niches(first_race(), 4)]
+    assert len(parents) == 6
+    assert {*parents[:3]} == {*best.values()}
+    assert {*best} == {-1, 0, 1}
+    assert len({*map(niche, parents)}) == 6
+
+
+@pytest.mark.slow
+def test_a_long_worm_is_as_fast_as_the_best_known():
+    """By an independent search, with the order (0)(2)(0)(12)(10)(12)."""
+    found = design(Worm(links=12, load=5.0), G1_LIMITS, search=Search(workers=1))
+    assert found.speed >= 3.850493
+    check(found)
 
 
 def test_an_order_and_its_rotations_are_one():

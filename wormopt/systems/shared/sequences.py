@@ -104,27 +104,72 @@ def wave_direction(sequence: Sequence_, masses: int) -> int:
     return 0
 
 
+def travel(sequence: Sequence_, masses: int) -> int:
+    """Direction in which rest travels, as `wave_direction`, in any order; 0 where neither prevails.
+
+    The sign of how often a mass, also round the ends, rests a phase after its neighbour.
+    """
+    steps = sum(
+        ((i - 1) % masses in after) - ((i + 1) % masses in after)
+        for now, after in zip(sequence, (*sequence[1:], sequence[0]), strict=True)
+        for i in now
+    )
+    return (steps > 0) - (steps < 0)
+
+
+def minimal(sequence: Sequence_) -> frozenset[Resting]:
+    """Resting sets that contain no other."""
+    return frozenset(s for s in sequence if not any({*s} > {*other} for other in sequence))
+
+
 def neighbours(
-    word: Sequence_, letters: Sequence[Resting]
+    word: Sequence_, letters: Sequence[Resting], reach: float = np.inf
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
     """Drop, exchange or insert one resting set, also amid a phase, or exchange two neighbours.
 
     Yields by how many masses what comes in differs from the likest of its place, the word,
-    and which phase of the given word each of its phases is, None for what came in.
+    and which phase of the given word each of its phases is, None for what came in. `reach` is
+    how far any mass that comes in may be from those at rest.
     """
     every: list[int | None] = list(range(len(word)))
     for k, here in enumerate(word):
         for letter in letters:
-            from_here, from_last = (len({*letter} ^ {*s}) for s in (here, word[k - 1]))
-            least = min(from_here, from_last)
-            yield least, (*word[:k], letter, *word[k:]), [*every[:k], None, *every[k:]]
-            yield from_here, (*word[:k], letter, *word[k + 1 :]), every
-            amid = [*every[: k + 1], None, *every[k:]]
-            yield from_here, (*word[: k + 1], letter, *word[k:]), amid
+            last = word[k - 1]
+            from_here, from_last = (len({*letter} ^ {*s}) for s in (here, last))
+            if _distance(letter, here) <= reach:
+                yield from_here, (*word[:k], letter, *word[k + 1 :]), every
+                amid = [*every[: k + 1], None, *every[k:]]
+                yield from_here, (*word[: k + 1], letter, *word[k:]), amid
+            if min(_distance(letter, here), _distance(letter, last)) <= reach:
+                least = min(from_here, from_last)
+                yield least, (*word[:k], letter, *word[k:]), [*every[:k], None, *every[k:]]
         yield 1, word[:k] + word[k + 1 :], every[:k] + every[k + 1 :]
         turn = [*range(len(word))]
         turn[k - 1], turn[k] = k, (k - 1) % len(word)
         yield 1, tuple(word[i] for i in turn), list(turn)
+
+
+def _distance(resting: Resting, other: Resting) -> int:
+    """How far any of the resting masses is from the others."""
+    return max(min(abs(i - j) for j in other) for i in resting)
+
+
+def neighbours_at_both_ends(
+    word: Sequence_, letters: Sequence[Resting], reach: float, masses: int
+) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
+    """As `neighbours`, with the mirror image of each change half a cycle later.
+
+    None of a word whose second half is not the mirror image of the first.
+    """
+    half = len(word) // 2
+    if word[half:] != mirrored(word[:half], masses):
+        return
+    for change, edited, kept in neighbours(word, letters, reach):
+        first, second = kept[:-half], kept[-half:]
+        early = all(k is None or k < half for k in first) and second == [*range(half, 2 * half)]
+        if early and edited[-half:] == word[half:]:
+            later = [None if k is None else k + half for k in first]
+            yield change, edited[:-half] + mirrored(edited[:-half], masses), first + later
 
 
 def lasting_phases(

@@ -52,6 +52,7 @@ class Race:
     workers: int  # processes
     report: Report
     better: Better  # given every trial better than all before it
+    places: int  # first looks that do not reach so many different values before are given up
     # best of each canonical order; None: it has none
     trials: dict[Sequence_, Trial | None] = field(default_factory=dict)
     # local optima next to the best of their order
@@ -61,7 +62,9 @@ class Race:
     def __post_init__(self) -> None:
         self._best: Trial | None = None
         self._records: dict[int, float] = {}
+        self._values = set[float]()  # of first looks, to four digits
         self._workers = Workers(self.workers)
+        self.long = self.task.worm.links > _CHEAP_CEILINGS
         self.mirror = is_mirror_symmetric(self.task)
         self._energy, self._force = is_energy(self.task), scaled(self.task).force
         self.margins = _MARGINS_OF_ENERGY if self._energy else _MARGINS
@@ -94,11 +97,14 @@ class Race:
         """Try orders for the first time; gives what was found."""
         starts, found = [s for s in starts if self.can_win(s.sequence)], list[Trial]()
         usual = None if self._best is None else self._best.durations
-        first = partial(_first, enough=self._close(0), usual=usual)
+        places = sorted(self._values)[-self.places :]
+        least = places[0] if len(places) == self.places else -np.inf
+        first = partial(_first, enough=max(self._close(0), least), usual=usual)
         for start, fitted in zip(starts, self._each(first, starts), strict=True):
             self.trials.setdefault(self.canonical(start.sequence), None)
             if fitted is not None:
                 self.keep(fitted)
+                self._values.add(float(f"{fitted.value:.4g}"))
                 found.append(fitted)
         return found
 
@@ -106,7 +112,7 @@ class Race:
         """Whether the ceiling of an order is above the best."""
         required = self.task.objective.speed
         bound = self.value if required is None else required
-        return self.task.worm.links > _CHEAP_CEILINGS or ceiling_of(self.task, sequence) > bound
+        return self.long or ceiling_of(self.task, sequence) > bound
 
     def keep(self, trial: Trial) -> None:
         """Enter a trial, fitted to a period, if it is the best of its order."""

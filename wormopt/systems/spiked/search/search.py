@@ -8,9 +8,10 @@ filled by as many cycles as suit the order, and several different cycles may be 
 from __future__ import annotations
 
 import os
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from itertools import islice, product
+from dataclasses import dataclass, field, replace
+from itertools import chain, cycle, islice, product
 from time import monotonic
 
 import numpy as np
@@ -21,8 +22,12 @@ from wormopt.systems.shared.sequences import (
     ascending,
     is_gait,
     lasting,
+    minimal,
     mirrored,
     neighbours,
+    neighbours_at_both_ends,
+    travel,
+    wave_orders,
 )
 from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.search.orders import first_orders, plain_orders, search_letters
@@ -54,15 +59,25 @@ _EFFORTS = {
 }
 # Shares of the work that one climb may take, and that the last restarts may where nothing is left.
 _OF_ONE_CLIMB, _OF_RESTARTS = 0.1, 0.2
+# Share of it that the variations of a long worm may take.
+_OF_LONG = 0.3
 # Pivots of its programs take longer: they are denser.
 _WORK_OF_ENERGY = 0.3
-# Gain, as a share, by which variations begin anew, and draws of durations.
+# Gain, as a share, by which variations begin anew, and draws of durations, and those of long worms.
 _BETTER, _GAIN = 1e-3, 1e-4
 # Share of the mean duration of a phase that is short.
 _BRIEF = 0.05
 _BATCH = 8
 # Most joined cycles in a round.
 _JOINED = 100
+# First looks that are worth going on with, for each order that is varied at a time.
+_PLACES = 6
+# Variations of the best for each insertion into a wave, or variation of the best of a niche.
+_OF_THE_BEST = 3
+# Masses that come in are no farther from those at rest than the links of a long worm by this.
+_NEAR = 4
+# Links up to which sets come in at both ends at once: the phases are more, and take longer.
+_BOTH_ENDS = 12
 # Masses of change that outweigh being the next better parent.
 _RANK = 0.5
 # Phases of a cycle up to which orders are varied.
@@ -103,7 +118,7 @@ def search(
     trier = Trier(task, until=until, work=work)
     links = task.worm.links
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
-    race = Race(task, trier, workers, report, better)
+    race = Race(task, trier, workers, report, better, _PLACES * effort_of(settings).width)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
     try:
         for stage in _steps(race, settings, hints):
@@ -123,9 +138,15 @@ def search(
     return Survey(tuple(ranking), len(race.trials), race.varied, trier.programs, ended, seconds)
 
 
+def _effort(race: Race, settings: Search) -> Effort:
+    """Effort that the settings ask for; each look at a long worm takes more, so there are fewer."""
+    effort = effort_of(settings)
+    return replace(effort, width=(effort.width + 1) // 2, starts=0) if race.long else effort
+
+
 def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator[str]:
     """Search in steps of some seconds at most; after each, the stage that it belongs to."""
-    effort, task = effort_of(settings), race.task
+    effort, task = _effort(race, settings), race.task
     if settings.sequence is not None:
         for _ in _prescribed(race, ascending(settings.sequence), settings):
             yield "your sequence"
@@ -138,6 +159,25 @@ def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator
         yield stage
     race.promote(0, 1)
     yield "constructed orders"
+    if not race.long:  # too many, and their ceilings too expensive, to come upon good ones
+        yield from _plain(race, settings)
+    for _ in _vary(race, settings):
+        yield "variations"
+    stage = race.tell("finer arcs", 0.8)
+    race.promote(1, effort.width)
+    yield stage
+    most = max(effort.work, race.trier.work + _OF_RESTARTS * effort.work)
+    for start in range(effort.starts):
+        stage = race.tell("other starts", 0.9)
+        race.restart(2, (settings.seed, 1 + start), race.margins[1])
+        yield stage
+        if race.trier.work > most:
+            return
+
+
+def _plain(race: Race, settings: Search) -> Iterator[str]:
+    """Plain orders by their ceilings, and the best of all so far from other starts."""
+    effort, task = effort_of(settings), race.task
     orders = [s for s in plain_orders(task, settings.phases) if s not in race.trials]
     for k, batch in enumerate(_batches(islice(orders, effort.enumerated))):
         stage = race.tell("plain orders", 0.5 * k * _BATCH / effort.enumerated)
@@ -154,18 +194,6 @@ def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator
         stage = race.tell("other starts", 0.5)
         race.restart(width * effort.width, (settings.seed, start))
         yield stage
-    for _ in _vary(race, settings):
-        yield "variations"
-    stage = race.tell("finer arcs", 0.8)
-    race.promote(1, effort.width)
-    yield stage
-    most = max(effort.work, race.trier.work + _OF_RESTARTS * effort.work)
-    for start in range(effort.starts):
-        stage = race.tell("other starts", 0.9)
-        race.restart(2, (settings.seed, 1 + start), race.margins[1])
-        yield stage
-        if race.trier.work > most:
-            return
 
 
 def _prescribed(race: Race, order: Sequence_, settings: Search) -> Iterator[None]:
@@ -207,11 +235,13 @@ def _moved(durations: np.ndarray) -> np.ndarray:
 
 def _vary(race: Race, settings: Search) -> Iterator[None]:
     """Vary the best orders as long as that helps; begin anew with every order that is better."""
-    effort, task = effort_of(settings), race.task
+    effort, task = _effort(race, settings), race.task
     most = effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0)
-    in_vain = 0
+    if race.long:
+        most = race.trier.work + _OF_LONG * most
+    in_vain, gain = 0, _GAIN if race.long else _BETTER
     while in_vain < effort.patience:
-        enough = race.record(0) + _BETTER * abs(race.record(0))
+        enough = race.record(0) + gain * abs(race.record(0))
         width = effort.width << in_vain  # where the best lead nowhere, others may
         for batch in _batches(islice(_variations(race, settings, width), effort.varied)):
             race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
@@ -223,7 +253,7 @@ def _vary(race: Race, settings: Search) -> Iterator[None]:
             if race.record(0) > enough:
                 break
         in_vain = 0 if race.record(0) > enough else in_vain + 1
-        race.promote(0, 2 * effort.width)
+        race.promote(0, (1 if race.long else 2) * effort.width)
         yield
 
 
@@ -234,47 +264,110 @@ def _batches(items: Iterable) -> Iterator[list]:
 
 
 def _variations(race: Race, settings: Search, width: int) -> Iterator[Start]:
-    """Neighbours and joined cycles of the best orders, each once.
-
-    Of `width` orders, and twice as many of other lengths and numbers of cycles.
-    """
+    """Neighbours and joined cycles of the best orders, each once, and a share for other niches."""
     seen, most = set(race.trials), settings.phases or _MOST_PHASES
-    parents = _parents(race, width)
-    for start in (*islice(_joined(race, parents), _JOINED), *_edited(race, parents)):
-        # of a worm that hardly moves a single phase may last
-        if not (2 <= len(start.sequence) <= most and is_gait(start.sequence)):
-            continue
-        key = race.canonical(start.sequence)
-        if key not in seen:
-            seen.add(key)
-            yield start
+
+    def fresh(starts: Iterable[Start]) -> Iterator[Start]:
+        for start in starts:
+            # of a worm that hardly moves a single phase may last
+            if 2 <= len(start.sequence) <= most and is_gait(start.sequence):
+                key = race.canonical(start.sequence)
+                if key not in seen:
+                    seen.add(key)
+                    yield start
+
+    niches = _niches(race, width)
+    best = niches if race.long else list(enumerate(_parents(race, width)))
+    joined = islice(_joined(race, [parent for _, parent in best]), _JOINED)
+    # waves of many phases take long to try
+    waves = [] if race.long else _waves(race)
+    inserted = fresh(_edited(race, waves, inserted=True))
+    others = cycle([inserted, fresh(_edited(race, niches))])
+    for k, start in enumerate(fresh(chain(joined, _edited(race, best))), start=2):
+        yield start
+        if k % _OF_THE_BEST == 0:
+            yield from islice(next(others), 1)
+    yield from inserted
 
 
 _Parent = tuple[Sequence_, np.ndarray, int]  # phases that last, their durations, and cycles
 
 
+def _parent(trial: Trial) -> _Parent:
+    sequence, durations = lasting(trial.sequence, trial.durations.tolist())
+    return sequence, np.array(durations), trial.cycles
+
+
 def _parents(race: Race, width: int) -> list[_Parent]:
-    """The best orders, and the best of each length and number of cycles."""
+    """The best `width` orders, and twice as many that are best of a length and number of cycles."""
     ranking = race.ranking
     of_each = {(t.cycles, len(t.sequence)): t for t in reversed(ranking)}
-    enough = ranking[0].value - race.margins[0] * abs(ranking[0].value) if ranking else 0.0
-    close = sorted((t for t in of_each.values() if t.value >= enough), key=lambda t: -t.value)
+    close = sorted((t for t in of_each.values() if t.value >= _hopeful(race)), key=rank)
     found = dict[Sequence_, _Parent]()
     for trial in dict.fromkeys([*ranking[:width], *close[: 2 * width]]):
-        sequence, durations = lasting(trial.sequence, trial.durations.tolist())
-        parent = sequence, np.array(durations), trial.cycles
-        found.setdefault(race.canonical(sequence), parent)
+        parent = _parent(trial)
+        found.setdefault(race.canonical(parent[0]), parent)
     return list(found.values())
 
 
-def _edited(race: Race, parents: list[_Parent]) -> Iterator[Start]:
-    """One resting set inserted, exchanged, dropped or moved; what changes least first."""
-    letters = search_letters(race.task)
-    edits = [
-        (change + _RANK * rank, word, kept, parent)
-        for rank, parent in enumerate(parents)
-        for change, word, kept in neighbours(parent[0], letters)
-    ]
+def _hopeful(race: Race) -> float:
+    """Value from which orders are varied."""
+    return race.value - race.margins[0] * abs(race.value)
+
+
+def _niches(race: Race, width: int) -> list[tuple[int, _Parent]]:
+    """The best orders of each direction of travel in turn, ranked in each, first of each niche.
+
+    A niche has the same resting sets but for those that contain another, phases and cycles.
+    """
+    masses = race.task.worm.links + 1
+    found = dict[Sequence_, _Parent]()
+    for place, trial in enumerate(race.ranking):
+        if place < width or trial.value >= _hopeful(race):
+            parent = _parent(trial)
+            found.setdefault(race.canonical(parent[0]), parent)
+    seen = set[tuple]()
+    ways = defaultdict[int, tuple[list[_Parent], list[_Parent]]](lambda: ([], []))
+    for word, parent in found.items():
+        way = travel(word, masses)
+        way = abs(way) if race.mirror else way
+        niche = way, minimal(word), len(word), parent[2]
+        ways[way][niche in seen].append(parent)
+        seen.add(niche)
+    ranked = (each for best, others in ways.values() for each in enumerate((*best, *others)))
+    return sorted(ranked, key=lambda each: each[0])[: width + (width + 1) // 2]
+
+
+def _waves(race: Race) -> list[tuple[int, _Parent]]:
+    """The constructed waves that are gaits, in both directions, ranked."""
+    links = race.task.worm.links
+    waves = wave_orders(links, race.task.limits.resting)
+    both = {race.canonical(w) for wave in waves for w in (wave, mirrored(wave, links + 1))}
+    trials = [t for t in race.ranking if race.canonical(t.sequence) in both]
+    return list(enumerate(map(_parent, trials)))
+
+
+def _edited(
+    race: Race, ranked: list[tuple[int, _Parent]], *, inserted: bool = False
+) -> Iterator[Start]:
+    """One resting set inserted, exchanged, dropped or moved; what changes least first.
+
+    `inserted`: into each parent in turn, nothing else. Of a long worm only what is near, at both
+    ends where these are alike, and parents of few phases, which take less, more often.
+    """
+    letters, links = search_letters(race.task), race.task.worm.links
+    edits, reach = [], links // _NEAR if race.long else np.inf
+    for place, parent in ranked:
+        word = parent[0]
+        found = list(neighbours(word, letters, reach))
+        if race.long and race.mirror and links <= _BOTH_ENDS:
+            found = list(neighbours_at_both_ends(word, letters, reach, links + 1)) or found
+        if inserted:
+            found = [each for each in found if len(each[1]) == len(word) + 1]
+        found.sort(key=lambda each: (each[0], -len(each[1]) * race.long))  # most gain amid a phase
+        for k, (change, edited, kept) in enumerate(found):
+            cost = len(word) ** 2 * (1 + place) * (1 + k) if race.long else change + _RANK * place
+            edits.append((cost, edited, kept, parent))
     for _, word, kept, (old, durations, cycles) in sorted(edits, key=lambda edit: edit[0]):
         fresh = float(durations.mean()) / 2
         times = [fresh if k is None else durations[k] / kept.count(k) for k in kept]
