@@ -265,7 +265,7 @@ class Limits(Frozen):
             What the names of limits begin with in messages, "gait." say.
         """
         wrong = [*faults_of_numbers("period", self.period, 2, "ends of a range")]
-        if len(per(self.period, 2)) == 2:
+        if not wrong:
             wrong += wrong_order("period", self.period_range)
         yield from wrong or self._faults_of_tick(prefix)
         if is_number(self.resting, links + 1):
@@ -344,8 +344,8 @@ class Limits(Frozen):
         else:
             names = [f"length[{index}]" for index in range(links)]
         for name, pair in zip(names, pairs, strict=True):
-            yield from faults_of_numbers(name, pair, 2, "ends of a range")
-            yield from wrong_order(name, pair, may_be_equal=False)
+            wrong = [*faults_of_numbers(name, pair, 2, "ends of a range")]
+            yield from wrong or wrong_order(name, pair, may_be_equal=False)
 
     def _faults_of_lists(self, links: int) -> Iterator[Fault]:
         names = ("rate", "acceleration", "spike_load", "actuator_force")
