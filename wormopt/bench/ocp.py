@@ -77,7 +77,7 @@ def graded(tolerance: float) -> Grid:
     mesh = Mesh.even(2, 10, Collocation(3, "radau"))
     found = refine(optimise(_problem(), mesh, law, _guess()), tolerance, rounds=8).motion.mesh
     edges, shares = np.cumsum([0, *found.counts]), found.shares or ()
-    halves = tuple(shares[a:b] for a, b in pairwise(edges))
+    halves = tuple(tuple(shares[a:b]) for a, b in pairwise(edges))
     return Grid(f"{found.total} graded arcs", halves, (1, -1))
 
 
