@@ -692,3 +692,11 @@ def test_an_interrupted_bound_is_true():
     assert BEST_OF_ANY_PERIOD < found.bound < 0.93
     assert [b for _, b in found.history] == sorted((b for _, b in found.history), reverse=True)
     assert all(0.0 <= share <= 1.0 for share in told if share is not None)
+
+
+def test_numbers_that_are_decimals_but_for_rounding_are_those():
+    """The limit is 5 or a rounding error more, as sums of decimals leave."""
+    limits = Limits(period=1.0, length=(0.5, 1.5), rate=1.0, acceleration=5.000000000000001)
+    proof = wo.certify(wo.design(Worm(1, load=2.0), limits, search=Search(effort="quick")))
+    assert proof.certificate is not None
+    assert verify(proof.certificate).holds

@@ -149,8 +149,11 @@ class Statement:
 
 
 def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
-    """Give the decimal fractions that these numbers are written as."""
-    return tuple(Fraction(repr(float(x))) for x in values)
+    """Give the decimal fractions of eleven digits that these numbers are.
+
+    What is derived from them in floating point is rounded up by less, so that 5 + 1e-15 must be 5.
+    """
+    return tuple(Fraction(f"{float(x):.11g}") for x in values)
 
 
 def in_json(value: Any) -> Any:
