@@ -341,6 +341,10 @@ def test_one_link_that_coasts_to_rest():
         (g1(drag=1.0), 0.875274, 0.01),
         (g1(resting=2), 0.303797, 0.005),
         (g1(3, resting=2), 0.606061, 0.012),
+        pytest.param(g1(), BEST_OF_ANY_PERIOD, 0.002, marks=pytest.mark.slow),
+        pytest.param(g1(period=1.0), 0.825667, 0.01, marks=pytest.mark.slow),
+        pytest.param(g1(spike_load=25.0), 0.818182, 0.012, marks=pytest.mark.slow),
+        pytest.param(g1(3), BEST_OF_THREE_LINKS, 0.015, marks=pytest.mark.slow),
     ],
 )
 def test_bounds_come_near_the_best_gaits_known(task: GaitProblem, best: float, gap: float):
@@ -349,20 +353,6 @@ def test_bounds_come_near_the_best_gaits_known(task: GaitProblem, best: float, g
     assert found.ending == "gap reached"
     assert found.certificate is not None
     assert verify(found.certificate).holds
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("task", "best", "gap"),
-    [
-        (g1(), BEST_OF_ANY_PERIOD, 0.002),
-        (g1(period=1.0), 0.825667, 0.01),
-        (g1(spike_load=25.0), 0.818182, 0.012),
-        (g1(3), BEST_OF_THREE_LINKS, 0.015),
-    ],
-)
-def test_bounds_come_nearer_the_best_gaits_known(task: GaitProblem, best: float, gap: float):
-    test_bounds_come_near_the_best_gaits_known(task, best, gap)
 
 
 def test_strokes_that_fit_into_a_short_period_are_proven():

@@ -183,7 +183,13 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
         if isinstance(self.worm.load, tuple):
-            yield "worm.load", "a range of loads is what the fit is to find; write one number"
+            yield "worm.load", "the fit finds one load for all masses; write one number"
+        elif any(self.worm.worm.beyond):
+            yield (
+                "worm.slope",
+                "pulls unequal masses back by unequal forces, and the fit finds one load for all; "
+                "write one mass for all, or the load without worm.slope",
+            )
         if self.gait.sharing != "equal":
             what = "is not linear in masses, drag and load, which errors are carried over by"
             yield "gait.sharing", f'"{self.gait.sharing}" {what}; write "equal"'
