@@ -247,7 +247,7 @@ def test_a_worm_that_slips_is_warned_of_and_has_no_promise():
         ("planar_three_link", "body.links=1", "body.links", "write 3"),
         ("planar_three_link", "period=0", "period", "above 0"),
         ("planar_three_link", "load.ahead=nan", "load.ahead", "finite"),
-        ("planar_turn_in_place", "worm.short=1.0", "worm.short", "open which one swings"),
+        ("planar_turn_in_place", "worm.short=1.0", "worm.short", "swinging link is not determined"),
         ("planar_turn_in_place", "worm.short=0.9999999", "worm.short", "0.999"),
         ("planar_turn_in_place", "worm.bent=4.0", "worm.bent", "within ±π"),
         ("planar_turn_in_place", "worm.bent=-1.2", "worm.bent", "does not swing"),
