@@ -242,7 +242,7 @@ def test_a_worm_that_slips_is_warned_of_and_has_no_promise():
             "planar_three_link",
             'stroke={course="polygon",corners=[[1,1],[1,1]]}',
             "stroke",
-            "nothing",
+            "never changes",
         ),
         ("planar_three_link", "body.links=1", "body.links", "write 3"),
         ("planar_three_link", "period=0", "period", "above 0"),
