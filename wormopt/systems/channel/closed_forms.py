@@ -127,6 +127,7 @@ class ChannelWorm:
     [1.46, 1.43, 1.26]
     >>> SAMPLE_1.count("beam"), CAPSULE.count("line")
     (4, 6)
+
     """
 
     pitch: Any
@@ -177,6 +178,7 @@ class ChannelWorm:
         --------
         >>> ChannelWorm.of("capsule").body
         0.004
+
         """
         if name not in SAMPLES:
             raise UnknownNameError("the chapter", "body", [name], SAMPLES)
@@ -204,6 +206,7 @@ class ChannelWorm:
             Which one is assumed.
         x : float, ndarray or casadi.SX
             Place in the segment, 0 to `pitch`, in m.
+
         """
         return center_line(shape, x, self.pitch, self.channel, self.body)
 
@@ -214,6 +217,7 @@ class ChannelWorm:
         ----------
         shape : {"sine", "beam", "line"}
             Which one is assumed.
+
         """
         return arc_length(shape, self.pitch, self.rise)
 
@@ -224,6 +228,7 @@ class ChannelWorm:
         ----------
         shape : {"sine", "beam", "line"}
             Which one is assumed.
+
         """
         return segment_count(self.length, self.arc_length(shape), self.rule)
 
@@ -239,6 +244,7 @@ class ChannelWorm:
         --------
         >>> round(1e3 * SAMPLE_1.missing_length("sine"), 2)
         2.2
+
         """
         return self.count(shape) * self.arc_length(shape) - self.length
 
@@ -249,6 +255,7 @@ class ChannelWorm:
         ----------
         shape : {"sine", "beam", "line"}
             Which one is assumed.
+
         """
         return velocity_per_frequency(self.pitch, self.arc_length(shape), self.count(shape))
 

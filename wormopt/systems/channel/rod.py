@@ -70,6 +70,7 @@ class Rod:
     >>> rod = Rod(length=48e-3, diameter=4e-3, youngs_modulus=5e4, density=1100.0, elements=12)
     >>> rod.count, float(rod.weights.sum().round(12)), round(rod.stiffness().bending * 1e9, 3)
     (25, 0.048, 628.319)
+
     """
 
     length: float
@@ -145,6 +146,7 @@ class Rod:
         Returns
         -------
         Stiffness
+
         """
         E = self.youngs_modulus if youngs_modulus is None else youngs_modulus
         stretching = E * self.area * (1 - self._hole**2)
@@ -190,6 +192,7 @@ class Rod:
         -------
         stretch, shear, curvature : casadi.SX or casadi.DM
             Columns of ``elements * degree``; the last one in 1/m.
+
         """
         slope, value, _ = self._gauss
         along, across, turned = slope @ x, slope @ y, value @ angle
@@ -219,6 +222,7 @@ class Rod:
         >>> bend = (ca.DM.zeros(6), ca.DM.zeros(6), ca.DM([math.pi / 2] * 6))
         >>> float(rod.energy(bend) / rod.stiffness().bending - math.pi**2 / 8) < 1e-14
         True
+
         """
         resist = self.stiffness() if stiffness is None else stiffness
         weights = self._gauss[2]

@@ -66,6 +66,7 @@ def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
     >>> worm = channel_rod(rod, channel=11e-3, friction=0.5)
     >>> worm.n_x, len(worm.contacts), worm.contacts[0].name
     (150, 50, 'node 0, upper wall')
+
     """
     if not rod.diameter < channel < math.inf:
         raise ArgumentError(

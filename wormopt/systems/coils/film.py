@@ -160,6 +160,7 @@ def coil_film(
     >>> motion = wo.simulate(film, 0.1, p={"current": [200.0, 0.0]}, route="cvodes")
     >>> bool(motion["thickness"][:, -1].argmax() == 9)
     True
+
     """
     if not (math.isfinite(ground) and top > layer.depth):
         raise ArgumentError("ground must be finite, and top above the depth")

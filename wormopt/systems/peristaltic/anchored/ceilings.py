@@ -61,6 +61,7 @@ def mode_bound(
     >>> bounds = [mode_bound(5, 2, (1.0, 1.0), how) for how in ("clamp", "mid")]
     >>> [round(bound.speed, 6) for bound in bounds]
     [0.666667, 1.0]
+
     """
     if not 1 <= anchors <= segments:
         raise ArgumentError(f"{anchors} of {segments} segments anchored; write 1 to {segments}")

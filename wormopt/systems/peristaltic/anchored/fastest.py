@@ -61,6 +61,7 @@ class AnchorLimits:
     >>> limits = AnchorLimits(5, 2, stroke=1.0, clearance=0.5, rate=(1.0, 1.0))
     >>> round(limits.ceiling.speed, 6), limits.shortest_period
     (0.666667, 1.0)
+
     """
 
     segments: int
@@ -242,6 +243,7 @@ def fastest(
     >>> found = fastest(AnchorLimits(3, 1, 1.0, 0.5, (1.0, 1.0)), phases=6)
     >>> round(found.gait.speed, 6), round(found.ceiling, 6)
     (0.5, 0.5)
+
     """
     end, nodes = time.monotonic() + seconds, 0
     best = max(_constructed(limits), key=lambda gait: gait.speed)

@@ -188,6 +188,7 @@ def anchored_wave(segments: int, short: int, stroke: float, step: float) -> Anch
     >>> wave = anchored_wave(5, 2, stroke=1.0, step=0.5)
     >>> wave.advance, wave.speed, wave.order
     (3.0, 1.2, ((1,), (2,), (3,), (4,), (0,)))
+
     """
     if not 1 <= short < segments:
         raise ArgumentError(f"{short} of {segments} segments short; write 1 to {segments - 1}")
@@ -224,6 +225,7 @@ def anchors_needed(
     ------
     ArgumentError
         If more than N - 2 are needed, which leave nothing to move; it tells what would do.
+
     """
     for anchors in range(1, segments - 1):
         if anchors * hold >= reserve * (load + drag * (segments - anchors)):

@@ -51,6 +51,7 @@ def common_velocity(
     (0.0, 0.0)
     >>> common_velocity(np.array([0.0, 1.0]), 1.0, 1.0)
     (-1.0, 0.0)
+
     """
     forward, backward = (np.broadcast_to(f, np.shape(velocities)) for f in (forward, backward))
     resists = float((backward if force < 0 else forward).sum())
@@ -97,6 +98,7 @@ def slides(
     >>> wave = anchored_wave(5, 2, stroke=1.0, step=1.0)
     >>> wave.advance + slides(wave, 1.0, 1.0).sum(axis=0)
     array([0.5, 0.5])
+
     """
     middles = (gait.ways[:, :-1] + gait.ways[:, 1:]) / 2
     forces = (np.broadcast_to(f, middles.shape) for f in (forward, backward))

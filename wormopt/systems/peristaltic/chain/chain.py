@@ -59,6 +59,7 @@ class Body:
     --------
     >>> Body([Segment(20e-3, 5e-3, 0.3e-3, 20e3)] * 2, mass=2e-3).ring_masses
     array([0.001, 0.002, 0.001])
+
     """
 
     segments: Sequence[Segment]
@@ -85,6 +86,7 @@ class Body:
         ----------
         name : {"mass", "damping"}
             Which.
+
         """
         return np.broadcast_to(numbers(name, getattr(self, name)).ravel(), len(self.segments))
 
@@ -145,6 +147,7 @@ def peristaltic_worm(body: Body, ground: Ground, anchoring: Anchoring = "mid") -
     >>> model = peristaltic_worm(body, DryGround(0.1, 0.3))
     >>> model.n_x, [contact.name for contact in model.contacts][:2]
     (10, ['segment 0', 'segment 1'])
+
     """
     if anchoring not in get_args(Anchoring):
         raise ArgumentError(f"anchoring must be mid or clamp, not {anchoring!r}")

@@ -30,6 +30,7 @@ class DryGround:
     --------
     >>> DryGround(0.1, 0.3).law(0, 2.0).backward
     0.6
+
     """
 
     forward: Any
@@ -44,6 +45,7 @@ class DryGround:
             Which, from 0 at the head.
         weight : Any
             That it carries, N.
+
         """
         ahead, behind = (_of(given, contact) * weight for given in (self.forward, self.backward))
         return Coulomb(ahead, behind)
@@ -69,6 +71,7 @@ class DragGround:
     --------
     >>> DragGround(0.2, -1.0).law(0.5)
     Viscous(drag=0.4)
+
     """
 
     coefficient: float
@@ -84,6 +87,7 @@ class DragGround:
         ----------
         stretch : Any
             Its length over the unstressed one.
+
         """
         return Viscous(self.coefficient * stretch**self.exponent)
 
@@ -112,6 +116,7 @@ class Bed:
     >>> segment, bed = Segment(20e-3, 5e-3, 0.3e-3, 20e3), Bed(Tube(5.05e-3, 0.3), 1e8)
     >>> bed.pressure(segment, 1.0) == 0, round(bed.pressure(segment, 0.98), 1)
     (True, 76.3)
+
     """
 
     tube: Tube
@@ -129,6 +134,7 @@ class Bed:
             Sealed, thinner than the tube.
         stretch : float, ndarray or expression
             Its length over the unstressed one.
+
         """
         depth = segment.radius_at(stretch) - self.tube.radius
         return self.stiffness * depth * (depth > 0)
@@ -140,6 +146,7 @@ class Bed:
         ----------
         segment, stretch : Any
             As of `pressure`.
+
         """
         area = math.pi * segment.radius_at(stretch) ** 2
         return area * self.pressure(segment, stretch)
@@ -151,6 +158,7 @@ class Bed:
         ----------
         segment, stretch : Any
             As of `pressure`.
+
         """
         pressure = self.pressure(segment, stretch)
         return 2 * segment.volume * pressure / segment.radius_at(stretch)
@@ -162,6 +170,7 @@ class Bed:
         ----------
         segment, stretch : Any
             As of `pressure`.
+
         """
         room = self.tube.radius
         depth = segment.radius_at(stretch) - room
@@ -175,6 +184,7 @@ class Bed:
         ----------
         weight, pressed : Any
             That it carries; that the wall presses with, N.
+
         """
         limit = self.tube.friction * (weight + pressed)
         return Coulomb(limit, limit)

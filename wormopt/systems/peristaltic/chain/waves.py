@@ -35,6 +35,7 @@ def switched_wave(segments: int, on: int, *, step: float, size: float, retrograd
     --------
     >>> switched_wave(3, 1, step=0.1, size=2.0, retrograde=True)(0.15).ravel()
     array([0., 2., 0.])
+
     """
     lit = running_block(segments, on)[:, :: 1 if retrograde else -1]
     return Gait(step * np.arange(segments + 1.0), size * lit[:, :, None].astype(float))
@@ -65,6 +66,7 @@ def harmonic_wave(
     --------
     >>> harmonic_wave(2, 0.5, period=1.0, size=2.0, retrograde=True)(0.0).ravel()
     array([2., 0.])
+
     """
     phase = 2 * math.pi * lag * np.arange(segments) * (1 if retrograde else -1)
     return Gait(

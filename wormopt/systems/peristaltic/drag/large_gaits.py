@@ -55,6 +55,7 @@ class DragAim:
     >>> aim = DragAim(3, 1.0, "strain_rate", 10.0, mean=1.0)
     >>> aim.model.name, round(aim.small[0].way(1.0, aim.effort), 6)
     ('worm of 3 segments on drag', 0.265258)
+
     """
 
     segments: int
@@ -210,6 +211,7 @@ def best_gait(
     >>> aim = DragAim(2, 1.0, "strain_rate", 10.0, mean=1.0)
     >>> round(-best_gait(aim, mesh, 1e-5)[0].objective * aim.small_way, 6)
     0.209754
+
     """
     guesses = [guess_of(aim, small) for small in aim.small[:starts]]
     best, tried = best_of(

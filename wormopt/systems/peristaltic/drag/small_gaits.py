@@ -132,6 +132,7 @@ def small_gaits(
     --------
     >>> round(small_gaits(3, 1.0)[0].gain, 9)
     0.5
+
     """
     if exponent == 0 or segments < 2 + fixed_total:
         raise ArgumentError(

@@ -90,6 +90,7 @@ def drag_worm(
     >>> model = drag_worm(3, exponent=1.0, total=3.0)
     >>> [signal.size for signal in model.x], model["lengths"].numel()
     ([2, 1], 3)
+
     """
     if segments < 2 or not min(length, drag, total or 1.0) > 0:
         raise ArgumentError("a worm on drag needs two segments or more, length and drag positive")
@@ -145,6 +146,7 @@ def displacement(gait: Gait, exponent: float) -> float:
     >>> effort = 2 * np.pi**2 * 0.3**2 * 3
     >>> round(displacement(wave.gait(effort), 1.0), 10)
     0.0816209714
+
     """
     model = drag_worm(gait.links, exponent)
     symbols = [model["length"], model["rate"], model["exponent"]]

@@ -59,6 +59,7 @@ class Segment:
     >>> segment = Segment(20e-3, 5e-3, 0.3e-3, 20e3)
     >>> round(segment.stretch_at(564.0), 6), round(segment.deepest_stretch(564.0), 6)
     (0.959191, 0.921839)
+
     """
 
     length: float
@@ -92,6 +93,7 @@ class Segment:
         ----------
         pressure : float, ndarray or expression
             Magnetic pressure of the field in the fluid, Pa.
+
         """
         return pressure * self.radius / (self.shear_modulus * self.wall)
 
@@ -102,6 +104,7 @@ class Segment:
         ----------
         stretch : float, ndarray or expression
             l / L, above 0.
+
         """
         return self.radius * checked(stretch) ** -0.5
 
@@ -112,6 +115,7 @@ class Segment:
         ----------
         stretch : float, ndarray or expression
             l / L, above 0.
+
         """
         hoop = checked(stretch) ** -0.5
         return self.length * self.stiffness * density(stretch, hoop, self.neo_hookean)
@@ -123,6 +127,7 @@ class Segment:
         ----------
         stretch : float, ndarray or expression
             l / L, above 0.
+
         """
         a, stretch = self.neo_hookean, checked(stretch)
         return self.stiffness * (stretch - stretch**-2) * (a + (1 - a) / stretch)
@@ -136,6 +141,7 @@ class Segment:
             l / L, above 0.
         pressure : float, ndarray or expression
             Magnetic pressure of the field in the fluid, Pa.
+
         """
         share, stretch = math.pi * self.radius**2 * self.coil_share, checked(stretch)
         return (stretch >= self.coil_share) * (pressure * share / stretch**2)
@@ -149,6 +155,7 @@ class Segment:
             l / L, above 0.
         pressure : float, ndarray or expression
             Magnetic pressure of the field in the fluid, Pa.
+
         """
         inside = self.coil_share / checked(stretch)
         return -pressure * self.volume * ((inside <= 1) * inside + (inside > 1))
@@ -167,6 +174,7 @@ class Segment:
         ------
         ArgumentError
             If the pressure is below 0, or the rubber too soft for any stretch.
+
         """
         least = self.coil_share if pressure else 0.0
         return self._rest(pressure * self.coil_share, 2, load, least)
@@ -185,6 +193,7 @@ class Segment:
         ------
         ArgumentError
             If the pressure is below 0, or the rubber too soft for any stretch.
+
         """
         return self._rest(pressure, 1)
 
@@ -230,6 +239,7 @@ class Tube:
     >>> segment, tube = Segment(20e-3, 5e-3, 0.3e-3, 20e3), Tube(5.05e-3, 0.3)
     >>> round(tube.stretch_at_contact(segment), 6), round(tube.normal_force(segment, 564.0), 6)
     (0.980296, 0.09069)
+
     """
 
     radius: float
@@ -252,6 +262,7 @@ class Tube:
         ------
         ArgumentError
             If it is not.
+
         """
         if not segment.radius < self.radius:
             raise ArgumentError(
@@ -271,6 +282,7 @@ class Tube:
             Thinner than the tube.
         pressure, pull : float, ndarray or expression
             Magnetic pressure, Pa; axial force by which the neighbours pull it apart, N.
+
         """
         stretch = self.stretch_at_contact(segment)
         return segment.coil_pull(stretch, pressure) + segment.elastic_pull(stretch) - pull
@@ -282,6 +294,7 @@ class Tube:
         ----------
         segment, pressure, pull : Any
             As of `surplus`.
+
         """
         length = segment.length * self.stretch_at_contact(segment)
         return 2 * length / self.radius * self.surplus(segment, pressure, pull)

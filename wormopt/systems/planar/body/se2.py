@@ -1,4 +1,4 @@
-"""Poses in the plane: x, y and the angle of the heading, composed as rigid motions are."""
+"""Poses in the plane, (x, y, heading), and their composition as rigid motions."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ from numpy.typing import ArrayLike
 
 
 def compose(first: ArrayLike, then: ArrayLike) -> np.ndarray:
-    """Pose reached by one displacement after another, each told in the frame it starts from.
+    """Return the pose after two successive displacements, each in the frame it starts from.
 
     Parameters
     ----------
     first, then : array_like, shape (..., 3)
-        x, y and angle; any but the last dimension is broadcast.
+        x, y (in units of length) and angle (in rad); leading dimensions broadcast.
 
     Returns
     -------
     ndarray, shape (..., 3)
+        x, y and angle of the pose.
 
     Examples
     --------
     >>> import numpy as np
     >>> compose([1.0, 0.0, np.pi / 2], [1.0, 0.0, 0.0]).round(12).tolist()
     [1.0, 1.0, 1.570796326795]
+
     """
     a, b = np.asarray(first, dtype=float), np.asarray(then, dtype=float)
     return np.concatenate(
@@ -33,16 +35,17 @@ def compose(first: ArrayLike, then: ArrayLike) -> np.ndarray:
 
 
 def inverse(pose: ArrayLike) -> np.ndarray:
-    """Displacement that takes a pose back.
+    """Return the inverse of a displacement.
 
     Parameters
     ----------
     pose : array_like, shape (..., 3)
-        x, y and angle.
+        x, y and angle (in rad).
 
     Returns
     -------
     ndarray, shape (..., 3)
+
     """
     g = np.asarray(pose, dtype=float)
     back = -rotate(-g[..., 2], g[..., :2])
@@ -50,18 +53,19 @@ def inverse(pose: ArrayLike) -> np.ndarray:
 
 
 def rotate(angle: ArrayLike, vectors: ArrayLike) -> np.ndarray:
-    """Turn vectors to the left.
+    """Rotate vectors to the left.
 
     Parameters
     ----------
     angle : array_like, shape (...,)
-        Angles.
+        Angles in rad.
     vectors : array_like, shape (..., 2)
-        What is turned.
+        Vectors.
 
     Returns
     -------
     ndarray, shape (..., 2)
+
     """
     c, s = np.cos(angle), np.sin(angle)
     x, y = np.moveaxis(np.asarray(vectors, dtype=float), -1, 0)
@@ -70,19 +74,19 @@ def rotate(angle: ArrayLike, vectors: ArrayLike) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Circle:
-    """Circle on which a body comes to lie that repeats one displacement."""
+    """Circle of a body that repeats one displacement."""
 
     centre: tuple[float, float]  # in the frame it starts from
     radius: float
 
 
 def circle_of(displacement: ArrayLike) -> Circle | None:
-    """Circle of a displacement that is repeated; None where it does not turn.
+    """Return the circle of a repeated displacement; None if it does not turn.
 
     Parameters
     ----------
     displacement : array_like, shape (3,)
-        x, y and angle of one repetition.
+        x, y and angle (in rad) of one repetition.
 
     Returns
     -------
@@ -94,6 +98,7 @@ def circle_of(displacement: ArrayLike) -> Circle | None:
     >>> import numpy as np
     >>> round(circle_of([1.0, 1.0, np.pi / 2]).radius, 12)
     1.0
+
     """
     x, y, angle = np.asarray(displacement, dtype=float).tolist()
     half = np.sin(angle / 2)

@@ -1,4 +1,4 @@
-"""The last steps of a design: the corners of a stroke on the set-valued motion itself."""
+"""Refinement of a design: the corners of a stroke with almost set-valued friction."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Displacement, work and their derivatives by the corners of a stroke of straight sides.
 
-The twist is that of least power at Gauss points of each side, all sides at once; derivatives follow
-from the theorem of implicit functions for a potential that is smoothed over almost nothing.
+The twist has least power at Gauss points of each side, all sides at once. Derivatives follow from
+the implicit function theorem, for a potential smoothed over a very small width.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """How a shape on a ground moves while its variables change along straight lines.
+    """Motion of a shape on a ground while its variables change along straight lines.
 
     Parameters
     ----------
@@ -93,11 +93,12 @@ class Steps:
     ground : Dry or Viscous
         The ground.
     parts : int, optional
-        Equal parts of a side, each with so many Gauss points as `points` says.
+        Equal parts of a side, each with `points` Gauss points.
     points : int, optional
-        See there.
+        Gauss points of each part.
     width : float, optional
-        Of the potential at last, in usual powers.
+        Final width of the potential, in usual powers.
+
     """
 
     shape: Shape

@@ -1,4 +1,4 @@
-"""The room that a body takes aside of its way, and its derivatives by the corners of a stroke."""
+"""Room of a body across its displacement, and its derivatives by the corners of a stroke."""
 
 from __future__ import annotations
 
