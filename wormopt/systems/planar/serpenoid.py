@@ -63,7 +63,6 @@ def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> f
     0.279567250102
     >>> float(round(serpenoid_speed(1.0, 2.0, "elliptic") / j0(1.0), 12))
     0.486936986396
-
     """
     if not 0 < alpha < STEEPEST:
         raise ArgumentError(f"alpha must be above 0 and below {STEEPEST:.4f}, not {alpha}")
@@ -147,7 +146,6 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
     --------
     >>> [round(number, 9) for number in best_serpenoid(2.0)]
     [1.181295694, 0.223434073]
-
     """
     if not ratio > 1:
         raise ArgumentError(f"ratio must be above 1 for forward motion, not {ratio}")
@@ -188,7 +186,6 @@ class SerpenoidWave:
         Number of rods.
     per_wave : float
         Number of rods per wave.
-
     """
 
     alpha: float
@@ -253,7 +250,6 @@ def finite_serpenoid(
     Returns
     -------
     FiniteSerpenoid
-
     """
     rods = round(per_wave * waves)
     shape = chain_shape(rods, lengths=(1.0 / per_wave,) * rods)

@@ -39,7 +39,6 @@ class TurnInPlace:
     >>> gait = TurnInPlace(1.0, 2.0, short=0.5, long=1.0, straight=0.2, bent=1.2)
     >>> gait.holds, gait.turn, gait.work
     (True, -1.0, 3.0)
-
     """
 
     end_friction: float  # F of masses 0 and 2
@@ -82,7 +81,6 @@ class TurnInPlace:
         ----------
         phi : float or ndarray
             Joint angles in rad.
-
         """
         return swing_hold(phi, self.short / self.long, self.middle_friction / self.end_friction)
 
@@ -93,7 +91,6 @@ class TurnInPlace:
         ----------
         phi : float or ndarray
             Joint angles in rad.
-
         """
         bend = 2 * np.abs(np.cos(np.asarray(phi, dtype=float) / 2))
         return bend * self.end_friction / self.middle_friction
@@ -151,6 +148,5 @@ def heading_rate_bound(rate: float) -> float:
     --------
     >>> heading_rate_bound(1.0)
     0.5
-
     """
     return abs(rate) / 2

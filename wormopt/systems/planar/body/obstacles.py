@@ -50,7 +50,6 @@ class Disc:
     >>> post = Disc((1.0, 0.0), radius=0.5)
     >>> float(post.distance(np.array([0.0, 0.7]), np.array([2.0, 0.7]))).__round__(12)
     0.2
-
     """
 
     centre: tuple[float, float]
@@ -68,7 +67,6 @@ class Disc:
         ----------
         a, b : ndarray, shape (..., 2)
             Ends of the segments.
-
         """
         return to_point(np.asarray(self.centre, dtype=float), a, b) - self.radius
 
@@ -84,7 +82,6 @@ class Disc:
         ----------
         place : casadi.SX, shape (2,)
             The place.
-
         """
         away = place - ca.DM(list(self.centre))
         return away / ca.norm_2(away)
@@ -96,7 +93,6 @@ class Disc:
         ----------
         place : casadi.SX, shape (2,)
             The place.
-
         """
         return ca.norm_2(place - ca.DM(list(self.centre))) - self.radius
 
@@ -119,7 +115,6 @@ class Wall:
     >>> import numpy as np
     >>> Wall((0.0, 0.0), angle=0.0).distance(np.array([2.0, 1.0]), np.array([3.0, 0.0])).item()
     2.0
-
     """
 
     point: tuple[float, float]
@@ -140,7 +135,6 @@ class Wall:
         ----------
         a, b : ndarray, shape (..., 2)
             Ends of the segments.
-
         """
         ahead = [(end - np.asarray(self.point)) @ np.array(self._open) for end in (a, b)]
         return np.minimum(*ahead)
@@ -157,7 +151,6 @@ class Wall:
         ----------
         place : casadi.SX, shape (2,)
             The place.
-
         """
         return ca.SX(ca.DM(list(self._open)))
 
@@ -168,7 +161,6 @@ class Wall:
         ----------
         place : casadi.SX, shape (2,)
             The place.
-
         """
         return ca.dot(self.normal(place), place - ca.DM(list(self.point)))
 
@@ -183,7 +175,6 @@ class Capsule:
         Ends of the segment; equal ends make a disc.
     radius : float, optional
         Half its thickness, not negative.
-
     """
 
     start: tuple[float, float]
@@ -201,7 +192,6 @@ class Capsule:
         ----------
         a, b : ndarray, shape (..., 2)
             Ends of the segments.
-
         """
         start, end = (np.asarray(p, dtype=float) for p in (self.start, self.end))
         return between(start, end, a, b) - self.radius
@@ -233,7 +223,6 @@ class Block:
     >>> square = Block([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
     >>> square.distance(np.array([2.0, 0.0]), np.array([2.0, 1.0])).item()
     1.0
-
     """
 
     corners: tuple[tuple[float, float], ...]
@@ -252,7 +241,6 @@ class Block:
         ----------
         a, b : ndarray, shape (..., 2)
             Ends of the segments.
-
         """
         p, q = self._sides
         least = between(p, q, a[..., None, :], b[..., None, :]).min(axis=-1)

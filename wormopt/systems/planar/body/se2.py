@@ -26,7 +26,6 @@ def compose(first: ArrayLike, then: ArrayLike) -> np.ndarray:
     >>> import numpy as np
     >>> compose([1.0, 0.0, np.pi / 2], [1.0, 0.0, 0.0]).round(12).tolist()
     [1.0, 1.0, 1.570796326795]
-
     """
     a, b = np.asarray(first, dtype=float), np.asarray(then, dtype=float)
     return np.concatenate(
@@ -45,7 +44,6 @@ def inverse(pose: ArrayLike) -> np.ndarray:
     Returns
     -------
     ndarray, shape (..., 3)
-
     """
     g = np.asarray(pose, dtype=float)
     back = -rotate(-g[..., 2], g[..., :2])
@@ -65,7 +63,6 @@ def rotate(angle: ArrayLike, vectors: ArrayLike) -> np.ndarray:
     Returns
     -------
     ndarray, shape (..., 2)
-
     """
     c, s = np.cos(angle), np.sin(angle)
     x, y = np.moveaxis(np.asarray(vectors, dtype=float), -1, 0)
@@ -98,7 +95,6 @@ def circle_of(displacement: ArrayLike) -> Circle | None:
     >>> import numpy as np
     >>> round(circle_of([1.0, 1.0, np.pi / 2]).radius, 12)
     1.0
-
     """
     x, y, angle = np.asarray(displacement, dtype=float).tolist()
     half = np.sin(angle / 2)

@@ -45,7 +45,6 @@ class Shape:
     ('length 1', 'length 2', 'angle 1')
     >>> chain_shape(2, lengths=(1.0, 1.0)).points[:, 1]
     SX([-1, 0])
-
     """
 
     s: ca.SX
@@ -119,7 +118,6 @@ def rigid_shape(
     --------
     >>> rigid_shape([(1.0, 0.0), (-1.0, 0.0)]).n_points
     2
-
     """
     looks = [0.0] * len(points) if headings is None else headings
     if len(looks) != len(points) or not len(points):
@@ -156,7 +154,6 @@ def chain_shape(
     --------
     >>> chain_shape(3, lengths=(1.0, 1.0, 1.0)).names
     ('angle 1', 'angle 2')
-
     """
     if n_links < 1:
         raise ArgumentError(f"a chain needs at least one link, not {n_links}")

@@ -56,7 +56,6 @@ class Harmonics:
     >>> circle = Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
     >>> circle.at(0.25)[0].round(12).tolist()
     [[0.0, 1.0]]
-
     """
 
     mean: Any  # stored as arrays
@@ -95,7 +94,6 @@ class Harmonics:
         -------
         s, ds : ndarray, shape (m, n_s)
             Shapes, and their derivatives by the phase.
-
         """
         orders = 2 * np.pi * np.arange(1, len(self.cosine) + 1)
         angle = np.atleast_1d(np.asarray(tau, dtype=float))[:, None] * orders
@@ -123,7 +121,6 @@ class Polygon:
     --------
     >>> Polygon([[0.0], [1.0]]).at([0.25, 0.75])[1].tolist()
     [[2.0], [-2.0]]
-
     """
 
     corners: Any  # stored as an array
@@ -156,7 +153,6 @@ class Polygon:
         -------
         s, ds : ndarray, shape (m, n_s)
             Shapes, and their derivatives by the phase.
-
         """
         phase = np.atleast_1d(np.asarray(tau, dtype=float))
         m, closed = len(self.corners), np.vstack([self.corners, self.corners[:1]])

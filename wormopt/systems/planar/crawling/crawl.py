@@ -49,7 +49,6 @@ class Crawl:
     >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), to_and_fro)
     >>> len(found.phases), round(found.work, 6)
     (2, 3.794466)
-
     """
 
     phases: tuple[Phase, ...]
@@ -129,7 +128,6 @@ def crawl(
     >>> found = wo.planar.crawl(worm, Elliptic(1.0, 1.0, 3.0), to_and_fro)
     >>> bool(abs(found.displacement).max() < 1e-9)
     True
-
     """
     crawler = Crawler.of(shape, laws, load)
     if stroke.n_s != len(shape.names):

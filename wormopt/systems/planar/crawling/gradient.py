@@ -32,7 +32,6 @@ class CrawlGradient:
         Derivatives of x, y, angle and work in each of K directions of the stroke.
     ground : ndarray, shape (m, 3, 4)
         Derivatives by the forward, backward and sideways resistances of each mass.
-
     """
 
     stroke: np.ndarray
@@ -93,7 +92,6 @@ def crawl_gradient(found: Crawl, strokes: Sequence[Stroke] = ()) -> CrawlGradien
     >>> slopes = wo.planar.crawl_gradient(found, [to_and_fro])
     >>> slopes.stroke.shape, slopes.ground.shape
     ((1, 4), (3, 3, 4))
-
     """
     stroke = found.course.stroke
     for one in strokes:

@@ -189,7 +189,6 @@ def crawl_velocity(
     >>> motion = wo.planar.crawl_velocity(worm, Elliptic(1.0, 1.0, 3.0), [0.8, 0.6], [-0.6, 0.8])
     >>> bool(abs(motion.forces.sum(axis=1)).max() < 10)
     True
-
     """
     crawler = Crawler.of(shape, laws, load)
     shapes, rates = (np.atleast_2d(np.asarray(x, dtype=float)) for x in (s, ds))

@@ -46,7 +46,6 @@ class PlanarLimits:
     --------
     >>> PlanarLimits(length=(0.5, 1.0), angle=(-1.0, 1.0)).angle
     (-1.0, 1.0)
-
     """
 
     length: tuple[float, float] = (0.5, 1.0)
@@ -117,7 +116,6 @@ class PlanarAim:
     >>> aim = PlanarAim(chain_shape(2), Elliptic(1.0, 1.0, 1.0), PlanarLimits(), "turn")
     >>> aim.duration_usual
     8.0
-
     """
 
     shape: Shape

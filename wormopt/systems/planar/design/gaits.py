@@ -80,7 +80,6 @@ class PlanarDesign:
         Work dissipated per cycle; on linear drag, in `duration` at constant power.
     tried : tuple of float
         Objective reached from every start, like `value`; NaN if none.
-
     """
 
     aim: PlanarAim
@@ -187,7 +186,6 @@ def design_stroke(
     >>> aim = PlanarAim(shape, swimmer, PlanarLimits(angle=(-1.0, 1.0)), corners=4)
     >>> round(design_stroke(aim, starts=1).value, 6)
     0.02302
-
     """
     problem = gait_problem(aim)
     found: list[tuple[float, np.ndarray]] = []

@@ -29,7 +29,6 @@ class Dry:
     >>> from wormopt.model.planar_friction import Elliptic
     >>> Dry((Elliptic(1.0, 1.0, sideways=3.0),)).most
     3.0
-
     """
 
     laws: tuple[Elliptic, ...]
@@ -48,7 +47,6 @@ class Dry:
         -------
         casadi.SX
             Expression in the shape, its rates and the twist.
-
         """
         laws = self.each_law(shape)
         squares = [_squared(law, shape.velocities[:, i]) for i, law in enumerate(laws)]
@@ -67,7 +65,6 @@ class Dry:
         Returns
         -------
         casadi.SX
-
         """
         return self.potential(shape, width)
 
@@ -82,7 +79,6 @@ class Dry:
         Returns
         -------
         list of Elliptic
-
         """
         if len(self.laws) not in (1, shape.n_points):
             raise ArgumentError(f"{shape.n_points} masses need as many laws, not {len(self.laws)}")
@@ -99,7 +95,6 @@ class Dry:
         Returns
         -------
         ndarray, shape (m,)
-
         """
         laws = self.each_law(shape)
         return np.array([min(_numbers(law)) for law in laws])
@@ -118,7 +113,6 @@ class Dry:
         Returns
         -------
         int or None
-
         """
         laws = self.each_law(shape)
         least, most = self.least_each(shape), np.array([max(_numbers(law)) for law in laws])
@@ -160,7 +154,6 @@ class Viscous:
     >>> from wormopt.systems.planar.body.shape import chain_shape
     >>> Viscous(Swimmer(chain_shape(2), masses=(1.0, 3.0))).symmetric
     True
-
     """
 
     swimmer: Swimmer
@@ -178,7 +171,6 @@ class Viscous:
         Returns
         -------
         casadi.SX
-
         """
         return self.power(shape, width) / 2
 
@@ -195,7 +187,6 @@ class Viscous:
         Returns
         -------
         casadi.SX
-
         """
         if shape is not self.swimmer.shape:
             raise ArgumentError("the shape is not that of the swimmer; give the same one")

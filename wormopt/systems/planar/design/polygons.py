@@ -98,7 +98,6 @@ class Steps:
         Gauss points of each part.
     width : float, optional
         Final width of the potential, in usual powers.
-
     """
 
     shape: Shape

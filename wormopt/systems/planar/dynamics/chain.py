@@ -115,7 +115,6 @@ def planar_chain(
     >>> worm = planar_chain(2, mass=1.0, stiffness=10.0, damping=1.0, rest_length=1.0, law=drag)
     >>> worm.n_x, [s.name for s in worm.u], len(worm.contacts), worm.x[0].value
     (12, ['input', 'torque'], 6, (2.0, 0.0, 1.0, 0.0, 0.0, 0.0))
-
     """
     if not isinstance(links, Integral) or links < 1:
         raise ArgumentError(f"links must be a whole number above 0, not {links!r}")

@@ -91,7 +91,6 @@ def driven_shape(
     >>> rod = driven_shape(rigid_shape([(1.0, 0.0), (-1.0, 0.0)]), mass=1.0, turning=1.0)
     >>> [signal.name for signal in rod.x]
     ['center', 'angle', 'center_velocity', 'turning']
-
     """
     points, t = shape.n_points, ca.SX.sym("t")
     speed = length_nominal / time_nominal

@@ -39,7 +39,6 @@ class Axes:
     >>> skid = Axes(along=Coulomb(0.1, 0.1), across=Held())
     >>> skid.across
     Held(scale=1.0)
-
     """
 
     along: Law | None = None

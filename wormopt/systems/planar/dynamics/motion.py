@@ -46,7 +46,6 @@ def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
     >>> push = Harmonics([0.0], cosine=[[0.0]], sine=[[1.0]])
     >>> [signal.name for signal in swing(worm, 2.0, {"input": push}).u]
     []
-
     """
     known = {signal.name: signal for signal in plant.u}
     T = Signal("period", ca.SX.sym("period"), "time", value=float(period))

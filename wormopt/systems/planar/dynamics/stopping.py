@@ -61,7 +61,6 @@ def stop_of(
     >>> stop = stop_of(Elliptic(2.0, 2.0, 2.0), 1.0, (0.0, 1.0), (1.0, 0.0))
     >>> round(stop.time, 10), [round(x, 10) for x in stop.place]
     (0.6666666667, [0.0833333333, 0.2666666667])
-
     """
     f, speed = pull, math.hypot(*velocity)
     square = 2 if isinstance(law, Elliptic) else 1

@@ -46,7 +46,6 @@ class Constraints:
     --------
     >>> Constraints(pins=(2,), skids=(0,)).count
     3
-
     """
 
     pins: tuple[int, ...] = ()
@@ -82,7 +81,6 @@ class Constraints:
         ----------
         shape : Shape
             The body.
-
         """
         for name in ("pins", "skids", "spikes"):
             for mass in getattr(self, name):

@@ -48,7 +48,6 @@ class Loads:
         Velocities of the masses along their headings and to their left, by the phase.
     pinned : ndarray, shape (m, n)
         Which masses are pins.
-
     """
 
     tau: np.ndarray
@@ -92,7 +91,6 @@ def loads(motion: KinematicMotion, ground: Ground, tau: np.ndarray | None = None
     Force and moment balance without inertia. Three rows of constraints are statically determined;
     each further one leaves a load undetermined. The force on a mass that rests on dry ground
     without a pin is undetermined too; it counts as none, and the instant as not determined.
-
     """
     shape = motion.shape
     tau = motion.course.nodes if tau is None else np.asarray(tau, dtype=float)

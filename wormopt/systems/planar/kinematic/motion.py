@@ -38,7 +38,6 @@ class Phase:
         Phase of the stroke, at most 1.
     constraints : Constraints
         The constraints.
-
     """
 
     until: float
@@ -65,7 +64,6 @@ class KinematicMotion:
         Phase of that condition number.
     contradiction : float
         Largest residual velocity of a constraint, over the fastest one from the shape alone.
-
     """
 
     shape: Shape
@@ -145,7 +143,6 @@ def kinematic_motion(
     >>> motion = kinematic_motion(worm, there, [Phase(0.5, hold), Phase(1.0, pull)])
     >>> motion.displacement.round(12).tolist()
     [0.5, 0.0, 0.0]
-
     """
     parts = _checked(shape, stroke, phases)
     breaks = np.union1d(stroke.breaks, [part.until for part in parts])

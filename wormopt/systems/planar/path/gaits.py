@@ -74,7 +74,6 @@ def gait_family(
     >>> ahead = wo.planar.gait_family("ahead", worm, (0.6, 0.6, 0.4), pull, (0.5, 1.0), ground=law)
     >>> bool(ahead.make(1.0).displacement[0] > 0.1)
     True
-
     """
     stroke = _strokes(rest, changes)
     if held is None and ground is None:

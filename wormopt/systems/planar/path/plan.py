@@ -38,7 +38,6 @@ class PlannedPath:
         Number of routes whose amplitudes were optimised.
     room : float
         Least distance from anything, less radius and clearance, over all instants.
-
     """
 
     task: PathTask
@@ -124,7 +123,6 @@ def plan_path(
     >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
     >>> [round(step.amplitude, 6) for step in path.steps], path.poses[-1].round(9).tolist()
     ([0.625, 0.625, 0.625], [1.5, 0.0, 0.0])
-
     """
     if fault := rest_fault(task, library):
         raise SolveError(fault, "move the pose or the obstacle", code="touching")

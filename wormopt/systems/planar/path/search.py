@@ -32,7 +32,6 @@ class SearchOptions:
         (0, 0) the search is exact, but long searches do not end.
     most : int, optional
         Number of poses after which the search stops.
-
     """
 
     cost: Cost = "steps"

@@ -66,7 +66,6 @@ def simulate_path(
     ------
     ArgumentError
         If a step has another origin.
-
     """
     start = path.task.start
     places = start[:2] + rotate(start[2], path.library.rest)
@@ -108,7 +107,6 @@ def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points:
     Returns
     -------
     float
-
     """
     share = np.linspace(0.0, 1.0, points)[:, None]
     a, b = course[:, :-1, None], course[:, 1:, None]

@@ -46,7 +46,6 @@ class GaitStep:
         Work of the stroke.
     motion : object, optional
         The motion from which it was made.
-
     """
 
     name: str
@@ -89,7 +88,6 @@ class GaitStep:
         ----------
         pose : ndarray, shape (3,)
             x, y and angle.
-
         """
         return pose[:2] + rotate(pose[2], self.points)
 
@@ -177,7 +175,6 @@ def kinematic_step(
     Returns
     -------
     GaitStep
-
     """
     course, found = motion.course, loads(motion, ground)
     return swept(
@@ -215,7 +212,6 @@ class Family:
         Amplitudes that a search may use, ascending; refinement may use all in between.
     degree : int, optional
         Degree of the polynomials in the amplitude that approximate steps during refinement.
-
     """
 
     name: str
@@ -254,7 +250,6 @@ class Library:
     >>> nod = P.gait_family("nod", worm, (0.6, 0.6, 0.0), [(0.2, 0.2, 0.0)], (1.0,), held=hold)
     >>> P.Library([nod], radius=0.05).rest.shape
     (3, 2)
-
     """
 
     families: tuple[Family, ...]

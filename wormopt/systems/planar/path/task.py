@@ -28,7 +28,6 @@ class Tolerance:
         Largest distance.
     angle : float
         Largest angle, rad.
-
     """
 
     place: float
@@ -50,7 +49,6 @@ class Tolerance:
         ----------
         off : ndarray, shape (..., 3)
             x, y and angle.
-
         """
         near = np.hypot(off[..., 0], off[..., 1]) <= self.place
         return near & (np.abs(wrapped(off[..., 2])) <= self.angle)
@@ -66,7 +64,6 @@ class Corridor:
         Its corners in order.
     width : float
         Largest distance of a mass from the line to either side.
-
     """
 
     line: np.ndarray
@@ -85,7 +82,6 @@ class Corridor:
         ----------
         points : ndarray, shape (..., 2)
             The points.
-
         """
         pieces = zip(self.line, self.line[1:], strict=False)
         return self.width - np.min([to_point(points, a, b) for a, b in pieces], axis=0)
@@ -122,7 +118,6 @@ class PathTask:
     >>> task = PathTask((0, 0, 0), (2, 0, 0), (1e-6, 1e-6), via=[(1, 0)], via_radius=0.1)
     >>> task.off([2.0, 0.5, 0.1]).round(12).tolist()
     [0.0, 0.5, 0.1]
-
     """
 
     start: np.ndarray
@@ -157,7 +152,6 @@ class PathTask:
         ----------
         poses : ndarray, shape (..., 3)
             x, y and angle.
-
         """
         off = np.asarray(poses) - self.goal
         off[..., 2] = wrapped(off[..., 2])
@@ -178,7 +172,6 @@ class PathTask:
             Half the thickness of the links.
         obstacles : sequence of Obstacle, optional
             Obstacles to include; all if left out.
-
         """
         a, b = places[..., :-1, :], places[..., 1:, :]
         found = np.full(places.shape[:-2], np.inf)
@@ -200,7 +193,6 @@ class PathTask:
             The step.
         radius : float
             Half the thickness of the links.
-
         """
         middle, far = step.disc
         x, y = pose[:2] + rotate(pose[2], middle)

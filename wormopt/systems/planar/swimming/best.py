@@ -50,7 +50,6 @@ class StrokeAim:
         Limits of the shape variables.
     maximise : {"efficiency", "distance"}, optional
         Objective, for strokes without net turn: towing work over work, or the distance.
-
     """
 
     swimmer: Swimmer
@@ -232,7 +231,6 @@ class BestStroke:
         The stroke over phases.
     harmonics : Harmonics
         The stroke as a sum of harmonics.
-
     """
 
     optimum: Optimum
@@ -300,7 +298,6 @@ def best_stroke(
     >>> best = best_stroke(purcell, -2.0, 2.0, starts=1, mesh=coarse, tolerance=1.0)
     >>> round(best.value, 4)
     0.011
-
     """
     aim = StrokeAim(swimmer, np.asarray(lower), np.asarray(upper), maximise)
     problem, found, tried = stroke_problem(aim), [], []

@@ -37,7 +37,6 @@ class Heights:
         The body, in the frame.
     frame : {"head", "middle", "calm"}
         The frame.
-
     """
 
     swimmer: Swimmer
@@ -55,7 +54,6 @@ class Heights:
         -------
         ndarray, shape (m, 3)
             Displacement forward, to the left, and turn, per area of a small loop.
-
         """
         shapes = np.atleast_2d(np.asarray(s, dtype=float))
         return np.asarray(curvature(self.swimmer)(shapes.T)).T
@@ -118,7 +116,6 @@ def heights(
     >>> purcell = Swimmer(chain_shape(3, lengths=(1.0, 1.0, 1.0)), rods=(1.0, 2.0))
     >>> (heights(purcell, "middle").at([[0.0, 0.0]]) * 81 / 5).round(12).tolist()
     [[1.0, 0.0, 0.0]]
-
     """
     if swimmer.shape.s.numel() != 2:
         raise ArgumentError(f"height functions need two shape variables, not {swimmer.shape.names}")

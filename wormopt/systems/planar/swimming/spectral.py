@@ -57,7 +57,6 @@ def spectral_stroke(
     ------
     SolveError
         If the search does not converge.
-
     """
     start = Harmonics(first.mean, first.cosine[:1], first.sine[:1])
     found = _climbed(swimmer, start, drag, orders)

@@ -44,7 +44,6 @@ class Swim:
         Towing force of the straight body over velocity.
     error : float
         Change of displacement and length when panels were halved.
-
     """
 
     displacement: np.ndarray
@@ -92,7 +91,6 @@ class Swim:
         Returns
         -------
         float
-
         """
         if not duration > 0:
             raise ArgumentError(f"duration must be above 0, not {duration}")
@@ -133,7 +131,6 @@ def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
     >>> square = Polygon([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     >>> round(swim(purcell, square).distance, 12)
     0.180562563321
-
     """
     if stroke.n_s != swimmer.shape.s.numel():
         names = ", ".join(swimmer.shape.names) or "none"

@@ -50,7 +50,6 @@ class Swimmer:
     >>> A, G = purcell.local([0.0, 0.0])
     >>> np.linalg.eigvalsh(G).round(12).tolist()
     [0.061728395062, 0.333333333333]
-
     """
 
     shape: Shape
@@ -142,7 +141,6 @@ class Swimmer:
             The twist is A s'.
         G : ndarray, shape (n_s, n_s) or (m, n_s, n_s)
             The power is s'^T G s'.
-
         """
         shapes, n_s = np.asarray(s, dtype=float), self.shape.s.numel()
         if shapes.shape[-1:] != (n_s,) or shapes.ndim > 2:
@@ -166,7 +164,6 @@ class Swimmer:
         Returns
         -------
         Swimmer
-
         """
         shape = self.shape
         columns = [turned(-angle, shape.points[:, i] - place) for i in range(shape.n_points)]
@@ -191,7 +188,6 @@ class Swimmer:
         Returns
         -------
         float
-
         """
         shortest = np.asarray(self.lengths(np.atleast_2d(shapes).T)).min(axis=1)
         return float(self.rods[0] * shortest.sum() + self.masses[0] * self.shape.n_points)
