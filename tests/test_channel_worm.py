@@ -338,7 +338,7 @@ def test_a_segment_that_leaves_the_walls_is_told(tmp_path: Path, capsys: Any):
     one = shaped(f"worm.channel={channel}", 'exact=["point_contact"]')
     assert value(one, "exact_shapes") == ["point_contact"]
     assert len(value(one, "arc_length")) == 4
-    with pytest.raises(SolveError, match="raise degree") as caught:
+    with pytest.raises(SolveError, match="larger degree") as caught:
         shaped("worm.channel=60e-3", 'exact=["point_contact"]', "degree=32")
     assert caught.value.code == "unresolved"
 

@@ -127,7 +127,7 @@ def test_symmetries(seed: int, exponent: float):
 
 def test_a_worm_without_segments_or_size_is_refused():
     for given_ in ({"segments": 1}, {"segments": 3, "drag": 0.0}):
-        with pytest.raises(ArgumentError, match="two segments or more"):
+        with pytest.raises(ArgumentError, match="two or more segments"):
             drag_worm(**{"exponent": 1.0, **given_})  # pyright: ignore[reportArgumentType]
 
 

@@ -362,9 +362,9 @@ def test_long_membranes_are_cylinders_in_the_middle():
 def test_membranes_without_tension_are_refused():
     with pytest.raises(ArgumentError, match=r"write more than 0\.4"):
         balloon(2.0, loading=0.3, pull=-0.2)
-    with pytest.raises(ArgumentError, match="either the loading or the volume"):
+    with pytest.raises(ArgumentError, match="either loading or volume"):
         balloon(2.0)
-    with pytest.raises(SolveError, match="no rest of the membrane"):
+    with pytest.raises(SolveError, match="no equilibrium of the membrane"):
         balloon(2.0, loading=3e-3)
     with pytest.raises(SolveError, match="not under tension") as caught:
         balloon(2.0, volume=0.9)
@@ -409,7 +409,7 @@ def test_a_real_coil_pulls_by_its_field():
 @pytest.mark.parametrize("name", ["radius_at", "energy", "elastic_pull"])
 def test_what_is_no_stretch_is_refused(name: str):
     for bad in (0.0, -0.9, np.array([1.0, -1.0]), math.nan):
-        with pytest.raises(ArgumentError, match="a stretch is above 0"):
+        with pytest.raises(ArgumentError, match="a stretch must be above 0"):
             getattr(SOFT, name)(bad)
 
 
@@ -492,7 +492,7 @@ def test_ordinary_rubber_will_not_move():
 
 def test_a_pressure_too_small_for_the_true_membrane():
     result = wo.run(load_scene(RUBBER, ["inflation={pressure=100.0}"]))
-    assert any("bends at its rings only" in text for text in result.trust["warnings"])
+    assert any("bends only at its rings" in text for text in result.trust["warnings"])
     assert "membrane_hoop" not in result.scalars
     assert value(result, "inflated_hoop") == pytest.approx(1 + 100 / 33333.3 / 4, rel=1e-5)
 
