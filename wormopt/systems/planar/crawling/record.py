@@ -28,7 +28,7 @@ class Record:
     shapes: np.ndarray  # (m, n_s)
     rates: np.ndarray  # (m, n_s), by the phase
     points: np.ndarray  # (m, masses, 2), in the frame of the body
-    headings: np.ndarray  # (m, masses), likewise
+    headings: np.ndarray  # (m, masses), in the frame of the body
     motion: Motion
     actuators: np.ndarray  # (m, n_s), their loads
 

@@ -32,7 +32,7 @@ class Stepped:
     # square over steps near it, for its own
     coarse: float
     fine: float  # by the shorter one: about a quarter of it, at first order
-    rounding: float  # what adding up so many short steps may cost, over the same way
+    rounding: float  # possible round-off of the short steps, over the same displacement
 
 
 def stepper_of(worm: Model) -> MoreauJean | None:

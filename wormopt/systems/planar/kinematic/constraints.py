@@ -198,7 +198,7 @@ def _why(shape: Shape, s: np.ndarray, constraints: Constraints) -> str:
         free = f"it can turn about the point ({-y / w:.3g}, {x / w:.3g}) of its frame"
     if len(constraints.pins) == 1 and len(constraints.skids) == 1:
         a, b = constraints.pins[0], constraints.skids[0]
-        free += f", as the heading of mass {b} is perpendicular to the way from mass {a} to it"
+        free += f", as the heading of mass {b} is perpendicular to the line from mass {a} to it"
     elif not constraints.pins:
         normals = "are parallel" if "move" in free else "meet there"
         free += f", as the normals of all skids {normals}"
