@@ -475,7 +475,7 @@ def test_ordinary_rubber_will_not_move():
     assert value(result, "moves") is False
     assert value(result, "normal_force") == 0.0
     (warning,) = result.trust["warnings"]
-    assert warning.startswith("it will not move: it swells by 3.53 µm of 50 µm")
+    assert warning.startswith("the segment will not move: it swells by 3.53 µm of the 50 µm")
     facts = " ".join(text.get_text() for text in figure(result, "segment").texts)
     assert "will not move" in facts
     # what is advised would do

@@ -186,7 +186,7 @@ class ChannelWorm:
         0.004
         """
         if name not in SAMPLES:
-            raise UnknownNameError("the chapter", "body", [name], SAMPLES)
+            raise UnknownNameError("Zimmermann et al. 2007", "body", [name], SAMPLES)
         s = SAMPLES[name]
         return cls(s.pitch, s.channel, s.body, s.length, s.youngs_modulus, rule)
 
