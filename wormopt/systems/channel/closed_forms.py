@@ -109,6 +109,8 @@ def velocity_per_frequency(pitch: Any, segment: Any, count: Any) -> Any:
 class ChannelWorm:
     """A body in a channel, in SI units.
 
+    Source: eqs 32-36 of Zimmermann et al. 2007 (WLLS), see the module.
+
     Parameters
     ----------
     pitch : float or casadi.SX

@@ -37,6 +37,8 @@ _SPEED = 0.1
 def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
     """Build the Model of a rod in a channel.
 
+    Theory: docs/theory-channel.md, section 3.
+
     Parameters
     ----------
     rod : Rod

@@ -36,6 +36,8 @@ _PANELS, _DEGREE = 56, 16
 def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> float:
     """Return the speed of an infinite serpenoid body over that of its material along the wave.
 
+    Theory: docs/theory-planar.md, section 6.
+
     Parameters
     ----------
     alpha : float

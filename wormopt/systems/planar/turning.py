@@ -20,6 +20,8 @@ from wormopt.systems.planar.body.strokes import Polygon
 class TurnInPlace:
     """Gait of a worm of two links that turns in place.
 
+    Theory: docs/theory-planar.md, section 4.
+
     Parameters
     ----------
     end_friction, middle_friction : float

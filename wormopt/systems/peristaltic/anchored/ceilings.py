@@ -36,6 +36,8 @@ def mode_bound(
 ) -> ModeBound:
     """Return an upper bound of the mean speed, rigorous under round-off.
 
+    Theory: docs/theory-peristaltic.md, section 3.
+
     Parameters
     ----------
     segments : int

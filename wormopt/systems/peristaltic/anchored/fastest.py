@@ -221,6 +221,8 @@ def fastest(
 ) -> Fastest:
     """Design the fastest gait with a limited number of phases, and bound the speed of any gait.
 
+    Theory: docs/theory-peristaltic.md, section 3.
+
     Parameters
     ----------
     limits : AnchorLimits

@@ -121,6 +121,8 @@ def peristaltic_worm(body: Body, ground: Ground, anchoring: Anchoring = "mid") -
     ``limit_backward``; ``center`` of mass, ``kinetic_energy``, ``elastic_energy``, ``wall_energy``
     and the powers of `POWERS`. All are in SI units.
 
+    Theory: docs/theory-peristaltic.md, section 2.
+
     Parameters
     ----------
     body : Body

@@ -180,6 +180,8 @@ def best_gait(
 ) -> tuple[Optimum, tuple[float, ...]]:
     """Find the best gait from the `starts` best small ones, on a refined mesh.
 
+    Theory: docs/theory-peristaltic.md, section 4.
+
     Parameters
     ----------
     aim : DragAim

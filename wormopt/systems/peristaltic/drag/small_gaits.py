@@ -107,6 +107,8 @@ def small_gaits(
 ) -> list[SmallGait]:
     """Return the harmonic gaits that go forward, the best first; later ones are no optima.
 
+    Theory: docs/theory-peristaltic.md, section 4.
+
     Parameters
     ----------
     segments : int

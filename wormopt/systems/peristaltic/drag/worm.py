@@ -61,6 +61,8 @@ def drag_worm(
     ``dissipation`` with the drag of a segment spread along it: sum c (v^2 + l'^2 / 12). The
     parameter ``exponent`` is a.
 
+    Theory: docs/theory-peristaltic.md, section 4.
+
     Parameters
     ----------
     segments : int

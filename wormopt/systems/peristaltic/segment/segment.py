@@ -39,6 +39,8 @@ def checked(stretch: Any) -> Any:
 class Segment:
     """A sealed membrane cylinder in its coil, in SI units.
 
+    Theory: docs/theory-peristaltic.md, section 1.
+
     Parameters
     ----------
     length, radius, wall : float

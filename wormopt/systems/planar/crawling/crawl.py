@@ -92,6 +92,8 @@ def crawl(
     the masses, less the power of the load. This determines which masses rest, and when. Between
     these breaks the motion is analytic in the phase, and Gauss' rule integrates it.
 
+    Theory: docs/theory-planar.md, section 3.
+
     Parameters
     ----------
     shape : Shape

@@ -59,6 +59,8 @@ def crawl_gradient(found: Crawl, strokes: Sequence[Stroke] = ()) -> CrawlGradien
     masses stay at rest, the others stay in balance. Shifts of breaks contribute nothing, because
     the velocity is continuous there.
 
+    Theory: docs/theory-planar.md, section 3.
+
     Parameters
     ----------
     found : Crawl

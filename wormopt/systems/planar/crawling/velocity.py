@@ -158,6 +158,8 @@ def crawl_velocity(
 ) -> Motion:
     """Return the velocity of a body that crawls so slowly that its inertia does not matter.
 
+    Theory: docs/theory-planar.md, section 3.
+
     Parameters
     ----------
     shape : Shape

@@ -155,6 +155,8 @@ def design_stroke(
     From random strokes, optimal control with increasingly steep friction finds polygons. Their
     corners are then refined with the set-valued motion itself and its derivatives.
 
+    Theory: docs/theory-planar.md, section 9.
+
     Parameters
     ----------
     aim : PlanarAim

@@ -58,6 +58,8 @@ def planar_chain(
     mu = (c (l - l0) + d l' - u, kappa (phi - phi0) + delta phi' - w). Angles are in [-pi, pi]: a
     joint must not bend so far that it folds.
 
+    Theory: docs/theory-planar.md, section 2.
+
     Parameters
     ----------
     links : int

@@ -46,6 +46,8 @@ def driven_shape(
     angular momentum of the change of shape in the body's frame. Actuators enforce the shape: their
     loads follow from the head down, and are 0 behind the tail.
 
+    Theory: docs/theory-planar.md, section 2.
+
     Parameters
     ----------
     shape : Shape

@@ -38,6 +38,11 @@ class Phase:
         Phase of the stroke, at most 1.
     constraints : Constraints
         The constraints.
+
+    Examples
+    --------
+    >>> Phase(0.5, Constraints(pins=(2,), skids=(0,))).until
+    0.5
     """
 
     until: float
@@ -100,6 +105,8 @@ def kinematic_motion(
     shape: Shape, stroke: Stroke, phases: Constraints | Sequence[Phase]
 ) -> KinematicMotion:
     """Return the motion of a body from the change of its shape and its constraints.
+
+    Theory: docs/theory-planar.md, section 7.
 
     Parameters
     ----------

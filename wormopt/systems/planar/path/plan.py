@@ -72,6 +72,8 @@ def plan_path(
 ) -> PlannedPath:
     """Find steps of a library that lead from a pose to another without contact.
 
+    Theory: docs/theory-planar.md, section 8.
+
     Parameters
     ----------
     task : PathTask

@@ -258,6 +258,8 @@ def best_stroke(
 ) -> BestStroke:
     """Find the best stroke that does not turn a body on viscous ground.
 
+    Theory: docs/theory-planar.md, section 5.
+
     Parameters
     ----------
     swimmer : Swimmer

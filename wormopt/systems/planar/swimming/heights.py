@@ -87,6 +87,9 @@ def heights(
 ) -> Heights:
     """Return the curvature (height) functions of a body with two shape variables.
 
+    Theory: docs/theory-planar.md, section 5. Source: R. L. Hatton and H. Choset, Int. J. Robotics
+    Res. 30 (2011) 988.
+
     Parameters
     ----------
     swimmer : Swimmer

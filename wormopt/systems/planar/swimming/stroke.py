@@ -105,6 +105,8 @@ class Swim:
 def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
     """Return the displacement and work of a stroke of a body on viscous ground.
 
+    Theory: docs/theory-planar.md, section 5.
+
     Parameters
     ----------
     swimmer : Swimmer

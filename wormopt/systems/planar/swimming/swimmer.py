@@ -29,6 +29,8 @@ class Swimmer:
     linear from end to end, so a rod of length l resists rotation by c_n l^3 / 12, and a rod that
     stretches uniformly dissipates the power c_t l l'^2 / 12.
 
+    Theory: docs/theory-planar.md, section 5.
+
     Parameters
     ----------
     shape : Shape
