@@ -387,7 +387,7 @@ def test_no_path_is_told_from_no_end_of_the_search():
     with pytest.raises(SolveError, match="all 2 poses") as refused:
         plan_path(task, one, NEAR)
     assert refused.value.code == "no_path"
-    with pytest.raises(SolveError, match="30 poses were looked at, none near"):
+    with pytest.raises(SolveError, match="30 poses were searched, none near"):
         plan_path(task, ALL, NEAR, most=30)
 
 
