@@ -197,7 +197,8 @@ def test_too_little_current_is_told():
 
 
 @pytest.mark.parametrize(
-    ("residual", "words"), [(1.0, "worse than a constant field"), (0.7, "far from the wanted"), (0.5, "")]
+    ("residual", "words"),
+    [(1.0, "worse than a constant field"), (0.7, "far from the wanted"), (0.5, "")],
 )
 def test_a_poor_field_is_told(residual: float, words: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(MovingProfile, "residual", lambda self, wanted: residual)
