@@ -73,8 +73,7 @@ def page(kind: str) -> str:
         f"{KINDS[kind].summary[0].upper()}{KINDS[kind].summary[1:]}.",
         *_prose(table),
         "`schema`, `kind`, `title`, `units` and what holds for all scenes: "
-        f"[scenes](../scenes.md). This page is made by wormopt: "
-        f"`wormopt schema {kind} --markdown`.",
+        "[scenes](../scenes.md).",
         "## Keys",
         "\n".join(_keys(table)),
         *_sections(table, ""),
