@@ -1,4 +1,4 @@
-"""`wormopt new`, `schema -o`, `list` with filters, `completion`: on real files and a real bash."""
+"""`wormopt new`, `schema`, `list` with filters, `completion`: on real files and a real bash."""
 
 import json
 import re
@@ -17,7 +17,7 @@ from wormopt.cli import main
 from wormopt.kinds import KINDS
 from wormopt.scene import packaged_scenes
 from wormopt.scene.reference import schema
-from wormopt.scene.scene import packaged_folder, times_of_scenes
+from wormopt.scene.scene import times_of_scenes
 
 BASH = shutil.which("bash")
 
@@ -77,10 +77,27 @@ def test_every_new_scene_runs(kind: str, tmp_path: Path):
     assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-plots", "--quiet"]) == 0
 
 
-def test_a_new_scene_names_a_schema_that_is_there(tmp_path: Path):
-    first = made("gait", tmp_path).read_text(encoding="utf-8").splitlines()[0]
-    file = Path(first.removeprefix("#:schema file://"))
-    assert json.loads(file.read_text(encoding="utf-8")) == json.loads(json.dumps(schema("gait")))
+def test_a_new_scene_names_the_schema_beside_it(tmp_path: Path):
+    path, again = made("gait", tmp_path), tmp_path / "again.toml"
+    file = tmp_path / "gait.schema.json"
+    first = path.read_text(encoding="utf-8").splitlines()[0]
+    assert first == f"#:schema ./{file.name}"
+    text = file.read_text(encoding="utf-8")
+    assert json.loads(text) == json.loads(json.dumps(schema("gait")))
+    # that of an older version is brought up to date
+    file.write_text(text.replace("point masses", "masses"), encoding="utf-8")
+    assert main(["new", "gait", "-o", str(again)]) == 0
+    assert file.read_text(encoding="utf-8") == text
+
+
+def test_a_file_that_is_no_schema_of_ours_is_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "gait.schema.json").write_text("{}")
+    assert main(["new", "gait", "-o", str(tmp_path / "mine.toml")]) == 2
+    assert "gait.schema.json: is there already" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["gait.schema.json"]
+    assert (tmp_path / "gait.schema.json").read_text() == "{}"
 
 
 def test_nothing_is_written_over(
@@ -99,7 +116,7 @@ def test_nothing_is_written_over(
         assert main(["new", "stepper", "-o", name]) == 2
     assert wo.load_scene("gait.toml").table.kind == "gait"
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "folder.toml", "gait.toml", "link.toml",
+        "folder.toml", "gait.schema.json", "gait.toml", "link.toml",
     ]  # fmt: skip
 
 
@@ -113,40 +130,21 @@ def test_a_kind_that_is_none_is_hinted_at(arguments: list[str], capsys: pytest.C
     assert "did you mean gait?" in capsys.readouterr().err
 
 
-# -- schemas beside the packaged scenes ------------------------------------------------------------
+# -- schemas ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_schema_beside_the_scenes_is_up_to_date(kind: str, tmp_path: Path):
-    file = packaged_folder() / "schemas" / f"{kind}.json"
-    assert main(["schema", kind, "-o", str(tmp_path / "new.json")]) == 0
-    assert file.read_text(encoding="utf-8") == (tmp_path / "new.json").read_text("utf-8"), (
-        "make it anew: rm problems/schemas/*; wormopt schema --all -o problems/schemas"
-    )
-
-
-def test_no_schema_is_left_of_a_kind_that_is_gone():
-    assert {path.stem for path in (packaged_folder() / "schemas").iterdir()} == {*KINDS}
+def test_a_schema_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["schema", "gait", "-o", str(tmp_path / "gait.json")]
+    assert main(command) == 0
+    assert main(command) == 0  # what is the same already is no obstacle
+    (tmp_path / "gait.json").write_text("mine")
+    assert main(command) == 2
+    assert "gait.json: is there already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", packaged_scenes())
-def test_packaged_scenes_tell_editors_of_their_schema(name: str):
-    text = packaged_scenes()[name].read_text(encoding="utf-8")
-    kind = tomllib.loads(text)["kind"]
-    assert text.startswith(f"#:schema schemas/{kind}.json\n")
-
-
-def test_schemas_of_all_kinds_go_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["schema", "--all", "-o", str(tmp_path / "new")]) == 0
-    assert {path.stem for path in (tmp_path / "new").iterdir()} == {*KINDS}
-    (tmp_path / "new" / "gait.json").write_text("mine")
-    assert main(["schema", "--all", "-o", str(tmp_path / "new")]) == 2
-    told = capsys.readouterr().err  # what is the same already is no obstacle
-    assert "gait.json: is there already" in told
-    assert told.count(".json") == 1
-    assert main(["schema", "--all"]) == 2
-    assert main(["schema"]) == 2
-    assert main(["schema", "gait", "--all", "-o", "x"]) == 2
+def test_packaged_scenes_name_no_schema_that_is_not_there(name: str):
+    assert "#:schema" not in packaged_scenes()[name].read_text(encoding="utf-8")
 
 
 # -- list ------------------------------------------------------------------------------------------

@@ -1,9 +1,11 @@
-"""``wormopt new`` and ``schema``: scenes to begin with, and what editors know of their keys."""
+"""``wormopt help``, ``new`` and ``schema``: the keys of a kind of scene, for people and editors."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,22 @@ _MADE_BY = b'"$comment": "made by wormopt schema '  # see wormopt.scene.referenc
 
 def add(commands: Any) -> None:
     """Add the commands to a parser's."""
+    command = commands.add_parser(
+        "help",
+        help="show the keys and results of a kind of scene",
+        description="Show the reference page of a kind of scene: keys, scalars and variables. "
+        "A pipe or a file gets it as Markdown.",
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_help)
+    command.add_argument(
+        "kind",
+        metavar="KIND",
+        nargs="?",
+        type=kind_name,
+        help="see `wormopt list`; without it, the commands are shown",
+    )
+
     command = commands.add_parser(
         "new",
         help="write a scene to begin with",
@@ -35,6 +53,31 @@ def add(commands: Any) -> None:
     command.set_defaults(command=_schema)
     command.add_argument("kind", metavar="KIND", type=kind_name, help="see `wormopt list`")
     command.add_argument("-o", "--output", metavar="FILE", help="what to write")
+
+
+def _help(options: argparse.Namespace) -> int:
+    if not options.kind:
+        options.parser.print_help()
+        return DONE
+    from wormopt.scene.reference import page
+
+    text = page(options.kind)
+    if not sys.stdout.isatty():
+        print(text, end="")
+        return DONE
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    Console().print(Markdown(_for_terminals(text)))
+    return DONE
+
+
+def _for_terminals(page: str) -> str:
+    """Write indices and powers without HTML, and links as the names of pages in docs/."""
+    page = re.sub(r"<sub>(.*?)</sub>", r"_\1", page)
+    page = re.sub(r"<sup>(.*?)</sup>", r"^\1", page)
+    page = re.sub(r"\[([\w.-]+\.md)\]\(\.\./[^)]*\)", r"docs/\1", page)
+    return re.sub(r"\[([^\]]*)\]\(\.\./([^)#]*)[^)]*\)", r"\1 (docs/\2)", page)
 
 
 def _new(options: argparse.Namespace) -> int:

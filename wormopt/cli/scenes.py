@@ -1,10 +1,8 @@
-"""``wormopt list``, ``help`` and ``check``: scenes and kinds of scene, nothing computed."""
+"""``wormopt list`` and ``check``: scenes and kinds of scene, nothing computed."""
 
 from __future__ import annotations
 
 import argparse
-import re
-import sys
 from typing import Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, kind_name, say
@@ -28,22 +26,6 @@ def add(commands: Any) -> None:
         "words", metavar="WORD", nargs="*", help="only what has all these words, in any case"
     )
     command.add_argument("--kind", metavar="KIND", type=kind_name, help="only scenes of this kind")
-
-    command = commands.add_parser(
-        "help",
-        help="show the keys and results of a kind of scene",
-        description="Show the reference page of a kind of scene: keys, scalars and variables. "
-        "A pipe or a file gets it as Markdown.",
-        allow_abbrev=False,
-    )
-    command.set_defaults(command=_help)
-    command.add_argument(
-        "kind",
-        metavar="KIND",
-        nargs="?",
-        type=kind_name,
-        help="see `wormopt list`; without it, the commands are shown",
-    )
 
     command = commands.add_parser("check", help="check scenes without computing them")
     command.set_defaults(command=_check)
@@ -80,31 +62,6 @@ def _about(seconds: float) -> str:
     if not seconds:
         return ""
     return f"{seconds:g} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
-def _help(options: argparse.Namespace) -> int:
-    if not options.kind:
-        options.parser.print_help()
-        return DONE
-    from wormopt.scene.reference import page
-
-    text = page(options.kind)
-    if not sys.stdout.isatty():
-        print(text, end="")
-        return DONE
-    from rich.console import Console
-    from rich.markdown import Markdown
-
-    Console().print(Markdown(_for_terminals(text)))
-    return DONE
-
-
-def _for_terminals(page: str) -> str:
-    """Write indices and powers without HTML, and links as the names of pages in docs/."""
-    page = re.sub(r"<sub>(.*?)</sub>", r"_\1", page)
-    page = re.sub(r"<sup>(.*?)</sup>", r"^\1", page)
-    page = re.sub(r"\[([\w.-]+\.md)\]\(\.\./[^)]*\)", r"docs/\1", page)
-    return re.sub(r"\[([^\]]*)\]\(\.\./([^)#]*)[^)]*\)", r"\1 (docs/\2)", page)
 
 
 def _check(options: argparse.Namespace) -> int:

@@ -72,8 +72,7 @@ def page(kind: str) -> str:
         f"# Scenes of kind `{kind}`",
         f"{KINDS[kind].summary[0].upper()}{KINDS[kind].summary[1:]}.",
         *_prose(table),
-        "`schema`, `kind`, `title`, `units` and what holds for all scenes: "
-        "[scenes](../scenes.md).",
+        "`schema`, `kind`, `title`, `units` and what holds for all scenes: [scenes](../scenes.md).",
         "## Keys",
         "\n".join(_keys(table)),
         *_sections(table, ""),
