@@ -37,19 +37,19 @@ from wormopt.model.friction import Coulomb as Coulomb
 from wormopt.model.friction import Stribeck as Stribeck
 from wormopt.model.friction import Viscous as Viscous
 from wormopt.model.friction import Spike as Spike
-from wormopt.model.friction import Held as Held
+from wormopt.model.friction import NoSlip as NoSlip
 from wormopt.model.modes import ModeSequence as ModeSequence
 from wormopt.model.schedule import Schedule as Schedule
 from wormopt.model.delay import Delay as Delay
 from wormopt.systems.chain.build import chain as chain
-from wormopt.systems.chain.copies import copies as copies
+from wormopt.systems.chain.copies import scenario_model as scenario_model
 from wormopt.simulation.walls import smooth_walls as smooth_walls
 
 # Group: Simulation
 from wormopt.simulation.simulate import simulate as simulate
 from wormopt.simulation.trajectory import Trajectory as Trajectory
 from wormopt.simulation.trajectory import Event as Event
-from wormopt.simulation.trajectory import Doubt as Doubt
+from wormopt.simulation.trajectory import NonsmoothEvent as NonsmoothEvent
 from wormopt.simulation.options import Exact as Exact
 from wormopt.simulation.options import Smooth as Smooth
 from wormopt.simulation.options import Tolerance as Tolerance
@@ -74,9 +74,9 @@ from wormopt.control.reference import Reference as Reference
 from wormopt.control.reference import gait_reference as gait_reference
 from wormopt.control.loop import FeedForward as FeedForward
 from wormopt.control.lqr import lqr as lqr
-from wormopt.control.predictive import plan_ahead as plan_ahead
-from wormopt.control.receding import recede as recede
-from wormopt.control.predictive import Decisions as Decisions
+from wormopt.control.predictive import plan_mpc as plan_mpc
+from wormopt.control.receding import run_mpc as run_mpc
+from wormopt.control.predictive import MpcOptions as MpcOptions
 from wormopt.control.estimation import Estimation as Estimation
 
 # Group: Optimal control
@@ -93,7 +93,7 @@ from wormopt.ocp.motion import Motion as Motion
 from wormopt.ocp.optimise import Optimum as Optimum
 from wormopt.ocp.optimise import optimise as optimise
 from wormopt.ocp.optimise import refine as refine
-from wormopt.ocp.optimise import best_of as best_of
+from wormopt.ocp.optimise import optimise_multistart as optimise_multistart
 from wormopt.ocp.switching import optimise_switching_times as optimise_switching_times
 from wormopt.ocp.nlp import Ipopt as Ipopt
 from wormopt.ocp.nlp import Plugin as Plugin
@@ -144,7 +144,7 @@ from wormopt.systems import pair as pair
 from wormopt.systems import planar as planar
 from wormopt.model.planar_friction import Elliptic as Elliptic
 from wormopt.model.planar_friction import PlanarLaw as PlanarLaw
-from wormopt.model.planar_friction import Unit as Unit
+from wormopt.model.planar_friction import AnisotropicCoulomb as AnisotropicCoulomb
 from wormopt.systems import channel as channel
 
 # Group: Families: sweeps and ensembles
