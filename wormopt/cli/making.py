@@ -1,4 +1,4 @@
-"""``wormopt new`` and ``schema``: scenes to begin with, and what editors know of their keys."""
+"""``wormopt new`` and ``schema``: scenes to start from, and JSON Schemas of their keys."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ def add(commands: Any) -> None:
     """Add the commands to a parser's."""
     command = commands.add_parser(
         "new",
-        help="write a scene to begin with",
-        description="Write a scene of a kind that runs as it is, with what every key means.",
+        help="write a scene to start from",
+        description="Write a scene of a kind. It runs as written, and comments explain each key.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_new)
-    command.add_argument("kind", metavar="KIND", type=kind_name, help="see `wormopt list`")
-    command.add_argument("-o", "--output", metavar="FILE", help="what to write (KIND.toml)")
+    command.add_argument(
+        "kind", metavar="KIND", type=kind_name, help="kind of scene, see `wormopt list`"
+    )
+    command.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write (default: KIND.toml)"
+    )
 
     command = commands.add_parser(
         "schema",
@@ -33,13 +37,19 @@ def add(commands: Any) -> None:
     )
     command.set_defaults(command=_schema)
     command.add_argument(
-        "kind", metavar="KIND", nargs="?", type=kind_name, help="see `wormopt list`"
+        "kind", metavar="KIND", nargs="?", type=kind_name, help="kind of scene, see `wormopt list`"
     )
-    command.add_argument("--all", action="store_true", help="of every kind, KIND.json in a folder")
     command.add_argument(
-        "--markdown", action="store_true", help="as a page to read, with scalars and variables"
+        "--all", action="store_true", help="write KIND.json for every kind to the folder -o"
     )
-    command.add_argument("-o", "--output", metavar="PATH", help="the file or folder to write")
+    command.add_argument(
+        "--markdown",
+        action="store_true",
+        help="write a Markdown page instead, with the scalars and variables of results",
+    )
+    command.add_argument(
+        "-o", "--output", metavar="PATH", help="file or folder to write (default: stdout)"
+    )
 
 
 def _new(options: argparse.Namespace) -> int:
@@ -48,7 +58,7 @@ def _new(options: argparse.Namespace) -> int:
 
     path = Path(options.output or f"{options.kind}.toml")
     if path.suffix != ".toml":
-        raise OutputError(f"{path}: a scene is a TOML file; let its name end in .toml")
+        raise OutputError(f"{path}: does not end in .toml; a scene is a TOML file")
     schema = packaged_folder() / "schemas" / f"{options.kind}.json"
     write_files({path: template(options.kind, schema.resolve().as_uri()).encode()}, force=None)
     print(f"{path}: written; run it with: wormopt run {path}")
@@ -57,7 +67,7 @@ def _new(options: argparse.Namespace) -> int:
 
 def _schema(options: argparse.Namespace) -> int:
     if options.all == bool(options.kind) or (options.all and not options.output):
-        say("wormopt schema: name a KIND, or write --all -o DIR")
+        say("wormopt schema: no kind is given; write a KIND, or --all -o DIR")
         return BAD_INPUT
     suffix = ".md" if options.markdown else ".json"
     if options.all:
