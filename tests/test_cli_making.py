@@ -11,10 +11,12 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+import shtab
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.kinds import KINDS
+from wormopt.cli.synonyms import SYNONYMS, has_all
+from wormopt.kinds import GROUPS, KINDS
 from wormopt.scene import packaged_scenes
 from wormopt.scene.reference import schema
 from wormopt.scene.scene import times_of_scenes
@@ -153,17 +155,18 @@ def test_packaged_scenes_name_no_schema_that_is_not_there(name: str):
 def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
     assert main(["list", "--kind", "gait"]) == 0
     out = capsys.readouterr().out
-    assert re.findall(r"^  (\w\S*)  +gait  ", out, re.MULTILINE) == [
+    assert re.findall(r"^    (\w+) ", out, re.MULTILINE) == [
         "fast_gait",
         "gait_region",
         "uphill_gait",
     ]
+    assert re.findall(r"^  (\S+):", out, re.MULTILINE) == ["gait"]
     assert "film" not in out
     assert main(["list", "FLUID", "wave"]) == 0
     out = capsys.readouterr().out
     assert "film-wave" in out
     assert "fast_gait" not in out
-    assert all("wave" in line.lower() for line in out.splitlines() if line.startswith("  "))
+    assert re.findall(r"^\w.*", out, re.MULTILINE) == ["Magnetic films", "Coils"]
     assert main(["list", "no_such_word"]) == 0
     said = capsys.readouterr()
     assert said.out == ""
@@ -173,7 +176,47 @@ def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
 def test_every_packaged_scene_has_a_time(capsys: pytest.CaptureFixture[str]):
     assert {*times_of_scenes()} == {*packaged_scenes()}, "measure it: .ci/gallery"
     assert main(["list", "fast_gait"]) == 0
-    assert re.search(r"  fast_gait +gait +1 s  ", capsys.readouterr().out)
+    assert re.search(r"  gait: .*\n    fast_gait +1 s  ", capsys.readouterr().out)
+
+
+def test_every_kind_is_in_one_group():
+    assert sorted(kind for kinds in GROUPS.values() for kind in kinds) == sorted(KINDS)
+
+
+def test_the_list_is_in_json_too(capsys: pytest.CaptureFixture[str]):
+    assert main(["list", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {kind["name"] for kind in found["kinds"]} == {*KINDS}
+    assert {scene["name"] for scene in found["scenes"]} == {*packaged_scenes()}
+    (fast,) = (scene for scene in found["scenes"] if scene["name"] == "fast_gait")
+    assert (fast["kind"], fast["group"]) == ("gait", "Spiked worms and gaits")
+    assert fast["seconds"] == 1
+    assert main(["list", "--json", "no_such_word"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"kinds": [], "scenes": []}
+
+
+@pytest.mark.parametrize(
+    ("word", "kind"),
+    [
+        ("snake", "planar-serpenoid"),
+        ("ferrofluid", "film-wave"),
+        ("optimize", "optimal-crawl"),
+        ("Earthworm", "peristaltic-worm"),
+        ("mpc", "track-predictive"),
+        ("identification", "fit"),
+    ],
+)
+def test_the_list_is_searched_by_synonyms(word: str, kind: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["list", word]) == 0
+    assert f"\n  {kind}: " in capsys.readouterr().out
+
+
+def test_every_synonym_is_a_word_of_the_list():
+    summaries = (f"{name} {kind.summary}" for name, kind in KINDS.items())
+    listed = " ".join([*GROUPS, *summaries, *packaged_scenes()])
+    for word, meant in SYNONYMS.items():
+        assert word == word.casefold()
+        assert not [each for each in meant.split() if not has_all([each], listed)], word
 
 
 # -- completion ------------------------------------------------------------------------------------
@@ -219,7 +262,7 @@ def test_bash_completes(script: Path, tmp_path: Path, words: str, offered: set[s
     assert set(done.stdout.split()) == offered, done.stderr
 
 
-@pytest.mark.parametrize("shell", ["zsh", "tcsh"])
+@pytest.mark.parametrize("shell", ["zsh", "tcsh", "fish"])
 def test_scripts_of_other_shells_are_read_by_them(shell: str, tmp_path: Path):
     program = shutil.which(shell)
     if not program:
@@ -230,3 +273,21 @@ def test_scripts_of_other_shells_are_read_by_them(shell: str, tmp_path: Path):
     assert "fast_gait" in text
     done = subprocess.run([program, "-n", str(tmp_path / "script")], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("shell", ["fish", "powershell"])
+def test_scripts_complete_scenes_and_kinds(shell: str, capsys: pytest.CaptureFixture[str]):
+    if shell not in shtab.SUPPORTED_SHELLS:
+        pytest.skip(f"shtab {shtab.__version__} does not know {shell}")
+    assert main(["completion", shell]) == 0
+    out = capsys.readouterr().out
+    assert "fast_gait" in out
+    assert "film-forward" in out
+
+
+def test_a_shell_that_shtab_does_not_know_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(shtab, "SUPPORTED_SHELLS", ["bash"])
+    assert main(["completion", "fish"]) == 2
+    assert "run pip install --upgrade shtab" in capsys.readouterr().err

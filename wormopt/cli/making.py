@@ -1,4 +1,4 @@
-"""``wormopt help``, ``new`` and ``schema``: the keys of a kind of scene, for people and editors."""
+"""``wormopt help``, ``new`` and ``schema``: the keys of a kind of scene, for users and editors."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def add(commands: Any) -> None:
     """Add the commands to a parser's."""
     command = commands.add_parser(
         "help",
-        help="show the keys and results of a kind of scene",
+        help="show the keys of a kind of scene and what its results hold",
         description="Show the reference page of a kind of scene: keys, scalars and variables. "
-        "A pipe or a file gets it as Markdown.",
+        "Output to a pipe or file is Markdown.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_help)
@@ -31,18 +31,23 @@ def add(commands: Any) -> None:
         metavar="KIND",
         nargs="?",
         type=kind_name,
-        help="see `wormopt list`; without it, the commands are shown",
+        help="kind of scene, see `wormopt list` (default: list the commands)",
     )
 
     command = commands.add_parser(
         "new",
-        help="write a scene to begin with",
-        description="Write a scene of a kind that runs as it is, with what every key means.",
+        help="write a scene to start from",
+        description="Write a scene of a kind. It runs as written, and comments explain each key. "
+        "Its JSON Schema, KIND.schema.json, is written beside it for editors.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_new)
-    command.add_argument("kind", metavar="KIND", type=kind_name, help="see `wormopt list`")
-    command.add_argument("-o", "--output", metavar="FILE", help="what to write (KIND.toml)")
+    command.add_argument(
+        "kind", metavar="KIND", type=kind_name, help="kind of scene, see `wormopt list`"
+    )
+    command.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write (default: KIND.toml)"
+    )
 
     command = commands.add_parser(
         "schema",
@@ -51,8 +56,10 @@ def add(commands: Any) -> None:
         allow_abbrev=False,
     )
     command.set_defaults(command=_schema)
-    command.add_argument("kind", metavar="KIND", type=kind_name, help="see `wormopt list`")
-    command.add_argument("-o", "--output", metavar="FILE", help="what to write")
+    command.add_argument(
+        "kind", metavar="KIND", type=kind_name, help="kind of scene, see `wormopt list`"
+    )
+    command.add_argument("-o", "--output", metavar="FILE", help="file to write (default: stdout)")
 
 
 def _help(options: argparse.Namespace) -> int:
@@ -73,7 +80,7 @@ def _help(options: argparse.Namespace) -> int:
 
 
 def _for_terminals(page: str) -> str:
-    """Write indices and powers without HTML, and links as the names of pages in docs/."""
+    """Replace HTML indices and powers by _ and ^, and links by the names of pages in docs/."""
     page = re.sub(r"<sub>(.*?)</sub>", r"_\1", page)
     page = re.sub(r"<sup>(.*?)</sup>", r"^\1", page)
     page = re.sub(r"\[([\w.-]+\.md)\]\(\.\./[^)]*\)", r"docs/\1", page)
@@ -85,7 +92,7 @@ def _new(options: argparse.Namespace) -> int:
 
     path = Path(options.output or f"{options.kind}.toml")
     if path.suffix != ".toml":
-        raise OutputError(f"{path}: a scene is a TOML file; let its name end in .toml")
+        raise OutputError(f"{path}: does not end in .toml; a scene is a TOML file")
     schema = path.with_name(f"{options.kind}.schema.json")
     texts = {path: template(options.kind, f"./{schema.name}"), schema: _text(options.kind)}
     files = {file: text.encode() for file, text in texts.items()}
@@ -95,7 +102,7 @@ def _new(options: argparse.Namespace) -> int:
 
 
 def _is_ours(schema: Path) -> bool:
-    """Whether there is such a schema, made by this version of wormopt or another."""
+    """Whether the file exists and wormopt, of any version, made it."""
     return is_there(schema) and _MADE_BY in schema.read_bytes()
 
 
