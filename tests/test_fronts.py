@@ -98,7 +98,7 @@ def test_the_table_is_printed_and_names_knee_and_jumps(
     _, _, *rows = table.splitlines()
     knee, jumps = (result.scalars[name].value for name in ("front_knee", "front_jumps"))
     assert [k for k, row in enumerate(rows) if "knee" in row] == [knee]
-    assert sum("another order" in row for row in rows) == jumps > 0
+    assert sum("new resting sequence" in row for row in rows) == jumps > 0
     assert [row.split("|")[1].strip() for row in rows] == ["0", "1", "2", "3"]
 
 
