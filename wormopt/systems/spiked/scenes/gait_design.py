@@ -222,8 +222,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "objective": ("speed", "objective reached, in its quantity, recomputed from the gait"),
         "bound": (
             "speed",
-            "for a speed, or with `[search.certify]`: proven bound for any phases and cycles: no gait "
-            "is faster, or cheaper. It is never above the ceiling. Before anything better is "
+            "for a speed, or with `[search.certify]`: proven bound for gaits with any phases and "
+            "cycles: no gait is faster, or cheaper. It is never above the ceiling. Before anything better is "
             "proven it equals the ceiling, or 0 for a cost",
         ),
         "gap_certified": (
