@@ -127,11 +127,11 @@ from wormopt.systems import planar as planar
 from wormopt.systems.chain.build import chain as chain
 from wormopt.systems.chain.copies import copies as copies
 from wormopt.systems.spiked import stepper as stepper
-from wormopt.systems.spiked.certify.bound import Certified as Certified
-from wormopt.systems.spiked.certify.bound import certify as certify
 from wormopt.systems.spiked.certify.certificate import Certificate as Certificate
 from wormopt.systems.spiked.certify.certificate import Verification as Verification
 from wormopt.systems.spiked.certify.certificate import verify as verify
+from wormopt.systems.spiked.certify.certified import Certified as Certified
+from wormopt.systems.spiked.certify.certified import certify as certify
 from wormopt.systems.spiked.construct import fast_gait as fast_gait
 from wormopt.systems.spiked.construct import travelling_sine as travelling_sine
 from wormopt.systems.spiked.crawl import crawl as crawl

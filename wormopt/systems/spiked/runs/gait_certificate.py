@@ -1,4 +1,4 @@
-"""The certificate of a designed gait: proof of how much better any gait could be."""
+"""The certificate of a designed gait: a proof of how much better any gait could be."""
 
 from __future__ import annotations
 
@@ -22,11 +22,17 @@ _ROUNDING = 1e-12
 
 
 def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Findings:
-    """What is proven of every gait, and verified exactly; a gait beyond its bound is a fault."""
+    """What is proven of every gait, and verified exactly; a gait beyond its bound is a fault.
+
+    Without a table `[search.certify]` the bound is the one that the search began with.
+    """
     wanted, task = table.search.proof, found.task
-    assert wanted is not None
     clock = time.perf_counter()
-    proven = bounded(task, found.value, wanted, report)
+    if wanted is not None:
+        proven = bounded(task, found.value, wanted, report)
+    else:
+        assert found.survey.bounded is not None
+        proven = found.survey.bounded
     proved = time.perf_counter()
     cost = task.objective.minimise is not None
     gap = gap_of(found.value, proven.bound, cost)
@@ -35,35 +41,38 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
     facts: dict[str, Any] = {
         "holds_for": "every gait of any order of rest, number of phases and cycles, in which "
         f"gait.resting = {task.limits.resting} and all other limits hold at any time",
-        "ended": proven.ending,
-        "wanted_gap": wanted.gap,
         "source": proven.source,
     }
+    timings: dict[str, float] = {}
     if proven.certificate is not None:
         report("verifying the certificate in exact arithmetic", None)
         verified = verify(proven.certificate)
         advice = f"the certificate is not verified: {verified.reason}; please report this scene"
         checks.append(Check("certificate verified", 0.0 if verified.holds else 1.0, 0.0, advice))
         facts["verified_inequalities"] = verified.inequalities
+        timings["verify"] = time.perf_counter() - proved
     unit = unit_of(task.objective.quantity, table.units)
+    known = Findings(
+        {"bound": Scalar(proven.bound, unit), "gap_certified": max(0.0, gap)},
+        checks=tuple(checks),
+        facts={"certificate": facts},
+        timings=timings,
+        attributes={"certificate": proven.certificate.text} if proven.certificate else {},
+    )
+    if wanted is None:
+        return known
+    facts |= {"ended": proven.ending, "wanted_gap": wanted.gap}
     history = np.array(proven.history)
     courses = {"proof_bound": history[:, 1], "proof_value": 0 * history[:, 1] + found.value}
     variables: dict[str, Any] = {"proof_time": history[:, 0]}
     for name, values in courses.items():
         _, dims, long_name = table.variables[name]
         variables[name] = Variable(name, unit, dims, values, long_name)
-    return Findings(
-        {
-            "bound": Scalar(proven.bound, unit),
-            "gap_certified": max(0.0, gap),
-            "certified_seconds": proved - clock,
-        },
+    return known | Findings(
+        {"certified_seconds": proved - clock},
         variables,
-        checks=tuple(checks),
-        facts={"certificate": facts},
         warnings=tuple(_warnings(proven, wanted.gap)),
-        timings={"certify": proved - clock, "verify": time.perf_counter() - proved},
-        attributes={"certificate": proven.certificate.text} if proven.certificate else {},
+        timings={"certify": proved - clock},
     )
 
 

@@ -177,7 +177,7 @@ class ObjectiveTable(Table, frozen=True, kw_only=True):
 
 
 class CertifyTable(Table, frozen=True, kw_only=True):
-    """Proof of how much better any gait could be, of kind `gait-design` only.
+    """A sharper proof of how much better any gait could be, of kind `gait-design` only.
 
     It speaks of every gait within the limits: of any order of rest, number of phases and cycles.
     Its keys may all be left out, `certify = {}` is enough. What it proves:
@@ -241,9 +241,17 @@ class SearchTable(Table, frozen=True, kw_only=True):
             "result does not depend on it",
         ),
     ] = None
+    gap: Annotated[
+        Gap,
+        says(
+            "share",
+            "a search for speed ends when no gait can be faster by more than this, as proven "
+            "before it begins by linear programs that take tenths of a second",
+        ),
+    ] = Search.gap
     certify: Annotated[
         CertifyTable | None,
-        says("", "proof of how much better any gait could be; none if left out"),
+        says("", "a sharper bound of every gait, for peak loads too"),
     ] = None
 
     @property

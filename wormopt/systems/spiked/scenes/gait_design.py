@@ -43,7 +43,6 @@ DESIGN_SCALARS = MOTION_SCALARS | {
         "under the largest",
     ),
     "ceiling": ("speed", "upper bound on the mean speed by link rates and resting masses"),
-    "gap": ("share", "(ceiling − speed)/ceiling"),
     "discretisation_error": (
         "speed",
         "gain in the objective, in its quantity, that the last halving of every arc brought; of "
@@ -193,15 +192,15 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | `solver.violation` | largest excess over any row of the last program, in its own units |
     | `solver.arcs_per_phase`, `solver.degree` | arcs of the gait in each phase of `solver.sequence`; degree of the lengths on an arc |
     | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, without phases that shrank to nothing; how long each phase lasts; cycles in a period |
-    | `search.ended` | `searched`, `time limit` or `interrupted` |
+    | `search.ended` | `searched`; `proven`, where no gait can be better by more than `search.gap`; `time limit` or `interrupted` |
     | `search.tried`, `search.variations_tried` | orders of rest that were tried; variations that were made, those passed over for their ceilings included |
     | `search.linear_programs` | linear programs solved in the search |
     | `search.stages_s` | seconds of each stage |
     | `search.best` | the best five orders with their cycles and objective, before they are sharpened |
     | `sensitivity` | how sensitivities were found, or why they are unknown |
-    | `certificate` | with `[search.certify]`: of which gaits the proof speaks, what it is made of, why it ended, how many inequalities were verified exactly |
+    | `certificate` | of a speed, or with `[search.certify]`: to which gaits the proof applies, how it was found, how many inequalities were verified exactly, why a longer proof ended |
 
-    With `[search.certify]` the file `certificate.json` is written, unless rates and resting masses alone say more: `wormopt verify certificate.json` verifies it.
+    The proof is written to the file `certificate.json`, unless rates and resting masses alone give a smaller bound. `wormopt verify certificate.json` verifies it.
     """  # noqa: E501
 
     headline: ClassVar = (
@@ -209,8 +208,6 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "objective",
         "bound",
         "gap_certified",
-        "ceiling",
-        "gap",
         "period",
         "cycles",
         "tick_loss",
@@ -220,14 +217,13 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
         "bound": (
             "speed",
-            "with `[search.certify]`: proven, no gait of any phases and cycles is faster, or "
-            "cheaper; never above the ceiling, which it is (for a cost 0) before anything better "
-            "is proven",
+            "of a speed, or with `[search.certify]`: proven, no gait of any phases and cycles is "
+            "faster, or cheaper; never above the ceiling, which it is (for a cost 0) before "
+            "anything better is proven",
         ),
         "gap_certified": (
             "share",
-            "with `[search.certify]`: by how much any gait could be better at most, as a share "
-            "of `objective`",
+            "with `bound`: by how much any gait could be better at most, as a share of `objective`",
         ),
         "certified_seconds": ("s", "with `[search.certify]`: time spent on the proof"),
     }
