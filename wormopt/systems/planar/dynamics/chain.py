@@ -76,7 +76,7 @@ def planar_chain(
         Joint angles phi0 without torque, in rad.
     rod_mass : array_like, shape (n,), optional
         Masses of uniform rods along the links, which stretch uniformly and couple all masses.
-    law : Elliptic, Unit, Axes, or sequence of these or None, optional
+    law : Elliptic, AnisotropicCoulomb, Axes, or sequence of these or None, optional
         Friction law under each mass; None for no ground.
     pull : array_like, shape (2,) or (n+1, 2), optional
         Constant force on each mass, for example the weight along a slope.

@@ -60,7 +60,7 @@ def driven_shape(
         Masses of the points, positive. For all array_like parameters a single value holds for all.
     inertia : float, optional
         Moment of inertia of the head about itself, not negative: it turns with the body's frame.
-    law : Elliptic, Unit, Axes, or sequence of these or None, optional
+    law : Elliptic, AnisotropicCoulomb, Axes, or sequence of these or None, optional
         Friction law under each point; None for no ground.
     pull : array_like, shape (2,) or (points, 2), optional
         Constant force on each point.
