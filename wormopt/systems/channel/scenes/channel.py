@@ -149,7 +149,7 @@ class ChannelWormScene(BodyScene, frozen=True, kw_only=True):
 
     A magnetisable body lies in a channel beside coils that are switched in turn. The scene computes
     the length of a segment, the number of segments, and the velocity over the frequency. The
-    velocity is eq. 32 of K. Zimmermann et al., "Worm-like Locomotion Systems (WLLS)", 2007; the
+    velocity is eq. 32 of Zimmermann et al. 2007 [[1]](../references.md); the
     three assumed shapes are eqs 33–35. Theory:
     [theory-channel.md](../theory-channel.md#1-closed-forms). Only `units = "SI"`. Marks and limits
     of a sample are from the text of that chapter. They are left out if a size is changed.
@@ -273,9 +273,9 @@ class RestTable(WindingTable, frozen=True, kw_only=True):
 class SegmentShapesScene(BodyScene, frozen=True, kw_only=True):
     """Shapes of a segment between two coils: three assumed ones and the elastica.
 
-    The assumed shapes are eqs 33–35 of K. Zimmermann et al., "Worm-like Locomotion Systems (WLLS)",
-    2007. The elastica is the exact shape of an elastic body, under two assumptions. The scene
-    computes lengths, wall forces, energies and distances. Theory:
+    The assumed shapes are eqs 33–35 of Zimmermann et al. 2007 [[1]](../references.md). The elastica
+    is the exact shape of an elastic body, under two assumptions. The scene computes lengths, wall
+    forces, energies and distances. Theory:
     [theory-channel.md](../theory-channel.md#2-exact-segment-shapes). Only `units = "SI"`. With
     `[rod]` the rest of the body in the field of coils is also computed, and `rod` is a further
     exact shape; its `theta` is the angle of the cross sections. Without a known modulus the rod is

@@ -257,8 +257,8 @@ class RodMotionScene(RodScene, frozen=True, kw_only=True):
     simulates one motion of the rod: velocity and direction, shapes, wall forces, and the balance of
     work. It repeats the simulation with other steps and meshes. Theory:
     [theory-channel.md](../theory-channel.md#3-rod-in-the-channel). Only `units = "SI"`. Parameters
-    marked *assumed* are not published for the experiments in K. Zimmermann et al., "Worm-like
-    Locomotion Systems (WLLS)", 2007. Every result lists them as scalars `assumed_…`.
+    marked *assumed* are not published for the experiments in Zimmermann et al. 2007
+    [[1]](../references.md). Every result lists them as scalars `assumed_…`.
 
     `frame` are times in the last two repeats of the pattern. The status is `failed` if the energy
     balance has an error above 1 %, or walls are penetrated by more than 5 % of the room. It is also

@@ -50,9 +50,9 @@ _PROFILE = {
 class CoilsTable(Table, frozen=True, kw_only=True):
     """A row of equal coils.
 
-    Sizes marked *assumed* are not published in K. Zimmermann et al., "Worm-like Locomotion Systems
-    (WLLS)", 2007. That these values belong together is also an assumption: 20 coils and 3000
-    ampere-turns are from its section 3.5, the pitch is from section 3.4.
+    Sizes marked *assumed* are not published in Zimmermann et al. 2007 [[1]](../references.md). That
+    these values belong together is also an assumption: 20 coils and 3000 ampere-turns are from its
+    section 3.5, the pitch is from section 3.4.
 
     Coils that overlap are refused.
     """
@@ -314,8 +314,8 @@ class CurrentSearchTable(Table, frozen=True, kw_only=True):
 class CoilInverseScene(RowScene, frozen=True, kw_only=True):
     """Currents of a row whose travelling field is closest to that needed for a wave of a film.
 
-    The wanted *H*² for a cosine wave of the film is eq. 31 of K. Zimmermann et al., "Worm-like
-    Locomotion Systems (WLLS)", 2007. Theory, and the range of fields of a row:
+    The wanted *H*² for a cosine wave of the film is eq. 31 of Zimmermann et al. 2007
+    [[1]](../references.md). Theory, and the range of fields of a row:
     [theory-coils.md](../theory-coils.md#3-currents-for-a-field). `units` must be `"SI"`.
 
     The resulting film is the steady film nearest to the wave under the mean field in the wave's

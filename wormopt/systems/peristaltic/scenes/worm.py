@@ -144,8 +144,8 @@ class PeristalticWormScene(SIScene, frozen=True, kw_only=True):
     Rest and sliding are resolved exactly. Theory:
     [theory-peristaltic.md](../theory-peristaltic.md#2-the-chain). Moreau-Jean time stepping, which
     uses no events, computes the motion again. Only `units = "SI"`. Parameters marked *assumed* are
-    not from Zimmermann et al. 2007 (WLLS, see the theory page). The status is `failed` if
-    energy is not balanced, the second route disagrees, or a coil pulls its segment into itself.
+    not from Zimmermann et al. 2007 [[1]](../references.md). The status is `failed` if energy is not
+    balanced, the second route disagrees, or a coil pulls its segment into itself.
 
     `frame` are times in the last two cycles.
     """
