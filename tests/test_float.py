@@ -482,7 +482,10 @@ def test_a_tracer_on_the_surface_of_a_wave_that_holds_it_is_refused(
 ):
     sets = ["--set", "film.delta=0.7", "--set", "tracers.height=[0.5, 1.0]"]
     assert main(["run", "fig27_float", "-o", str(tmp_path / "out"), *sets]) == 2
-    assert "tracers.height[1]: is on the surface of a wave that holds floats" in capsys.readouterr().err
+    assert (
+        "tracers.height[1]: is on the surface of a wave that holds floats"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("delta", [0.93, 0.95])

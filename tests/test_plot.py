@@ -277,7 +277,7 @@ def test_reversals_are_drawn_without_an_exact_motion_too():
     legend = whole[1].get_legend()
     assert legend
     labels = [text.get_text().replace("\n", " ") for text in legend.get_texts()]
-    assert labels == ["exact", "averaged, order 1", "steady", "steady, not stable"]
+    assert labels == ["exact", "averaged, order 1", "steady", "steady, unstable"]
 
 
 def test_velocities_in_a_channel_show_what_was_measured_where_it_was():

@@ -251,7 +251,7 @@ def test_an_unbounded_problem_ends_in_the_right_exit_code(
     ("name", "change", "key", "message"),
     [
         ("slide", "block.force=0", "block.force", "above 0"),
-        ("slide", "block.force=0.5", "block.force", "0.5 does not set the block going forward"),
+        ("slide", "block.force=0.5", "block.force", "0.5 does not move the block forward"),
         ("slide_back", "block.friction.backward=3", "block.force", "write more than 3, or another"),
         (
             "slide_back",
@@ -260,8 +260,8 @@ def test_an_unbounded_problem_ends_in_the_right_exit_code(
             "friction; write another end",
         ),
         ("slide", "block.friction.forward=[1, 2]", "block.friction.forward", "2 entries"),
-        ("slide", "end={position=0.0}", "end", "is the start"),
-        ("slide", 'minimise="effort"', "time", "longest time"),
+        ("slide", "end={position=0.0}", "end", "equals the start"),
+        ("slide", 'minimise="effort"', "time", "longest allowed duration"),
         ("slide", "mesh.arcs=1", "mesh.arcs", "2 to 2000"),
         ("slide", "mesh.tolerance=0", "mesh.tolerance", "1e-13"),
         ("slide", 'contact.treatment="magic"', "contact", "smooth"),
