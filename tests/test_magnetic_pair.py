@@ -301,7 +301,7 @@ def test_pairs_without_steady_motion_fail_with_the_reason(
         ('units="SI"', "pair.sample", "missing"),
         ("pair.eps=-1.0", "pair.eps", "above 0"),
         ("pair.cosines=[1.0]", "pair.cosines", "2 to 13"),
-        ("pair.cosines=[1.0, 0.0]", "pair.cosines", "is 0"),
+        ("pair.cosines=[1.0, 0.0]", "pair.cosines", "second number 0"),
         ('pair.friction={kind="spike"}', "pair.friction", "do not slide back"),
         ("pair.friction.stick_forward=0.1", "pair.friction.stick_forward", "stiction is below"),
         ("detuning=-40.0", "detuning", "no positive frequency"),

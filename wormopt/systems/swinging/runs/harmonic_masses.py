@@ -94,7 +94,7 @@ class _Found:
 
     @property
     def quadrature(self) -> float | None:
-        """Largest change of a steady velocity on twice as many nodes; None if one appears or ends."""
+        """Largest change of a steady velocity on twice as many nodes; None if one comes or goes."""
         if len(self.finer) != len(self.first):
             return None
         both = zip(self.first, self.finer, strict=True)
