@@ -56,8 +56,8 @@ class Aim:
 def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     """State the periodic crawl of a chain: velocities repeat, positions repeat up to the advance.
 
-    `plant` is from `chain`, or several from `copies`. The tail starts at 0; bounds have the names
-    of scene keys. Raises ArgumentError if energy is the cost and the plant has no ``mass``.
+    `plant` is from `chain`, or several from `scenario_model`. The tail starts at 0; bounds have the
+    names of scene keys. Raises ArgumentError if energy is the cost and the plant has no ``mass``.
     """
     plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])
     length, speed = plant.x[0].nominal, plant.x[1].nominal
