@@ -194,7 +194,7 @@ def _check_weight(scene: Scene[FilmBodyScene], numbers: _Numbers, wave: Wave) ->
     raise SceneError(scene.name, [(key, message + f"to be simulated; {fewer}")])
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(

@@ -163,7 +163,7 @@ def _start(table: StartTable, wave: Wave | None) -> Callable[[np.ndarray], np.nd
     return thickness
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(found: _Found) -> Iterator[Check]:

@@ -194,7 +194,7 @@ def _ridden(
     return _Ride(what, drifts, motion, second)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(rides: Sequence[_Ride], table: FloatScene) -> Iterator[Check]:

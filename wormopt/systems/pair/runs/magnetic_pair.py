@@ -204,7 +204,7 @@ def _means(exact: Trajectory, end: float, length: float) -> tuple[float, float]:
     return float(before), float(last)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(found: _Found) -> Iterator[Check]:

@@ -112,7 +112,7 @@ def _pair(table: DrivenPairTable, frequency: float, cosines: tuple[float, ...] |
     return magnetic_pair(law=laws, push=table.eps, frequency=frequency, cosines=cosines)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _check(motion: Motion, proof: Proof) -> Check:
