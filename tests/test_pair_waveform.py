@@ -172,7 +172,7 @@ def test_a_pair_that_friction_holds_is_told():
 
 def test_a_strain_at_which_the_link_cannot_draw_is_refused_by_its_name():
     # mass 0 needs a pull above its friction 0.5 eps
-    message = r"limits.strain 0.0177 lets nothing move.*above 0.01775"
+    message = r"limits.strain 0.0177 allows no motion.*above 0.01775"
     with pytest.raises(SolveError, match=message) as caught:
         solved("limits.strain=0.0177")
     assert "write limits.strain above 0.01775" in caught.value.suggestion
