@@ -368,7 +368,9 @@ def test_a_second_route_that_finds_something_else_is_a_fault(monkeypatch):
     result = wo.run("fast_gait")
     assert result.status == "failed"
     assert faults_of(result) == {"speed, second route", "largest load, second route"}
-    told = "the second route finds another speed; the second route finds another largest load"
+    told = (
+        "the second route finds a different speed; the second route finds a different largest load"
+    )
     assert result.reason == told
 
 

@@ -1,4 +1,4 @@
-"""Predictive tracking of a chain: the plan, decisions for worms as believed and others."""
+"""Predictive tracking of a chain: the plan, and decisions for nominal and other plants."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.control.estimation import Estimation
-from wormopt.control.predictive import Decisions, Plan, plan_ahead
+from wormopt.control.predictive import MpcOptions, MpcPlan, plan_mpc
 from wormopt.control.reference import Reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -21,7 +21,7 @@ from wormopt.systems.chain.optimal_tracking import followed_by_lqr, tracking_pro
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
 from wormopt.systems.chain.scenes.track_optimal import LeastError, TubeTable
 
-# First width of the smooth law against the last: the guess is next to the optimum.
+# Ratio of the first to the last width of the smooth law: the guess is close to the optimum.
 _WIDER = 2.0
 # Collocation points on each arc.
 _DEGREE = 2
@@ -34,7 +34,7 @@ def plan_tracking(
     table: PredictiveTable,
     *,
     p: Mapping[str, ArrayLike] | None = None,
-) -> Plan:
+) -> MpcPlan:
     """Plan the motion from 0 to `end` on arcs of one decision each; `p` are other parameters.
 
     Raises SolveError if no plan is found.
@@ -46,32 +46,32 @@ def plan_tracking(
     mesh = Mesh.over(breaks, table.period, Collocation(_DEGREE, "radau"))
     guess = Guess.of(followed_by_lqr(free, reference, end, 1 / table.input_weight))
     contact = Regularised(table.v_reg, _WIDER * table.v_reg, ratio=1 / _WIDER)
-    return plan_ahead(problem, mesh, contact, guess, p=p)
+    return plan_mpc(problem, mesh, contact, guess, p=p)
 
 
 def limited(plant: Model, force: float | None) -> Model:
-    """A plant whose inputs are bounded by a force, or not at all."""
+    """The plant with a limit on the size of its inputs, or without one."""
     limit = np.inf if force is None else force
     return replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
 
 
-def course_of(plan: Plan) -> Gait:
-    """Inputs of a plan as a course of time."""
+def course_of(plan: MpcPlan) -> Gait:
+    """Inputs of a plan as a function of time."""
     return Gait(plan.times, plan.inputs[:, :, None])
 
 
-def real_time(table: PredictiveTable) -> Decisions:
+def real_time(table: PredictiveTable) -> MpcOptions:
     """Decisions of one step."""
-    return Decisions(_arcs(table.horizon, table))
+    return MpcOptions(_arcs(table.horizon, table))
 
 
-def converged(table: PredictiveTable) -> Decisions:
-    """Decisions of as many steps as it takes."""
-    return Decisions(_arcs(table.horizon, table), table.steps)
+def converged(table: PredictiveTable) -> MpcOptions:
+    """Decisions that iterate until they converge."""
+    return MpcOptions(_arcs(table.horizon, table), table.steps)
 
 
 def learning(table: EstimationTable | None, predictive: PredictiveTable) -> Estimation | None:
-    """What a scene says of estimation, in decisions instead of time."""
+    """Estimation settings of a scene, in decisions instead of time."""
     if table is None:
         return None
     return Estimation(
