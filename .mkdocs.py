@@ -1,12 +1,22 @@
-"""What the site of docs/ needs beyond MkDocs: formulas, notebooks as pages, files beside docs/."""
+"""What the site of docs/ needs beyond MkDocs.
+
+It makes the pages of kinds of scene and of public names, shows notebooks as pages and formulas as
+MathML, and leads links to files beside docs/.
+"""
 
 import base64
 import html
+import inspect
 import json
 import os
 import posixpath
 import re
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
@@ -14,17 +24,163 @@ from mkdocs.plugins import get_plugin_logger
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-LOG = get_plugin_logger("formulas")
 ROOT = Path(__file__).parent
+sys.path.insert(0, os.fspath(ROOT))  # the site of this checkout, whichever wormopt is installed
+
+import wormopt  # noqa: E402
+from wormopt.kinds import KINDS  # noqa: E402
+from wormopt.lazy import _american  # noqa: E402
+from wormopt.scene.reference import page as page_of_kind  # noqa: E402
+
+LOG = get_plugin_logger("wormopt")
 LINK = re.compile(r"\]\(([^)#\s:]+)((?:#[^)\s]*)?)\)")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+# what shall have no link, or code that begins with a public name or names the page of a kind
+NAMED = re.compile(
+    r"<(a|h[1-6]|pre)\b.*?</\1>|<code>(?:wo\.([\w.]+)|wormopt help ([\w-]+))[^<]*</code>", re.DOTALL
+)
+SYSTEMS = {  # title of a group of kinds: folders of wormopt/systems
+    "Worms with spikes": "spiked gears",
+    "Chains with elastic links": "chain",
+    "Blocks, capsules, swinging masses": "block swinging",
+    "Magneto-elastic pairs": "pair",
+    "Films of magnetic fluid": "film",
+    "Coils and magnetic material": "coils",
+    "Peristaltic worms": "peristaltic",
+    "Worms in the plane": "planar",
+    "Bodies in a channel": "channel",
+    "Fitting and experiments": "recorded",
+}
+
+
+# -- public names ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Public:
+    """A public name, as users write it after `wo.`, and the names in it if it is a package."""
+
+    name: str
+    thing: Any
+    below: tuple["Public", ...] = ()
+
+    @property
+    def path(self) -> str:
+        """Where the object is defined."""
+        return f"{self.thing.__module__}.{self.thing.__qualname__}"
+
+    @property
+    def page(self) -> str:
+        """Its page below docs/; `Fit` and `fit` would be one file on some systems."""
+        last = self.name.rpartition(".")[2]
+        return f"api/{self.name}{'-class' if last != last.lower() else ''}.md"
+
+    @property
+    def summary(self) -> str:
+        """First line of the docstring."""
+        return (inspect.getdoc(self.thing) or "").partition("\n")[0]
+
+
+def groups(package: ModuleType, before: str = "") -> dict[str, list[Public]]:
+    """Public names of a package, by the lines "# Group: title" of its stub."""
+    found: dict[str, list[Public]] = {}
+    title = ""
+    stub = Path(package.__file__ or "").with_suffix(".pyi")
+    for line in stub.read_text(encoding="utf-8").splitlines():
+        if line.startswith("# Group: "):
+            title = line.removeprefix("# Group: ")
+        elif named := re.fullmatch(r"from \S+ import \w+ as (\w+)", line):
+            thing, name = getattr(package, named[1]), before + named[1]
+            inside = groups(thing, f"{name}.").values() if inspect.ismodule(thing) else ()
+            below = tuple(public for part in inside for public in part)
+            found.setdefault(title, []).append(Public(name, thing, below))
+    return found
+
+
+GROUPS = groups(wormopt)
+PUBLIC = {
+    name.name: name for group in GROUPS.values() for top in group for name in (top, *top.below)
+}
+AMERICAN = {name: other for name in PUBLIC if (other := _american(name)) != name}
+
+
+def page_of_name(public: Public) -> str:
+    """Page of a public name; mkdocstrings writes what its docstring says."""
+    head = f"---\ntitle: wo.{public.name}\n---\n\n"
+    if public.below:
+        told = f"# wo.{public.name}\n\n{public.summary}\n\n"
+        return head + told + table_of_names(public.below)
+    other = AMERICAN.get(public.name)
+    also = f"\n\nAlso spelled `wo.{other}`." if other else ""
+    return f"{head}::: {public.path}\n    options: {{ heading: wo.{public.name} }}{also}\n"
+
+
+def page_of_all_names() -> str:
+    """Overview of the public names."""
+    parts = [
+        "# Reference of the Python API",
+        "All names below are those of `import wormopt as wo`. The examples on their pages are "
+        "shorter: they import the names themselves, as `from wormopt import *` does. They are run "
+        "as tests.",
+    ]
+    for title, group in GROUPS.items():
+        parts += [f"## {title}", table_of_names(group)]
+    return "\n\n".join(parts) + "\n"
+
+
+def table_of_names(group: Iterable[Public]) -> str:
+    """Table of names and what they are, each with a link to its page."""
+    rows = [
+        f"| [`wo.{public.name}`]({posixpath.basename(public.page)}) | {public.summary} |"
+        for public in group
+    ]
+    return "\n".join(["| name | what it is |", "|---|---|", *rows])
+
+
+# -- pages -----------------------------------------------------------------------------------------
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Put the made pages into the navigation, where .mkdocs.yml names their folders."""
+    made = {"api/": list(navigation_of_names()), "scenes/": list(navigation_of_kinds())}
+    config.nav = [
+        {title: made.get(below, below) if isinstance(below, str) else below}
+        for part in config.nav or []
+        for title, below in part.items()
+    ]
+    return config
+
+
+def navigation_of_names() -> Iterator[dict[str, Any]]:
+    """Entries of the public names, by group."""
+    yield {"Overview": "api/index.md"}
+
+    def entry(public: Public) -> dict[str, Any]:
+        last = public.name.rpartition(".")[2]
+        inside = [{"Overview": public.page}, *map(entry, public.below)] if public.below else None
+        return {last: inside or public.page}
+
+    for title, group in GROUPS.items():
+        yield {title: [entry(public) for public in group]}
+
+
+def navigation_of_kinds() -> Iterator[dict[str, Any]]:
+    """Entries of the kinds of scene, by system."""
+    for title, systems in SYSTEMS.items():
+        kinds = [kind for kind in KINDS if KINDS[kind].table.split(".")[2] in systems.split()]
+        yield {title: [{kind: f"scenes/{kind}.md"} for kind in kinds]}
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the packaged scenes, and a page for every notebook."""
+    """Add the packaged scenes, pages of kinds and public names, and a page for every notebook."""
     for scene in sorted((ROOT / "problems").glob("*.[tp]*")):  # my_worm.py too
         name = f"problems/{scene.name}"
         files.append(File.generated(config, name, abs_src_path=os.fspath(scene)))
+    made = {f"scenes/{kind}.md": page_of_kind(kind) for kind in KINDS}
+    made |= {"api/index.md": page_of_all_names()}
+    made |= {public.page: page_of_name(public) for public in PUBLIC.values()}
+    for name, text in made.items():
+        files.append(File.generated(config, name, content=text))
     for notebook in [file for file in files if file.src_uri.endswith(".ipynb")]:
         name = notebook.src_uri.removesuffix(".ipynb")
         text, pictures = page_of(json.loads(notebook.content_string), posixpath.basename(name))
@@ -79,8 +235,8 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     return LINK.sub(lead, markdown)
 
 
-def on_page_content(content: str, **_: object) -> str:
-    """Write formulas as MathML, which browsers show by themselves."""
+def on_page_content(content: str, page: Page, files: Files, **_: object) -> str:
+    """Write formulas as MathML, which browsers show by themselves; link code to its reference."""
 
     def formula(found: re.Match[str]) -> str:
         source = html.unescape(found[2]).strip().replace(r"\arg", r"\operatorname{arg}")
@@ -90,4 +246,19 @@ def on_page_content(content: str, **_: object) -> str:
             LOG.warning("no MathML for %s in %s", unknown, source)
         return made
 
-    return FORMULA.sub(formula, content)
+    def link(found: re.Match[str]) -> str:
+        target = files.get_file_from_path(page_named(found[2] or "", found[3] or ""))
+        if not target or target == page.file:
+            return found[0]
+        return f'<a href="{target.url_relative_to(page.file)}">{found[0]}</a>'
+
+    return NAMED.sub(link, FORMULA.sub(formula, content))
+
+
+def page_named(name: str, kind: str) -> str:
+    """Page of a kind, or of the public name with which another begins; "" where there is none."""
+    if kind:
+        return f"scenes/{kind}.md"
+    while name and name not in PUBLIC:
+        name = name.rpartition(".")[0]
+    return PUBLIC[name].page if name else ""

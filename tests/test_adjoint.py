@@ -433,8 +433,8 @@ def test_what_is_in_doubt_forward_is_in_doubt_backward():
         simulate(WORM, 0.1, x0={"position": [x, 2.0, 0.1]}, dense=True) for x in (4.7, 5.0)
     )
     weights = {"position": [1.0, 0.0, 0.0]}
-    assert gradient(held, weights).doubts == ()
-    reasons = {doubt.reason for doubt in gradient(edge, weights).doubts}
+    assert gradient(held, weights).nonsmooth_events == ()
+    reasons = {doubt.reason for doubt in gradient(edge, weights).nonsmooth_events}
     assert "edge" in reasons
 
 

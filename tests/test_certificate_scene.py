@@ -191,8 +191,21 @@ def test_pictures_and_fronts_need_what_they_draw():
         wo.load_scene("pareto_speed_load", ["search.certify={}"])
 
 
-def test_a_design_without_a_certificate_has_none_of_it():
+def test_every_design_of_a_speed_has_a_bound_and_a_proof(tmp_path: Path):
     result = wo.run(wo.load_scene("design_fast_gait", OWN[:3]))
-    assert "bound" not in result.scalars
-    assert "certificate" not in result.trust
+    assert value(result, "speed") < value(result, "bound") < 1.02 * value(result, "speed")
+    file = tmp_path / "certificate.json"
+    file.write_text(result.attributes["certificate"], encoding="utf-8")
+    proof = wo.verify(file)
+    assert proof.holds
+    assert float(proof.bound) == pytest.approx(value(result, "bound"), rel=1e-12)
+    assert result.trust["certificate"]["verified_inequalities"] == proof.inequalities
+    assert "proof_time" not in result.variables
+
+
+def test_a_cost_has_no_bound_unless_it_is_asked_for():
+    cost = 'objective={minimise="peak_spike_load", speed=0.5}'
+    result = wo.run(wo.load_scene("design_fast_gait", [*OWN[:3], cost]))
+    assert result.status == "ok", result.reason
+    assert not {"bound", "gap_certified"} & set(result.scalars)
     assert "certificate" not in result.attributes

@@ -456,7 +456,7 @@ def test_a_drawing_that_breaks_costs_no_numbers(
 
     monkeypatch.setattr(sys.modules["wormopt.plotting"], "draw", draw)
     assert main(["run", "fast_gait"]) == 0
-    assert "could not be drawn (ZeroDivisionError: no width)" in capsys.readouterr().err
+    assert "drawing failed (ZeroDivisionError: no width)" in capsys.readouterr().err
     assert speed_in(tmp_path / "results" / "fast_gait") == 2.0
 
 

@@ -1,4 +1,4 @@
-"""`wormopt new`, `schema -o`, `list` with filters, `completion`: on real files and a real bash."""
+"""`wormopt new`, `schema`, `list` with filters, `completion`: on real files and a real bash."""
 
 import json
 import re
@@ -11,13 +11,15 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+import shtab
 
 import wormopt as wo
 from wormopt.cli import main
-from wormopt.kinds import KINDS
+from wormopt.cli.synonyms import SYNONYMS, has_all
+from wormopt.kinds import GROUPS, KINDS
 from wormopt.scene import packaged_scenes
 from wormopt.scene.reference import schema
-from wormopt.scene.scene import packaged_folder, times_of_scenes
+from wormopt.scene.scene import times_of_scenes
 
 BASH = shutil.which("bash")
 
@@ -77,10 +79,27 @@ def test_every_new_scene_runs(kind: str, tmp_path: Path):
     assert main(["run", str(path), "-o", str(tmp_path / "out"), "--no-plots", "--quiet"]) == 0
 
 
-def test_a_new_scene_names_a_schema_that_is_there(tmp_path: Path):
-    first = made("gait", tmp_path).read_text(encoding="utf-8").splitlines()[0]
-    file = Path(first.removeprefix("#:schema file://"))
-    assert json.loads(file.read_text(encoding="utf-8")) == json.loads(json.dumps(schema("gait")))
+def test_a_new_scene_names_the_schema_beside_it(tmp_path: Path):
+    path, again = made("gait", tmp_path), tmp_path / "again.toml"
+    file = tmp_path / "gait.schema.json"
+    first = path.read_text(encoding="utf-8").splitlines()[0]
+    assert first == f"#:schema ./{file.name}"
+    text = file.read_text(encoding="utf-8")
+    assert json.loads(text) == json.loads(json.dumps(schema("gait")))
+    # that of an older version is brought up to date
+    file.write_text(text.replace("point masses", "masses"), encoding="utf-8")
+    assert main(["new", "gait", "-o", str(again)]) == 0
+    assert file.read_text(encoding="utf-8") == text
+
+
+def test_a_file_that_is_no_schema_of_ours_is_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "gait.schema.json").write_text("{}")
+    assert main(["new", "gait", "-o", str(tmp_path / "mine.toml")]) == 2
+    assert "gait.schema.json: is there already" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["gait.schema.json"]
+    assert (tmp_path / "gait.schema.json").read_text() == "{}"
 
 
 def test_nothing_is_written_over(
@@ -99,7 +118,7 @@ def test_nothing_is_written_over(
         assert main(["new", "stepper", "-o", name]) == 2
     assert wo.load_scene("gait.toml").table.kind == "gait"
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "folder.toml", "gait.toml", "link.toml",
+        "folder.toml", "gait.schema.json", "gait.toml", "link.toml",
     ]  # fmt: skip
 
 
@@ -113,40 +132,21 @@ def test_a_kind_that_is_none_is_hinted_at(arguments: list[str], capsys: pytest.C
     assert "did you mean gait?" in capsys.readouterr().err
 
 
-# -- schemas beside the packaged scenes ------------------------------------------------------------
+# -- schemas ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_schema_beside_the_scenes_is_up_to_date(kind: str, tmp_path: Path):
-    file = packaged_folder() / "schemas" / f"{kind}.json"
-    assert main(["schema", kind, "-o", str(tmp_path / "new.json")]) == 0
-    assert file.read_text(encoding="utf-8") == (tmp_path / "new.json").read_text("utf-8"), (
-        "make it anew: rm problems/schemas/*; wormopt schema --all -o problems/schemas"
-    )
-
-
-def test_no_schema_is_left_of_a_kind_that_is_gone():
-    assert {path.stem for path in (packaged_folder() / "schemas").iterdir()} == {*KINDS}
+def test_a_schema_is_written_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    command = ["schema", "gait", "-o", str(tmp_path / "gait.json")]
+    assert main(command) == 0
+    assert main(command) == 0  # what is the same already is no obstacle
+    (tmp_path / "gait.json").write_text("mine")
+    assert main(command) == 2
+    assert "gait.json: is there already" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", packaged_scenes())
-def test_packaged_scenes_tell_editors_of_their_schema(name: str):
-    text = packaged_scenes()[name].read_text(encoding="utf-8")
-    kind = tomllib.loads(text)["kind"]
-    assert text.startswith(f"#:schema schemas/{kind}.json\n")
-
-
-def test_schemas_of_all_kinds_go_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["schema", "--all", "-o", str(tmp_path / "new")]) == 0
-    assert {path.stem for path in (tmp_path / "new").iterdir()} == {*KINDS}
-    (tmp_path / "new" / "gait.json").write_text("mine")
-    assert main(["schema", "--all", "-o", str(tmp_path / "new")]) == 2
-    told = capsys.readouterr().err  # what is the same already is no obstacle
-    assert "gait.json: is there already" in told
-    assert told.count(".json") == 1
-    assert main(["schema", "--all"]) == 2
-    assert main(["schema"]) == 2
-    assert main(["schema", "gait", "--all", "-o", "x"]) == 2
+def test_packaged_scenes_name_no_schema_that_is_not_there(name: str):
+    assert "#:schema" not in packaged_scenes()[name].read_text(encoding="utf-8")
 
 
 # -- list ------------------------------------------------------------------------------------------
@@ -155,17 +155,18 @@ def test_schemas_of_all_kinds_go_to_a_folder(tmp_path: Path, capsys: pytest.Capt
 def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
     assert main(["list", "--kind", "gait"]) == 0
     out = capsys.readouterr().out
-    assert re.findall(r"^  (\w\S*)  +gait  ", out, re.MULTILINE) == [
+    assert re.findall(r"^    (\w+) ", out, re.MULTILINE) == [
         "fast_gait",
         "gait_region",
         "uphill_gait",
     ]
+    assert re.findall(r"^  (\S+):", out, re.MULTILINE) == ["gait"]
     assert "film" not in out
     assert main(["list", "FLUID", "wave"]) == 0
     out = capsys.readouterr().out
     assert "film-wave" in out
     assert "fast_gait" not in out
-    assert all("wave" in line.lower() for line in out.splitlines() if line.startswith("  "))
+    assert re.findall(r"^\w.*", out, re.MULTILINE) == ["Magnetic films", "Coils"]
     assert main(["list", "no_such_word"]) == 0
     said = capsys.readouterr()
     assert said.out == ""
@@ -175,7 +176,47 @@ def test_the_list_is_filtered(capsys: pytest.CaptureFixture[str]):
 def test_every_packaged_scene_has_a_time(capsys: pytest.CaptureFixture[str]):
     assert {*times_of_scenes()} == {*packaged_scenes()}, "measure it: .ci/gallery"
     assert main(["list", "fast_gait"]) == 0
-    assert re.search(r"  fast_gait +gait +1 s  ", capsys.readouterr().out)
+    assert re.search(r"  gait: .*\n    fast_gait +1 s  ", capsys.readouterr().out)
+
+
+def test_every_kind_is_in_one_group():
+    assert sorted(kind for kinds in GROUPS.values() for kind in kinds) == sorted(KINDS)
+
+
+def test_the_list_is_in_json_too(capsys: pytest.CaptureFixture[str]):
+    assert main(["list", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {kind["name"] for kind in found["kinds"]} == {*KINDS}
+    assert {scene["name"] for scene in found["scenes"]} == {*packaged_scenes()}
+    (fast,) = (scene for scene in found["scenes"] if scene["name"] == "fast_gait")
+    assert (fast["kind"], fast["group"]) == ("gait", "Spiked worms and gaits")
+    assert fast["seconds"] == 1
+    assert main(["list", "--json", "no_such_word"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"kinds": [], "scenes": []}
+
+
+@pytest.mark.parametrize(
+    ("word", "kind"),
+    [
+        ("snake", "planar-serpenoid"),
+        ("ferrofluid", "film-wave"),
+        ("optimize", "optimal-crawl"),
+        ("Earthworm", "peristaltic-worm"),
+        ("mpc", "track-predictive"),
+        ("identification", "fit"),
+    ],
+)
+def test_the_list_is_searched_by_synonyms(word: str, kind: str, capsys: pytest.CaptureFixture[str]):
+    assert main(["list", word]) == 0
+    assert f"\n  {kind}: " in capsys.readouterr().out
+
+
+def test_every_synonym_is_a_word_of_the_list():
+    summaries = (f"{name} {kind.summary}" for name, kind in KINDS.items())
+    listed = " ".join([*GROUPS, *summaries, *packaged_scenes()])
+    for word, meant in SYNONYMS.items():
+        assert word == word.casefold()
+        assert not [each for each in meant.split() if not has_all([each], listed)], word
 
 
 # -- completion ------------------------------------------------------------------------------------
@@ -221,7 +262,7 @@ def test_bash_completes(script: Path, tmp_path: Path, words: str, offered: set[s
     assert set(done.stdout.split()) == offered, done.stderr
 
 
-@pytest.mark.parametrize("shell", ["zsh", "tcsh"])
+@pytest.mark.parametrize("shell", ["zsh", "tcsh", "fish"])
 def test_scripts_of_other_shells_are_read_by_them(shell: str, tmp_path: Path):
     program = shutil.which(shell)
     if not program:
@@ -232,3 +273,21 @@ def test_scripts_of_other_shells_are_read_by_them(shell: str, tmp_path: Path):
     assert "fast_gait" in text
     done = subprocess.run([program, "-n", str(tmp_path / "script")], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("shell", ["fish", "powershell"])
+def test_scripts_complete_scenes_and_kinds(shell: str, capsys: pytest.CaptureFixture[str]):
+    if shell not in shtab.SUPPORTED_SHELLS:
+        pytest.skip(f"shtab {shtab.__version__} does not know {shell}")
+    assert main(["completion", shell]) == 0
+    out = capsys.readouterr().out
+    assert "fast_gait" in out
+    assert "film-forward" in out
+
+
+def test_a_shell_that_shtab_does_not_know_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(shtab, "SUPPORTED_SHELLS", ["bash"])
+    assert main(["completion", "fish"]) == 2
+    assert "run pip install --upgrade shtab" in capsys.readouterr().err

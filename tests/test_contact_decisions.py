@@ -13,7 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from wormopt.model.friction import Coulomb, Held, Spike
+from wormopt.model.friction import Coulomb, NoSlip, Spike
 from wormopt.model.model import Contact, Model, Signal, Switch
 from wormopt.model.planar_friction import Elliptic
 from wormopt.model.schedule import Schedule
@@ -125,7 +125,7 @@ def test_what_is_held_stops_by_its_own_impulse_and_then_by_its_own_force(
     G = np.array([[2.0, 0.8], [0.8, 1.0]])
     grounds = [
         Contact("slides", v[0], f[0], Coulomb(0.5, 0.5)),
-        Contact("held", v[1], f[1], Held()),
+        Contact("held", v[1], f[1], NoSlip()),
     ]
     kick = Switch("kick", t - 0.5, v + ca.DM([0.0, 0.3]))
     states = [Signal("v", v, value=[1.0, 0.0])]
@@ -150,7 +150,7 @@ def test_compiled_steps_stop_what_is_held_themselves(
     monkeypatch.setattr(routes, "_in_python", None)
     v, f, t = ca.SX.sym("v", 3), ca.SX.sym("f", 2), ca.SX.sym("t")
     G = np.array([[2.0, 0.8, 0.3], [0.8, 1.0, 0.2], [0.3, 0.2, 1.5]])
-    grounds = [Contact(f"ground {i}", v[i], f[k], Held()) for k, i in enumerate(held)]
+    grounds = [Contact(f"ground {i}", v[i], f[k], NoSlip()) for k, i in enumerate(held)]
     before, kick = np.ones(3), np.array([0.3, -0.2, 0.1])
     before[held] = 0.0
     states = [Signal("v", v, value=before.tolist())]

@@ -276,7 +276,7 @@ def shown() -> Model:
         (lambda: wo.relative_degree(shown(), output="place"), "has delays"),
         (lambda: wo.steady_states(retarded(), {"x": (-1.0, 1.0)}), "knows no delays"),
         (lambda: wo.average(retarded(), 1.0), "knows no delays"),
-        (lambda: wo.copies(retarded(), [{}]), "knows no delays"),
+        (lambda: wo.scenario_model(retarded(), [{}]), "knows no delays"),
         (lambda: retarded(0.0), "lag must be finite and above 0"),
         (lambda: retarded(float("nan")), "lag must be finite and above 0"),
         (lambda: Delay("past", ca.SX.sym("p", 2), ca.SX.sym("x"), 1.0), "columns of one size"),

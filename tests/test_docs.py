@@ -12,16 +12,22 @@ from pathlib import Path
 import pytest
 
 import wormopt as wo
+from wormopt.kinds import KINDS
+from wormopt.scene.reference import page as page_of_kind
 from wormopt.scene.scene import times_of_scenes
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), ROOT / "README.md"])
+# pages that the site makes, as they would be named below docs/
+MADE = {DOCS / "scenes" / f"{kind}.md": kind for kind in KINDS}
 SCENES = sorted((ROOT / "problems").glob("*.toml"))
 
 
 def text_of(page: Path) -> str:
-    """Markdown of a page or a notebook."""
+    """Markdown of a page or a notebook, or of one that the site makes."""
+    if page in MADE:
+        return page_of_kind(MADE[page])
     text = page.read_text(encoding="utf-8")
     if page.suffix != ".ipynb":
         return text
@@ -32,20 +38,20 @@ def text_of(page: Path) -> str:
 def anchors(page: Path) -> set[str]:
     """Anchors of a page's headings, as GitHub makes them."""
     found = set()
-    for heading in re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE):
+    for heading in re.findall(r"^#+ (.*)$", text_of(page), re.MULTILINE):
         plain = re.sub(r"<[^>]+>|[`*]", "", heading.strip().lower())
         found.add(re.sub(r"[^\w\- ]", "", plain).replace(" ", "-"))
     return found
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *MADE], ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path):
     text = text_of(page)
     for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)", text):
         if target.startswith("http"):
             continue
         file = (page.parent / target).resolve() if target else page
-        assert file.exists(), target
+        assert file in MADE or file.exists(), target
         assert not anchor or file.suffix != ".md" or anchor in anchors(file), f"{target}#{anchor}"
 
 

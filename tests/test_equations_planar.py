@@ -12,7 +12,7 @@ from by_symbols import Symbols, zero
 from wormopt.model.friction import Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
-from wormopt.model.planar_friction import Elliptic, Unit
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.systems.planar.body.shape import Shape, chain_shape, rigid_shape
 from wormopt.systems.planar.dynamics.chain import planar_chain
 from wormopt.systems.planar.dynamics.driven import driven_shape
@@ -230,7 +230,7 @@ def largest_first() -> dict[Any, int]:
 
 @pytest.mark.parametrize("way", SIDES)
 def test_unit_ground_has_the_same_ellipse(way: int):
-    law, signs = Unit(LAW["F"], LAW["B"], LAW["N"]), {G["ahead"]: way}
+    law, signs = AnisotropicCoulomb(LAW["F"], LAW["B"], LAW["N"]), {G["ahead"]: way}
     along = G["F"] if way > 0 else G["B"]
     size = sp.sqrt(V.dot(V))
     force: Any = G(law.slip_force(VELOCITY), signs)
@@ -245,8 +245,11 @@ def test_unit_ground_has_the_same_ellipse(way: int):
 
 
 def test_ground_along_the_line_is_that_of_one_dimension():
-    """No sideways velocity: Elliptic and Unit are Coulomb's -F+ and +F-."""
-    for law in (Elliptic(LAW["F"], LAW["B"], LAW["N"]), Unit(LAW["F"], LAW["B"], LAW["N"])):
+    """No sideways velocity: Elliptic and AnisotropicCoulomb are Coulomb's -F+ and +F-."""
+    for law in (
+        Elliptic(LAW["F"], LAW["B"], LAW["N"]),
+        AnisotropicCoulomb(LAW["F"], LAW["B"], LAW["N"]),
+    ):
         for way, known in ((1, -G["F"]), (-1, G["B"])):
             force = G(law.slip_force(VELOCITY), {G["ahead"]: way}).subs(G["aside"], 0)
             speed = sp.Symbol("speed", positive=True)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Coulomb, Held, Law, Spike, Stribeck, Viscous
+from wormopt.model.friction import Coulomb, Law, NoSlip, Spike, Stribeck, Viscous
 from wormopt.model.lift import lift
 from wormopt.model.model import Contact, Model, Signal, pack
 from wormopt.simulation.functions import System
@@ -241,11 +241,11 @@ def test_forces_of_contacts_that_are_alike_are_those_of_each():
     rough, rng = Rough(), np.random.default_rng(4)
     laws = [Coulomb(1.0, 10.0), rough, Spike(2.0), Coulomb(2.0, 3.0, 4.0, 5.0), rough, Viscous(0.5)]
     laws += [
-        Held(3.0),
+        NoSlip(3.0),
         Coulomb(0.5, 2.0),
         Spike(),
         Stribeck(1.0, 2.0, 1.5, 4.0, 0.3),
-        Held(),
+        NoSlip(),
         rough,
     ]
     laws = [*laws, *DRY]

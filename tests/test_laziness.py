@@ -71,6 +71,12 @@ def test_every_public_name_is_where_it_is_looked_for(name: str):
     assert getattr(wo, name) is not None
 
 
+def test_the_module_docstring_lists_every_public_name_once():
+    listed = wo.__doc__.split("documentation.\n")[1]  # pyright: ignore[reportOptionalMemberAccess]
+    names = re.findall(r"\w+", "".join(re.findall(r"^    .*\n", listed, re.MULTILINE)))
+    assert sorted(names) == wo.__all__
+
+
 def test_no_public_name_is_hidden_by_a_module():
     """A function is not called as a module beside it, which would take its place once loaded."""
     package = Path(wo.__file__).parent

@@ -96,7 +96,7 @@ def test_a_block_that_is_thrown_stops_as_energy_says(route: Any):
     np.testing.assert_allclose(changes(stop), [m / f, v / f, -m * v / f**2], rtol=1e-12)
     way = [m * v / f, v**2 / (2 * f), -m * v**2 / (2 * f**2)]
     np.testing.assert_allclose(motion.end_derivative, [way, [0, 0, 0]], rtol=1e-12)
-    assert motion.doubts == ()
+    assert motion.nonsmooth_events == ()
 
 
 @both
@@ -138,7 +138,7 @@ def test_the_magneto_elastic_pair_by_matrix_exponentials_and_jumps_written_out()
     eps, nu = 0.036, math.sqrt(2.0) + 0.5 * 0.036
     motion = simulate(mag2(), 400.0, sensitivities=["position"])
     assert len(motion.events) == 369
-    assert motion.doubts == ()
+    assert motion.nonsmooth_events == ()
     states = simulate(mag2(), 400.0, times=[e.time for e in motion.events])
     modes, at, s = motion.modes[0, 1:], 0.0, np.eye(4)[:, :2]
     for event, x in zip(motion.events, states.states.T, strict=True):
@@ -245,7 +245,7 @@ def test_directions_add_up_and_the_motion_is_the_one_without_them():
     plain = simulate(model, 4.0)
     np.testing.assert_allclose(units.end, plain.end, atol=1e-11)
     assert [(e.name, e.kind) for e in units.events] == [(e.name, e.kind) for e in plain.events]
-    assert plain.directions == plain.doubts == ()
+    assert plain.directions == plain.nonsmooth_events == ()
     assert plain.events[0].derivative is None
 
 
@@ -329,8 +329,10 @@ def test_a_guard_that_lands_at_0_is_told(jump: float, told: int, route: Any):
         ],
     )
     motion = simulate(model, 2.0, sensitivities=["by"], route=route)
-    assert [(d.event.name, d.reason) for d in motion.doubts] == [("second", "edge")] * told
-    assert simulate(model, 2.0, sensitivities=["x"], route=route).doubts == ()
+    assert [(d.event.name, d.reason) for d in motion.nonsmooth_events] == [
+        ("second", "edge")
+    ] * told
+    assert simulate(model, 2.0, sensitivities=["x"], route=route).nonsmooth_events == ()
 
 
 @both
@@ -339,9 +341,9 @@ def test_a_start_held_by_stiction_alone_is_told(pull: float, told: int, route: A
     """Friction 1.5, stiction 3: under a pull of 2 the slightest push sets the mass going."""
     model = block(pull, speed=0.0)
     motion = simulate(model, 2.0, sensitivities=["velocity"], route=route)
-    assert [d.reason for d in motion.doubts] == ["edge"] * told
+    assert [d.reason for d in motion.nonsmooth_events] == ["edge"] * told
     assert motion.end.tolist() == [0.0, 0.0]
-    assert simulate(model, 2.0, sensitivities=["load"], route=route).doubts == ()
+    assert simulate(model, 2.0, sensitivities=["load"], route=route).nonsmooth_events == ()
     pushed = simulate(model, 2.0, x0={"velocity": math.copysign(1e-8, pull)})
     assert (abs(pushed.end[1]) > 0.1) == bool(told)
 
@@ -418,7 +420,7 @@ def test_random_chains_agree_with_differences_of_another_integrator(links: int, 
 
     values, tied = with_stiction(grip), with_stiction(along)
     motion = simulate(worm, end, x0=x0, p=values, sensitivities={"all": tied})
-    assume(motion.doubts == ())
+    assume(motion.nonsmooth_events == ())
     runs = [other(step) for step in (1e-4, -1e-4, 2e-4, -2e-4)]
     assume(len({count for _, count in runs}) == 1)
     by = (8 * (runs[0][0] - runs[1][0]) - (runs[2][0] - runs[3][0])) / 12e-4
@@ -467,8 +469,8 @@ def assert_same(one: Trajectory, other: Trajectory) -> None:
     size = np.abs(one.end_derivative).max()
     assert np.abs(one.state_derivatives - other.state_derivatives).max() < 1e-10 * size
     assert np.abs(one.end_derivative - other.end_derivative).max() < 1e-10 * size
-    assert [(d.event.name, d.reason) for d in one.doubts] == [
-        (d.event.name, d.reason) for d in other.doubts
+    assert [(d.event.name, d.reason) for d in one.nonsmooth_events] == [
+        (d.event.name, d.reason) for d in other.nonsmooth_events
     ]
     for a, b in zip(one.events, other.events, strict=True):
         assert a.derivative == pytest.approx(b.derivative, rel=1e-7, abs=1e-9)
@@ -566,7 +568,7 @@ def test_ensembles_have_the_derivatives_of_their_members():
 
 
 def reasons(motion: Trajectory) -> list[tuple[str, str, str]]:
-    return [(d.event.name, d.event.kind, d.reason) for d in motion.doubts]
+    return [(d.event.name, d.event.kind, d.reason) for d in motion.nonsmooth_events]
 
 
 @both
@@ -576,9 +578,9 @@ def test_a_force_that_touches_what_holds_is_grazing(route: Any):
     options: Mapping[str, Any] = {"sensitivities": ["load"], "route": route}
     touches = simulate(model, 3.0, p={"load": 1.5}, **options)
     assert reasons(touches) == [("block", "release", "grazing")]
-    assert touches.doubts[0].event.time == pytest.approx(math.pi / 2, abs=1e-4)
+    assert touches.nonsmooth_events[0].event.time == pytest.approx(math.pi / 2, abs=1e-4)
     for load in (1.499, 1.501):
-        assert simulate(model, 3.0, p={"load": load}, **options).doubts == ()
+        assert simulate(model, 3.0, p={"load": load}, **options).nonsmooth_events == ()
 
 
 @both
@@ -593,8 +595,8 @@ def test_a_velocity_that_touches_0_is_grazing(way: int, route: Any):
     for depth, expected in near:
         start = {"velocity": way * (1.0 + depth)}
         motion = simulate(model, 2.0, x0=start, sensitivities=["velocity"], route=route)
-        assert {d.reason for d in motion.doubts} == expected, depth
-        assert depth < 0 or all(d.event.mode == way for d in motion.doubts)
+        assert {d.reason for d in motion.nonsmooth_events} == expected, depth
+        assert depth < 0 or all(d.event.mode == way for d in motion.nonsmooth_events)
 
 
 @both
@@ -613,7 +615,7 @@ def test_a_guard_that_touches_0_in_a_long_step_is_grazing(
         Model("clock", states, ca.SX([1, 0]), switches=switch), 20.0, sensitivities=["x"],
         route=route, tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
     )  # fmt: skip
-    found = {(d.event.name, d.event.kind, d.event.mode, d.reason) for d in motion.doubts}
+    found = {(d.event.name, d.event.kind, d.event.mode, d.reason) for d in motion.nonsmooth_events}
     assert found == {("hits", "switch", 0, reason) for reason in expected}
     assert len(motion.events) == (depth > 0)
 
@@ -635,7 +637,7 @@ def test_what_a_guard_touches_counts_before_the_event_of_the_step_alone(
         route=route, tolerance=Tolerance(1e-9, 1e-10, max_step=np.inf),
     )  # fmt: skip
     assert [event.name for event in motion.events] == ["cuts"]
-    assert [d.event.name for d in motion.doubts] == told
+    assert [d.event.name for d in motion.nonsmooth_events] == told
 
 
 @both
@@ -655,7 +657,7 @@ def test_a_velocity_that_goes_on_falling_is_not_grazing_be_the_step_ever_so_shor
         tolerance=Tolerance(1e-9, 1e-10, max_step=step),
     )
     assert [event.time for event in motion.events] == pytest.approx([0.1], rel=1e-12)
-    assert motion.doubts == ()
+    assert motion.nonsmooth_events == ()
 
 
 @both
@@ -666,8 +668,8 @@ def test_what_rests_at_the_edge_of_what_holds_is_told(route: Any):
         assert reasons(motion) == expected
     thrown = block(lambda t, load: -load + 0 * t, stiction=1.0)
     at_stop = simulate(thrown, 6.0, p={"load": 1.5}, sensitivities=["load"], route=route)
-    assert at_stop.doubts[0].event in at_stop.events
-    assert [d.reason for d in at_stop.doubts] == ["edge"]
+    assert at_stop.nonsmooth_events[0].event in at_stop.events
+    assert [d.reason for d in at_stop.nonsmooth_events] == ["edge"]
 
 
 @both
@@ -675,9 +677,9 @@ def test_a_start_at_rest_that_slides_at_once_is_one_sided(route: Any):
     model = block(lambda t, load: load + 0 * t, speed=0.0, stiction=1.0)
     options: Mapping[str, Any] = {"p": {"load": 2.0}, "route": route}
     moved = simulate(model, 1.0, sensitivities=["velocity"], **options)
-    assert [d.reason for d in moved.doubts] == ["edge"]
+    assert [d.reason for d in moved.nonsmooth_events] == ["edge"]
     assert moved.end_derivative[:, 0] == pytest.approx([1.0, 1.0])
-    assert simulate(model, 1.0, sensitivities=["load"], **options).doubts == ()
+    assert simulate(model, 1.0, sensitivities=["load"], **options).nonsmooth_events == ()
 
 
 @both
@@ -694,15 +696,15 @@ def test_two_events_at_once_are_told_where_their_order_counts(way: float, route:
         contacts=[Contact(f"twin {i}", v[i], f[i], Coulomb(1.0, 1.0)) for i in (0, 1)],
     )
     one = simulate(model, 4.0, sensitivities=["velocity[0]"], route=route)
-    assert {d.reason for d in one.doubts} == {"simultaneous"}
-    assert one.doubts[0].event in one.events
+    assert {d.reason for d in one.nonsmooth_events} == {"simultaneous"}
+    assert one.nonsmooth_events[0].event in one.events
     alike = simulate(model, 4.0, sensitivities={"both": {"velocity": 1.0}}, route=route)
-    assert alike.doubts == ()
+    assert alike.nonsmooth_events == ()
     np.testing.assert_allclose(changes(alike.events[0]), 2.5 * way, rtol=1e-12)
     # alone on the ground either may stop first
     apart = replace(model, ode=ca.vertcat(v, f / 2))
     free = simulate(apart, 4.0, sensitivities=["velocity[0]"], route=route)
-    assert free.doubts == ()
+    assert free.nonsmooth_events == ()
     np.testing.assert_allclose(free.end_derivative[:, 0], [2.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 

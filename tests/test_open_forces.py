@@ -215,7 +215,7 @@ def test_what_a_belt_takes_up_has_derivatives(route: Route):
     # by `swing`: of ahead for half a period and against it for the other
     assert motion.end_derivative[0] == pytest.approx([2, 2, np.pi - 2 * np.pi], abs=1e-8)
     assert motion.events[0].derivative == pytest.approx([0, 0, 1], abs=1e-9)
-    assert not motion.doubts
+    assert not motion.nonsmooth_events
 
 
 @pytest.mark.parametrize("route", ROUTES)

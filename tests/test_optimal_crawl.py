@@ -21,7 +21,7 @@ from wormopt.result import Result
 from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
-from wormopt.systems.chain.copies import copies
+from wormopt.systems.chain.copies import scenario_model
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
 from wormopt.systems.chain.runs import optimal_crawl as crawl_runs
 
@@ -123,7 +123,7 @@ def test_a_start_that_is_no_crawl_is_refused(tmp_path: Path):
 
 def test_copies_of_a_worm_move_like_the_worm_itself():
     stiff = {"stiffness": np.array([12.0, 9.0]), "friction_forward": 1.3}
-    both = copies(worm(), [{}, stiff])
+    both = scenario_model(worm(), [{}, stiff])
     push = {"input": np.array([8.0, -6.0])}
     together = simulate(both, 1.0, p=push)
     for k, own in enumerate(({}, stiff)):
@@ -135,12 +135,12 @@ def test_copies_of_a_worm_move_like_the_worm_itself():
 
 def test_copies_need_a_draw():
     with pytest.raises(ArgumentError, match="at least one draw"):
-        copies(worm(), [])
+        scenario_model(worm(), [])
 
 
 def test_one_input_for_two_worms_serves_the_slower_one_best_when_the_worst_counts():
     weak = {"friction_backward": 4.0}
-    plant = copies(worm(), [{}, weak])
+    plant = scenario_model(worm(), [{}, weak])
     limits = CrawlLimits((1.0, 1.0), 12.0, (1.4, 2.6))
     mesh = Mesh.even(1, 24, Collocation(2, "radau"))
     w = 2 * np.pi

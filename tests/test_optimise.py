@@ -19,7 +19,7 @@ from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram, Plugin, Solution, Solver
-from wormopt.ocp.optimise import Optimum, best_of, optimise, refine
+from wormopt.ocp.optimise import Optimum, optimise, optimise_multistart, refine
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.simulation.options import Smooth
@@ -239,11 +239,11 @@ def test_a_warm_start_from_a_motion_costs_less():
 
 def test_the_best_of_several_starts_counts_those_that_fail():
     lost = Guess(1.5, lambda t: np.vstack([t * math.nan, t]))
-    best, objectives = best_of(slide(), even(10), RELAXED, [lost, LINE])
+    best, objectives = optimise_multistart(slide(), even(10), RELAXED, [lost, LINE])
     assert math.isnan(objectives[0])
     assert best.objective == objectives[1]
     with pytest.raises(SolveError, match="finite"):
-        best_of(slide(), even(10), RELAXED, [lost])
+        optimise_multistart(slide(), even(10), RELAXED, [lost])
 
 
 def test_what_a_solve_cost_is_told():

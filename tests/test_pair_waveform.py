@@ -220,7 +220,7 @@ def test_a_failed_search_keeps_its_reason(monkeypatch: pytest.MonkeyPatch):
     def lost(*given, **options):
         raise SolveError("no way", code="not_solved")
 
-    monkeypatch.setattr(waveform, "best_of", lost)
+    monkeypatch.setattr(waveform, "optimise_multistart", lost)
     with pytest.raises(SolveError, match="no way") as caught:
         solved()
     assert caught.value.partial.status == "failed"

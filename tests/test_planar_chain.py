@@ -16,7 +16,7 @@ from scipy.integrate import quad, solve_ivp
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.model.friction import Coulomb, Held, Spike, Viscous
+from wormopt.model.friction import Coulomb, NoSlip, Spike, Viscous
 from wormopt.model.model import Model, pack
 from wormopt.model.planar_friction import Elliptic
 from wormopt.scene import load_scene
@@ -166,7 +166,7 @@ def test_a_straight_chain_feels_what_the_chain_on_a_line_does(n: int, seed: int)
     assert_allclose(found[:, :, 0].ravel(), rates(line, np.append(x, v)), rtol=1e-14, atol=1e-14)
 
 
-@pytest.mark.parametrize("across", [None, Held()])
+@pytest.mark.parametrize("across", [None, NoSlip()])
 def test_a_straight_worm_stops_and_starts_as_on_a_line(across: Any) -> None:
     """Dry friction: the same events, in the same order."""
     _alike_on_a_line(Axes(Coulomb(0.5, 3.0), across), " along")
@@ -196,7 +196,7 @@ def _alike_on_a_line(law: Any, suffix: str) -> None:
 LAWS = {
     "viscous": DRAG,
     "box": Axes(Coulomb(0.3, 0.6), Coulomb(1.5, 1.5)),
-    "skid": Axes(Coulomb(0.3, 0.3), Held()),
+    "skid": Axes(Coulomb(0.3, 0.3), NoSlip()),
     "elliptic": Elliptic(0.3, 0.6, 1.5),
 }
 
@@ -567,11 +567,11 @@ def test_spikes_hold_back_and_pins_hold() -> None:
     """A worm of two spiked masses only goes ahead; a pinned tail stays where it is."""
     numbers = {k: v for k, v in NUMBERS.items() if "bending" not in k}
     push = {"input": Harmonics(np.zeros(1), np.zeros((1, 1)), np.array([[6.0]]))}
-    spiked = swing(planar_chain(1, **numbers, law=Axes(Spike(), Held())), np.pi, push)
+    spiked = swing(planar_chain(1, **numbers, law=Axes(Spike(), NoSlip())), np.pi, push)
     motion = simulate(spiked, 6.0, times=np.linspace(0, 6, 61), route="python")
     assert np.diff(motion["position"][::2], axis=1).min() > -1e-9
     assert motion["position"][2, -1] > 0.1
-    pinned = planar_chain(2, **NUMBERS, law=[DRAG, DRAG, Axes(Held(), Held())], rest_angle=0.5)
+    pinned = planar_chain(2, **NUMBERS, law=[DRAG, DRAG, Axes(NoSlip(), NoSlip())], rest_angle=0.5)
     start = {"position": chain_places([1, 1], [-0.5]).ravel()}
     motion = simulate(pinned, 3.0, x0=start, route="python")
     assert_allclose(motion["position"][4:, -1], 0.0, atol=1e-12)

@@ -14,9 +14,9 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from wormopt.errors import ArgumentError
-from wormopt.model.friction import Coulomb, Held, Viscous
+from wormopt.model.friction import Coulomb, NoSlip, Viscous
 from wormopt.model.model import Contact, Model, Output, Signal
-from wormopt.model.planar_friction import Elliptic, PlanarLaw, Unit
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic, PlanarLaw
 from wormopt.ocp.contact import Complementarity, FixedModes, Regularised
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Route, Smooth, Tolerance
@@ -247,7 +247,7 @@ def circling(t: ca.SX) -> ca.SX:
     return 2 * ca.tanh(t) * ca.vertcat(ca.cos(2 * t), ca.sin(2 * t))
 
 
-LAWS = [Elliptic(1, 1, 1), Elliptic(1, 3, 2), Elliptic(1, 2, 0.5), Unit(1, 3, 2)]
+LAWS = [Elliptic(1, 1, 1), Elliptic(1, 3, 2), Elliptic(1, 2, 0.5), AnisotropicCoulomb(1, 3, 2)]
 
 
 def test_both_routes_agree():
@@ -406,7 +406,7 @@ def sled(v0: tuple[float, ...], friction: float = 0.2) -> Model:
     n = ca.vertcat(-e[1], e[0])
     grounds = [
         Contact("along", ca.dot(e, w[:2]), f[0], Coulomb(friction, friction)),
-        Contact("skid", ca.dot(n, w[:2]), f[1], Held()),
+        Contact("skid", ca.dot(n, w[:2]), f[1], NoSlip()),
     ]
     states = [Signal("place", q, value=[0.0, 0.0, 0.0]), Signal("rate", w, value=v0)]
     return Model("sled", states, ca.vertcat(w, f[0] * e + f[1] * n, 0), contacts=grounds)
@@ -428,7 +428,7 @@ def test_a_pin_lets_a_bar_swing(route: Route):
     q, w, f = ca.SX.sym("q", 3), ca.SX.sym("w", 3), ca.SX.sym("f", 2)
     arm = ca.vertcat(-ca.sin(q[2]), ca.cos(q[2])) / 2
     moment = 0.1 - ca.dot(arm, f)
-    grounds = [Contact(f"pin {i}", w[i] - w[2] * arm[i], f[i], Held()) for i in range(2)]
+    grounds = [Contact(f"pin {i}", w[i] - w[2] * arm[i], f[i], NoSlip()) for i in range(2)]
     states = [Signal("place", q, value=[0.5, 0.0, 0.0]), Signal("rate", w, value=0.0)]
     bar = Model("bar", states, ca.vertcat(w, f, 12 * moment), contacts=grounds)
     motion = simulate(bar, 2.0, route=route)
@@ -447,10 +447,11 @@ def test_drag_in_the_plane_is_two_laws_along_lines():
 
 def test_a_law_that_is_not_associated_is_told():
     one, other = (
-        simulate(blocks([law] * 2, [1, 1, 1, 1]), 0.1) for law in (Unit(1, 1, 2), Elliptic(1, 1, 2))
+        simulate(blocks([law] * 2, [1, 1, 1, 1]), 0.1)
+        for law in (AnisotropicCoulomb(1, 1, 2), Elliptic(1, 1, 2))
     )
     assert len(one.warnings) == 1
-    assert "Unit" in one.warnings[0]
+    assert "AnisotropicCoulomb" in one.warnings[0]
     assert other.warnings == ()
 
 
@@ -477,7 +478,7 @@ def test_programs_say_what_they_do_not_treat(treatment: FixedModes | Complementa
 def test_only_the_law_of_most_power_is_stepped_over():
     r, v, f = (ca.SX.sym(name, 2) for name in "rvf")
     states = [Signal("position", r), Signal("velocity", v)]
-    ground = Contact("mass", v, f, Unit(1, 1, 2))
+    ground = Contact("mass", v, f, AnisotropicCoulomb(1, 1, 2))
     with pytest.raises(ArgumentError, match="Elliptic"):
         MoreauJean(Model("block", states, ca.vertcat(v, f), contacts=[ground]))
 

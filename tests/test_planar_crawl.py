@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
-from wormopt.model.planar_friction import Elliptic, Unit
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.systems.planar.body.se2 import inverse
 from wormopt.systems.planar.turning import TurnInPlace, swing_hold
 
@@ -118,7 +118,7 @@ def test_pace_does_not_matter():
 
 def test_laws_without_a_minimum_are_refused():
     with pytest.raises(ArgumentError, match="least power"):
-        P.crawl(THREE, Unit(1.0, 1.0, 3.0), CIRCLE)
+        P.crawl(THREE, AnisotropicCoulomb(1.0, 1.0, 3.0), CIRCLE)
     with pytest.raises(ArgumentError, match="2 laws for 4 masses"):
         P.crawl(THREE, [SNAKE, SNAKE], CIRCLE)
 

@@ -14,9 +14,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from wormopt.model.friction import Coulomb, Held
+from wormopt.model.friction import Coulomb, NoSlip
 from wormopt.model.model import Model, pack
-from wormopt.model.planar_friction import Elliptic, Unit
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.build import chain
@@ -70,9 +70,9 @@ def law_of(ground: str, rng: np.random.Generator) -> Any:
     ahead, back, aside = rng.uniform(0.2, 1.5, 3).tolist()
     return {
         "elliptic": Elliptic(ahead, back, aside),
-        "unit": Unit(ahead, back, aside),
+        "unit": AnisotropicCoulomb(ahead, back, aside),
         "box": Axes(Coulomb(ahead, back), Coulomb(aside, aside)),
-        "skid": Axes(Coulomb(ahead, back), Held()),
+        "skid": Axes(Coulomb(ahead, back), NoSlip()),
     }[ground]
 
 

@@ -820,7 +820,10 @@ def test_plot_replaces_only_what_is_its_own(saved: Path, tmp_path: Path, capsys:
             "cannot be drawn: the result has no scalar or variable 'proof_time'",
         ),
         (["gait", "--format", "mp4"], "gait.mp4: only an animation moves"),
-        (["gait", "motion", "-o", "x.pdf"], "x.pdf: is one file, for 2 pictures (gait, motion)"),
+        (
+            ["gait", "motion", "-o", "x.pdf"],
+            "x.pdf: one file cannot hold 2 pictures (gait, motion)",
+        ),
         (["gait", "-o", "x.jpg"], "x.jpg: no format jpg; write .png, .pdf, .svg"),
         (["gait", "-o", "x.svg", "--format", "pdf"], "does not end in .pdf"),
     ],
@@ -861,7 +864,7 @@ def test_pictures_that_nobody_named_may_be_missing(saved: Path, capsys: Any):
     (saved / "animation.gif").unlink()  # no longer listed
     without(result, "").save(saved)
     assert main(["plot", str(saved), "--force"]) == 2
-    assert "holds nothing that can be drawn" in capsys.readouterr().err
+    assert "the result has no data for a picture" in capsys.readouterr().err
 
 
 def test_stretches():

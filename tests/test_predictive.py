@@ -14,8 +14,8 @@ from scipy.linalg import solve_discrete_are
 from scipy.optimize import lsq_linear
 
 from wormopt.control.estimation import Estimation, Estimator, places
-from wormopt.control.predictive import Decisions, Plan, PredictiveController, plan_ahead
-from wormopt.control.receding import recede
+from wormopt.control.predictive import MpcOptions, MpcPlan, PredictiveController, plan_mpc
+from wormopt.control.receding import run_mpc
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
@@ -71,14 +71,16 @@ GUESS = Guess(2.0, lambda t: np.vstack([0.3 + 0 * t, 0 * t]))
 
 
 @cache
-def planned(limit: float = np.inf, friction: bool = True, end: float = 2.0, arcs: int = 24) -> Plan:
+def planned(
+    limit: float = np.inf, friction: bool = True, end: float = 2.0, arcs: int = 24
+) -> MpcPlan:
     problem = problem_of(block(limit, friction), end)
     guess = replace(GUESS, duration=end)
-    return plan_ahead(problem, Mesh.even(1, arcs, RADAU), Regularised(0.2, 0.4), guess)
+    return plan_mpc(problem, Mesh.even(1, arcs, RADAU), Regularised(0.2, 0.4), guess)
 
 
 def solved(
-    stages: Stages, row: np.ndarray, plan: Plan, k: int, p: np.ndarray
+    stages: Stages, row: np.ndarray, plan: MpcPlan, k: int, p: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """One arc's equations, solved by Newton's method at its start and inputs; and its end."""
     row, part = row[None].copy(), replace(plan.given.part(slice(k, k + 1)), p=p)
@@ -300,7 +302,7 @@ def test_a_plan_is_the_optimum_that_an_interior_point_finds(limit: float):
 def test_decisions_repeat_the_plan_where_the_model_is_right(limit: float, horizon: int, steps: int):
     """Bellman: the plant takes the model's own steps, so that the costs are the same."""
     plan = planned(limit)
-    stages, control = plan.stages, PredictiveController(plan, Decisions(horizon, steps))
+    stages, control = plan.stages, PredictiveController(plan, MpcOptions(horizon, steps))
     x, p, cost = plan.course.rows[0, stages.start], plan.given.p, 0.0
     for k in range(len(plan.times) - 1):
         decided = control.decide(k, x * stages.arc.x_nominal)
@@ -323,7 +325,7 @@ def test_decisions_of_a_linear_worm_are_those_of_lqr(horizon: int):
     H = arc.hessian[0]
     P = solve_discrete_are(A, B, H[:2, :2], H[2:, 2:], s=H[:2, 2:])
     K = np.linalg.solve(H[2:, 2:] + B.T @ P @ B, B.T @ P @ A + H[2:, :2])
-    control = PredictiveController(plan, Decisions(horizon))
+    control = PredictiveController(plan, MpcOptions(horizon))
     for state in ([1.0, 0.0], [-0.3, 2.0]):
         decided = control.decide(k, np.array(state))
         assert decided.input == pytest.approx(-K @ state, rel=1e-6)
@@ -332,7 +334,7 @@ def test_decisions_of_a_linear_worm_are_those_of_lqr(horizon: int):
 
 def test_full_convergence_leaves_nothing_to_do():
     plan = planned()
-    control = PredictiveController(plan, Decisions(10, 50, 1e-9))
+    control = PredictiveController(plan, MpcOptions(10, 50, 1e-9))
     decided = control.decide(5, np.array([0.6, -0.4]))
     assert 1 < decided.steps < 50
     assert decided.size <= 1e-9
@@ -345,7 +347,7 @@ def test_a_worm_that_is_as_believed_is_moved_at_least_as_well_as_open_loop():
     """By an integrator that is not the controller's: the smooth law, adaptive steps."""
     plan = planned()
     model = block()
-    receded = recede(model, plan, Decisions(5), contact=Smooth(0.2))
+    receded = run_mpc(model, plan, MpcOptions(5), contact=Smooth(0.2))
     assert receded.unsolved == 0
     # discretisation alone tells decisions from the plan: of third order in the arcs
     assert np.abs(receded.inputs.polynomial[:, 0, 0] - plan.inputs[:, 0]).max() < 0.05
@@ -355,7 +357,7 @@ def test_a_worm_that_is_as_believed_is_moved_at_least_as_well_as_open_loop():
 
 @pytest.mark.parametrize("state", [[np.nan, 0.0], [np.inf, 0.0], [0.0], [0.0, 0.0, 0.0]])
 def test_what_is_no_state_is_refused(state: list[float]):
-    control = PredictiveController(planned(), Decisions(3))
+    control = PredictiveController(planned(), MpcOptions(3))
     with pytest.raises(ArgumentError, match="a state has 2 finite numbers"):
         control.decide(0, np.array(state))
 
@@ -364,7 +366,7 @@ def test_a_plan_that_is_not_found_says_what_to_change(monkeypatch: pytest.Monkey
     monkeypatch.setattr("wormopt.control.predictive._MOST_STEPS", 2)
     problem = problem_of(block(), 2.0)
     with pytest.raises(SolveError, match="no plan is found at v_reg") as caught:
-        plan_ahead(problem, Mesh.even(1, 20, RADAU), Regularised(1e-5, 1e-5), GUESS)
+        plan_mpc(problem, Mesh.even(1, 20, RADAU), Regularised(1e-5, 1e-5), GUESS)
     assert "larger v_reg" in str(caught.value)
 
 
@@ -373,13 +375,13 @@ def test_a_plan_that_is_not_found_says_what_to_change(monkeypatch: pytest.Monkey
 )
 def test_decisions_refuse_nonsense(wrong: dict[str, Any]):
     with pytest.raises(ArgumentError):
-        Decisions(**wrong)
+        MpcOptions(**wrong)
 
 
 # -- estimation ------------------------------------------------------------------------------------
 
 
-def followed(plan: Plan, inputs: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def followed(plan: MpcPlan, inputs: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Arcs and states of a worm that takes the model's own steps with other parameters."""
     stages, x, rows = plan.stages, plan.course.rows[0, plan.stages.start], []
     states = [x]

@@ -1,6 +1,7 @@
-"""Pages of docs/scenes and JSON Schemas say what the tables say."""
+"""Pages of the kinds of scene and JSON Schemas say what the tables say."""
 
 import json
+import re
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -17,19 +18,22 @@ from wormopt.scene import packaged_scenes
 from wormopt.scene.reference import page, schema, tables_below
 from wormopt.scene.types import meaning
 
-PAGES = Path(__file__).parents[1] / "docs" / "scenes"
+SCENES = Path(__file__).parents[1] / "docs" / "scenes.md"
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_page_of_a_kind_is_up_to_date(kind: str):
-    file = PAGES / f"{kind}.md"
-    assert file.read_text(encoding="utf-8") == page(kind), (
-        f"make it anew: wormopt schema {kind} --markdown > docs/scenes/{kind}.md"
-    )
+def test_the_page_of_a_kind_says_all(kind: str):
+    table, rows = KINDS[kind].load_table(), set[str]()
+    for line in page(kind).splitlines():
+        rows |= {line.partition(" |")[0]} if line.startswith("| `") else set()
+    keys = {key for part in tables_below(table) for key in part.__struct_fields__}
+    unsaid = {"kind", "title", "units"}  # what holds for all scenes
+    assert {f"| `{name}`" for name in (keys - unsaid)} - {"| `schema`"} <= rows
+    assert {f"| `{name}`" for name in (*table.scalars, *table.variables)} <= rows
 
 
 def test_every_kind_is_in_the_table_of_scenes():
-    table = (PAGES.parent / "scenes.md").read_text(encoding="utf-8")
+    table = SCENES.read_text(encoding="utf-8")
     assert [kind for kind in KINDS if f"| [`{kind}`](scenes/{kind}.md) |" not in table] == []
 
 
@@ -70,5 +74,20 @@ def test_packaged_scenes_keep_to_the_schema(name: str):
 def test_the_command_prints_the_schema(capsys: pytest.CaptureFixture[str]):
     assert main(["schema", "film-flow"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(schema("film-flow")))
-    assert main(["schema", "film-flow", "--markdown"]) == 0
-    assert capsys.readouterr().out.strip() == page("film-flow").strip()
+
+
+def test_help_shows_the_page_of_a_kind(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    assert main(["help", "gait"]) == 0
+    assert capsys.readouterr().out == page("gait")
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert main(["help", "gait"]) == 0
+    shown = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out)
+    for markup in ("](", "<sub>", "|---", "## "):
+        assert markup not in shown
+    for text in ("Scenes of kind gait", "[worm]", "point masses m_i", "docs/scenes.md"):
+        assert text in shown
+    assert main(["help"]) == 0
+    assert "COMMAND" in capsys.readouterr().out

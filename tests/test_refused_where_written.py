@@ -427,6 +427,12 @@ def test_misspelt_names_of_the_package_have_a_hint(name: str, meant: str):
         getattr(wo, name)
 
 
+@pytest.mark.parametrize(("old", "new"), [("recede", "run_mpc"), ("Doubt", "NonsmoothEvent")])
+def test_former_names_of_the_package_say_the_new_ones(old: str, new: str):
+    with pytest.raises(AttributeError, match=f"no attribute '{old}'; it is now called '{new}'"):
+        getattr(wo, old)
+
+
 def test_names_that_are_like_none_have_no_hint():
     with pytest.raises(AttributeError, match=r"no attribute 'zzzz'$"):
         getattr(wo, "zzzz")  # noqa: B009

@@ -20,8 +20,8 @@ import wormopt as wo
 from wormopt.control.funnel import Funnel, funnel_tracker
 from wormopt.control.lambda_tracker import lambda_tracker
 from wormopt.control.lqr import lqr
-from wormopt.control.predictive import Decisions, plan_ahead
-from wormopt.control.receding import recede
+from wormopt.control.predictive import MpcOptions, plan_mpc
+from wormopt.control.receding import run_mpc
 from wormopt.control.reference import Reference, gait_reference
 from wormopt.control.switching import switching_tracker
 from wormopt.errors import ArgumentError
@@ -167,9 +167,11 @@ def test_decisions_are_cut_to_the_bounds_of_the_worm_and_say_how_often():
     )  # fmt: skip
     mesh = wo.Mesh.even(1, 20, wo.Collocation(2, "radau"))
     guess = wo.Guess(2.0, lambda at: np.zeros((2, len(at))))
-    plan = plan_ahead(problem, mesh, wo.Regularised(0.1, 0.2), guess)
-    asked = np.abs(recede(plant, plan, Decisions(horizon=5), contact=Smooth(0.1)).inputs.polynomial)
-    tight = recede(block(3.0), plan, Decisions(horizon=5), contact=Smooth(0.1))
+    plan = plan_mpc(problem, mesh, wo.Regularised(0.1, 0.2), guess)
+    asked = np.abs(
+        run_mpc(plant, plan, MpcOptions(horizon=5), contact=Smooth(0.1)).inputs.polynomial
+    )
+    tight = run_mpc(block(3.0), plan, MpcOptions(horizon=5), contact=Smooth(0.1))
     assert asked.max() > 3.0
     assert np.abs(tight.inputs.polynomial).max() == 3.0
     assert 0 < tight.saturated.mean() < 1

@@ -463,7 +463,8 @@ def test_one_command_gives_dataset_table_and_picture(
     again = ["sweep", "fast_gait", *over, "--over", "worm.mass=[1.0, 2.0]", "--engine", "serial"]
     assert main([*again, "--no-plots"]) == 0
     assert wo.Result.load(folder).scalars["computed_now"].value == 4
-    assert "replaced the earlier result, of other inputs (sweep.over" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "replaced the earlier result, which had other values of sweep.over" in told
     # with --set the points are those of the scene
     changed = ["sweep", "fast_gait", "--set", "worm.load=20.0", "--over", "gait.period=[1, 2]"]
     assert main([*changed, "--engine", "serial", "--no-plots", "--json"]) == 0

@@ -10,8 +10,8 @@ from by_text import value
 import wormopt as wo
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
-from wormopt.control.predictive import Decisions, PredictiveController
-from wormopt.control.receding import recede
+from wormopt.control.predictive import MpcOptions, PredictiveController
+from wormopt.control.receding import run_mpc
 from wormopt.control.reference import gait_reference
 from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb
@@ -48,7 +48,7 @@ def test_the_worm_of_the_chapter_repeats_its_plan_step_by_step():
     assert plan.violation < 1e-10
     assert np.diff(plan.times).max() <= 0.02 * (1 + 1e-9)
     assert np.abs(plan.times - 1 / 3).min() < 1e-12  # a corner lies between arcs
-    receded = recede(
+    receded = run_mpc(
         plant, plan, real_time(TABLE), contact=Smooth(0.1), tolerance=Tolerance(1e-8, 1e-9)
     )
     assert receded.unsolved == 0
@@ -89,7 +89,7 @@ def test_decisions_off_the_plan_are_the_optimum_that_an_interior_point_finds(
     x = signal_values(plant.x, None, "state")
     x += 0.05 * rng.normal(size=len(x))
     control = PredictiveController(
-        plan_tracking(plant, reference, 0.2, table), Decisions(1000, 200, 1e-9)
+        plan_tracking(plant, reference, 0.2, table), MpcOptions(1000, 200, 1e-9)
     )
     decided = control.decide(0, x)
     assert decided.size <= 1e-9
@@ -117,8 +117,8 @@ def test_where_the_model_is_right_real_time_costs_no_more_than_the_open_loop():
 
     open_loop = cost(course_of(plan))
     assert open_loop == pytest.approx(plan.objective, rel=1e-3)
-    for decisions in (real_time(table), Decisions(25, 20)):
-        receded = recede(plant, plan, decisions, contact=Smooth(0.05))
+    for decisions in (real_time(table), MpcOptions(25, 20)):
+        receded = run_mpc(plant, plan, decisions, contact=Smooth(0.05))
         assert cost(receded.inputs) <= open_loop * (1 + 1e-6)
 
 

@@ -1,18 +1,22 @@
 """Design, simulation and optimal control of worm-like locomotion systems.
 
-Public names stand in ``__init__.pyi`` and are loaded on first use, so that importing the package
-costs nothing. What belongs to one system has a name of its own: ``wo.film``, ``wo.pair``,
-``wo.channel``, ``wo.peristaltic``, ``wo.magnetics``, ``wo.stepper``.
+A scene is a TOML file, and `run` computes its result. Models, solvers and systems can also be used
+directly from Python.
 
 >>> import wormopt as wo
 >>> scene = wo.load_scene("fast_gait")
 >>> result = wo.run(scene)
 >>> round(result.scalars["speed"].value, 9)
 1.2
+
+Functions of one system are in a module of its own, such as ``wo.film`` or ``wo.planar``. American
+spellings such as ``wo.optimize`` work too. Each name below is loaded on first use; call
+``help(wo.simulate)`` for its documentation.
 """
 
-from wormopt.lazy import names_of
+from wormopt.lazy import grouped_names, names_of
 from wormopt.version import VERSION
 
+__doc__ = f"{__doc__ or ''}\n{grouped_names(__file__)}\n"
 __version__ = VERSION
 __getattr__, __dir__, __all__ = names_of(__name__, __file__)

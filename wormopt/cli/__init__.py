@@ -1,7 +1,8 @@
-"""The command line: one module for each group of commands, which adds them and does them.
+"""The command line: each module adds a group of commands to the parser and runs them.
 
 Exit codes: 0 done; 2 bad input; 3 the solver did not reach an accepted result; 130 interrupted.
-Results go to stdout, everything else to stderr.
+Results go to stdout, everything else to stderr. There is no ``--verbose`` for all commands: ``run
+--all`` prints the whole result, and ``run --verbose`` the time of each stage.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises SystemExit after ``--help`` and on arguments that cannot be understood.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal that knows no λ shall show its code instead of ending the program.
+        # A terminal whose encoding has no λ shows its code, and the program does not end.
         sys.stdout.reconfigure(errors="backslashreplace")
     options = None
     try:
@@ -45,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 options.parser.error(_stray(options, stray))
             return options.command(options)
     except SceneError as error:
-        typed = getattr(options, "scene", "")  # by its file, not by its name
+        typed = getattr(options, "scene", "")  # name the file as the user wrote it
         say(str(SceneError(typed, error.faults) if Path(typed).stem == error.file else error))
         return BAD_INPUT
     except (OutputError, ArgumentError) as error:
@@ -75,30 +76,30 @@ def _nobody_reads(error: OSError) -> bool:
 
 
 def _stray(options: argparse.Namespace, words: list[str]) -> str:
-    """What words are that no command takes, and where keys of a scene go."""
-    told = f"unrecognized arguments: {' '.join(words)}"
+    """Write the message about unknown arguments, with a hint if one is a key of a scene."""
+    message = f"unrecognized arguments: {' '.join(words)}"
     for word in words:
         key, equals, value = word.partition("=")
         if not equals or word.startswith("-"):
             continue
         if hasattr(options, "over"):
             values = f"[{value}]" if "," in value and not value.startswith("[") else value
-            return f"{told}; values to sweep go with --over: write --over '{key}={values}'"
+            return f"{message}; --over gives the values of a key: write --over '{key}={values}'"
         if hasattr(options, "set"):
-            return f"{told}; keys are changed with --set: write --set '{word}'"
-    return told
+            return f"{message}; --set changes a key: write --set '{word}'"
+    return message
 
 
 @contextmanager
 def _asked_to_end() -> Iterator[None]:
-    """SIGTERM ends like Ctrl-C: what was found is kept, and processes are not left behind."""
+    """Let SIGTERM end like Ctrl-C: results are kept, and no processes are left behind."""
     if current_thread() is not main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return
 
     def end(_number: int, frame: FrameType | None) -> None:
         interrupt = signal.getsignal(signal.SIGINT)
-        if not callable(interrupt):  # what runs in the background is started without
+        if not callable(interrupt):  # a background process ignores SIGINT
             raise KeyboardInterrupt
         interrupt(signal.SIGINT, frame)
 
@@ -118,8 +119,8 @@ def parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     found.add_argument("--version", action="version", version=f"wormopt {VERSION}")
-    found.set_defaults(parser=found)  # `wormopt completion` tells a shell of all of it
-    commands = found.add_subparsers(metavar="COMMAND", required=True)
+    found.set_defaults(parser=found)  # `wormopt completion` reads all commands from it
+    commands = found.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for group in _GROUPS.split():
         import_module(f"wormopt.cli.{group}").add(commands)
     return found

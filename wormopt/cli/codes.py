@@ -1,4 +1,4 @@
-"""Exit codes, and how the command line speaks and understands."""
+"""Exit codes, messages and common options of the command line."""
 
 import argparse
 import os
@@ -12,14 +12,14 @@ DONE, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 2, 3, 130
 
 
 def say(text: str) -> None:
-    """Tell the user something that is no result."""
+    """Print a message that is not a result, on stderr."""
     print(text, file=sys.stderr)
 
 
 def check_backend(hint: str = "") -> None:
     """Raise ArgumentError if Matplotlib refuses the backend that MPLBACKEND names.
 
-    `hint` is what else can be written. Without MPLBACKEND nothing is loaded.
+    `hint` is another way out, for the message. Without MPLBACKEND nothing is loaded.
     """
     if os.environ.get("MPLBACKEND"):
         try:
@@ -29,7 +29,7 @@ def check_backend(hint: str = "") -> None:
 
 
 def no_backend(error: Exception, hint: str = "") -> str:
-    """Say that Matplotlib refuses its backend; "" if the error is about something else."""
+    """Write the message for a backend that Matplotlib refuses; "" for any other error."""
     name = os.environ.get("MPLBACKEND", "")
     if not name or "backend" not in str(error):
         return ""
@@ -40,34 +40,50 @@ def no_backend(error: Exception, hint: str = "") -> str:
 
 
 def kind_name(name: str) -> str:
-    """Take a kind of scene from the command line; what is close to one is told."""
+    """Return a kind of scene from the command line; the error suggests a similar name."""
     if name in KINDS:
         return name
     close = near(name)
     hint = f"did you mean {close}? " if close else ""
-    what = f"no kind of scene is called {name!r}; {hint}`wormopt list` names them"
+    what = f"there is no kind of scene {name!r}; {hint}`wormopt list` shows all kinds"
     raise argparse.ArgumentTypeError(what)
 
 
 def _some(text: str) -> int:
-    """Take a whole number above 0 from the command line."""
+    """Return a positive whole number from the command line."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no whole number above 0")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive whole number; write 4, say")
     return int(text)
 
 
 def add_engine(command: argparse.ArgumentParser) -> None:
-    """Add the options that say where work goes."""
+    """Add the options for parallel work."""
     engines = ("processes", "serial", "dask")
-    command.add_argument("--engine", choices=engines, default="processes", help="(%(default)s)")
-    command.add_argument("--workers", metavar="N", type=_some, help="one per processor if left out")
-    command.add_argument("--scheduler", metavar="ADDRESS", default="", help="of a Dask cluster")
+    command.add_argument(
+        "--engine",
+        choices=engines,
+        default="processes",
+        help="where parallel work runs: processes of this machine, this process alone, or a "
+        "Dask cluster (default: %(default)s)",
+    )
+    command.add_argument(
+        "--workers",
+        metavar="N",
+        type=_some,
+        help="number of parallel workers (default: one per processor)",
+    )
+    command.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        default="",
+        help="address of a running Dask cluster, for --engine dask (default: start one)",
+    )
 
 
 def engine_of(options: argparse.Namespace) -> AbstractContextManager[None]:
-    """Have the engine that was asked for, while the context lasts."""
+    """Return a context in which parallel work runs on the engine asked for."""
     if options.engine == "processes" and options.workers is None:
-        return nullcontext()  # as it is: nothing to be loaded
+        return nullcontext()  # the default needs no import
     from wormopt.numerics.workers import Engine, using
 
     return using(Engine(options.engine, options.workers, options.scheduler))

@@ -1,4 +1,4 @@
-"""``wormopt completion``: a script by which a shell completes commands, scenes and kinds."""
+"""``wormopt completion``: print a shell script that completes commands, scenes and kinds."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from wormopt.cli.codes import DONE
+from wormopt.cli.codes import BAD_INPUT, DONE, say
 from wormopt.kinds import KINDS
 from wormopt.scene import packaged_scenes
 
-_SHELLS = ("bash", "zsh", "tcsh")
-# What stands for SCENE: a packaged one, a file, or a folder on the way to one.
+_SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
+# Candidates for SCENE: packaged scenes, TOML files, and folders that may hold them.
 _BASH = """
 _wormopt_scenes() {{
   compgen -W "{scenes}" -- "$1"
@@ -25,23 +25,44 @@ _wormopt_scenes() {{
   _alternative 'scenes:packaged scene:compadd -a scenes' 'files:scene:_files -g "*.toml"'
 }}
 """
+_POWERSHELL = """
+function _wormopt_scenes {{
+  param([string]$WordToComplete)
+  '{scenes}'.Split(' ') | Where-Object {{ $_ -like "$WordToComplete*" }}
+  _shtab_powershell_compgen_files $WordToComplete |
+    Where-Object {{ $_ -match '(\\.toml|[\\\\/])$' }}
+}}
+"""
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "completion",
-        help="print a script by which a shell completes commands, scenes and kinds",
-        description='In bash, for example: eval "$(wormopt completion bash)"',
+        help="print a script for a shell that completes commands, scenes and kinds",
+        description="Print a script that completes commands, scenes and kinds in a shell. fish "
+        "needs shtab 1.9 or later, PowerShell 1.12.1 or later.",
+        epilog="""\
+bash, zsh:   eval "$(wormopt completion bash)"
+tcsh:        wormopt completion tcsh > ~/.wormopt.tcsh; source ~/.wormopt.tcsh
+fish:        wormopt completion fish > ~/.config/fish/completions/wormopt.fish
+PowerShell:  wormopt completion powershell | Out-String | Invoke-Expression""",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     command.set_defaults(command=_completion)
-    command.add_argument("shell", choices=_SHELLS)
+    command.add_argument("shell", choices=_SHELLS, help="shell that runs the script")
 
 
 def _completion(options: argparse.Namespace) -> int:
-    import shtab  # no other command needs it
+    import shtab  # imported here because no other command needs it
 
+    if options.shell not in shtab.SUPPORTED_SHELLS:
+        say(
+            f"shtab {shtab.__version__} has no completion for {options.shell}; "
+            "run pip install --upgrade shtab"
+        )
+        return BAD_INPUT
     found, scenes = options.parser, " ".join(packaged_scenes())
     files = {"FILE": shtab.FILE, "PATH": shtab.FILE, "DIR": shtab.DIRECTORY}
     for action in _actions(found):
@@ -53,16 +74,18 @@ def _completion(options: argparse.Namespace) -> int:
                 "bash": "_wormopt_scenes",
                 "zsh": "_wormopt_scenes",
                 "tcsh": f"({scenes})",
+                "fish": f"{scenes} (__fish_complete_suffix .toml)",
+                "powershell": "_wormopt_scenes",
             }
         elif name in files:
             action.complete = files[name]  # pyright: ignore[reportAttributeAccessIssue]
-    functions = {"bash": _BASH, "zsh": _ZSH}.get(options.shell, "").format(scenes=scenes)
-    print(shtab.complete(found, options.shell, preamble=functions))
+    functions = {"bash": _BASH, "zsh": _ZSH, "powershell": _POWERSHELL}.get(options.shell, "")
+    print(shtab.complete(found, options.shell, preamble=functions.format(scenes=scenes)))
     return DONE
 
 
 def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Yield all arguments of a parser and of those below it."""
+    """Yield all arguments of a parser and of its subparsers."""
     for action in parser._actions:  # noqa: SLF001  argparse lists them nowhere else
         if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
             for below in action.choices.values():

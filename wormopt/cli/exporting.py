@@ -1,4 +1,4 @@
-"""``wormopt export``: a result, written for other tools."""
+"""``wormopt export``: write a result in the formats of other tools."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from wormopt.cli.codes import BAD_INPUT, DONE, say
 from wormopt.runner import result_at
 
 _FORMATS = {
-    "csv": "tables, signals over time first",
-    "mat": "a MATLAB file with everything",
-    "c": "C99 source of the gait, exact, and a program that tests it",
-    "ros": "the gait as a ROS message trajectory_msgs/JointTrajectory, in YAML",
-    "fmu": "the model as an FMI 3.0 unit for model exchange, its friction smooth",
+    "csv": "write CSV tables, the signals over time first",
+    "mat": "write a MATLAB file with the whole result",
+    "c": "write C99 source that evaluates the gait exactly, with a test program",
+    "ros": "write the gait as a ROS message trajectory_msgs/JointTrajectory, in YAML",
+    "fmu": "write the model as an FMI 3.0 unit for model exchange, with smooth friction",
 }
 
 
@@ -21,12 +21,13 @@ def add(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "export",
-        help="write a result for other tools",
-        description="Write a result for other tools; all files, or none.",
+        help="export a saved result to CSV, MATLAB, C, ROS or FMI",
+        description="Export a saved result in one or more formats. If one file cannot be "
+        "written, none is.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_export)
-    command.add_argument("result", metavar="RESULT", help="folder of a result, or the .nc in it")
+    command.add_argument("result", metavar="RESULT", help="folder of a result, or its .nc file")
     for name, what in _FORMATS.items():
         command.add_argument(
             f"--{name}", action="append_const", const=name, dest="formats", help=what
@@ -35,39 +36,47 @@ def add(commands: Any) -> None:
         "-o",
         "--output",
         metavar="PATH",
-        help="a folder or, for one format, a file (files named by the scene, in this folder)",
+        help="folder to write to, or a file for a single format (default: files named after the "
+        "scene, in the current folder)",
     )
     command.add_argument(
         "--step",
         metavar="TIME",
-        help="0.01 or '10 ms': between rows of --csv (the result's own), points of --ros (0.01)",
+        help="time between rows of --csv (default: the result's samples) and points of --ros "
+        "(default: 0.01), such as 0.01 or '10 ms'",
     )
     command.add_argument(
-        "--cycles", metavar="N", type=int, default=1, help="periods in --ros (%(default)s)"
+        "--cycles",
+        metavar="N",
+        type=int,
+        default=1,
+        help="number of gait periods in --ros (default: %(default)s)",
     )
     command.add_argument(
         "--columns",
         metavar="NAMES",
         default="",
-        help="signals in --csv besides time, 'length,rate_0' say (all)",
+        help="signals in --csv besides time, such as 'length,rate_0' (default: all)",
     )
     command.add_argument(
         "--whole-steps",
         action="store_true",
-        help="slow the gait down so that its cycle is a whole number of steps; --csv writes it",
+        help="slow the gait down in --csv so that its period is a whole number of steps",
     )
     command.add_argument(
-        "--rest", action="store_true", help="let --ros begin and end at rest, time running slower"
+        "--rest",
+        action="store_true",
+        help="let --ros start and end at rest by slowing the motion down there",
     )
     command.add_argument(
-        "--force", action="store_true", help="replace earlier exports of the same names"
+        "--force", action="store_true", help="replace earlier exports with the same names"
     )
-    command.add_argument("--quiet", action="store_true", help="do not name the files written")
+    command.add_argument("--quiet", action="store_true", help="do not print the files written")
 
 
 def _export(options: argparse.Namespace) -> int:
     if not options.formats:
-        say(f"nothing to export to; write one or more of --{', --'.join(_FORMATS)}")
+        say(f"no format is given; write one or more of --{', --'.join(_FORMATS)}")
         return BAD_INPUT
     result = result_at(options.result)
     from wormopt.exports.export import SUFFIXES, export
@@ -86,7 +95,7 @@ def _export(options: argparse.Namespace) -> int:
     )
     if result.status != "ok":
         state = "failed" if result.status == "failed" else "is unchecked"
-        say(f"{result.scene}: the result {state}, as the files say: {result.reason}")
+        say(f"{result.scene}: warning: the result {state}; the files state it: {result.reason}")
     for file in files:
         if "ros" in options.formats and file.suffix == SUFFIXES["ros"]:
             head = file.read_text(encoding="utf-8").partition("header:")[0]

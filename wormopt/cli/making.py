@@ -1,29 +1,53 @@
-"""``wormopt new`` and ``schema``: scenes to begin with, and what editors know of their keys."""
+"""``wormopt help``, ``new`` and ``schema``: the keys of a kind of scene, for users and editors."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
-from wormopt.cli.codes import BAD_INPUT, DONE, kind_name, say
+from wormopt.cli.codes import DONE, kind_name
 from wormopt.errors import OutputError
-from wormopt.files import write_files
-from wormopt.kinds import KINDS
+from wormopt.files import is_there, write_files
+
+_MADE_BY = b'"$comment": "made by wormopt schema '  # see wormopt.scene.reference
 
 
 def add(commands: Any) -> None:
     """Add the commands to a parser's."""
     command = commands.add_parser(
+        "help",
+        help="show the keys of a kind of scene and what its results hold",
+        description="Show the reference page of a kind of scene: keys, scalars and variables. "
+        "Output to a pipe or file is Markdown.",
+        allow_abbrev=False,
+    )
+    command.set_defaults(command=_help)
+    command.add_argument(
+        "kind",
+        metavar="KIND",
+        nargs="?",
+        type=kind_name,
+        help="kind of scene, see `wormopt list` (default: list the commands)",
+    )
+
+    command = commands.add_parser(
         "new",
-        help="write a scene to begin with",
-        description="Write a scene of a kind that runs as it is, with what every key means.",
+        help="write a scene to start from",
+        description="Write a scene of a kind. It runs as written, and comments explain each key. "
+        "Its JSON Schema, KIND.schema.json, is written beside it for editors.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_new)
-    command.add_argument("kind", metavar="KIND", type=kind_name, help="see `wormopt list`")
-    command.add_argument("-o", "--output", metavar="FILE", help="what to write (KIND.toml)")
+    command.add_argument(
+        "kind", metavar="KIND", type=kind_name, help="kind of scene, see `wormopt list`"
+    )
+    command.add_argument(
+        "-o", "--output", metavar="FILE", help="file to write (default: KIND.toml)"
+    )
 
     command = commands.add_parser(
         "schema",
@@ -33,48 +57,65 @@ def add(commands: Any) -> None:
     )
     command.set_defaults(command=_schema)
     command.add_argument(
-        "kind", metavar="KIND", nargs="?", type=kind_name, help="see `wormopt list`"
+        "kind", metavar="KIND", type=kind_name, help="kind of scene, see `wormopt list`"
     )
-    command.add_argument("--all", action="store_true", help="of every kind, KIND.json in a folder")
-    command.add_argument(
-        "--markdown", action="store_true", help="as a page to read, with scalars and variables"
-    )
-    command.add_argument("-o", "--output", metavar="PATH", help="the file or folder to write")
+    command.add_argument("-o", "--output", metavar="FILE", help="file to write (default: stdout)")
+
+
+def _help(options: argparse.Namespace) -> int:
+    if not options.kind:
+        options.parser.print_help()
+        return DONE
+    from wormopt.scene.reference import page
+
+    text = page(options.kind)
+    if not sys.stdout.isatty():
+        print(text, end="")
+        return DONE
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    Console().print(Markdown(_for_terminals(text)))
+    return DONE
+
+
+def _for_terminals(page: str) -> str:
+    """Replace HTML indices and powers by _ and ^, and links by the names of pages in docs/."""
+    page = re.sub(r"<sub>(.*?)</sub>", r"_\1", page)
+    page = re.sub(r"<sup>(.*?)</sup>", r"^\1", page)
+    page = re.sub(r"\[([\w.-]+\.md)\]\(\.\./[^)]*\)", r"docs/\1", page)
+    return re.sub(r"\[([^\]]*)\]\(\.\./([^)#]*)[^)]*\)", r"\1 (docs/\2)", page)
 
 
 def _new(options: argparse.Namespace) -> int:
-    from wormopt.scene.scene import packaged_folder
     from wormopt.scene.template import template
 
     path = Path(options.output or f"{options.kind}.toml")
     if path.suffix != ".toml":
-        raise OutputError(f"{path}: a scene is a TOML file; let its name end in .toml")
-    schema = packaged_folder() / "schemas" / f"{options.kind}.json"
-    write_files({path: template(options.kind, schema.resolve().as_uri()).encode()}, force=None)
-    print(f"{path}: written; run it with: wormopt run {path}")
+        raise OutputError(f"{path}: does not end in .toml; a scene is a TOML file")
+    schema = path.with_name(f"{options.kind}.schema.json")
+    texts = {path: template(options.kind, f"./{schema.name}"), schema: _text(options.kind)}
+    files = {file: text.encode() for file, text in texts.items()}
+    write_files(files, force=None, own=[schema] if _is_ours(schema) else [])
+    print(f"{path}: written, and {schema.name} for editors; run it with: wormopt run {path}")
     return DONE
+
+
+def _is_ours(schema: Path) -> bool:
+    """Whether the file exists and wormopt, of any version, made it."""
+    return is_there(schema) and _MADE_BY in schema.read_bytes()
 
 
 def _schema(options: argparse.Namespace) -> int:
-    if options.all == bool(options.kind) or (options.all and not options.output):
-        say("wormopt schema: name a KIND, or write --all -o DIR")
-        return BAD_INPUT
-    suffix = ".md" if options.markdown else ".json"
-    if options.all:
-        folder = Path(options.output)
-        texts = {folder / f"{kind}{suffix}": _text(kind, suffix).encode() for kind in KINDS}
-        write_files(texts, force=None)
-    elif options.output:
-        text = _text(options.kind, suffix).encode()
-        write_files({Path(options.output): text}, force=None)
+    text = _text(options.kind)
+    if options.output:
+        write_files({Path(options.output): text.encode()}, force=None)
     else:
-        print(_text(options.kind, suffix), end="")
+        print(text, end="")
     return DONE
 
 
-def _text(kind: str, suffix: str) -> str:
-    from wormopt.scene.reference import page, schema
+def _text(kind: str) -> str:
+    from wormopt.scene.reference import schema
 
-    if suffix == ".md":
-        return page(kind)
     return json.dumps(schema(kind), indent=1, ensure_ascii=False) + "\n"

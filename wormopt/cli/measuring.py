@@ -1,4 +1,4 @@
-"""``wormopt bench`` and ``stress``: time against error, and hard cases."""
+"""``wormopt bench`` and ``stress``: benchmarks against other solvers, and stress tests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def add(commands: Any) -> None:
     """Add the commands to a parser's."""
     command = commands.add_parser(
         "bench",
-        help="measure speed and precision beside others",
+        help="benchmark speed and accuracy against other solvers",
         description=_BENCH + "".join(f"\n  {name:17}{what}" for name, what in CASES.items()),
         epilog=_BENCH_COLUMNS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -27,27 +27,28 @@ def add(commands: Any) -> None:
     )
     command.set_defaults(command=_bench)
     command.add_argument(
-        "cases", metavar="CASE", nargs="*", help="in any letter case; all if left out"
+        "cases", metavar="CASE", nargs="*", help="cases to run, in any letter case (default: all)"
     )
     command.add_argument(
         "-o",
         "--output",
         metavar="DIR",
         default="results/bench",
-        help="for index.html with all pictures and tables, and the history (%(default)s)",
+        help="folder for index.html, with all pictures and tables, and for the history "
+        "(default: %(default)s)",
     )
     command.add_argument(
         "--against",
         metavar="VERSION",
         default="",
-        help="run this version and another by turns instead, beside no others: a version on "
+        help="compare this version only with another version, in alternating runs: a version on "
         "PyPI, a commit of this checkout, another checkout or a wheel",
     )
-    _add_measuring(command, "fewer tolerances, rounds and lengths")
+    _add_measuring(command, "use fewer tolerances, repetitions and sizes")
 
     command = commands.add_parser(
         "stress",
-        help="compare hard cases of everything with a second route",
+        help="compare answers to hard cases with an independent method",
         description=_STRESS + "".join(f"\n  {name:14}{by}" for name, by in GROUPS.items()),
         epilog=_STRESS_COLUMNS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -55,16 +56,19 @@ def add(commands: Any) -> None:
     )
     command.set_defaults(command=_stress)
     command.add_argument(
-        "groups", metavar="GROUP", nargs="*", help="in any letter case; all if left out"
+        "groups",
+        metavar="GROUP",
+        nargs="*",
+        help="groups to run, in any letter case (default: all)",
     )
-    _add_measuring(command, "a few cells of each group only")
+    _add_measuring(command, "run only a few cases of each group")
 
 
 _BENCH = """\
-Run each case with several solvers at several tolerances and compare the times they
-need for the same error. A case takes minutes; with --quick, all of them take a few.
-DIR/index.html shows all cases measured so far. DIR/history.json keeps ratios of
-times by version; what has become slower beside others is told.
+Run each case with several solvers at several tolerances and compare their times at
+equal error. A case takes minutes; with --quick, all cases take a few minutes.
+DIR/index.html shows all cases measured so far. DIR/history.json keeps the ratios of
+times by version, and the command reports ratios that have become worse.
 
 cases:"""
 _BENCH_COLUMNS = """\
@@ -74,21 +78,21 @@ columns of the table:
                  velocities, interpolated between tolerances
   ours/theirs    wormopt's time over that of the solver: below 1 wormopt is faster
   best error     smallest error of all runs
-  memory         by how much the first run made the process grow at most
-  failed         runs that failed, or ended with success on a wrong answer"""
+  memory         largest growth of the process in the first run
+  failed         runs that failed, or reported success with a wrong answer"""
 _STRESS = """\
-Put some 2,000 seeded questions to the package, many of them extreme, and compare each
-answer with a second route that shares no code with it. All take about seven minutes on
-two processors with little else to do; --quick asks a few of each group.
+Compute about 2,000 random cases with fixed seeds, many of them extreme, and compare each
+answer with a method that shares no code with it. All cases take about seven minutes on
+two idle processors; --quick runs a few of each group.
 
-groups, and what judges them:"""
+groups, and the method that each is compared with:"""
 _STRESS_COLUMNS = """\
 columns of the table, by kind of case:
-  right      as near as any computation of that precision can be
-  refused    given up with a reason that names what to change
-  undecided  the second route fails, or nothing can be known
-  wrong      none of these; exit code 3 if there is any, if an ordinary case is not
-             right, or if fewer than nine tenths are right"""
+  right      as accurate as the floating-point precision allows
+  refused    ended with an error that says what to change
+  undecided  the other method fails, or no answer can be established
+  wrong      any other answer; the exit code is 3 if there is one, if an ordinary case
+             is not right, or if fewer than nine tenths are right"""
 
 
 def _add_measuring(command: argparse.ArgumentParser, quick: str) -> None:
@@ -101,7 +105,7 @@ def _bench(options: argparse.Namespace) -> int:
     cases = [name.lower() for name in options.cases]
     unknown = [name for name in cases if name not in CASES]
     if unknown:
-        say(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(CASES)}")
+        say(f"there is no benchmark {', '.join(unknown)}; write one of {', '.join(CASES)}")
         return BAD_INPUT
     if options.against:
         return _against(options, cases)
@@ -146,7 +150,10 @@ def _against(options: argparse.Namespace, cases: Sequence[str]) -> int:
 
     unable = [name for name in cases if name not in ALTERNATED]
     if unable:
-        say(f"{', '.join(unable)}: not to be run by turns; there are {', '.join(ALTERNATED)}")
+        say(
+            f"{', '.join(unable)}: --against cannot run this case; write one of "
+            f"{', '.join(ALTERNATED)}"
+        )
         return BAD_INPUT
     rows, code, chosen = [], DONE, cases or ALTERNATED
     try:
@@ -166,7 +173,7 @@ def _stress(options: argparse.Namespace) -> int:
     groups = list(dict.fromkeys(name.lower() for name in options.groups))
     unknown = [name for name in groups if name not in GROUPS]
     if unknown:
-        say(f"no group is called {', '.join(unknown)}; there are {', '.join(GROUPS)}")
+        say(f"there is no group {', '.join(unknown)}; write one of {', '.join(GROUPS)}")
         return BAD_INPUT
     from wormopt.bench.stress.matrix import stress, summary, table
 

@@ -1,4 +1,4 @@
-"""``wormopt plot``: pictures of a result that is saved, nothing computed again."""
+"""``wormopt plot``: draw pictures of a saved result without computing it again."""
 
 from __future__ import annotations
 
@@ -28,29 +28,50 @@ def add(commands: Any) -> None:
         "plot",
         help="draw pictures of a saved result",
         description="Draw pictures of a saved result. Nothing is computed again.",
-        epilog="widths of journals: 85mm is one column, 180mm (as without --width) a page",
+        epilog="widths for journals: 85mm fits one column, 180mm a page",
         allow_abbrev=False,
     )
     command.set_defaults(command=_plot)
     command.add_argument("result", metavar="RESULT", help="folder of a result, or its .nc file")
     command.add_argument(
         "pictures", metavar="PICTURE", nargs="*",
-        help="words of `want`; without any those that the scene wants, or all there are",
+        help="pictures to draw, words of the key `want` (default: those the scene wants, or all)",
     )  # fmt: skip
     command.add_argument(
-        "-o", "--output", metavar="PATH", help="a file, or a folder (that of the result)"
+        "-o",
+        "--output",
+        metavar="PATH",
+        help="file or folder to write (default: the folder of the result)",
     )
-    command.add_argument("--width", type=_millimetres, metavar="85mm", help="in mm, cm or in")
-    command.add_argument("--height", type=_millimetres, metavar="60mm", help="as much as it needs")
-    command.add_argument("--no-title", action="store_true", help="neither title nor facts")
-    command.add_argument("--format", choices=(*STILL, *MOVING), help="mp4 and gif: of an animation")
-    command.add_argument("--force", action="store_true", help="replace other pictures of wormopt")
+    command.add_argument(
+        "--width",
+        type=_millimetres,
+        metavar="SIZE",
+        help="width in mm, cm or in, such as 85mm (default: 180mm)",
+    )
+    command.add_argument(
+        "--height",
+        type=_millimetres,
+        metavar="SIZE",
+        help="height in mm, cm or in (default: as the picture needs)",
+    )
+    command.add_argument("--no-title", action="store_true", help="draw neither title nor facts")
+    command.add_argument(
+        "--format",
+        choices=(*STILL, *MOVING),
+        help="file format (default: png); mp4 and gif are for the animation",
+    )
+    command.add_argument(
+        "--force", action="store_true", help="replace other pictures made by wormopt"
+    )
 
 
 def _millimetres(text: str) -> float:
     found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*(mm|cm|in|)\s*", text)
     if not found or not 30 <= (size := float(found[1]) * _INTO_MM[found[2]]) <= 2000:
-        raise argparse.ArgumentTypeError(f"{text!r} is no size; write 85mm, say (30mm to 2000mm)")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a size from 30mm to 2000mm; write 85mm, say"
+        )
     return size
 
 
@@ -76,12 +97,12 @@ def _plot(options: argparse.Namespace) -> int:
     finally:
         _enlist(drawn, source)
     if not drawn:
-        raise ArgumentError(f"{source}: holds nothing that can be drawn")
+        raise ArgumentError(f"{source}: the result has no data for a picture")
     return DONE
 
 
 def _draw(result: Result, name: str, file: Path, source: Path, options: argparse.Namespace) -> bool:
-    """Draw a picture; one that the result lacks something for is left out if nobody named it."""
+    """Draw a picture and return True; skip one without data unless the user named it."""
     from wormopt.plotting import draw
 
     try:
@@ -89,33 +110,33 @@ def _draw(result: Result, name: str, file: Path, source: Path, options: argparse
             drawn = Path(folder) / file.name
             draw(result, name, drawn, width=options.width, height=options.height,
                  title=not options.no_title)  # fmt: skip
-            own = _listed([file], source)  # what has changed meanwhile is not
+            own = _listed([file], source)  # again, because files may have changed meanwhile
             write_files({file: drawn.read_bytes()}, force=options.force, own=own)
     except UnknownNameError as error:
         lacks = f"{name} cannot be drawn: {str(error).partition(';')[0]}"
         if options.pictures:
-            raise ArgumentError(f"{lacks}, which its run did not compute") from error
+            raise ArgumentError(f"{lacks}; the run did not compute it") from error
         say(f"{lacks}; left out")
         return False
     return True
 
 
 def _wanted(result: Result, there: Mapping[str, str]) -> Sequence[str]:
-    """Pictures that the scene of a result wants, or all there are."""
+    """Return the pictures that the scene of a result wants, or all pictures."""
     wants = json.loads(result.scene_text or "{}").get("want", [])
     return [name for name in wants if name in there] or list(there)
 
 
 def _files(options: argparse.Namespace, source: Path, names: Sequence[str]) -> dict[str, Path]:
-    """Where each picture goes."""
+    """Return the file of each picture."""
     names = list(dict.fromkeys(names))
     path = Path(options.output) if options.output else source.parent
     if options.output is None or path.is_dir() or not path.suffix:
         return {name: path / picture_file(name, options.format) for name in names}
     if len(names) > 1:
         raise ArgumentError(
-            f"{path}: is one file, for {len(names)} pictures ({', '.join(names)}); "
-            "name one of them, or give a folder"
+            f"{path}: one file cannot hold {len(names)} pictures ({', '.join(names)}); "
+            "name one picture, or give a folder"
         )
     if options.format and path.suffix != f".{options.format}":
         raise ArgumentError(f"{path}: does not end in .{options.format}; leave --format out")
@@ -123,7 +144,7 @@ def _files(options: argparse.Namespace, source: Path, names: Sequence[str]) -> d
 
 
 def _listed(files: Iterable[Path], source: Path) -> set[Path]:
-    """Those that are listed beside the result as its own, and as they were drawn."""
+    """Return the files that the result lists as its own and that are unchanged."""
     beside = earlier_result(source.parent)
     own = beside.own if source.name in beside.own else frozenset()
     folder = source.parent.resolve()
@@ -131,7 +152,7 @@ def _listed(files: Iterable[Path], source: Path) -> set[Path]:
 
 
 def _enlist(files: Iterable[Path], source: Path) -> None:
-    """List new pictures beside a result as its own."""
+    """Add new pictures to the files that a result lists as its own."""
     beside = [f.name for f in files if f.parent.resolve() == source.parent.resolve()]
     if beside and source.name in earlier_result(source.parent).own:
         enlist(source.parent, beside)

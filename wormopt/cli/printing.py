@@ -1,4 +1,4 @@
-"""Results and tables as text on a terminal."""
+"""Print results and tables on a terminal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SHORT_TABLE = 25  # lines
 
 
 def print_result(result: Result) -> None:
-    """Print a result in short: scalars by group, limits, and how far to trust it."""
+    """Print the short form of a result: scalars by group, limits and the trust report."""
     from wormopt.digest import groups, trust
 
     print(line(result.title or result.scene))
@@ -35,7 +35,7 @@ def print_result(result: Result) -> None:
 
 
 def print_all(result: Result) -> None:
-    """Print a result whole: all scalars, the trust report and its checks."""
+    """Print the whole result: all scalars, the trust report and its checks."""
     print(result.title or result.scene)
     units = {name: s.unit for name, s in result.scalars.items() if s.unit != "1"}
     _print_values({name: s.value for name, s in result.scalars.items()}, units)
@@ -69,7 +69,7 @@ def _print_values(values: Mapping[str, Any], units: Mapping[str, str]) -> None:
 
 
 def _lines(value: Any, width: int) -> list[str]:
-    """Write a value whole where it fits and is no list of texts, else entry by entry."""
+    """Write a value on one line if it fits, otherwise and for lists of texts by entries."""
     if isinstance(value, str):
         return textwrap.wrap(value, width, subsequent_indent="  ") or [""]
     whole = text(value).strip("{}") or "none"

@@ -1,4 +1,4 @@
-"""``wormopt report``: results in, one page to read and to send out."""
+"""``wormopt report``: write results as one HTML page."""
 
 from __future__ import annotations
 
@@ -12,17 +12,21 @@ def add(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "report",
-        help="show results on one page, to be read in a browser or sent by mail",
-        description="Write results as one HTML page: numbers, pictures, the worm moving, checks "
-        "and warnings, the scene to run again. It loads nothing from elsewhere.",
+        help="write saved results as one HTML page",
+        description="Write saved results as one HTML page: numbers, pictures, animation, checks, "
+        "warnings, and the scene to run again. The page is self-contained.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_report)
     command.add_argument(
-        "results", metavar="RESULT", nargs="+", help="folder of a result, or its result.nc"
+        "results", metavar="RESULT", nargs="+", help="folder of a result, or its .nc file"
     )
     command.add_argument(
-        "-o", "--output", metavar="FILE", default="report.html", help="the page (%(default)s)"
+        "-o",
+        "--output",
+        metavar="FILE",
+        default="report.html",
+        help="file to write (default: %(default)s)",
     )
     command.add_argument("--title", metavar="TEXT", default="", help="title of the page")
     command.add_argument("--force", action="store_true", help="replace an earlier report")

@@ -1,4 +1,4 @@
-"""``wormopt run``: a scene in, a folder of results out."""
+"""``wormopt run``: compute a scene and save its results in a folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wormopt.cli.codes import (
     engine_of,
     say,
 )
-from wormopt.cli.printing import print_all, print_result
+from wormopt.cli.printing import print_all, print_result, print_table
 from wormopt.errors import Interrupted
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
 from wormopt.kinds import KINDS
@@ -36,27 +36,44 @@ if TYPE_CHECKING:
     from wormopt.result import Result
 
 NO_PLOTS = ", or draw no pictures with --no-plots"
-# So many keys are named by which an earlier result differs.
+# Largest number of changed keys that a message names.
 _MOST_KEYS = 5
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's."""
-    command = commands.add_parser("run", help="compute a scene", allow_abbrev=False)
+    command = commands.add_parser(
+        "run",
+        help="compute a scene",
+        description="Compute a scene, save its results and pictures in a folder, and print them.",
+        epilog="examples: wormopt run fast_gait; wormopt run fast_gait --set worm.load=12",
+        allow_abbrev=False,
+    )
     command.set_defaults(command=_run)
-    command.add_argument("-o", "--output", metavar="DIR", help="where results go (results/<scene>)")
+    command.add_argument(
+        "-o", "--output", metavar="DIR", help="folder for results (default: results/<scene>)"
+    )
     add_options(command)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Add a scene, its changes, and how what is found is computed, shown and written."""
-    command.add_argument("scene", metavar="SCENE", help="a TOML file, or the name of a scene")
+    """Add the scene, its changes, and the options for computing, printing and saving."""
     command.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], help="change a key of the scene"
+        "scene", metavar="SCENE", help="a TOML file, or the name of a packaged scene"
+    )
+    command.add_argument(
+        "--set",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="change a key of the scene, such as worm.load=12; may be repeated",
     )
     add_engine(command)
     command.add_argument(
         "--all", action="store_true", help="print all scalars, facts and checks, not the short form"
+    )
+    command.add_argument(
+        "-v", "--verbose", action="store_true", help="print the time of each stage as well"
     )
     command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     command.add_argument("--no-plots", action="store_true", help="draw no pictures")
@@ -64,7 +81,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--force",
         action="store_true",
-        help="replace a result of another scene; never what is no result of wormopt",
+        help="replace the result of another scene; files that wormopt did not write are kept",
     )
 
 
@@ -86,13 +103,13 @@ def _run(options: argparse.Namespace) -> int:
         except Interrupted as stop:
             result, code = stop.partial, INTERRUPTED
     if scene.sweep is not None:
-        say(f"{scene.name}: computed as it stands; `wormopt sweep` varies its keys")
+        say(f"{scene.name}: computed without its table [sweep]; `wormopt sweep` uses it")
     finish(result, pictures, output, options)
     return code
 
 
 def _pictures(scene: Scene[Any]) -> dict[str, str]:
-    """Wanted pictures and the files they go to."""
+    """Return the pictures that the scene wants, with their file names."""
     drawable = KINDS[scene.table.kind].pictures
     return {name: picture_file(name) for name in scene.table.want if name in drawable}
 
@@ -100,7 +117,7 @@ def _pictures(scene: Scene[Any]) -> dict[str, str]:
 def finish(
     result: Result, pictures: dict[str, str], output: Output, options: argparse.Namespace
 ) -> None:
-    """Save a result with its pictures and print it; an earlier one of other inputs is told."""
+    """Save a result with its pictures and print it; report an earlier one that it replaces."""
     earlier = earlier_result(output.folder)
     with output_folder(output) as staging:
         result.save(staging, tuple(pictures.values()))
@@ -109,17 +126,20 @@ def finish(
         print(json.dumps(result.summary(), allow_nan=False))
     else:
         (print_all if options.all else print_result)(result)
+        if options.verbose and result.timings_s:
+            print("Time:")
+            print_table([(stage, f"{spent:.3g} s") for stage, spent in result.timings_s.items()])
         print(f"Saved in {output.folder}")
     keys = [*changed(earlier.table, json.loads(result.scene_text))] if earlier.table else []
     if keys and (earlier.scene, earlier.kind) == (result.scene, result.kind):
         names = ", ".join(keys[:_MOST_KEYS]) + ", …" * (len(keys) > _MOST_KEYS)
-        say(f"{output.folder}: replaced the earlier result, of other inputs ({names})")
+        say(f"{output.folder}: replaced the earlier result, which had other values of {names}")
     if result.status != "ok":
         say(f"{result.scene}: {result.status}: {result.reason}")
 
 
 def _draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
-    """Draw pictures into files of a folder; one that fails is told and left out."""
+    """Draw pictures into files of a folder; report and skip one that fails."""
     if not pictures or not result.variables:
         return
     from wormopt.plotting import draw
@@ -127,8 +147,8 @@ def _draw_all(result: Result, pictures: dict[str, str], folder: Path) -> None:
     for name, file in pictures.items():
         try:
             draw(result, name, folder / file)
-        except Exception as error:  # a picture must not cost the result
-            why = f"it could not be drawn ({type(error).__name__}: {error}); please report this"
+        except Exception as error:  # a failed picture must not lose the result
+            why = f"drawing failed ({type(error).__name__}: {error}); please report this"
             if isinstance(error, KeyError):
                 why = f"{str(error).partition(';')[0]}, see its trust report"
             say(f"{file} left out: {why}")

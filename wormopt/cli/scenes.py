@@ -1,15 +1,16 @@
-"""``wormopt list`` and ``check``: scenes and kinds of scene, nothing computed."""
+"""``wormopt list`` and ``check``: find and check scenes without computing them."""
 
 from __future__ import annotations
 
 import argparse
+import json
 from typing import Any
 
 from wormopt.cli.codes import BAD_INPUT, DONE, kind_name, say
-from wormopt.cli.printing import print_table
+from wormopt.cli.synonyms import has_all
 from wormopt.errors import SceneError
-from wormopt.kinds import KINDS
-from wormopt.scene import load_scene, packaged_scenes
+from wormopt.kinds import GROUPS, KINDS
+from wormopt.scene import Scene, load_scene, packaged_scenes
 from wormopt.scene.scene import times_of_scenes
 
 
@@ -17,45 +18,84 @@ def add(commands: Any) -> None:
     """Add the commands to a parser's."""
     command = commands.add_parser(
         "list",
-        help="list the scenes that come with the package",
-        description="List packaged scenes, about how long they take, and the kinds of scene.",
+        help="list packaged scenes and kinds of scene, or search them",
+        description="List the kinds of scene by system, each with its packaged scenes and their "
+        "approximate run times.",
+        epilog="examples: wormopt list snake; wormopt list optimise film; wormopt list --kind gait",
         allow_abbrev=False,
     )
     command.set_defaults(command=_list)
     command.add_argument(
-        "words", metavar="WORD", nargs="*", help="only what has all these words, in any case"
+        "words",
+        metavar="WORD",
+        nargs="*",
+        help="show only entries that contain each word or a synonym of it, in any letter case",
     )
-    command.add_argument("--kind", metavar="KIND", type=kind_name, help="only scenes of this kind")
+    command.add_argument("--kind", metavar="KIND", type=kind_name, help="show only this kind")
+    command.add_argument("--json", action="store_true", help="print one JSON object on stdout")
 
-    command = commands.add_parser("check", help="check scenes without computing them")
+    command = commands.add_parser(
+        "check",
+        help="check scenes without computing them",
+        description="Check scenes without computing them. Exit code 2: a scene has errors.",
+        allow_abbrev=False,
+    )
     command.set_defaults(command=_check)
-    command.add_argument("scenes", metavar="SCENE", nargs="+")
+    command.add_argument(
+        "scenes", metavar="SCENE", nargs="+", help="a TOML file, or the name of a packaged scene"
+    )
 
 
 def _list(options: argparse.Namespace) -> int:
-    times = times_of_scenes()
-    scenes = [load_scene(name) for name in packaged_scenes()]
-    rows = [(s.name, s.table.kind, _about(times.get(s.name, 0)), s.title) for s in scenes]
-    kinds = [(name, kind.summary) for name, kind in KINDS.items()]
-    if options.kind:
-        rows = [row for row in rows if row[1] == options.kind]
-        kinds = [row for row in kinds if row[0] == options.kind]
-    rows, kinds = _with(options.words, rows), _with(options.words, kinds)
-    if rows:
-        print("Scenes, to run by name, and about how long they take:")
-        print_table(rows)
-    if kinds:
-        print("\nKinds of scene:" if rows else "Kinds of scene:")
-        print_table(kinds)
-    if not rows and not kinds:
-        say("no packaged scene and no kind has all these words")
+    found, seconds = _found(options), times_of_scenes()
+    if options.json:
+        kinds = [
+            {"name": kind, "group": group, "summary": KINDS[kind].summary}
+            for group, shown in found.items()
+            for kind in shown
+        ]
+        scenes = [
+            {"name": s.name, "group": group, "kind": kind, "title": s.title}
+            | {"seconds": seconds.get(s.name)}
+            for group, shown in found.items()
+            for kind, packaged in shown.items()
+            for s in packaged
+        ]
+        print(json.dumps({"kinds": kinds, "scenes": scenes}))
+        return DONE
+    width = max(map(len, packaged_scenes()))
+    for group, kinds in found.items():
+        print(group)
+        for kind, scenes in kinds.items():
+            print(f"  {kind}: {KINDS[kind].summary}")
+            for scene in scenes:
+                about = _about(seconds.get(scene.name, 0))
+                print(f"    {scene.name:{width}}  {about:>6}  {scene.title}".rstrip())
+    if not found:
+        say("no packaged scene and no kind contains all these words; `wormopt list` shows all")
     return DONE
 
 
-def _with(words: list[str], rows: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Rows in which all words stand."""
-    asked = [word.casefold() for word in words]
-    return [row for row in rows if all(word in " ".join(row).casefold() for word in asked)]
+def _found(options: argparse.Namespace) -> dict[str, dict[str, list[Scene[Any]]]]:
+    """Return the scenes asked for, by group and kind.
+
+    A kind that has all words brings all its scenes; another one brings those that have all words.
+    """
+    packaged: dict[str, list[Scene[Any]]] = {kind: [] for kind in KINDS}
+    for name in packaged_scenes():
+        scene = load_scene(name)
+        packaged[scene.table.kind].append(scene)
+    found: dict[str, dict[str, list[Scene[Any]]]] = {}
+    for group, kinds in GROUPS.items():
+        for kind in kinds:
+            scenes = packaged[kind]
+            text = f"{group} {kind} {KINDS[kind].summary}"
+            matches = has_all(options.words, text)
+            if not matches:
+                scenes = [s for s in scenes if has_all(options.words, f"{text} {s.name} {s.title}")]
+            if (matches or scenes) and options.kind in (None, kind):
+                found.setdefault(group, {})[kind] = scenes
+    return found
 
 
 def _about(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""``wormopt show``: what saved results say."""
+"""``wormopt show``: print saved results."""
 
 from __future__ import annotations
 
@@ -19,9 +19,8 @@ def add(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "show",
-        help="print what saved results say",
-        description="Print the numbers of saved results, what limits them, and how far to trust "
-        "them.",
+        help="print saved results",
+        description="Print saved results: their numbers, the active limits and the trust report.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_show)
@@ -29,11 +28,13 @@ def add(commands: Any) -> None:
         "results",
         metavar="RESULT",
         nargs="+",
-        help=f"folder of a result, its {RESULT_FILE}, or a folder of such folders, to list them",
+        help=f"folder of a result, its {RESULT_FILE}, or a folder whose results are listed",
     )
-    command.add_argument("--all", action="store_true", help="all scalars, facts and checks")
     command.add_argument(
-        "--json", action="store_true", help="print one JSON object per result and line on stdout"
+        "--all", action="store_true", help="print all scalars, facts and checks, not the short form"
+    )
+    command.add_argument(
+        "--json", action="store_true", help="print one JSON object per result, one on each line"
     )
 
 
@@ -62,7 +63,7 @@ def _show(options: argparse.Namespace) -> int:
 
 
 def _in_folder(given: str) -> list[str]:
-    """Results in a folder that is none itself; else what was given."""
+    """Return the results in a folder; a folder that is a result itself is returned alone."""
     path = Path(given)
     if not path.is_dir() or (path / RESULT_FILE).exists():
         return [given]

@@ -1,4 +1,4 @@
-"""``wormopt sweep``: a scene at many values of some of its keys, in one dataset."""
+"""``wormopt sweep``: compute a scene at many values of some of its keys, as one dataset."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from wormopt.scene import load_scene
 from wormopt.scene.output import Output, check_output, default_folder
 
 _DESCRIPTION = """\
-Compute a scene at many values of some of its keys: what is varied says its table
-[sweep], or --over. Every point is kept as soon as it is done, so that a sweep that
-was killed goes on where it was, and one that is enlarged computes what is new."""
+Compute a scene at many values of some of its keys. The table [sweep] of the scene or
+--over gives the values. Each point is saved when it is done: an interrupted sweep
+continues where it stopped, and an enlarged sweep computes only the new points.
+The exit code is 3 if no point succeeds and 2 if every point is refused."""
 _EXAMPLES = """\
 examples:
   wormopt sweep design_fast_gait --over worm.load=1:10:10 --over gait.spike_load=[20,30]
@@ -43,27 +44,46 @@ def add(commands: Any) -> None:
         metavar="KEY=VALUES",
         action="append",
         default=[],
-        help="first:last:count, first:last:count:log, or a list; first:last where it is drawn from",
+        help="values of a key: first:last:count, first:last:count:log or a list; first:last for "
+        "random points; may be repeated",
     )
     method = command.add_mutually_exclusive_group()
-    method.add_argument("--zip", action="store_true", help="first values together, and so on")
     method.add_argument(
-        "--latin-hypercube", metavar="N", type=int, help="draw N points within the ranges"
+        "--zip",
+        action="store_true",
+        help="combine the first values of all keys, the second ones, and so on (default: a grid)",
     )
-    method.add_argument("--sobol", metavar="N", type=int, help="draw N points, evenly")
-    command.add_argument("--seed", metavar="N", type=int, help="of what is drawn (0)")
+    method.add_argument(
+        "--latin-hypercube",
+        metavar="N",
+        type=int,
+        help="draw N points by Latin hypercube sampling within the ranges",
+    )
+    method.add_argument(
+        "--sobol", metavar="N", type=int, help="draw N points of a Sobol sequence within the ranges"
+    )
     command.add_argument(
-        "-o", "--output", metavar="DIR", help="where the dataset goes (results/<scene>-sweep)"
+        "--seed", metavar="N", type=int, help="seed of the random points (default: 0)"
+    )
+    command.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="folder for the dataset (default: results/<scene>-sweep)",
     )
     command.add_argument(
         "--store",
         metavar="DIR",
-        help=f"where points are kept, shared or not ({POINTS} in the folder of the scene's sweep)",
+        help="folder in which points are saved; several sweeps may share it (default: "
+        f"{POINTS} in the folder of the scene's sweep)",
     )
     command.add_argument(
-        "--keep", choices=("results", "scalars"), default="results", help="of a point (%(default)s)"
+        "--keep",
+        choices=("results", "scalars"),
+        default="results",
+        help="what is saved of each point (default: %(default)s)",
     )
-    command.add_argument("--show", metavar="NAME,...", help="numbers that the picture shows")
+    command.add_argument("--show", metavar="NAME,...", help="scalars that the picture shows")
     add_options(command)
 
 
@@ -103,7 +123,8 @@ def _sweep(options: argparse.Namespace) -> int:
         there = result.attributes["numbers"]
         unknown = [name for name in names if name not in there]
         if unknown:
-            say(f"--show: {', '.join(unknown)} left out; there are {', '.join(there)}")
+            missing = f"--show: there is no scalar {', '.join(unknown)}; it is left out"
+            say(f"{missing}; write some of {', '.join(there)}")
         names = [name for name in names if name not in unknown]
         result = replace(result, attributes={**result.attributes, "shown": names})
     finish(result, {} if options.no_plots else {"sweep": picture}, output, options)
@@ -111,23 +132,23 @@ def _sweep(options: argparse.Namespace) -> int:
 
 
 def _first_below(folder: Path, store: Path) -> str:
-    """Name in a folder under which the store stands, "" where it is elsewhere."""
+    """Return the first part of the store's path below a folder, "" if it is elsewhere."""
     folder, store = folder.resolve(), store.resolve()
     if store == folder:
-        raise OutputError(f"{store}: holds the dataset; choose another --store")
+        raise OutputError(f"{store}: is the folder of the dataset; give another --store")
     return store.relative_to(folder).parts[0] if store.is_relative_to(folder) else ""
 
 
 def _over(name: str, texts: list[str]) -> dict[str, Any] | None:
-    """What is varied, None where the scene says it."""
+    """Return the values of each key from --over, or None if the scene gives them."""
     found = {}
     for text in texts:
         key, equals, values = text.partition("=")
         if not equals or not key.strip():
-            what = f"{text!r} does not read key=values, worm.load=1:10:10 say"
+            what = f"{text!r} is not of the form key=values; write worm.load=1:10:10, say"
             raise SceneError(name, [("--over", what)])
         if key.strip() in found:
-            raise SceneError(name, [("--over", f"{key.strip()} stands there twice")])
+            raise SceneError(name, [("--over", f"{key.strip()} is given twice; give it once")])
         found[key.strip()] = _values(name, key.strip(), values.strip())
     return found or None
 
@@ -140,7 +161,7 @@ def _values(name: str, key: str, text: str) -> Any:
     try:
         return tomllib.loads(f"values = {text}")["values"]
     except ValueError:
-        what = f"{text!r} is no list; write {key}=[1, 2, 5]; texts stand in quotes"
+        what = f"{text!r} is not a list; write {key}=[1, 2, 5], with texts in quotes"
         raise SceneError(name, [("--over", what)]) from None
 
 

@@ -12,10 +12,10 @@ def add(commands: Any) -> None:
     """Add the command to a parser's."""
     command = commands.add_parser(
         "verify",
-        help="verify a certificate of a gait in exact arithmetic",
-        description="Check every inequality of a certificate with fractions. It is a proof that "
-        "no gait within the limits that it states is faster than its bound. Exit code 0: "
-        "verified; 3: an inequality does not hold; 2: not a certificate.",
+        help="verify the certificate of a gait in exact arithmetic",
+        description="Check every inequality of a certificate in rational arithmetic. A verified "
+        "certificate proves that no gait within the limits it states is faster than its bound. "
+        "Exit codes: 0 verified, 3 an inequality does not hold, 2 not a certificate.",
         allow_abbrev=False,
     )
     command.set_defaults(command=_verify)

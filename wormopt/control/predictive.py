@@ -41,7 +41,7 @@ _AT_LIMIT = 1e-5
 
 
 @dataclass(frozen=True)
-class Decisions:
+class MpcOptions:
     """How decisions are made.
 
     Parameters
@@ -60,7 +60,7 @@ class Decisions:
 
     Examples
     --------
-    >>> Decisions(horizon=10).steps
+    >>> MpcOptions(horizon=10).steps
     1
     """
 
@@ -82,7 +82,7 @@ class Course:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MpcPlan:
     """The optimal motion over the whole time, and what departing from it costs."""
 
     stages: Stages
@@ -129,14 +129,14 @@ class Plan:
         return Motion.of(program, program.pack(arcs, self.bounds), self.bounds)
 
 
-def plan_ahead(
+def plan_mpc(
     problem: Problem,
     mesh: Mesh,
     contact: Regularised,
     guess: Guess,
     *,
     p: Mapping[str, ArrayLike] | None = None,
-) -> Plan:
+) -> MpcPlan:
     """Find the optimal motion over the whole time from a guess, through all widths of the law.
 
     Parameters
@@ -155,7 +155,7 @@ def plan_ahead(
 
     Returns
     -------
-    Plan
+    MpcPlan
         The motion, its `inputs` at `times`, its `objective`, and what departing from it costs.
 
     Raises
@@ -183,8 +183,8 @@ def plan_ahead(
     ...     boundary_constraints=[wo.Constraint("start", ends.start, [0, 0], [0, 0])])
     >>> mesh = wo.Mesh.even(1, 40, wo.Collocation(2, "radau"))
     >>> guess = wo.Guess(2.0, lambda t: np.zeros((2, len(t))))
-    >>> plan = plan_ahead(problem, mesh, wo.Regularised(0.1, 0.2), guess)
-    >>> receded = wo.recede(block, plan, Decisions(horizon=10), contact=wo.Smooth(0.1))
+    >>> plan = plan_mpc(problem, mesh, wo.Regularised(0.1, 0.2), guess)
+    >>> receded = wo.run_mpc(block, plan, MpcOptions(horizon=10), contact=wo.Smooth(0.1))
     >>> receded.unsolved
     0
     >>> float(round(receded.states[0, 20], 1))
@@ -216,7 +216,7 @@ def plan_ahead(
                 "take a larger v_reg, or shorter arcs",
                 code="not_solved",
             )
-    return Plan(stages, given, bounds, course, step.cost, count, step.violation)
+    return MpcPlan(stages, given, bounds, course, step.cost, count, step.violation)
 
 
 def _damped(share: float, size: float, before: float) -> float:
@@ -294,7 +294,7 @@ def clock() -> np.ndarray:
 class PredictiveController:
     """Decides at the nodes of a plan, one after the other, what the input is until the next."""
 
-    def __init__(self, plan: Plan, decisions: Decisions) -> None:
+    def __init__(self, plan: MpcPlan, decisions: MpcOptions) -> None:
         self.plan, self.decisions = plan, decisions
         self.course, self.given = plan.course, plan.given
         stages, n = plan.stages, len(plan.course.rows)
@@ -343,6 +343,6 @@ class PredictiveController:
         self.course = Course(rows, end)
 
 
-def parameters(plan: Plan, p: Mapping[str, ArrayLike] | None) -> np.ndarray:
+def parameters(plan: MpcPlan, p: Mapping[str, ArrayLike] | None) -> np.ndarray:
     """Parameters (n_p,) of a plan's model by name, where they are not its own."""
     return signal_values(plan.stages.program.problem.parameters, p, "parameter")

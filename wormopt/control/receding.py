@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from wormopt.control.estimation import Estimation, Estimator
 from wormopt.control.predictive import (
     Decision,
-    Decisions,
-    Plan,
+    MpcOptions,
+    MpcPlan,
     PredictiveController,
     clock,
 )
@@ -25,7 +25,7 @@ from wormopt.simulation.simulate import simulate
 
 
 @dataclass(frozen=True, eq=False)
-class Receded:
+class MpcRun:
     """What a predictive controller did."""
 
     times: np.ndarray  # (N + 1,) of decisions, and the end
@@ -57,17 +57,17 @@ class Receded:
         return sum(not np.isfinite(each.size) for each in self.decisions)
 
 
-def recede(
+def run_mpc(
     worm: Model,
-    plan: Plan,
-    decisions: Decisions,
+    plan: MpcPlan,
+    decisions: MpcOptions,
     *,
     estimation: Estimation | None = None,
     p: Mapping[str, ArrayLike] | None = None,
     contact: Treatment = Exact(),  # noqa: B008  frozen
     tolerance: Tolerance = Tolerance(),  # noqa: B008  frozen
     report: Report = silent,
-) -> Receded:
+) -> MpcRun:
     """Let a worm of parameters `p`, which the plan need not know, move by decisions.
 
     States are measured as they are, at every node of the plan; the input changes at once, and is
@@ -77,9 +77,9 @@ def recede(
     ----------
     worm : Model
         Whose inputs, in order, are those of the plan's model.
-    plan : Plan
-        Of :func:`plan_ahead`.
-    decisions : Decisions
+    plan : MpcPlan
+        Of :func:`plan_mpc`.
+    decisions : MpcOptions
         How decisions are made.
     estimation : Estimation, optional
         What is learnt on the way; nothing if left out.
@@ -94,7 +94,7 @@ def recede(
 
     Returns
     -------
-    Receded
+    MpcRun
         States at `times`, `inputs` that were decided, the time that each decision took, how many
         were `unsolved`.
 
@@ -105,7 +105,7 @@ def recede(
 
     Examples
     --------
-    See :func:`plan_ahead`.
+    See :func:`plan_mpc`.
     """
     control = PredictiveController(plan, decisions)
     stages = plan.stages
@@ -130,7 +130,7 @@ def recede(
         states.append(x)
         report("deciding", (k + 1) / (len(times) - 1))
     columns, spent, known = (np.array(part).T for part in (states, clocks, believed))
-    return Receded(times, columns, tuple(made), spent, known, np.array(at_bound))
+    return MpcRun(times, columns, tuple(made), spent, known, np.array(at_bound))
 
 
 def _bounds(worm: Model) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from wormopt.fitting.uncertainty import (
     triangle,
 )
 from wormopt.shown import SHORT, lines, text
-from wormopt.simulation.trajectory import Doubt
+from wormopt.simulation.trajectory import NonsmoothEvent
 
 # Derivatives are computed anew with tolerances so many times larger: their difference is about
 # the error of those, an upper bound for the better ones.
@@ -150,12 +150,12 @@ class Fit:
         return continuity(self.task, self.theta, nodes)
 
     @cached_property
-    def doubts(self) -> tuple[tuple[str, Doubt], ...]:
+    def nonsmooth_events(self) -> tuple[tuple[str, NonsmoothEvent], ...]:
         """Run and event where derivatives do not exist, or are of one side only."""
         return tuple(
             (shooting.run.name, doubt)
             for shooting in self.task.shootings
-            for doubt in shooting.motion(self.theta, derivatives=True).doubts
+            for doubt in shooting.motion(self.theta, derivatives=True).nonsmooth_events
         )
 
     @property

@@ -21,7 +21,7 @@ from wormopt.fitting.levels import noise_of, unexplained
 from wormopt.fitting.starts import starts_of
 from wormopt.fitting.task import FitTask
 from wormopt.progress import Report, silent
-from wormopt.simulation.trajectory import Doubt
+from wormopt.simulation.trajectory import NonsmoothEvent
 
 # Starts end at the same place if they are within so many standard errors of the best.
 _SAME = 0.1
@@ -236,8 +236,8 @@ def _failing(found: Fit, strange: list[str]) -> str:
 
 def _doubted(found: Fit) -> list[str]:
     """Where errors rest on derivatives that do not exist; a line for each run."""
-    doubts: dict[str, list[Doubt]] = {}
-    for run, doubt in found.doubts:
+    doubts: dict[str, list[NonsmoothEvent]] = {}
+    for run, doubt in found.nonsmooth_events:
         doubts.setdefault(run, []).append(doubt)
     return [
         f"{run}: derivatives are of one side only at {len(each)} events, first {each[0].reason} of "

@@ -423,7 +423,7 @@ class Spike(_Holding):
 
 
 @dataclass(frozen=True)
-class Held(_Holding):
+class NoSlip(_Holding):
     """What neither slides nor lets go: a pin along one direction, a skid or wheel across it.
 
     Parameters
@@ -438,7 +438,7 @@ class Held(_Holding):
 
     Examples
     --------
-    >>> Held().directions, Held().stick_interval
+    >>> NoSlip().directions, NoSlip().stick_interval
     ((), (-inf, inf))
     """
 

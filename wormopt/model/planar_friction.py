@@ -285,7 +285,7 @@ class Elliptic(_Ellipse):
 
 
 @dataclass(frozen=True)
-class Unit(_Ellipse):
+class AnisotropicCoulomb(_Ellipse):
     """Dry friction by the direction of motion alone, -(Ft v_t, Fn v_n)/|v|; not associated.
 
     The law of Hu, Nirody, Scott and Shelley, PNAS 106 (2009) 10081, for snakes. It has the ellipse
@@ -307,7 +307,7 @@ class Unit(_Ellipse):
     Examples
     --------
     >>> import casadi as ca
-    >>> Unit(1.0, 1.0, sideways=2.0).slip_force(ca.SX([3.0, 4.0]))
+    >>> AnisotropicCoulomb(1.0, 1.0, sideways=2.0).slip_force(ca.SX([3.0, 4.0]))
     SX([-0.6, -1.6])
     """
 

@@ -416,7 +416,7 @@ def refine(
     return optimum
 
 
-def best_of(
+def optimise_multistart(
     problem: Problem,
     mesh: Mesh,
     treatment: Contacts,

@@ -72,9 +72,7 @@ def page(kind: str) -> str:
         f"# Scenes of kind `{kind}`",
         f"{KINDS[kind].summary[0].upper()}{KINDS[kind].summary[1:]}.",
         *_prose(table),
-        "`schema`, `kind`, `title`, `units` and what holds for all scenes: "
-        f"[scenes](../scenes.md). This page is made by wormopt: "
-        f"`wormopt schema {kind} --markdown`.",
+        "`schema`, `kind`, `title`, `units` and what holds for all scenes: [scenes](../scenes.md).",
         "## Keys",
         "\n".join(_keys(table)),
         *_sections(table, ""),

@@ -11,7 +11,6 @@ import re
 import textwrap
 import tomllib
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from types import NoneType
 from typing import Any, get_args
 
@@ -37,10 +36,10 @@ _SWEEP = """
 """
 
 
-def template(kind: str, schema_file: Path | str) -> str:
+def template(kind: str, schema_file: str) -> str:
     """Text of a scene of a kind; `schema_file` is where editors find its JSON Schema."""
     raw = _example(kind)
-    page = f"`wormopt schema {kind} --markdown`"
+    page = f"`wormopt help {kind}`"
     head = [
         f"#:schema {schema_file}",
         *_comment(f'A scene of kind "{kind}": {KINDS[kind].summary}.'),

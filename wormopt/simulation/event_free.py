@@ -296,7 +296,7 @@ def _refuse(model: Model) -> None:
         else "delays" if model.delays
         else "algebraic variables" if model.z
         else "switches that end the motion" if any(s.terminal for s in model.switches)
-        else "the law Unit"
+        else "the law AnisotropicCoulomb"
         if any(isinstance(law, PlanarLaw) and not isinstance(law, Elliptic) for law in laws)
         else ""
     )  # fmt: skip

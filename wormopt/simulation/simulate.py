@@ -23,7 +23,7 @@ from wormopt.simulation.options import Exact, Route, Smooth, Tolerance, Treatmen
 from wormopt.simulation.routes import integrate
 from wormopt.simulation.sensitivity.directions import Sensitivities, directions
 from wormopt.simulation.sensitivity.doubts import REASONS
-from wormopt.simulation.trajectory import Dense, Doubt, Event, Trajectory, latest
+from wormopt.simulation.trajectory import Dense, Event, NonsmoothEvent, Trajectory, latest
 
 Values = Mapping[str, ArrayLike]
 
@@ -294,7 +294,7 @@ def trajectory_of(task: InitialValueProblem, outcome: Outcome) -> Trajectory:
         notes=outcome.notes,
     )
     if len(outcome.doubts):
-        motion = replace(motion, doubts=_doubts(motion, outcome.doubts))
+        motion = replace(motion, nonsmooth_events=_doubts(motion, outcome.doubts))
     if outcome.status == "done":
         return motion
     if outcome.status == "interrupted":
@@ -318,7 +318,7 @@ def _sampled(task: InitialValueProblem, outcome: Outcome) -> tuple[np.ndarray, n
     return task.times[: len(samples)], samples
 
 
-def _doubts(motion: Trajectory, rows: np.ndarray) -> tuple[Doubt, ...]:
+def _doubts(motion: Trajectory, rows: np.ndarray) -> tuple[NonsmoothEvent, ...]:
     """What casts doubt, by its event; one that all but happened is made up."""
     system, happened = motion.system, {(e.time, e.name): e for e in motion.events}
     found = {}
@@ -327,5 +327,5 @@ def _doubts(motion: Trajectory, rows: np.ndarray) -> tuple[Doubt, ...]:
         kind = "reversal" if mode else "stick" if why == "edge" else "release"
         kind = "switch" if which >= len(system.contacts) else kind
         made_up = Event(t, name, kind, int(mode))
-        found[t, name, why] = Doubt(happened.get((t, name), made_up), why)
+        found[t, name, why] = NonsmoothEvent(happened.get((t, name), made_up), why)
     return tuple(found.values())

@@ -63,7 +63,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Doubt:
+class NonsmoothEvent:
     """An event at which the derivatives of a motion do not exist, or hold on one side only.
 
     Those behind it are of the branch that was followed.
@@ -79,7 +79,7 @@ class Doubt:
 
     Examples
     --------
-    >>> Doubt(Event(1.3, "mass 0", "stick", 0), "edge").reason
+    >>> NonsmoothEvent(Event(1.3, "mass 0", "stick", 0), "edge").reason
     'edge'
     """
 
@@ -147,7 +147,7 @@ class Trajectory(SampledMotion):
         Of the states at the sample times, along them; after a jump where one happens then.
     end_derivative : ndarray, shape (n_x, k)
         Of the last state, at its time; where a switch ends the motion, at that of the switch.
-    doubts : tuple of Doubt
+    nonsmooth_events : tuple of NonsmoothEvent
         Where derivatives do not exist, or hold on one side only.
     notes : tuple of str
         What may have been missed.
@@ -170,7 +170,7 @@ class Trajectory(SampledMotion):
     along: Directions | None = None
     state_derivatives: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
     end_derivative: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    doubts: tuple[Doubt, ...] = ()
+    nonsmooth_events: tuple[NonsmoothEvent, ...] = ()
     notes: tuple[str, ...] = ()
 
     __repr__ = SampledMotion.__repr__

@@ -11,7 +11,7 @@ import numpy as np
 
 from wormopt.bench.planar_loop import LOOSE, TIGHT, box_flow, planar_flow
 from wormopt.bench.planar_worm import Drive, PlanarWorm, block
-from wormopt.model.friction import Coulomb, Held, Spike
+from wormopt.model.friction import Coulomb, NoSlip, Spike
 from wormopt.model.model import Model
 from wormopt.model.planar_friction import Elliptic
 from wormopt.simulation.options import Exact
@@ -67,7 +67,7 @@ class PlanarCell:
         )
         if self.kind in ("elliptic", "isotropic"):
             return Elliptic(ahead, back, beside)
-        across = Held() if "skid" in self.kind else Coulomb(beside, beside)
+        across = NoSlip() if "skid" in self.kind else Coulomb(beside, beside)
         return Axes(Spike() if "spike" in self.kind else Coulomb(ahead, back), across)
 
     @property

@@ -18,7 +18,7 @@ from wormopt.simulation.adjoint.jumps import Instants, Jump
 from wormopt.simulation.held import jumps_move
 from wormopt.simulation.options import Route, Tolerance
 from wormopt.simulation.simulate import simulate
-from wormopt.simulation.trajectory import Doubt, Trajectory
+from wormopt.simulation.trajectory import NonsmoothEvent, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class Gradient:
         By parameters and inputs.
     schedules : dict of str to ndarray, shape (pieces, size)
         By the values of schedules.
-    doubts : tuple of Doubt
+    nonsmooth_events : tuple of NonsmoothEvent
         Events at which derivatives do not exist or hold on one side only; the gradient is then
         that of the branch that was followed.
     """
@@ -42,7 +42,7 @@ class Gradient:
     x0: dict[str, np.ndarray]
     p: dict[str, np.ndarray]
     schedules: dict[str, np.ndarray]
-    doubts: tuple[Doubt, ...] = ()
+    nonsmooth_events: tuple[NonsmoothEvent, ...] = ()
 
 
 def gradient(
@@ -135,7 +135,7 @@ def _check(motion: object, route: object) -> None:
 
 def _doubts(
     motion: Trajectory, late: float, tolerance: Tolerance, route: Route
-) -> tuple[Doubt, ...]:
+) -> tuple[NonsmoothEvent, ...]:
     """What a simulation forward in time doubts along a direction in which everything moves.
 
     But for what begins at 0: of a contact that slides from rest a velocity at the start would have
@@ -166,7 +166,7 @@ def _doubts(
         route=route,
         times=[],
         sensitivities={"all": moved},
-    ).doubts
+    ).nonsmooth_events
 
 
 def _crowded(times: np.ndarray, near: float) -> set[float]:
@@ -318,7 +318,7 @@ class _Number:
         times = np.unique(np.concatenate(found))
         return times[(times > start) & (times < end)]
 
-    def gradient(self, costate: np.ndarray, doubts: tuple[Doubt, ...]) -> Gradient:
+    def gradient(self, costate: np.ndarray, doubts: tuple[NonsmoothEvent, ...]) -> Gradient:
         """What was found, by name."""
         model, names = self.motion.system.model, [s.name for s in self.motion.schedules]
         return Gradient(

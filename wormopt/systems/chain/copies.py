@@ -19,7 +19,7 @@ Draw = Mapping[str, np.ndarray]
 """Parameters of a plant by name."""
 
 
-def copies(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Model:
+def scenario_model(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Model:
     """Put copies of a model side by side, driven by the same inputs.
 
     An input that is good for all of them is good for a worm of which the numbers are not known
@@ -47,7 +47,7 @@ def copies(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Model:
     --------
     >>> from wormopt.systems.chain.build import chain
     >>> worm = chain(1, mass=1.0, stiffness=9.0, damping=1.0, rest_length=2.0)
-    >>> [s.name for s in copies(worm, [{}, {"stiffness": 11.0}]).x]
+    >>> [s.name for s in scenario_model(worm, [{}, {"stiffness": 11.0}]).x]
     ['position [0]', 'velocity [0]', 'position [1]', 'velocity [1]']
     """
     if not draws:

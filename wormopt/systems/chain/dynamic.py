@@ -53,7 +53,7 @@ class Aim:
 def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
     """State the periodic crawl of a chain: velocities return, positions up to the advance.
 
-    `plant` is from `chain`, or several from `copies`. The tail starts at 0; bounds have the
+    `plant` is from `chain`, or several from `scenario_model`. The tail starts at 0; bounds have the
     names of scene keys. Raises ArgumentError where energy is the cost without ``mass``.
     """
     plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])

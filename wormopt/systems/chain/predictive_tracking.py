@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wormopt.control.estimation import Estimation
-from wormopt.control.predictive import Decisions, Plan, plan_ahead
+from wormopt.control.predictive import MpcOptions, MpcPlan, plan_mpc
 from wormopt.control.reference import Reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -34,7 +34,7 @@ def plan_tracking(
     table: PredictiveTable,
     *,
     p: Mapping[str, ArrayLike] | None = None,
-) -> Plan:
+) -> MpcPlan:
     """Plan the motion from 0 to `end` on arcs of one decision each; `p` are other parameters.
 
     Raises SolveError if no plan is found.
@@ -46,7 +46,7 @@ def plan_tracking(
     mesh = Mesh.over(breaks, table.period, Collocation(_DEGREE, "radau"))
     guess = Guess.of(followed_by_lqr(free, reference, end, 1 / table.input_weight))
     contact = Regularised(table.v_reg, _WIDER * table.v_reg, ratio=1 / _WIDER)
-    return plan_ahead(problem, mesh, contact, guess, p=p)
+    return plan_mpc(problem, mesh, contact, guess, p=p)
 
 
 def limited(plant: Model, force: float | None) -> Model:
@@ -55,19 +55,19 @@ def limited(plant: Model, force: float | None) -> Model:
     return replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
 
 
-def course_of(plan: Plan) -> Gait:
+def course_of(plan: MpcPlan) -> Gait:
     """Inputs of a plan as a course of time."""
     return Gait(plan.times, plan.inputs[:, :, None])
 
 
-def real_time(table: PredictiveTable) -> Decisions:
+def real_time(table: PredictiveTable) -> MpcOptions:
     """Decisions of one step."""
-    return Decisions(_arcs(table.horizon, table))
+    return MpcOptions(_arcs(table.horizon, table))
 
 
-def converged(table: PredictiveTable) -> Decisions:
+def converged(table: PredictiveTable) -> MpcOptions:
     """Decisions of as many steps as it takes."""
-    return Decisions(_arcs(table.horizon, table), table.steps)
+    return MpcOptions(_arcs(table.horizon, table), table.steps)
 
 
 def learning(table: EstimationTable | None, predictive: PredictiveTable) -> Estimation | None:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from wormopt.control.estimation import Estimation
-from wormopt.control.predictive import Plan
-from wormopt.control.receding import Receded, recede
+from wormopt.control.predictive import MpcPlan
+from wormopt.control.receding import MpcRun, run_mpc
 from wormopt.control.reference import gait_reference
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
@@ -91,17 +91,17 @@ def decide(job: DecisionJob) -> Decided:
 
 def _decided(
     plant: Model,
-    plan: Plan,
+    plan: MpcPlan,
     table: PredictiveTable,
     learns: Estimation | None,
     draw: Draw | None,
-) -> Receded:
-    return recede(plant, plan, real_time(table), estimation=learns, p=draw, tolerance=_LOOSE)
+) -> MpcRun:
+    return run_mpc(plant, plan, real_time(table), estimation=learns, p=draw, tolerance=_LOOSE)
 
 
 def _other(
-    plant: Model, plan: Plan, table: PredictiveTable, learns: Estimation | None, draw: Draw
-) -> Receded | None:
+    plant: Model, plan: MpcPlan, table: PredictiveTable, learns: Estimation | None, draw: Draw
+) -> MpcRun | None:
     try:
         return _decided(plant, plan, table, learns, draw)
     except SolveError:

@@ -21,7 +21,7 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity, Regularised
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
-from wormopt.ocp.optimise import Optimum, best_of
+from wormopt.ocp.optimise import Optimum, optimise_multistart
 from wormopt.ocp.problem import Constraint, Ends, Problem, ramped
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.progress import Report
@@ -258,7 +258,7 @@ def best_field(
     lost: SolveError | None = None
     for name, treatment in (("smooth", steep), ("complementarity", _RELAXED)):
         try:
-            relaxed, tries = best_of(problem, mesh, treatment, starts, report=report)
+            relaxed, tries = optimise_multistart(problem, mesh, treatment, starts, report=report)
             report("polishing", 0.6)
             exact = optimise_switching_times(
                 relaxed, collocation=_EXACT, tolerance=tolerance, report=report

@@ -19,7 +19,7 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.contact import Complementarity
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
-from wormopt.ocp.optimise import Optimum, best_of, optimise
+from wormopt.ocp.optimise import Optimum, optimise, optimise_multistart
 from wormopt.ocp.problem import Problem
 from wormopt.ocp.structure import structure_of
 from wormopt.ocp.switching import optimise_switching_times, resting_speeds
@@ -30,7 +30,7 @@ from wormopt.scene.scene import Scene
 from wormopt.scene.types import per
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.convergence import Convergence, converge
-from wormopt.systems.chain.copies import copies, draw_factors, numbers_of
+from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
 from wormopt.systems.chain.dynamic import PERIODS, Aim, CrawlLimits, crawl_problem, sine_guess
 from wormopt.systems.chain.runs.chains import build_chain, draw_links, laws_of
 from wormopt.systems.chain.scenes.optimal_crawl import OptimalCrawlScene, RobustTable
@@ -93,7 +93,7 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
 
         def stated(near: Guess) -> Problem:
             sized = _sized(table, plant, near)
-            return _problem(table, copies(sized, draws) if table.robust else sized)
+            return _problem(table, scenario_model(sized, draws) if table.robust else sized)
 
         stages, tries = _solve(table, stated, starts, report)
         exact, solved = [*stages.values()][-1], time.perf_counter()
@@ -198,7 +198,7 @@ def _solve(
     first = next(starts)
     problem, starts = stated(first), chain([first], starts)
     mesh = Mesh.even(1, table.mesh.arcs, Collocation(table.mesh.degree, table.mesh.scheme))
-    relaxed, tries = best_of(problem, mesh, _RELAXED, starts, report=report)
+    relaxed, tries = optimise_multistart(problem, mesh, _RELAXED, starts, report=report)
     if table.robust:
         return {"complementarity": relaxed}, tries
     for _ in range(_SHORTER):

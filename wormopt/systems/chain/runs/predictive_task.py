@@ -11,8 +11,8 @@ import numpy as np
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
 from wormopt.control.lqr import lqr
-from wormopt.control.predictive import Plan
-from wormopt.control.receding import Receded
+from wormopt.control.predictive import MpcPlan
+from wormopt.control.receding import MpcRun
 from wormopt.control.reference import Reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
@@ -40,7 +40,7 @@ class Task:
     gait: Gait
     plant: Model
     reference: Reference
-    plan: Plan
+    plan: MpcPlan
 
     def judged(self, course: Gait | None) -> Model:
         """The worm under a course of inputs, or under LQR; measured."""
@@ -70,6 +70,6 @@ class Row:
     motion: Trajectory
     second: CrossCheck | None
     numbers: dict[str, Any]
-    receded: Receded | None  # None for those that decide nothing
+    receded: MpcRun | None  # None for those that decide nothing
     drawn: list[dict[str, Any]] = field(default_factory=list)  # one for each plant
-    learnt: list[Receded] = field(default_factory=list)  # decisions for each plant
+    learnt: list[MpcRun] = field(default_factory=list)  # decisions for each plant

@@ -11,8 +11,8 @@ import numpy as np
 
 from wormopt.control.drive import drive
 from wormopt.control.loop import with_reference
-from wormopt.control.predictive import Decisions, Plan
-from wormopt.control.receding import Receded, recede
+from wormopt.control.predictive import MpcOptions, MpcPlan
+from wormopt.control.receding import MpcRun, run_mpc
 from wormopt.control.reference import gait_reference
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
@@ -98,7 +98,7 @@ def _task(scene: Scene[TrackPredictiveScene]) -> Task:
     return Task(scene, gait, limited(plant, table.predictive.force), reference, plan)
 
 
-def _controllers(task: Task) -> Iterator[tuple[str, Decisions | None]]:
+def _controllers(task: Task) -> Iterator[tuple[str, MpcOptions | None]]:
     table = task.scene.table
     yield from ((OPEN, None), (LQR, None), (REAL_TIME, real_time(table.predictive)))
     if table.estimation is not None:
@@ -116,15 +116,15 @@ def _right(task: Task) -> Iterator[Gait]:
 
 def _decided(
     task: Task,
-    decisions: Decisions,
+    decisions: MpcOptions,
     *,
     learns: bool = False,
     p: Draw | None = None,
     contact: Treatment = Exact(),  # noqa: B008  frozen
-    plan: Plan | None = None,
-) -> Receded:
+    plan: MpcPlan | None = None,
+) -> MpcRun:
     table = task.scene.table
-    return recede(
+    return run_mpc(
         task.plant,
         plan or task.plan,
         decisions,
@@ -143,7 +143,7 @@ def _replay(
     return simulate_whole(task.judged(course), span.end, span.samples, contact, tolerance, silent)
 
 
-def _row(task: Task, name: str, decisions: Decisions | None, report: Report) -> Row:
+def _row(task: Task, name: str, decisions: MpcOptions | None, report: Report) -> Row:
     table = task.scene.table
     report(name, 0.3)
     receded = decisions and _decided(task, decisions, learns=name.endswith(ADAPTED))
@@ -170,7 +170,7 @@ def _on_plant(task: Task, row: Row, draw: Draw) -> None:
     if row.receded is None:
         row.drawn.append(_simulated(task, course_of(task.plan) if row.name == OPEN else None, draw))
         return
-    decisions = dict(_controllers(task))[row.name] or Decisions()
+    decisions = dict(_controllers(task))[row.name] or MpcOptions()
     try:
         receded = _decided(task, decisions, learns=row.name.endswith(ADAPTED), p=draw)
     except SolveError:

@@ -13,7 +13,7 @@ from wormopt.ocp.contact import FixedModes
 from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess, Motion
 from wormopt.ocp.nlp import Ipopt
-from wormopt.ocp.optimise import Optimum, best_of, refine
+from wormopt.ocp.optimise import Optimum, optimise_multistart, refine
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.progress import Report, silent
 from wormopt.systems.peristaltic.drag.small_gaits import Cost, SmallGait, small_gaits
@@ -212,7 +212,7 @@ def best_gait(
     0.209754
     """
     guesses = [guess_of(aim, small) for small in aim.small[:starts]]
-    best, tried = best_of(
+    best, tried = optimise_multistart(
         gait_problem(aim), mesh, FixedModes(), guesses, solver=_SOLVER, report=report
     )
     return refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report), tried

@@ -74,7 +74,7 @@ def planar_chain(
         Angles phi0 of the joints without torque.
     rod_mass : array_like, shape (n,), optional
         Masses of uniform rods along the links, which stretch evenly; then all masses are coupled.
-    law : Elliptic, Unit, Axes, or sequence of these or None, optional
+    law : Elliptic, AnisotropicCoulomb, Axes, or sequence of these or None, optional
         Ground under each mass; none where there is none.
     pull : array_like, shape (2,) or (n+1, 2), optional
         Constant force on each mass, the weight along a slope for instance.

@@ -58,7 +58,7 @@ def driven_shape(
         Masses of the points, positive. One number serves for all, here as below.
     inertia : float, optional
         Moment of inertia, not negative, of the head about itself: it turns with the body's frame.
-    law : Elliptic, Unit, Axes, or sequence of these or None, optional
+    law : Elliptic, AnisotropicCoulomb, Axes, or sequence of these or None, optional
         Ground under each point; none where there is none.
     pull : array_like, shape (2,) or (points, 2), optional
         Constant force on each point.

@@ -20,8 +20,8 @@ from wormopt.systems.planar.body.obstacles import Disc, Wall
 class Axes:
     """Ground that resists along a point's heading and across it, each by a law of its own.
 
-    Two `Viscous` laws are linear drag, two `Coulomb` laws a box of forces; `Held` across is a skid
-    or a wheel, a `Spike` along is one, both are a skid with spikes, `Held` twice is a pin.
+    Two `Viscous` laws are linear drag, two `Coulomb` laws a box of forces. `NoSlip` across is a
+    skid or a wheel, a `Spike` along is one, both are a skid with spikes, `NoSlip` twice is a pin.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ class Axes:
 
     Examples
     --------
-    >>> from wormopt.model.friction import Coulomb, Held
-    >>> skid = Axes(along=Coulomb(0.1, 0.1), across=Held())
+    >>> from wormopt.model.friction import Coulomb, NoSlip
+    >>> skid = Axes(along=Coulomb(0.1, 0.1), across=NoSlip())
     >>> skid.across
-    Held(scale=1.0)
+    NoSlip(scale=1.0)
     """
 
     along: Law | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from wormopt.errors import SolveError
-from wormopt.model.planar_friction import Elliptic, Unit
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 
 _SMALL = 1e-14  # share of the speed that is none
 _LONGEST = 1e12  # T in units of mass over the largest resistance, squared or not
@@ -32,13 +32,16 @@ class Stop:
 
 
 def stop_of(
-    law: Elliptic | Unit, mass: float, velocity: tuple[float, float], pull: tuple[float, float]
+    law: Elliptic | AnisotropicCoulomb,
+    mass: float,
+    velocity: tuple[float, float],
+    pull: tuple[float, float],
 ) -> Stop:
     """Stop of a block that starts with a velocity not 0 under a constant pull.
 
     Parameters
     ----------
-    law : Elliptic or Unit
+    law : Elliptic or AnisotropicCoulomb
         Friction, of numbers.
     mass : float
         Its mass.

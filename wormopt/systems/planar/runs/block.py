@@ -10,7 +10,7 @@ import numpy as np
 
 from wormopt.errors import SolveError
 from wormopt.model.model import Model
-from wormopt.model.planar_friction import Elliptic, Unit
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
@@ -39,7 +39,7 @@ def run(scene: Scene[PlanarBlockScene], report: Report) -> Result:
     table, clock = scene.table, perf_counter()
     block = table.block
     law = ground_of(table.ground)
-    assert isinstance(law, Elliptic | Unit)
+    assert isinstance(law, Elliptic | AnisotropicCoulomb)
     again = stop_of(law, block.mass, turned(block.velocity, -block.heading), table.turned_pull)
     rechecked = perf_counter()
     end = _AFTER * again.time

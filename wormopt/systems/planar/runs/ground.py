@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from wormopt.model.friction import Coulomb, Held, Spike, Viscous
-from wormopt.model.planar_friction import Elliptic, Unit
+from wormopt.model.friction import Coulomb, NoSlip, Spike, Viscous
+from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.systems.planar.dynamics.ground import Axes, Ground
 from wormopt.systems.planar.scenes.ground import (
     BoxGround,
@@ -28,17 +28,17 @@ def ground_of(table: MassGround) -> Ground | None:
                 return Axes(Coulomb(ahead, back), Coulomb(aside, aside))
             # where all directions are alike both laws are one
             unit = isinstance(table, UnitGround) and not ahead == back == aside
-            return (Unit if unit else Elliptic)(ahead, back, aside)
+            return (AnisotropicCoulomb if unit else Elliptic)(ahead, back, aside)
         case ViscousGround():
             return Axes(Viscous(table.along), Viscous(table.across))
         case SkidGround():
-            return Axes(_dry(table.along), Held())
+            return Axes(_dry(table.along), NoSlip())
         case SpikeGround():
             return Axes(Spike(), _dry(table.across))
         case SpikedSkidGround():
-            return Axes(Spike(), Held())
+            return Axes(Spike(), NoSlip())
         case PinGround():
-            return Axes(Held(), Held())
+            return Axes(NoSlip(), NoSlip())
     return None
 
 

@@ -72,9 +72,12 @@ class GroundTable(Table, frozen=True, kw_only=True):
 
     def friction(self) -> PlanarLaw:
         """The law of one mass."""
-        from wormopt.model.planar_friction import Elliptic, Unit
+        from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 
-        kinds: dict[str, type[Elliptic] | type[Unit]] = {"elliptic": Elliptic, "unit": Unit}
+        kinds: dict[str, type[Elliptic] | type[AnisotropicCoulomb]] = {
+            "elliptic": Elliptic,
+            "unit": AnisotropicCoulomb,
+        }
         ahead = self.forward
         return kinds[self.law](ahead, self.backward or ahead, self.sideways or ahead)
 

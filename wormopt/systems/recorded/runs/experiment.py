@@ -329,7 +329,7 @@ def _facts(plan: Plan) -> dict[str, Any]:
         "derivatives": "exact, through every event",
         "search": "SLSQP from the best random experiments",
         "not_told_apart": [words(unseen) for unseen in plan.known.unseen],
-        "doubts": len(plan.run.motion.doubts),
+        "doubts": len(plan.run.motion.nonsmooth_events),
     }
 
 
@@ -341,7 +341,7 @@ def words(unseen: Mapping[str, float]) -> str:
 def _warnings(plan: Plan) -> Iterator[str]:
     for unseen in plan.known.unseen:
         yield f"the experiment does not identify {words(unseen)}: no measurement depends on it"
-    doubts = plan.run.motion.doubts
+    doubts = plan.run.motion.nonsmooth_events
     if doubts:
         first = doubts[0]
         yield f"derivatives are one-sided: {first.reason}; expected errors may be wrong"

@@ -22,11 +22,17 @@ _ROUNDING = 1e-12
 
 
 def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Findings:
-    """Bound the objective of every gait, verify the proof exactly, and compare with the gait."""
+    """Bound the objective of every gait, verify the proof exactly, and compare with the gait.
+
+    Without a table `[search.certify]` the bound is the one that the search began with.
+    """
     wanted, task = table.search.proof, found.task
-    assert wanted is not None
     clock = time.perf_counter()
-    proven = bounded(task, found.value, wanted, report)
+    if wanted is not None:
+        proven = bounded(task, found.value, wanted, report)
+    else:
+        assert found.survey.bounded is not None
+        proven = found.survey.bounded
     proved = time.perf_counter()
     cost = task.objective.minimise is not None
     gap = gap_of(found.value, proven.bound, cost)
@@ -35,10 +41,9 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
     facts: dict[str, Any] = {
         "holds_for": "every gait with any resting sequence, number of phases and cycles in which "
         f"gait.resting = {task.limits.resting} and all other limits hold at all times",
-        "ended": proven.ending,
-        "wanted_gap": wanted.gap,
         "source": proven.source,
     }
+    timings: dict[str, float] = {}
     if proven.certificate is not None:
         report("verifying the certificate in exact arithmetic", None)
         verified = verify(proven.certificate)
@@ -47,25 +52,29 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
         )
         checks.append(Check("certificate verified", 0.0 if verified.holds else 1.0, 0.0, advice))
         facts["verified_inequalities"] = verified.inequalities
+        timings["verify"] = time.perf_counter() - proved
     unit = unit_of(task.objective.quantity, table.units)
+    known = Findings(
+        {"bound": Scalar(proven.bound, unit), "gap_certified": max(0.0, gap)},
+        checks=tuple(checks),
+        facts={"certificate": facts},
+        timings=timings,
+        attributes={"certificate": proven.certificate.text} if proven.certificate else {},
+    )
+    if wanted is None:
+        return known
+    facts |= {"ended": proven.ending, "wanted_gap": wanted.gap}
     history = np.array(proven.history)
     courses = {"proof_bound": history[:, 1], "proof_value": 0 * history[:, 1] + found.value}
     variables: dict[str, Any] = {"proof_time": history[:, 0]}
     for name, values in courses.items():
         _, dims, long_name = table.variables[name]
         variables[name] = Variable(name, unit, dims, values, long_name)
-    return Findings(
-        {
-            "bound": Scalar(proven.bound, unit),
-            "gap_certified": max(0.0, gap),
-            "certified_seconds": proved - clock,
-        },
+    return known | Findings(
+        {"certified_seconds": proved - clock},
         variables,
-        checks=tuple(checks),
-        facts={"certificate": facts},
         warnings=tuple(_warnings(proven, wanted.gap)),
-        timings={"certify": proved - clock, "verify": time.perf_counter() - proved},
-        attributes={"certificate": proven.certificate.text} if proven.certificate else {},
+        timings={"certify": proved - clock},
     )
 
 

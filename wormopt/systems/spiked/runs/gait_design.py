@@ -36,6 +36,7 @@ from wormopt.systems.spiked.runs.motion import (
 from wormopt.systems.spiked.scenes.design_tables import in_scene
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.systems.spiked.scenes.stepper import MotorTable
+from wormopt.systems.spiked.search.search import DONE
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
 from wormopt.systems.spiked.table import excess_of
 from wormopt.systems.spiked.task import Cost, Effort
@@ -73,13 +74,14 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         reason = "interrupted: this is the best gait so far; the search did not finish"
         raise Interrupted(known.result(scene).failed(reason))
     known |= _of_limits(table, found)
-    if table.search.proof is None or not known.holds:
+    bounded = found.survey.bounded or table.search.proof
+    if bounded is None or not known.holds:
         return known.result(scene)
     from wormopt.systems.spiked.runs.gait_certificate import of_certificate
 
     proven = of_certificate(table, found, report)
     result = (known | proven).result(scene)
-    if proven.facts["certificate"]["ended"] == "interrupted":
+    if proven.facts["certificate"].get("ended") == "interrupted":
         raise Interrupted(
             result.failed("interrupted: the gait is complete, its bound is not tight")
         )
@@ -165,7 +167,6 @@ def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]
     known = {
         "cycles": found.cycles,
         "ceiling": found.ceiling,
-        "gap": (found.ceiling - motion.speed) / found.ceiling,
         "discretisation_error": Scalar(error, unit_of(objective.quantity, table.units)),
         "length_limits": limits.length_ranges(links),
     }
@@ -222,7 +223,7 @@ def _warnings(found: Design, effort: Effort) -> Iterator[str]:
         known = np.isfinite(found.error)
         size = f"by {found.error:.1g} of its value" if known else "by an unknown share"
         yield f"the last halving of the arcs still changed the objective {size}"
-    if found.ended != "searched":
+    if found.ended not in DONE:
         yield f"the search ended early ({found.ended}): a longer search may find a better gait"
 
 

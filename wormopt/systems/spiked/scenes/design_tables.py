@@ -185,7 +185,7 @@ class ObjectiveTable(Table, frozen=True, kw_only=True):
 
 
 class CertifyTable(Table, frozen=True, kw_only=True):
-    """Settings of the proof that bounds the objective of any gait, for kind `gait-design` only.
+    """Settings of a tighter bound on the objective of any gait, for kind `gait-design` only.
 
     The bound applies to every gait within the limits, with any resting sequence, number of phases
     and cycles. All keys have defaults; `certify = {}` is enough. [Certificates](../certificates.md)
@@ -251,9 +251,17 @@ class SearchTable(Table, frozen=True, kw_only=True):
             "result does not depend on it",
         ),
     ] = None
+    gap: Annotated[
+        Gap,
+        says(
+            "share",
+            "a search for speed ends when no gait can be faster by more than this, as proven "
+            "before it begins by linear programs that take tenths of a second",
+        ),
+    ] = Search.gap
     certify: Annotated[
         CertifyTable | None,
-        says("", "bound the objective of any gait; no proof by default"),
+        says("", "tighter bound on the objective of any gait, for peak loads too"),
     ] = None
 
     @property

@@ -43,7 +43,6 @@ DESIGN_SCALARS = MOTION_SCALARS | {
         "the largest load",
     ),
     "ceiling": ("speed", "upper bound on the mean speed from link rates and resting masses"),
-    "gap": ("share", "(ceiling − speed)/ceiling"),
     "discretisation_error": (
         "speed",
         "gain in the objective from the last halving of all arcs. For energy and effort: a "
@@ -197,16 +196,16 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
     | `solver.violation` | largest violation of any row of the last program, in the units of the row |
     | `solver.arcs_per_phase`, `solver.degree` | arcs of the gait in each phase of `solver.sequence`; degree of the lengths on an arc |
     | `solver.sequence`, `solver.durations`, `solver.cycles` | prescribed resting sequence, without phases that shrank to nothing; duration of each phase; cycles in a period |
-    | `search.ended` | `searched`, `time limit` or `interrupted` |
+    | `search.ended` | `searched`; `proven`, if no gait can be better by more than `search.gap`; `time limit` or `interrupted` |
     | `search.tried`, `search.variations_tried` | resting sequences tried; variations made, including those skipped because of their ceilings |
     | `search.linear_programs` | linear programs solved in the search |
     | `search.stages_s` | seconds of each stage |
     | `search.best` | the best five sequences with their cycles and objective, before they are sharpened |
     | `sensitivity` | how the sensitivities were computed, or why they are unknown |
-    | `certificate` | with `[search.certify]`: the gaits to which the proof applies, its method, why it ended, and the number of inequalities verified exactly |
+    | `certificate` | for a speed, or with `[search.certify]`: the gaits to which the proof applies, its method, the number of inequalities verified exactly, and why a longer proof ended |
 
-    With `[search.certify]` the file `certificate.json` is written, unless the ceiling from rates
-    and resting masses is the better bound. `wormopt verify certificate.json` verifies it.
+    The proof is written to the file `certificate.json`, unless the ceiling from rates and resting
+    masses is the better bound. `wormopt verify certificate.json` verifies it.
     """  # noqa: E501
 
     headline: ClassVar = (
@@ -214,8 +213,6 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "objective",
         "bound",
         "gap_certified",
-        "ceiling",
-        "gap",
         "period",
         "cycles",
         "tick_loss",
@@ -225,14 +222,13 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "objective": ("speed", "objective reached, in its quantity, recomputed from the gait"),
         "bound": (
             "speed",
-            "with `[search.certify]`: proven bound for gaits with any phases and cycles: no gait "
-            "is faster, or cheaper. It is never above the ceiling. Before anything better is "
+            "for a speed, or with `[search.certify]`: proven bound for gaits with any phases and "
+            "cycles: no gait is faster, or cheaper. It is never above the ceiling. Before anything better is "
             "proven it equals the ceiling, or 0 for a cost",
         ),
         "gap_certified": (
             "share",
-            "with `[search.certify]`: largest possible improvement by any gait, as a share of "
-            "`objective`",
+            "with `bound`: largest possible improvement by any gait, as a share of `objective`",
         ),
         "certified_seconds": ("s", "with `[search.certify]`: time spent on the proof"),
     }
