@@ -223,8 +223,8 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "bound": (
             "speed",
             "for a speed, or with `[search.certify]`: proven bound for gaits with any phases and "
-            "cycles: no gait is faster, or cheaper. It is never above the ceiling. Before anything better is "
-            "proven it equals the ceiling, or 0 for a cost",
+            "cycles: no gait is faster, or cheaper. It is never above the ceiling. Before anything "
+            "better is proven it equals the ceiling, or 0 for a cost",
         ),
         "gap_certified": (
             "share",
