@@ -184,7 +184,7 @@ def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
     assert kept == pytest.approx(whole["position"].values[..., :reached], abs=1e-12)
     with pytest.raises(Interrupted) as caught:
         wo.run(scene, report=stop_at("rechecking"))
-    assert "before the second route was done" in caught.value.partial.reason
+    assert "before the second route was complete" in caught.value.partial.reason
     assert caught.value.partial["time"].values.tolist() == whole["time"].values.tolist()
 
 
@@ -226,7 +226,7 @@ def test_ctrl_c_while_the_second_route_runs_is_heard(tmp_path: Path):
     pressed: list[threading.Timer] = []
     with pytest.raises(Interrupted, match="interrupted") as caught:
         wo.run(scene, report=press)
-    assert "before the second route was done" in caught.value.partial.reason
+    assert "before the second route was complete" in caught.value.partial.reason
 
 
 def test_the_command_line_saves_what_was_interrupted(
