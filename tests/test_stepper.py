@@ -248,7 +248,7 @@ def test_gaits_that_are_too_fast_are_refused_with_the_period_that_is_not():
     with pytest.raises(SolveError) as caught:
         step_times(fast_gait(1.0), motor(0.01, rate_max=100.0))
     assert caught.value.code == "too_fast"
-    assert "turns/s of the motor of link 0 at t = 0.166667, and motor.rate_max is 100" in str(
+    assert "turns/s from the motor of link 0 at t = 0.166667, but motor.rate_max is 100" in str(
         caught.value
     )
     period = float(re.findall(r"gait\.period = ([\d.]+)", caught.value.suggestion)[0])
