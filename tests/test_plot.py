@@ -912,7 +912,7 @@ def test_the_bound_of_every_gait_is_drawn_over_time():
     result = sample("certificate")
     drawn = figure(result, "certificate")
     (axes,) = drawn.axes
-    assert "proven bound of every gait" in entries(drawn)
+    assert "proven bound for all gaits" in entries(drawn)
     assert axes.lines[0].get_ydata()[-1] == result.scalars["bound"].value
     told = texts(figure(result, "gait"))  # nearer than the ceiling, which is 1 here
     assert "proven bound 0.8" in told

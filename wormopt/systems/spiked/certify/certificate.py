@@ -1,4 +1,4 @@
-"""Certificates: a bound of the speed of every gait, with a proof that anybody can check."""
+"""Certificates: a bound on the speed of every gait, with a proof that anybody can verify."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from wormopt.systems.spiked.certify.check import FORMAT, VERSION, BrokenProofErr
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What the verification of a certificate found.
+    """Result of the verification of a certificate.
 
     Parameters
     ----------
     holds : bool
-        Whether every inequality of the proof holds.
+        Whether all inequalities of the proof hold.
     bound : Fraction
-        The bound that is claimed.
+        The bound in the certificate.
     inequalities : int
-        How many were checked; 0 where one does not hold.
+        Number of verified inequalities; 0 if one does not hold.
     reason : str
-        The first that does not hold, or "".
+        The first inequality that does not hold, or "".
     """
 
     holds: bool
@@ -44,7 +44,7 @@ class Certificate:
     Parameters
     ----------
     text : str
-        What its file holds, in JSON.
+        Content of its file, in JSON.
     """
 
     text: str
@@ -58,11 +58,15 @@ class Certificate:
         Parameters
         ----------
         problem : mapping
-            Worm and limits, numbers as fractions.
+            Worm and limits, with numbers as fractions.
         proof : mapping
-            What the verification needs.
+            Data of the proof.
         bound : Fraction
-            No gait is faster.
+            The proven bound on the speed.
+
+        Returns
+        -------
+        Certificate
         """
         said = {
             "format": FORMAT,
@@ -76,7 +80,7 @@ class Certificate:
 
     @property
     def bound(self) -> Fraction:
-        """No gait is faster."""
+        """The proven bound: no gait is faster."""
         return Fraction(json.loads(self.text)["bound"])
 
     def __repr__(self) -> str:
@@ -84,18 +88,18 @@ class Certificate:
         return lines(f"Certificate: {bound}", f"{len(self.text)} characters of JSON")
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write it to a file.
+        """Write the certificate to a file.
 
         Parameters
         ----------
         file : path
-            Its name.
+            Name of the file.
         """
         Path(file).write_text(self.text, encoding="utf-8")
 
 
 def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
-    """Verify a certificate in exact arithmetic, from nothing but its file.
+    """Verify a certificate in exact arithmetic, from its file alone.
 
     Parameters
     ----------
@@ -105,12 +109,12 @@ def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
     Returns
     -------
     Verification
-        Whether the proof holds, and where it breaks if not.
+        Whether the proof holds; otherwise, the first inequality that fails.
 
     Raises
     ------
     ArgumentError
-        If there is no such file, or it is not a certificate.
+        If the file does not exist, or if it is not a certificate.
 
     Examples
     --------

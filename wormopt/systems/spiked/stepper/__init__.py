@@ -1,4 +1,4 @@
-"""Gaits on stepping motors, and how the worm then moves."""
+"""Step commands for gaits on stepping motors, and the motion that they produce."""
 
 from wormopt.lazy import names_of
 
