@@ -662,7 +662,9 @@ def test_a_field_is_read_in_any_dialect(tmp_path: Path, text: str):
 def test_a_field_in_another_unit_is_refused(tmp_path: Path):
     path = tmp_path / "field.csv"
     path.write_text("H [mT]\n1\n2\n3\n4\n")
-    with pytest.raises(ArgumentError, match=r'field\.csv: "mT" is no unit of field here; write A'):
+    with pytest.raises(
+        ArgumentError, match=r'field\.csv: "mT" is not a unit of field here; write A'
+    ):
         _read_table(path, "field", "SI")
     path.write_text("H\n1\n2\n\n#N/A\n4\n")
     with pytest.raises(ArgumentError, match=r"field\.csv line 5, column H: a number is missing"):

@@ -1,4 +1,4 @@
-"""Magnetic materials and what sets them in motion; like worms, it knows no solver."""
+"""Magnetic fields of coils, magnetic materials, and fluids at rest in a field."""
 
 from wormopt.lazy import names_of
 

@@ -1,4 +1,4 @@
-"""Films of magnetic fluid: waves, what they carry, how they settle, the best wave."""
+"""Films of magnetic fluid: travelling waves, floats on them, forward problem, optimal waves."""
 
 from wormopt.lazy import names_of
 

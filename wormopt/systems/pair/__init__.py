@@ -1,4 +1,4 @@
-"""Two masses on a magneto-elastic link."""
+"""Two masses on a magneto-elastic link in a pulsating field."""
 
 from wormopt.lazy import names_of
 
