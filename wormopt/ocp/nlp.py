@@ -84,6 +84,12 @@ class Ipopt:
     rescale : bool, optional
         Let IPOPT scale constraints whose slopes are steep at the start; its tolerance then holds
         for the scaled ones.
+
+    Examples
+    --------
+    >>> options = Ipopt(tolerance=1e-8, iterations=200).as_casadi()
+    >>> options["ipopt.tol"], options["ipopt.max_iter"]
+    (1e-08, 200)
     """
 
     tolerance: float = 1e-9
