@@ -68,6 +68,14 @@ def load_gait(
         If the file cannot be read.
     ArgumentError
         If it is neither a gait table nor a result with a gait, has no such point, or other units.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> wo.fast_gait(1.0).to_csv("gait.csv", step=0.01)
+    >>> gait = load_gait("gait.csv")
+    >>> gait.period, gait.links, gait([0.0]).round(6).ravel()
+    (1.0, 2, array([2., 2.]))
     """
     path = Path(path)
     if path.suffix.lower() in SUFFIXES:

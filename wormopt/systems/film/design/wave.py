@@ -208,6 +208,11 @@ class WaveAim:
     ArgumentError
         If a flow is not from 0 to 1, a margin not negative, or nothing is asked of a wave of the
         least field.
+
+    Examples
+    --------
+    >>> WaveAim("field", mean_flow=0.2)
+    WaveAim(seek='field', mean_flow=0.2, capture=False, margin=None)
     """
 
     seek: Seek = "mean_flow"

@@ -224,6 +224,13 @@ def anchors_needed(
     ------
     ArgumentError
         If more than N - 2 are needed, which leave nothing to move; it tells what would do.
+
+    Examples
+    --------
+    Five segments: two anchors of 1 hold the drag 0.5 of the three that move, and one would not.
+
+    >>> anchors_needed(5, hold=1.0, drag=0.5)
+    2
     """
     for anchors in range(1, segments - 1):
         if anchors * hold >= reserve * (load + drag * (segments - anchors)):

@@ -211,6 +211,13 @@ class Block:
     ----------
     corners : sequence of (float, float)
         Its corners in order, three or more.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> square = Block(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
+    >>> float(square.distance(np.array([2.0, 0.0]), np.array([2.0, 1.0])))
+    1.0
     """
 
     corners: tuple[tuple[float, float], ...]

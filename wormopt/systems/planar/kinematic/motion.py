@@ -38,6 +38,13 @@ class Phase:
         Phase of the stroke, at most 1.
     constraints : Constraints
         What holds.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> hold = wo.planar.Phase(0.5, wo.planar.Constraints(pins=(2,), skids=(0,)))
+    >>> hold.until, hold.constraints.pins
+    (0.5, (2,))
     """
 
     until: float

@@ -66,6 +66,22 @@ def simulate_path(
     ------
     ArgumentError
         If a step was made in another way.
+
+    Examples
+    --------
+    A pinned tail, then a pinned head: the links stretch and the worm goes 1.5 ahead, as planned.
+
+    >>> import wormopt as wo
+    >>> P, worm = wo.planar, wo.planar.chain_shape(2)
+    >>> push = P.Phase(0.5, P.Constraints(pins=(2,), skids=(0,)))
+    >>> pull = P.Phase(1.0, P.Constraints(pins=(0,), skids=(2,)))
+    >>> ahead = P.gait_family(
+    ...     "ahead", worm, (0.6, 0.6, 0.0), [(0.4, 0.4, 0.0)], (0.5, 1.0), held=[push, pull]
+    ... )
+    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
+    >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
+    >>> P.simulate_path(path).pose.round(6) + 0.0
+    array([1.5, 0. , 0. ])
     """
     start = path.task.start
     places = start[:2] + rotate(start[2], path.library.rest)

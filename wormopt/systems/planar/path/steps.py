@@ -236,6 +236,15 @@ class Library:
         Gaits, each with a few amplitudes.
     radius : float
         Half the thickness of the body: its links are capsules.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> worm, law = wo.planar.chain_shape(2), wo.Elliptic(1.0, 3.0, 2.0)
+    >>> pull = [[0.4, 0.0, 0.0], [0.4, 0.4, 0.0], [0.0, 0.4, 0.0]]
+    >>> ahead = wo.planar.gait_family("ahead", worm, (0.6, 0.6, 0.4), pull, (0.5, 1.0), ground=law)
+    >>> Library([ahead], radius=0.05).rest.shape
+    (3, 2)
     """
 
     families: tuple[Family, ...]

@@ -29,6 +29,15 @@ class Verification:
         How many were checked; 0 where one does not hold.
     reason : str
         The first that does not hold, or "".
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> found = wo.verify(proven.certificate)
+    >>> found.holds, found.inequalities > 0, found.reason
+    (True, True, '')
     """
 
     holds: bool
@@ -45,6 +54,15 @@ class Certificate:
     ----------
     text : str
         What its file holds, in JSON.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> proven.certificate.save("certificate.json")
+    >>> wo.verify("certificate.json").holds, round(float(proven.certificate.bound), 6)
+    (True, 0.425)
     """
 
     text: str

@@ -70,6 +70,18 @@ class Sensitivity:
         Whether these differ by more than 1 %: from here on something else binds, or, in a
         program of more than 400 unknowns, a family of gaits is best alike; each side is then
         at least as good as it says.
+
+    Examples
+    --------
+    Two masses 1 that rest in turn, at period 1 and acceleration a = 20 under a load of 5, reach the
+    speed r/2 - r r/2 (1/a + 1/10) at the rate r = 1; its derivative is 0.35:
+
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> found = wo.sensitivities(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> (rate,) = (each for each in found if each.name == "limits.rate")
+    >>> round(rate.derivative, 6), rate.one_sided
+    (0.35, False)
     """
 
     name: str
