@@ -220,6 +220,11 @@ def anchors_needed(
     reserve : float, optional
         By how many times anchors hold more than they must.
 
+    Returns
+    -------
+    int
+        Number of anchors k.
+
     Raises
     ------
     ArgumentError
