@@ -72,7 +72,7 @@ def test_the_course_of_a_bound():
     assert bound[1] == pytest.approx(0.9, rel=1e-6)  # mean rates: strokes of 0.45 in half of 1
     assert bound[-1] == value(result, "bound")
     assert np.all(np.diff(result["proof_time"].values) >= 0)
-    assert "every gait of any order" in result.trust["certificate"]["holds_for"]
+    assert "every gait with any resting sequence" in result.trust["certificate"]["holds_for"]
 
 
 def test_a_range_of_periods_is_certified():
@@ -95,7 +95,7 @@ def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch):
         run("search.certify.gap=1e-3")
     partial = told.value.partial
     assert partial.status == "failed"
-    assert "its bound is not sharp" in partial.reason
+    assert "its bound is not tight" in partial.reason
     assert value(partial, "speed") == pytest.approx(G1, abs=1e-9)
     assert G1 < value(partial, "bound") < 0.9
 
@@ -112,7 +112,7 @@ def test_a_proof_without_time_still_gives_a_result_with_its_picture(
     told = json.loads(capsys.readouterr().out)
     assert code == 0
     assert told["trust"]["certificate"]["ended"] == "time limit"
-    assert "give search.certify.time_limit more seconds" in " ".join(told["trust"]["warnings"])
+    assert "increase search.certify.time_limit" in " ".join(told["trust"]["warnings"])
     assert (tmp_path / "o" / "certificate.png").is_file()
 
 
@@ -120,7 +120,11 @@ def test_a_proof_without_time_still_gives_a_result_with_its_picture(
     ("name", "wrong", "said"),
     [
         ("bounded", {"bound": 0.9 * G1}, "better than its proven bound"),
-        ("verify", {"holds": False, "reason": "a gap"}, "the certificate is not verified: a gap"),
+        (
+            "verify",
+            {"holds": False, "reason": "a gap"},
+            "verification of the certificate failed: a gap",
+        ),
     ],
 )
 def test_a_wrong_certificate_is_a_failure(monkeypatch, name: str, wrong: Any, said: str):
@@ -143,7 +147,7 @@ def test_a_wrong_certificate_is_a_failure(monkeypatch, name: str, wrong: Any, sa
         (["search.certify.time_limit=-1"], "search.certify.time_limit"),
         (
             ['objective={minimise="energy_per_distance", speed=0.5}'],
-            "there is no proof for energy_per_distance",
+            "a proof is not available for minimise = 'energy_per_distance'",
         ),
     ],
 )
@@ -183,12 +187,25 @@ def test_a_proof_refuses_what_it_cannot_use(given: dict[str, Any], said: str):
 def test_pictures_and_fronts_need_what_they_draw():
     with pytest.raises(SceneError, match=r"\[search.certify\]"):
         wo.load_scene("design_fast_gait", ['want=["certificate"]'])
-    with pytest.raises(SceneError, match="one design is certified at a time"):
+    with pytest.raises(SceneError, match="a front has no certificate"):
         wo.load_scene("pareto_speed_load", ["search.certify={}"])
 
 
-def test_a_design_without_a_certificate_has_none_of_it():
+def test_every_design_of_a_speed_has_a_bound_and_a_proof(tmp_path: Path):
     result = wo.run(wo.load_scene("design_fast_gait", OWN[:3]))
-    assert "bound" not in result.scalars
-    assert "certificate" not in result.trust
+    assert value(result, "speed") < value(result, "bound") < 1.02 * value(result, "speed")
+    file = tmp_path / "certificate.json"
+    file.write_text(result.attributes["certificate"], encoding="utf-8")
+    proof = wo.verify(file)
+    assert proof.holds
+    assert float(proof.bound) == pytest.approx(value(result, "bound"), rel=1e-12)
+    assert result.trust["certificate"]["verified_inequalities"] == proof.inequalities
+    assert "proof_time" not in result.variables
+
+
+def test_a_cost_has_no_bound_unless_it_is_asked_for():
+    cost = 'objective={minimise="peak_spike_load", speed=0.5}'
+    result = wo.run(wo.load_scene("design_fast_gait", [*OWN[:3], cost]))
+    assert result.status == "ok", result.reason
+    assert not {"bound", "gap_certified"} & set(result.scalars)
     assert "certificate" not in result.attributes

@@ -238,7 +238,7 @@ def test_work_grows_linearly_with_the_links():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: worm(0), "at least one link"),
+        (lambda: worm(0), "not a positive integer; write at least 1"),
         (lambda: worm(2, mass=0.0), "mass must be positive"),
         (lambda: worm(2, mass=float("nan")), "mass must be finite"),
         (lambda: worm(2, mass=[1.0, 2.0]), "mass must be one number or 3"),
@@ -247,11 +247,14 @@ def test_work_grows_linearly_with_the_links():
         (lambda: worm(2, drag=-1.0), "drag must be 0 or above, not -1"),
         (lambda: worm(2, position=[0.0, 1.0]), "position must be one number or 3"),
         (lambda: worm(2, mass="heavy"), "mass must be a number or a list of numbers, not 'heavy'"),
-        (lambda: worm(2.5), "at least one link, and whole ones, not 2.5"),  # type: ignore[arg-type]
-        (lambda: worm(2, law="coulomb"), r"law must be Coulomb\(.*not 'coulomb'"),  # type: ignore[arg-type]
-        (lambda: worm(2, law=Spike), r"law must be Coulomb\(.*not <class"),  # type: ignore[arg-type]
-        (lambda: worm(2, law=[Spike(), Spike(), 3.0]), r"law must be Coulomb\(.*not 3.0"),  # type: ignore[arg-type]
-        (lambda: worm(2, law=[Spike()]), "law must be one or 3, not 1"),
+        (lambda: worm(2.5), "links is 2.5, not a positive integer"),  # type: ignore[arg-type]
+        (lambda: worm(2, law="coulomb"), "law contains 'coulomb', which is not a friction law"),  # type: ignore[arg-type]
+        (lambda: worm(2, law=Spike), "law contains <class .*, which is not a friction law"),  # type: ignore[arg-type]
+        (
+            lambda: worm(2, law=[Spike(), Spike(), 3.0]),
+            r"law contains 3\.0, which is not a friction law",
+        ),  # type: ignore[arg-type]
+        (lambda: worm(2, law=[Spike()]), "law has 1 entries; give one law, or 3"),
         (
             lambda: worm(2, damping=ParameterPath(np.array([0.0, 1.0]), np.ones((1, 3, 1)))),
             "path of damping has 3 parameters for 2 links",

@@ -215,7 +215,7 @@ def test_a_rival_that_no_search_betters_is_the_design(monkeypatch: pytest.Monkey
     result = wo.run(load_scene("coil_cargo_design", short))
     overs = [result.scalars[name].value for name in ("over_mean_field", "over_block")]
     assert min(overs) == 0.0 <= max(overs)
-    assert any("no search has bettered the best" in text for text in result.trust["warnings"])
+    assert any("no search improved on the best" in text for text in result.trust["warnings"])
 
 
 @pytest.mark.parametrize(

@@ -255,8 +255,8 @@ def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
     many = wo.run(
         load_scene("fig24_travelling_wave", [*SHORT, *upright, "film.top=8", "fluid.chi=2.5"])
     )
-    assert "breaks up into peaks" in many.reason
-    with pytest.raises(SolveError, match=r"cannot be followed to the end.*lower switching"):
+    assert "forms peaks" in many.reason
+    with pytest.raises(SolveError, match=r"cannot be simulated to the end.*lower switching"):
         wo.run(load_scene("fig24_travelling_wave", [*SHORT, "fluid.chi=1e6"]))
 
 

@@ -192,12 +192,13 @@ def test_too_little_current_is_told():
     assert any("at the 1000 ampere-turns" in text for text in weak.trust["warnings"])
     assert weak.status == "ok"
     assert value(weak, "field_residual") > 0.5
-    words = "worse than a constant" if value(weak, "field_residual") >= 1 else "little like"
+    words = "worse than a constant" if value(weak, "field_residual") >= 1 else "far from the wanted"
     assert any(words in text and "ampere-turns" in text for text in weak.trust["warnings"])
 
 
 @pytest.mark.parametrize(
-    ("residual", "words"), [(1.0, "worse than a constant field"), (0.7, "little like"), (0.5, "")]
+    ("residual", "words"),
+    [(1.0, "worse than a constant field"), (0.7, "far from the wanted"), (0.5, "")],
 )
 def test_a_poor_field_is_told(residual: float, words: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(MovingProfile, "residual", lambda self, wanted: residual)
@@ -217,7 +218,7 @@ def test_a_film_that_newton_did_not_solve_is_unknown(monkeypatch: pytest.MonkeyP
         assert value(result, name) is None
     assert "film_thickness" not in {variable.name for variable in result.variables}
     assert result.trust["film_residual"] == 2e-6
-    assert any("the film that results is unknown" in text for text in result.trust["warnings"])
+    assert any("the resulting film is unknown" in text for text in result.trust["warnings"])
 
 
 def test_limits_of_the_currents_hold():
@@ -335,7 +336,7 @@ def test_the_command_line_and_its_pictures(row: Result, inverse: Result, tmp_pat
     assert json.loads((out / "summary.json").read_text())["status"] == "ok"
     spread, still, frame, _bar = figure(row, "travelling_field").axes
     assert spread.get_ylabel() == "time $t$ (s)"
-    assert still.get_xlabel().startswith("place $x$ (mm)")
+    assert still.get_xlabel().startswith("position $x$ (mm)")
     assert frame.get_xlabel().endswith("rad)")
     above, below = figure(inverse, "row_currents").axes
     assert "wanted" in str([text.get_text() for text in above.get_legend().get_texts()])  # pyright: ignore

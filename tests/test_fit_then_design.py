@@ -54,15 +54,15 @@ def test_numbers_that_no_recording_tells_are_said(tmp_path: Path):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"worm.load": [4.0, 5.0]}, "worm.load: the fit finds one load"),
+        ({"worm.load": [4.0, 5.0]}, "worm.load: .*the fit finds one load"),
         (
             {"worm.mass": [1.0, 2.0, 1.0], "worm.slope": 0.1, "worm.gravity": 9.81},
-            "worm.slope: pulls unequal masses",
+            "worm.slope: the slope pulls unequal masses",
         ),
         ({"gait.sharing": "least_actuation"}, 'gait.sharing: "least_actuation"'),
-        ({"fit.numbers": []}, "fit.numbers: none"),
+        ({"fit.numbers": []}, "fit.numbers: the list is empty"),
         ({"plant.mass": [1.0, 1.0]}, "plant.mass: 2 entries"),
-        ({"confidence": 1.0}, "confidence: .*0.9999 say"),
+        ({"confidence": 1.0}, "confidence: .*for example 0.9999"),
         ({"worm.links": 3}, 'recording.0..gait.shape: "fast" has 2 links'),
     ],
 )

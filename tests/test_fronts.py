@@ -54,10 +54,10 @@ def test_what_is_no_point_is_refused(folder: Path, tmp_path: Path):
             wo.load_gait(folder, point=point)
     gait = wo.load_gait(folder)
     gait.to_csv(tmp_path / "gait.csv")
-    with pytest.raises(ArgumentError, match="one gait; leave out point"):
+    with pytest.raises(ArgumentError, match="one gait; omit point"):
         wo.load_gait(tmp_path / "gait.csv", point=0)
     wo.run("fast_gait").save(tmp_path)
-    with pytest.raises(ArgumentError, match="holds no front"):
+    with pytest.raises(ArgumentError, match="contains no front"):
         wo.load_gait(tmp_path, point=0)
 
 
@@ -98,7 +98,7 @@ def test_the_table_is_printed_and_names_knee_and_jumps(
     _, _, *rows = table.splitlines()
     knee, jumps = (result.scalars[name].value for name in ("front_knee", "front_jumps"))
     assert [k for k, row in enumerate(rows) if "knee" in row] == [knee]
-    assert sum("another order" in row for row in rows) == jumps > 0
+    assert sum("new resting sequence" in row for row in rows) == jumps > 0
     assert [row.split("|")[1].strip() for row in rows] == ["0", "1", "2", "3"]
 
 
@@ -116,7 +116,7 @@ def test_the_picture_joins_no_line_across_a_jump_and_marks_the_knee():
     assert sorted(map(tuple, np.array(joined).tolist())) == [(0.2, 0.4), (0.6, 0.8)]
     (legend,) = drawn.legends
     told = [text.get_text() for text in legend.get_texts()]
-    assert {"knee, point 1", "order of rest changes"} <= set(told)
+    assert {"knee, point 1", "resting sequence changes"} <= set(told)
     (star,) = (line for line in drawn.axes[0].lines if line.get_marker() == "*")
     assert np.asarray(star.get_xydata()).tolist() == [[0.4, 2.0]]
 

@@ -336,7 +336,7 @@ def test_a_resting_worm_has_the_slope_of_the_smooth_law():
         (FrozenLoop, "by_control", "poles by python-control"),
         (linear, "static_gains", "static gains of the impulse responses"),
         (linear, "settled", "error by simulation without dry friction"),
-        (Task, "bound", "the error with the gain frozen is above its bound"),
+        (Task, "bound", "the error with frozen gain exceeds its bound"),
     ],
 )
 def test_each_route_that_disagrees_fails_the_result(

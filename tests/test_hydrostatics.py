@@ -515,9 +515,9 @@ def test_a_weak_fluid_needs_no_warning():
 
 
 def test_a_fluid_without_weight_is_told_and_not_to_take_less_than_no_current():
-    with pytest.raises(SolveError, match="cannot be followed beyond 0 ") as caught:
+    with pytest.raises(SolveError, match="cannot be continued beyond 0 ") as caught:
         solved("fluid.density=1e-29")
-    assert caught.value.suggestion.startswith("take a fluid and a layer of more usual numbers")
+    assert caught.value.suggestion.startswith("write usual values of fluid and layer")
     assert caught.value.partial.trust["growth_rate"] < 0
 
 

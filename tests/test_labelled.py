@@ -1,6 +1,8 @@
 """Results and motions as tables of xarray and pandas: every instant and entry can be selected."""
 
 import re
+import sys
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -13,6 +15,7 @@ from wormopt.labelled import apart
 from wormopt.model.gait import Gait
 from wormopt.quantities import Variable
 from wormopt.result import Result
+from wormopt.sweeps.gathered import dataframe as dataframe_of_sweep
 from wormopt.systems.block.block import block
 
 # One link that extends and contracts at rate 1: the rate jumps at 0.4 and at the period's end.
@@ -176,3 +179,23 @@ def test_an_optimal_motion_as_dataset_and_frame():
     speed = np.minimum(2 * t, 4 * (last - t))
     assert data["velocity"].interp(time=t).values == pytest.approx(speed, abs=1e-4)
     assert np.array_equal(frame["velocity"], data["velocity"])
+
+
+@pytest.mark.parametrize(
+    ("package", "table"),
+    [
+        ("xarray", lambda: falling().to_xarray()),
+        ("pandas", lambda: falling().to_dataframe()),
+        ("xarray", lambda: Result("walk", "gait").to_xarray()),
+        ("pandas", lambda: Result("walk", "gait").to_dataframe()),
+        ("pandas", lambda: dataframe_of_sweep(Result("walk", "sweep"))),
+    ],
+)
+def test_where_a_package_is_missing_the_error_names_the_extra(
+    package: str, table: Callable[[], object], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ImportError, match=re.escape("pip install 'wormopt[data]'")) as caught:
+        table()
+    assert caught.value.name == package
+    assert str(caught.value).startswith(f"{package} cannot be imported")

@@ -10,8 +10,8 @@ import pytest
 
 from wormopt.cli import main
 from wormopt.errors import ArgumentError
-from wormopt.systems.spiked.certify.bound import certify
 from wormopt.systems.spiked.certify.certificate import verify
+from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.construct import travelling_sine
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design

@@ -498,7 +498,7 @@ def test_a_polish_that_stops_short_is_refused(
         ("units", "units", 'write units = "SI"'),
         ('units="dimensionless"', "units", 'write units = "SI"'),
         ("material.mu_r=1.5", "material", "not both"),
-        ("material={field=1e5}", "material", "says no material"),
+        ("material={field=1e5}", "material", "is not given"),
         ("material={field=1e5, mu_r=1.5}", "material.lame_eta", "missing"),
         ("material={field=1e5, u0=0.1}", "material.youngs_modulus_eff", "missing"),
         ("material={field=1e5, lame_eta=1.5}", "material.mu_r", "missing"),

@@ -117,7 +117,7 @@ def test_a_start_that_is_no_crawl_is_refused(tmp_path: Path):
     path = tmp_path / "crawl.toml"
     (tmp_path / "other.nc").write_bytes(b"no result")
     path.write_text(SCENE.read_text() + '\n[search]\nresult = "other.nc"\n')
-    with pytest.raises(SceneError, match=r"search.result.*holds no crawl"):
+    with pytest.raises(SceneError, match=r"search.result.*does not contain the crawl"):
         wo.run(load_scene(path))
 
 
@@ -134,7 +134,7 @@ def test_copies_of_a_worm_move_like_the_worm_itself():
 
 
 def test_copies_need_a_draw():
-    with pytest.raises(ArgumentError, match="at least one draw"):
+    with pytest.raises(ArgumentError, match="at least one mapping"):
         scenario_model(worm(), [])
 
 

@@ -362,7 +362,7 @@ def test_anchors_with_nothing_to_spare_are_warned_of(reserve: float | None):
 def test_a_load_that_takes_the_worm_along_is_warned_of():
     result = wo.run(load_scene("fig28_peristaltic_wave", [*SHORT, "worm.load=0.1"]))
     assert result.scalars["speed"].value < -1
-    assert "takes the worm" in result.trust["warnings"][0]
+    assert "drags the worm" in result.trust["warnings"][0]
 
 
 def test_ordinary_rubber_does_not_move_and_says_why():

@@ -503,7 +503,7 @@ def test_a_pressure_too_small_for_the_true_membrane():
         ("load=0.02", "the wall holds"),
         ("segment.length=0.2", "the rubber pushes with"),
         ("coil.share=1.0", "coil.share below 0.9803"),
-        ("coil.pressure=100", "it sags"),
+        ("coil.pressure=100", "the segment sags"),
         ("tube.friction=0", "without friction nothing holds"),
     ],
 )
@@ -552,7 +552,7 @@ def test_a_wrong_stretch_fails(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(Segment, "stretch_at", lambda self, *given: right(self, *given) + 1e-4)
     result = wo.run(RUBBER)
     assert result.status == "failed"
-    assert "off that of the least energy" in result.reason
+    assert "from that of the least energy" in result.reason
 
 
 def test_the_pictures(packaged: Result):

@@ -9,7 +9,7 @@ import pytest
 from wormopt.progress import silent
 from wormopt.systems.shared.sequences import lasting, repetition
 from wormopt.systems.spiked.ceiling import ceiling
-from wormopt.systems.spiked.certify.bound import certify
+from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.limits import Limits

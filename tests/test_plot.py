@@ -330,7 +330,7 @@ def test_a_branch_is_dashed_where_it_is_not_stable_and_its_fold_marked():
     above = figure(result, "resonance").axes[0]
     labels = {line.get_label(): line.get_linestyle() for line in above.get_lines()}
     assert labels["average"] == "-"
-    assert labels["average, not stable"] == "--"
+    assert labels["average, unstable"] == "--"
     (fold,) = result.scalars["delta_fold"].value
     assert [text.get_text() for text in above.texts] == [f"fold {fold:.4g}"]
 

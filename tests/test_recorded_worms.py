@@ -67,8 +67,8 @@ def written(folder: Path, text: str) -> Path:
         ("time,x\n0,1\n0.1,abc\n", 'line 3, column x: "abc" is no number'),
         ("# run 7\ntime,x\n0,1\n0.1,1e400\n", "line 4, column x: 1e400 is infinite"),
         ("time,x\n0,1\n,2\n", "line 3, column time: the time is missing"),
-        ("time,x\n0,1\n1,2\n1,3\n", "line 4: time 1 stands twice"),
-        ("time,x\n0,1\n1,2\n0.5,3\n", "line 4: time goes back from 1 to 0.5"),
+        ("time,x\n0,1\n1,2\n1,3\n", "line 4: time 1 appears twice"),
+        ("time,x\n0,1\n1,2\n0.5,3\n", "line 4: time decreases from 1 to 0.5"),
         ("time,x\n0,1\n1,2,3\n", "line 3: 3 cells for 2 columns"),
         (
             "time;x\n0;1,5\n1;2.5\n2;3,5\n",
@@ -137,23 +137,23 @@ def test_words_in_a_column_that_is_a_signal_are_refused(tmp_path: Path):
     text = "time,position[0],position[1]\n0,1,bad\n1,2,good\n"
     table = RecordingTable(file=str(written(tmp_path, text)))
     model = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
-    with pytest.raises(SceneError, match=r"column position\[1\] holds text"):
+    with pytest.raises(SceneError, match=r"column position\[1\] contains text"):
         runs_of([table], tmp_path, model, "SI", {}, "scene")
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"units": "dimensionless"}, 'a unit, "ms", in a scene without'),
+        ({"units": "dimensionless"}, '"ms" is a unit in a scene without'),
         ({"recording": []}, r"write a table \[\[recording\]\]"),
         ({"unknown": [{"name": "stiffness", "start": 1, "lower": 2}]}, "start: 1 is below lower"),
         (
             {"unknown": [{"name": "damping"}] * 2},
-            r'unknown\[1\].name: "damping" stands there twice',
+            r'unknown\[1\].name: "damping" appears twice',
         ),
         ({"model": {"kind": "simulate", "worm": {"links": 0}}}, r"model\.worm\.links"),
         ({"want": ["prediction"]}, 'write use = "predict"'),
-        ({"want": ["profiles"]}, "write that, too"),
+        ({"want": ["profiles"]}, "write profiles = true"),
     ],
 )
 def test_scenes_that_cannot_be_fitted_are_refused(
@@ -170,8 +170,11 @@ def test_scenes_that_cannot_be_fitted_are_refused(
         ({"file": "rn.csv"}, 'there is no file "rn.csv" .* did you mean run.csv'),
         ({"columns": {"hed": "position[0]"}}, "no column hed; did you mean head"),
         ({"units": {"head": "furlong"}}, r'units.head: "furlong"'),
-        ({"window": [300.0, 400.0]}, "holds 0 of the file's instants, which are from 0 to 200"),
-        ({"window": [1.0, 0.0]}, "write the earlier time first"),
+        (
+            {"window": [300.0, 400.0]},
+            "contains 0 times of the file, .* its times are from 0 to 200",
+        ),
+        ({"window": [1.0, 0.0]}, "the first time is not before the last"),
     ],
 )
 def test_recordings_that_do_not_fit_their_file_are_refused(
@@ -222,16 +225,16 @@ def test_held_inputs_stay_until_the_next_reading(tmp_path: Path):
         ("time,head\n0,1\n1,2\n", {}, 'no column is a state or output .* {head = "'),
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "postion[0]"}}, "did you mean position"),
         ("time,x\n0,1\n1,2\n", {"columns": {"x": "position"}}, r"write one of position\[0\]"),
-        ("time,x\n0,1\n1,2\n", {"columns": {"x": "position[2]"}}, r"write position\[1\] or less"),
+        ("time,x\n0,1\n1,2\n", {"columns": {"x": "position[2]"}}, r"write at most position\[1\]"),
         (
             "time,position[0] [s]\n0,1\n1,2\n",
             {},
-            '"s" is no unit of length; write m, or a multiple',
+            '"s" is not a unit of length; write m, or a multiple',
         ),
-        ("time,position[0],position_0\n0,1,1\n1,2,2\n", {}, r"two columns are position\[0\]"),
+        ("time,position[0],position_0\n0,1,1\n1,2,2\n", {}, r"two columns are named position\[0\]"),
         ("time,position[0]\n0,1\n1,1\n", {}, "nothing moves"),
         ("time,input[0]\n0,1\n1,2\n", {}, "no column is a state or output"),
-        ("time,position[0],friction_forward[0]\n0,1,1\n1,2,2\n", {}, "has no course in time"),
+        ("time,position[0],friction_forward[0]\n0,1,1\n1,2,2\n", {}, "cannot vary in time"),
     ],
 )
 def test_columns_that_are_no_signals_are_refused(
@@ -262,7 +265,7 @@ def test_our_own_results_are_recordings(tmp_path: Path):
 def test_files_that_are_no_netcdf_are_refused(tmp_path: Path, text: str):
     (tmp_path / "run.nc").write_text(text, encoding="utf-8")
     worm = chain(1, mass=0.3, stiffness=40.0, damping=2.0, rest_length=0.06)
-    with pytest.raises(SceneError, match="is no NetCDF-3 file"):
+    with pytest.raises(SceneError, match="is not a NetCDF-3 file"):
         runs_of([RecordingTable(file="run.nc")], tmp_path, worm, "SI", {}, "scene")
 
 
@@ -432,7 +435,7 @@ def test_keys_of_a_scene_are_found_from_single_numbers():
     ("change", "said"),
     [
         ("measured.0.scalar=velocity", "have no scalar .velocity.; did you mean velocity_mean"),
-        ("unknown.0.key=worm.densty", "worm.densty is no number of the scene"),
+        ("unknown.0.key=worm.densty", "worm.densty is not a number of the scene"),
         ("unknown.0.start=-1.0", "has no logarithm"),
         ('measured.0.changes={"switching.rte"=1}', r"changes: switching\.rte: unknown key"),
     ],

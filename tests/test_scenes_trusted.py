@@ -39,7 +39,7 @@ def test_a_second_route_that_disagrees_makes_the_result_fail(
     monkeypatch.setattr(proof, "simulate", elsewhere)
     result = wo.run(write(tmp_path, TRACK))
     assert result.status == "failed"
-    assert "the second route (python) ends elsewhere" in result.reason
+    assert "the second route (python) ends in other states" in result.reason
     assert [check.name for check in result.checks if not check.passed] == ["second route"]
     assert value(result, "recheck_error") == pytest.approx(1e-6, rel=1)
 
@@ -184,7 +184,7 @@ def test_a_motion_that_is_interrupted_is_kept_as_far_as_it_came(
     assert kept == pytest.approx(whole["position"].values[..., :reached], abs=1e-12)
     with pytest.raises(Interrupted) as caught:
         wo.run(scene, report=stop_at("rechecking"))
-    assert "before the second route was done" in caught.value.partial.reason
+    assert "before the second route was complete" in caught.value.partial.reason
     assert caught.value.partial["time"].values.tolist() == whole["time"].values.tolist()
 
 
@@ -226,7 +226,7 @@ def test_ctrl_c_while_the_second_route_runs_is_heard(tmp_path: Path):
     pressed: list[threading.Timer] = []
     with pytest.raises(Interrupted, match="interrupted") as caught:
         wo.run(scene, report=press)
-    assert "before the second route was done" in caught.value.partial.reason
+    assert "before the second route was complete" in caught.value.partial.reason
 
 
 def test_the_command_line_saves_what_was_interrupted(
@@ -281,7 +281,7 @@ def test_a_motion_too_long_to_keep_is_sampled(tmp_path: Path, monkeypatch: pytes
     whole = wo.run(write(tmp_path, TRACK))
     monkeypatch.setattr(signals, "_MEMORY", 64 * 100.0)
     result = wo.run(write(tmp_path, TRACK))
-    assert any("not kept whole" in text for text in result.trust["warnings"])
+    assert any("too long to keep" in text for text in result.trust["warnings"])
     assert value(result, "x_end") == pytest.approx(value(whole, "x_end"), abs=1e-12)
     assert 0.9 < value(result, "input_peak") / value(whole, "input_peak") <= 1
 
@@ -318,7 +318,7 @@ def test_a_designed_gait_is_tracked_from_its_result(tmp_path: Path):
     same = wo.run(load_scene(write(tmp_path, TRACK), change))
     assert value(result, "x_end") == pytest.approx(value(same, "x_end"), abs=1e-12)
     path = write(tmp_path, text.replace("links = 2", "links = 3").replace("[4.0, ", "[6.0, 4.0, "))
-    with pytest.raises(SceneError, match=r"the file has 2 links; set worm\.links = 2"):
+    with pytest.raises(SceneError, match=r"the file has 2 links, the worm 3; set worm\.links = 2"):
         wo.run(path)
 
 

@@ -414,6 +414,36 @@ def test_a_smooth_cost_needs_one_load(cost):
 # -- ends before the end -------------------------------------------------------------------------
 
 
+def test_a_search_ends_where_no_gait_can_be_better_by_more_than_is_wanted():
+    limits = replace(G1_LIMITS, period=(0.1, 20.0))
+    best = 0.869449  # by an independent search
+    found = {gap: design(G1_WORM, limits, search=Search(gap=gap)) for gap in (1e-2, 1e-3)}
+    coarse, fine = found.values()
+    assert (coarse.ended, fine.ended) == ("proven", "searched")
+    assert coarse.survey.tried < fine.survey.tried
+    for design_ in (coarse, fine):
+        assert best <= design_.bound < 1.01 * best
+        check(design_)
+    assert coarse.speed >= coarse.bound / 1.01
+    assert fine.speed == pytest.approx(best, rel=1e-6)
+
+
+def test_one_link_is_proven_the_best_at_once():
+    """Its mean rate bounds its speed, and it reaches it: 4/9 for these limits."""
+    found = design(Worm(links=1, load=5.0), replace(G1_LIMITS, period=(0.1, 20.0)))
+    assert found.ended == "proven"
+    assert found.speed == pytest.approx(4 / 9, rel=1e-9)
+    assert found.bound == pytest.approx(4 / 9, rel=1e-6)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1.0, True, "a"])
+def test_a_gap_is_a_share(gap: Any):
+    with pytest.raises(
+        ArgumentError, match=r"search\.gap: not .*; write a number from 1e-5 to 0.5"
+    ):
+        design(G1_WORM, G1_LIMITS, search=Search(gap=gap))
+
+
 LONG = (Worm(links=4, load=5.0), replace(G1_LIMITS, period=2.0))
 
 

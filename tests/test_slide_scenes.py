@@ -71,7 +71,7 @@ def test_the_smooth_slide_is_that_of_the_smooth_law():
     assert value(result, "defect_max") <= 1e-9
     assert value(result, "recheck_error") < 1e-9
     assert result.trust["treatment"] == "smooth, v_reg = 0.025"
-    assert any("feeds energy in" in warning for warning in result.trust["warnings"])
+    assert any("adds energy" in warning for warning in result.trust["warnings"])
 
 
 @pytest.mark.parametrize(("longest", "duration"), [(2.0, 2.0), (3.0, math.sqrt(6))])
@@ -173,7 +173,7 @@ def test_a_simulation_that_ends_elsewhere_makes_the_result_fail(
     assert main(["run", "slide", "-o", str(tmp_path / "out"), "--quiet", "--no-plots"]) == 3
     result = Result.load(tmp_path / "out")
     assert result.status == "failed"
-    assert "ends elsewhere, by 1.2e-05" in result.reason
+    assert "ends in other states, by 1.2e-05" in result.reason
     failed = [check.name for check in result.checks if not check.passed]
     assert failed == ["simulation of the inputs found"]
 
@@ -182,7 +182,7 @@ def test_a_defect_that_was_not_reached_is_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(slide, "_ROUNDS", 1)
     result = solved("slide", SMOOTH)
     (told,) = [w for w in result.trust["warnings"] if "still" in w]
-    assert "1e-09 was asked" in told
+    assert "the requested 1e-09" in told
 
 
 # -- failures ------------------------------------------------------------------------------------

@@ -601,7 +601,7 @@ def test_a_result_that_leaves_the_gait_fails(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stepper, "step_times", late)
     result = wo.run(SCENE)
     assert result.status == "failed"
-    assert "the replayed steps leave the gait by" in result.reason
+    assert "the replayed steps differ from the gait by" in result.reason
     (fault,) = (check for check in result.checks if not check.passed)
     assert fault.name == "replayed steps"
     assert fault.value == result.trust["replay"]["error_in_steps"] > fault.limit
@@ -647,7 +647,7 @@ def test_strokes_below_a_step_move_no_motor():
     ("changes", "said"),
     [
         (["bristles.backslip=0"], "backslip is 0"),
-        (["bristles.backslip=0.05"], "makes no way"),
+        (["bristles.backslip=0.05"], "does not advance"),
         (["worm.load=0.00001", "worm.mass=30"], "glide"),
     ],
 )
@@ -741,5 +741,8 @@ def test_motors_alone_limit_a_design_and_are_named_in_a_conflict(tmp_path: Path)
     dear = 'objective={minimise="peak_spike_load", speed=1.5}'
     with pytest.raises(SolveError, match=r"above the ceiling 0\.8") as caught:
         wo.run(load_scene(scene, [WEAK, dear]))
-    assert "gait.rate is here the motor's, motor.lead * motor.rate_max" in caught.value.suggestion
+    assert (
+        "gait.rate is here the limit of the motor, motor.lead * motor.rate_max"
+        in caught.value.suggestion
+    )
     assert caught.value.partial.status == "failed"

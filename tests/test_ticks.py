@@ -15,7 +15,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
-from wormopt.systems.spiked.certify.bound import certify
+from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed, ticked

@@ -139,7 +139,7 @@ def test_a_comparison_that_no_second_route_confirms_says_it_is_not_checked(reche
     }  # fmt: skip
     result = wo.run("compare_over", changes)
     assert result.status == "unchecked"
-    assert result.reason == NOT_RECHECKED or "no motion is rechecked" in result.reason
+    assert result.reason == NOT_RECHECKED or "no second route rechecks" in result.reason
     assert result["recheck_error"].value is None
     told = list(trust(result))
     assert told[0].startswith("unchecked")

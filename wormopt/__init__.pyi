@@ -12,8 +12,8 @@ from wormopt.systems.spiked.design.design import Design as Design
 from wormopt.systems.spiked.design.optimize import design as design
 from wormopt.systems.spiked.design.sensitivity import Sensitivity as Sensitivity
 from wormopt.systems.spiked.design.sensitivity import sensitivities as sensitivities
-from wormopt.systems.spiked.certify.bound import Certified as Certified
-from wormopt.systems.spiked.certify.bound import certify as certify
+from wormopt.systems.spiked.certify.certified import Certified as Certified
+from wormopt.systems.spiked.certify.certified import certify as certify
 from wormopt.systems.spiked.certify.certificate import Certificate as Certificate
 from wormopt.systems.spiked.certify.certificate import Verification as Verification
 from wormopt.systems.spiked.certify.certificate import verify as verify

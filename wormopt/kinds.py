@@ -160,14 +160,14 @@ KINDS: dict[str, Kind] = {
         pictures=_drawn("coils.plots.magnetics", "resonance"),
     ),
     "peristaltic-design": Kind(
-        summary="design the fastest gait of a peristaltic worm that anchors in a tube, with a bound",
+        summary="design the fastest gait of a worm that anchors in a tube, with a bound",
         table="wormopt.systems.peristaltic.scenes.design:PeristalticDesignScene",
         study="wormopt.systems.peristaltic.runs.design",
         pictures=_drawn("peristaltic.plots.anchored", "peristalsis")
         | {"animation": "wormopt.systems.peristaltic.plots.anchored:first_frame"},
     ),
     "film-flow": Kind(
-        summary="compute the mean flow of a magnetic fluid film under a wave, and the field it needs",
+        summary="compute the mean flow of a magnetic fluid film under a wave, and its field",
         table="wormopt.systems.film.scenes.film:FilmFlowScene",
         study="wormopt.systems.film.runs.film_flow",
         pictures=_drawn("film.plots.film", "film"),
@@ -223,7 +223,7 @@ KINDS: dict[str, Kind] = {
         | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
     ),
     "planar-swim": Kind(
-        summary="simulate or optimise a stroke on viscous ground: displacement, work, height functions",
+        summary="simulate or optimise a stroke on viscous ground: displacement and work",
         table="wormopt.systems.planar.scenes.swim:PlanarSwimScene",
         study="wormopt.systems.planar.runs.swim",
         pictures=_drawn("planar.plots.swim", "swim", "heights")
@@ -263,7 +263,7 @@ KINDS: dict[str, Kind] = {
         | {"animation": "wormopt.systems.planar.plots.path:first_frame"},
     ),
     "coil-row": Kind(
-        summary="compute the travelling magnetic field of a row of coils switched one after another",
+        summary="compute the travelling magnetic field of a row of coils switched in turn",
         table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",
         study="wormopt.systems.coils.runs.coil_row",
         pictures=_drawn("coils.plots.coils", "travelling_field"),
@@ -287,7 +287,7 @@ KINDS: dict[str, Kind] = {
         pictures=_drawn("coils.plots.coils", "row_currents"),
     ),
     "film-forward": Kind(
-        summary="compute the wave that a magnetic fluid film takes under a given field, and its stability",
+        summary="compute the wave of a magnetic fluid film under a given field, and its stability",
         table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
         study="wormopt.systems.film.runs.film_forward",
         pictures=_drawn("film.plots.thin_film", "forward", "basins"),
@@ -317,7 +317,7 @@ KINDS: dict[str, Kind] = {
         pictures=_drawn("channel.plots.rod", "rod_frequency"),
     ),
     "rod-motion": Kind(
-        summary="simulate a magnetisable rod between walls, driven by coils switched one after another",
+        summary="simulate a magnetisable rod between walls, driven by coils switched in turn",
         table="wormopt.systems.channel.scenes.rod:RodMotionScene",
         study="wormopt.systems.channel.runs.rod_motion",
         pictures=_drawn("channel.plots.rod", "rod_motion")
@@ -368,7 +368,7 @@ KINDS: dict[str, Kind] = {
         | _drawn("spiked.plots.gaits", "gait", "motion", "spikes"),
     ),
     "segment-shapes": Kind(
-        summary="compare assumed shapes of an elastic segment between two coils with the exact elastica",
+        summary="compare assumed shapes of a segment between two coils with the exact elastica",
         table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",
         study="wormopt.systems.channel.runs.segment_shapes",
         pictures=_drawn("channel.plots.channel", "segment_shapes"),

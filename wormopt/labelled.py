@@ -8,8 +8,9 @@ the instant itself a table shows what follows.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from itertools import product
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -41,6 +42,16 @@ _ROWS = ("time", "instant")
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 
+def optional(package: str) -> ModuleType:
+    """Import pandas or xarray; where it is missing, the ImportError names the extra `data`."""
+    try:
+        return import_module(package)
+    except ImportError as error:
+        what = f"{package} cannot be imported ({error})"
+        advice = "install it with: pip install 'wormopt[data]'"
+        raise ImportError(f"{what}; {advice}", name=package) from error
+
+
 def labels(dims: Iterable[str], held: Mapping[str, Any]) -> dict[str, list[str]]:
     """Names along dimensions, where lists of texts are called like them: trackers, rivals."""
     found: dict[str, list[str]] = {}
@@ -68,8 +79,7 @@ def dataset(
     variables: Iterable[Array], names: Names = _NONE, attributes: Mapping[str, Any] = _NONE
 ) -> xarray.Dataset:
     """Make an xarray.Dataset with units, long names and a coordinate for each dimension."""
-    import xarray  # only who asks for it needs it
-
+    xarray = optional("xarray")
     variables = tuple(variables)
     own = coordinates(variables, names)
     units = {v.name: _told(v) for v in variables}
@@ -88,8 +98,7 @@ def dataframe(
     Columns are named after the entries of the other dimensions, ``length_0``; their units stand
     in ``attrs["units"]``. UnknownNameError if nothing goes along the dimension asked for.
     """
-    import pandas  # only who asks for it needs it
-
+    pandas = optional("pandas")
     variables = tuple(variables)
     own = coordinates(variables, names)
     row = over or _most(variables)

@@ -1,3 +1,3 @@
 """The version, kept apart so that every module may read it without importing the package."""
 
-VERSION = "0.1.0"
+VERSION = "1.0.0rc1"

@@ -17,7 +17,7 @@ from wormopt.bench.design_cases import draw as drawn
 from wormopt.bench.design_rivals import by_milp, by_multistart
 from wormopt.bench.run import OWN, Found, aligned, axes, colour, finite, save, seconds, why
 from wormopt.progress import Report, silent
-from wormopt.systems.spiked.certify.bound import certify
+from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.task import Search
 

@@ -98,7 +98,8 @@ def interior_point(
 ) -> np.ndarray:
     """Minimise cost x within A x <= upper and |x| <= largest, to some seven digits or for a time.
 
-    `entries` are rows, columns and values of A; those of one place are added up.
+    `entries` are rows, columns and values of A; those of one place are added up. x is 0 where the
+    solver finds nothing.
     """
     from scipy.sparse import csc_array
 
@@ -126,7 +127,7 @@ def interior_point(
         highs.cancelSolve()
         working.join()
         raise
-    return np.array(highs.getSolution().col_value)
+    return np.array(highs.getSolution().col_value or np.zeros(len(cost)))
 
 
 @dataclass

@@ -18,6 +18,7 @@ from scipy.optimize import linprog
 from scipy.sparse.linalg import splu
 
 from wormopt.errors import ArgumentError
+from wormopt.model.given import check_flag, check_number, make_plain, whole
 
 # CasADi takes an interrupt for a failed solve; these are its names for one.
 _STOPPED = ("User_Requested_Stop", "NonIpopt_Exception_Thrown")
@@ -85,11 +86,16 @@ class Ipopt:
         Let IPOPT scale constraints whose slopes are steep at the start; its tolerance then holds
         for the scaled ones.
 
+    Raises
+    ------
+    ArgumentError
+        If a number is out of its range.
+
     Examples
     --------
-    >>> options = Ipopt(tolerance=1e-8, iterations=200).as_casadi()
-    >>> options["ipopt.tol"], options["ipopt.max_iter"]
-    (1e-08, 200)
+    >>> Ipopt(3)
+    Traceback (most recent call last):
+    wormopt.errors.ArgumentError: tolerance must be below 1, not 3; the count is iterations
     """
 
     tolerance: float = 1e-9
@@ -98,6 +104,20 @@ class Ipopt:
     warm: bool = False
     seconds: float | None = None
     rescale: bool = True
+
+    def __post_init__(self) -> None:
+        make_plain(self, "tolerance", "iterations", "mu_init", "seconds")
+        for name in ("tolerance", "mu_init"):
+            check_number(name, getattr(self, name), above=0.0)
+        if self.tolerance >= 1.0:
+            raise ArgumentError(
+                f"tolerance must be below 1, not {self.tolerance:g}; the count is iterations"
+            )
+        object.__setattr__(self, "iterations", whole("iterations", self.iterations, 1))
+        if self.seconds is not None:
+            check_number("seconds", self.seconds, above=0.0)
+        for name in ("warm", "rescale"):
+            check_flag(name, getattr(self, name))
 
     @property
     def name(self) -> str:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import msgspec
 import numpy as np
 
+from wormopt.labelled import optional
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Result
 from wormopt.scene import Scene
@@ -236,8 +237,7 @@ def as_csv(result: Result) -> str:
 
 def dataframe(result: Result) -> pandas.DataFrame:
     """The same as a pandas.DataFrame, with units in ``attrs["units"]``."""
-    import pandas  # only who asks for it needs it
-
+    pandas = optional("pandas")
     columns = _columns(result)
     frame = pandas.DataFrame({name: values for name, (_, values) in columns.items()})
     frame.attrs["units"] = {name: unit for name, (unit, _) in columns.items() if unit}

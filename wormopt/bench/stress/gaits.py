@@ -20,8 +20,8 @@ from wormopt.bench.stress.crawl_route import Crawling, most_speed
 from wormopt.bench.stress.verdict import Case, Dice, above, apart, many, spread
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
-from wormopt.systems.spiked.certify.bound import certify
 from wormopt.systems.spiked.certify.certificate import verify
+from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.construct import accordion, block_wave, travelling_sine
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.design import Design

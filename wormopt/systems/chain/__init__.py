@@ -1,4 +1,4 @@
-"""Chains of point masses under friction: trackers, optimal inputs, their comparison."""
+"""Chains of point masses with friction: simulation, trackers, optimal inputs, comparisons."""
 
 from wormopt.lazy import names_of
 

@@ -1,4 +1,4 @@
-"""The chain of point masses on visco-elastic links with actuators, (8)-(12)."""
+"""Model of a chain of point masses on visco-elastic links with actuators."""
 
 from __future__ import annotations
 
@@ -39,60 +39,68 @@ def chain(
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
 ) -> Model:
-    """Build n+1 point masses in a row that n visco-elastic links with actuators join, (8)-(12).
+    """Build the model of a chain of n+1 point masses joined by n visco-elastic links.
 
-    With l_j = x_j - x_{j+1} and mu_j = c_j (l_j - l0_j) + d_j l_j' - u_j, mu_{-1} = mu_n = 0,
-    m_i x_i'' = F_i - k_i x_i' - Gamma_i + mu_{i-1} - mu_i, where F_i is the contact's force and
-    the head has the number 0. Link forces pull their two masses together where mu_j > 0.
+    This is the worm of eqs. 8 to 12 of Zimmermann et al. 2007. Mass 0 is the head. With the lengths
+    l_j = x_j - x_{j+1} (eq. 12), the link forces are mu_j = c_j (l_j - l0_j) + d_j l_j' - u_j, and
+    mu_{-1} = mu_n = 0. The equation of motion is m_i x_i'' = F_i - k_i x_i' - Gamma_i + mu_{i-1} -
+    mu_i, with the contact force F_i. A link pulls its two masses together where mu_j > 0.
 
-    Stored energy (kinetic and elastic) changes by the power of the inputs, sum_j u_j l_j', less
-    sum_j d_j l_j'^2, the power of contacts, drag and load, and, for parameters that vary in time,
-    by what changes the springs.
+    The rate of the stored (kinetic and elastic) energy is the power of the inputs, sum_j u_j l_j',
+    minus sum_j d_j l_j'^2, plus the power of contacts, drag and load. Parameters that vary in time
+    add the power that changes the springs.
 
-    All numbers are parameters of the model, so that one compiled model serves every worm of n
-    links.
+    All values are parameters of the model, so one compiled model serves every chain of n links.
+    Units are consistent: SI, or any units of length, mass and time.
 
     Parameters
     ----------
     links : int
-        Number of links n.
+        Number of links n, at least 1.
     mass : array_like, shape (n+1,)
-        Point masses m_i, positive. One number serves for all, here as below.
-    stiffness, damping : array_like or ParameterPath, shape (n,)
-        Spring constants c_j and dashpot constants d_j, not negative.
+        Point masses m_i, positive. Here and below, a scalar applies to all masses or links.
+    stiffness : array_like or ParameterPath, shape (n,)
+        Spring constants c_j in force per length, not negative.
+    damping : array_like or ParameterPath, shape (n,)
+        Dashpot constants d_j in force per speed, not negative.
     rest_length : array_like or ParameterPath, shape (n,)
         Lengths l0_j of the links without force.
     law : Law or sequence of Law, optional
-        Friction of each mass on the ground; none where there is none.
+        Friction law of all masses, or of each mass. Default: no friction.
     drag : array_like, shape (n+1,), optional
-        Viscous drag k_i, force per velocity, not negative.
+        Viscous drag k_i in force per speed, not negative.
     load : array_like, shape (n+1,), optional
-        Slope or load Gamma_i, a force against forward motion.
-    position, velocity : array_like, shape (n+1,), optional
-        Where the masses start and how fast. By default all links have their rest length and the
-        tail is at 0, at rest.
-    length_nominal, time_nominal : float, optional
-        Usual size of a link length and of a period; solvers scale by them.
+        Load Gamma_i, a force against forward motion, for example the weight along a slope.
+    position : array_like, shape (n+1,), optional
+        Initial positions. Default: links at rest length, tail at 0.
+    velocity : array_like, shape (n+1,), optional
+        Initial velocities. Default: 0.
+    length_nominal : float, optional
+        Usual size of a link length; solvers scale by it.
+    time_nominal : float, optional
+        Usual size of a period; solvers scale by it.
 
     Returns
     -------
     Model
-        States ``position`` and ``velocity`` (n+1 each); inputs ``input`` (n); parameters ``mass``,
-        ``stiffness``, ``damping``, ``rest_length``, ``drag``, ``load`` and those of the laws,
-        ``friction_forward`` say; a ParameterPath makes a schedule instead of a parameter, of the
-        stiffness with an output of that name. Outputs
-        ``length`` (12), ``rate``, ``spring_force`` c (l - l0) + d l', ``link_force`` mu, ``power``
-        u l' of each actuator (n each), ``energy``, ``center_of_mass`` and ``center_velocity``.
+        States: ``position`` and ``velocity`` (n+1 each). Inputs: ``input``, the forces u_j (n).
+        Parameters: ``mass``, ``stiffness``, ``damping``, ``rest_length``, ``drag``, ``load`` and
+        those of the laws, for example ``friction_forward``. A ParameterPath gives a schedule
+        instead of a parameter; that of the stiffness is also an output.
+        Outputs: ``length``, ``rate``, ``spring_force`` c (l - l0) + d l', ``link_force`` mu,
+        ``power`` u l' of each actuator (n each), ``energy``, ``center_of_mass`` and
+        ``center_velocity``.
 
     Raises
     ------
     ArgumentError
-        If links is no whole number from 1 on, a length of a sequence wrong, a mass not positive, a
-        stiffness, damping or drag negative, anything not finite, or the law no friction law.
+        If `links` is not a positive integer, a sequence has the wrong length, a mass is not
+        positive, a stiffness, damping or drag is negative, a value is not finite, or `law` is not a
+        friction law.
 
     Examples
     --------
-    The chapter's worm of three masses:
+    Three masses with dry friction:
 
     >>> from wormopt.model.friction import Coulomb
     >>> worm = chain(
@@ -102,7 +110,7 @@ def chain(
     (6, ['input'], 3, (4.0, 2.0, 0.0))
     """
     if not isinstance(links, Integral) or links < 1:
-        raise ArgumentError(f"a chain has at least one link, and whole ones, not {links!r}")
+        raise ArgumentError(f"links is {links!r}, not a positive integer; write at least 1")
     masses = links + 1
     speed = length_nominal / time_nominal
     t = ca.SX.sym("t")
@@ -157,7 +165,7 @@ def chain(
             Output("spring_force", spring, "force"),
             Output("link_force", link_force, "force"),
             Output("power", u * rate, "power"),
-            # what is a parameter has its name already
+            # Parameters already have their names.
             *([] if isinstance(elastic, Signal) else [Output("stiffness", c, "stiffness")]),
             Output("energy", (ca.dot(m, v**2) + ca.dot(c, (length - rest) ** 2)) / 2, "energy"),
             Output("center_of_mass", ca.dot(m, x) / total, "length"),
@@ -178,10 +186,13 @@ def _laws(law: Law | Sequence[Law] | None, masses: int) -> Sequence[Law]:
     if isinstance(law, Sequence) and not isinstance(law, str):
         laws = [*law]
     if len(laws) != masses:
-        raise ArgumentError(f"law must be one or {masses}, not {len(laws)}")
+        raise ArgumentError(f"law has {len(laws)} entries; give one law, or {masses}, one per mass")
     for each in {type(each): each for each in laws}.values():
         if not isinstance(each, Law) or isinstance(each, type):
-            raise ArgumentError(f"law must be Coulomb(forward, backward) or the like, not {each!r}")
+            raise ArgumentError(
+                f"law contains {each!r}, which is not a friction law; write Coulomb(forward, "
+                "backward), for example"
+            )
     return laws
 
 

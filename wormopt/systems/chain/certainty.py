@@ -1,6 +1,6 @@
-"""What plants drawn at random tell for certain: exact intervals, and who does better on the same.
+"""Exact intervals for randomly drawn plants, and comparisons of controllers on the same plants.
 
-No distribution is assumed. What could not be simulated counts as worse than all others.
+No distribution is assumed. Failed simulations rank below all others.
 """
 
 from __future__ import annotations
@@ -9,19 +9,19 @@ import numpy as np
 import scipy.stats
 
 LEVEL = 0.95
-"""Least probability that an interval holds what it is of."""
+"""Least probability that an interval contains its quantity."""
 
 
 def share_interval(count: int, members: int) -> tuple[float, float]:
-    """Interval of a share of which `count` of `members` were seen, by Clopper and Pearson."""
+    """Clopper-Pearson interval of a share, from `count` of `members` observed."""
     low, high = scipy.stats.binomtest(count, members).proportion_ci(LEVEL, method="exact")
     return float(low), float(high)
 
 
 def median_interval(values: np.ndarray) -> tuple[float, float]:
-    """Interval of a median between two of the values, by order statistics.
+    """Interval of the median between two of the values, by order statistics.
 
-    NaN at an end for which there are too few values, or that is a value that is not known.
+    A bound is NaN if there are too few values, or if its value is unknown.
     """
     known = np.where(np.isnan(values), np.inf, values)
     found = scipy.stats.quantile_test(known, q=0, p=0.5).confidence_interval(LEVEL)
@@ -31,6 +31,9 @@ def median_interval(values: np.ndarray) -> tuple[float, float]:
 
 
 def less(rows: np.ndarray) -> np.ndarray:
-    """On how many members (rivals, rivals) each row (rivals, members) is less than each other."""
+    """Number of members on which each row is lower than each other row.
+
+    `rows` has the shape (rivals, members), the result (rivals, rivals).
+    """
     known = np.where(np.isnan(rows), np.inf, rows)
     return np.sum(known[:, None, :] < known[None, :, :], axis=2)

@@ -1,4 +1,4 @@
-"""How relaxed contact tends to the exact one: narrower laws, and finer grids."""
+"""Convergence of relaxed contact to exact contact: narrower laws, and finer grids."""
 
 from __future__ import annotations
 
@@ -15,16 +15,15 @@ from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.progress import Report
 from wormopt.systems.shared.optimum import modes_of
 
-# Widths of the smoothed law, in usual speeds, of which the last ones show its order.
+# Widths of the smoothed law, in usual speeds; the last ones show its order.
 _WIDTHS, _SHOWN_WIDTHS = Regularised(v_reg=0.4**6, first=1.0, ratio=0.4), 5
-# Relaxation of complementarity, in usual speeds times usual forces, small against the error of the
-# grid.
+# Relaxation of complementarity, in usual speeds times usual forces, small against the grid error.
 _TIGHT = Complementarity(1e-5, first=1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
-    """Objectives of relaxed contact on the way to the exact one."""
+    """Objectives with relaxed contact, and the objective with exact contact."""
 
     exact: float  # objective with prescribed modes
     widths: np.ndarray  # of the smoothed law
@@ -42,7 +41,7 @@ class Convergence:
 
     @property
     def bars(self) -> tuple[float, float]:
-        """Error bars that each sequence states by itself: twice its last step."""
+        """Error estimate of each sequence without the exact answer: twice its last step."""
         smoothed, relaxed = (2 * float(abs(v[-1] - v[-2])) for v in (self.smoothed, self.relaxed))
         return smoothed, relaxed
 
@@ -70,11 +69,11 @@ class Convergence:
         }
 
     def warnings(self) -> Iterator[str]:
-        """Say which error bar is too small."""
+        """Warn of an error estimate that is too small."""
         last = (self.smoothed[-1], self.relaxed[-1])
         for name, value, bar in zip(("smoothed", "complementarity"), last, self.bars, strict=True):
             if abs(value - self.exact) > bar:
-                yield f"the error bar of {name} contact does not contain the exact objective"
+                yield f"the estimated error with {name} contact does not cover the exact objective"
 
 
 def converge(stages: Mapping[str, Optimum], report: Report) -> Convergence:
@@ -102,7 +101,7 @@ def converge(stages: Mapping[str, Optimum], report: Report) -> Convergence:
 
 
 def _cycle_of(optimum: Optimum) -> tuple[tuple[int, ...], ...]:
-    """Contact modes of a period without repetitions, wherever it begins."""
+    """Contact modes of a period without repetitions, independent of where it begins."""
     modes, _ = modes_of(optimum)
     cycle = [tuple(m) for k, m in enumerate(modes) if m != modes[k - 1]] or [tuple(modes[0])]
     return min(tuple(cycle[k:] + cycle[:k]) for k in range(len(cycle)))

@@ -1,4 +1,4 @@
-"""Several copies of one model that share their inputs, each with numbers of its own."""
+"""Several copies of one model with common inputs, each with its own parameters."""
 
 from __future__ import annotations
 
@@ -20,28 +20,27 @@ Draw = Mapping[str, np.ndarray]
 
 
 def scenario_model(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Model:
-    """Put copies of a model side by side, driven by the same inputs.
+    """Combine copies of a model that share their inputs and have different parameters.
 
-    An input that is good for all of them is good for a worm of which the numbers are not known
-    well.
+    An input that is good for all copies is robust for a worm with uncertain parameters.
 
     Parameters
     ----------
     model : Model
-        Without switches, schedules and algebraic variables.
+        Model without switches, schedules, delays and algebraic variables.
     draws : sequence of mapping of str to array_like
-        Parameters of each copy by name, where they are not the model's own.
+        For each copy, the parameters by name that differ from the model's values.
 
     Returns
     -------
     Model
-        States, outputs and contacts are named "position [0]", "position [1]" and so on; inputs
-        have the model's names; numbers are built in.
+        States, outputs and contacts have the names "position [0]", "position [1]" and so on. Inputs
+        keep the model's names. Parameter values are constants in the expressions.
 
     Raises
     ------
     ArgumentError
-        If there is no draw, a parameter does not fit, or the model has what cannot be copied.
+        If `draws` is empty, a parameter does not fit, or the model has parts that cannot be copied.
 
     Examples
     --------
@@ -51,10 +50,15 @@ def scenario_model(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Mo
     ['position [0]', 'velocity [0]', 'position [1]', 'velocity [1]']
     """
     if not draws:
-        raise ArgumentError("copies need at least one draw of the parameters")
+        raise ArgumentError(
+            "draws is empty; write at least one mapping of parameters, {} for the model's own "
+            "values"
+        )
     model.refuse_delays("a copy")
     if model.switches or model.schedules or model.z:
-        raise ArgumentError(f"{model.name} has switches, schedules or algebraic variables")
+        raise ArgumentError(
+            f"{model.name} has switches, schedules or algebraic variables, which cannot be copied"
+        )
     made = [_copy(model, draw, k) for k, draw in enumerate(draws)]
     return Model(
         name=f"{len(draws)} copies of {model.name}",
@@ -68,7 +72,7 @@ def scenario_model(model: Model, draws: Sequence[Mapping[str, ArrayLike]]) -> Mo
 
 
 def _copy(model: Model, draw: Mapping[str, ArrayLike], k: int) -> Model:
-    """One copy: symbols of its own for states and forces, numbers for parameters."""
+    """One copy: new symbols for states and forces, values for parameters."""
     numbers = signal_values(model.p, draw, "parameter")
     old = ca.vertcat(pack(model.p), pack(model.x), model.forces)
     x = [replace(s, name=f"{s.name} [{k}]", symbol=_fresh(s.symbol)) for s in model.x]
@@ -96,7 +100,7 @@ def _copy(model: Model, draw: Mapping[str, ArrayLike], k: int) -> Model:
 
 
 def _numbered(law: Law, put: Callable[[ca.SX], ca.SX]) -> Law:
-    """The same law, its symbols replaced by numbers."""
+    """The same law with its symbols replaced by values."""
     numbers = {name: float(ca.DM(put(v))) for name, v in symbols_of(law).items()}
     return replace(cast(Any, law), **numbers)
 
@@ -106,14 +110,14 @@ def _fresh(symbol: ca.SX) -> ca.SX:
 
 
 def numbers_of(model: Model) -> dict[str, np.ndarray]:
-    """Own values of a model's parameters by name."""
+    """Parameter values of a model by name."""
     return {s.name: np.array(s.value, dtype=float) for s in model.p}
 
 
 def draw_factors(
     own: Mapping[str, np.ndarray], spread: float, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Factors by which each number of another worm differs, uniform within ± `spread` of 1."""
+    """Factors for the parameters of another worm, uniform within ± `spread` of 1."""
     return {
         name: random.uniform(1 - spread, 1 + spread, own[name].shape)
         for name in ("mass", "stiffness", "damping", "friction_forward", "friction_backward")
@@ -122,9 +126,9 @@ def draw_factors(
 
 
 def drawn_plants(plant: Model, spread: float, seed: int, members: int) -> list[Draw]:
-    """Parameters of plants that are not as believed, one draw per member.
+    """Drawn parameters of plants, one draw per member.
 
-    They do not depend on how many there are. Stiction varies with the sliding force of its
+    A draw does not depend on the number of members. Stiction varies with the sliding force of its
     direction.
     """
     own, found = numbers_of(plant), []

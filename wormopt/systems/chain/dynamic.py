@@ -1,4 +1,4 @@
-"""The best periodic crawl of a dynamic chain, stated as an optimal-control problem."""
+"""Optimal-control problem of the best periodic crawl of a chain."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 
 PERIODS = 6
-"""Simulated periods of which the last one is a first guess."""
-# Share of the largest force that its inputs have.
+"""Simulated periods, of which the last is the first guess."""
+# Inputs of the first guess as a share of the largest force.
 _PART = 0.9
 
 
 @dataclass(frozen=True)
 class CrawlLimits:
-    """What a crawl must keep to."""
+    """Limits of a crawl."""
 
     period: tuple[float, float]  # shortest and longest, positive; alike: prescribed
     force: float  # largest size of every input
@@ -34,10 +34,10 @@ class CrawlLimits:
 
 @dataclass(frozen=True)
 class Aim:
-    """What a crawl is to be good at: speed, or energy by mass and way if `maximise` is None.
+    """Objective of a crawl: speed, or energy over mass and distance if `maximise` is None.
 
-    The latter is the positive work of the actuators over mass and way, at a mean speed of at
-    least `speed`; raises ArgumentError if that is missing.
+    The latter is the positive work of the actuators over mass and distance, at a mean speed of at
+    least `speed`; a missing `speed` raises ArgumentError.
     """
 
     maximise: Literal["speed"] | None = "speed"  # mean speed less `effort` times the mean of |u|^2
@@ -47,14 +47,17 @@ class Aim:
 
     def __post_init__(self) -> None:
         if self.maximise is None and not (self.speed or 0.0) > 0:
-            raise ArgumentError("the cheapest crawl rests; give the least speed, above 0")
+            raise ArgumentError(
+                "speed is missing, and without it the cheapest crawl stays at rest; give a least "
+                "speed above 0"
+            )
 
 
 def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
-    """State the periodic crawl of a chain: velocities return, positions up to the advance.
+    """State the periodic crawl of a chain: velocities repeat, positions repeat up to the advance.
 
     `plant` is from `chain`, or several from `scenario_model`. The tail starts at 0; bounds have the
-    names of scene keys. Raises ArgumentError where energy is the cost without ``mass``.
+    names of scene keys. Raises ArgumentError if energy is the cost and the plant has no ``mass``.
     """
     plant = replace(plant, u=[replace(u, lower=-limits.force, upper=limits.force) for u in plant.u])
     length, speed = plant.x[0].nominal, plant.x[1].nominal
@@ -80,7 +83,7 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
         design.append(worst)
         at_ends.append(Constraint("worst speed", speeds - worst.symbol, 0.0, nominal=speed))
         merit = worst.symbol
-    # integrals are variables of the program: of the size of 1
+    # Integrals are variables of the program, so they are scaled to the size of 1.
     size = cost.nominal * length / speed
     mean = ends.integrals[0] * size / ends.duration
     minimise = (
@@ -105,10 +108,10 @@ def crawl_problem(plant: Model, limits: CrawlLimits, aim: Aim) -> Problem:
 def sine_guess(
     plant: Model, period: float, force: float, phase: np.ndarray | None = None, worms: int = 1
 ) -> Guess:
-    """Last of some periods under sines of a share of a force, told from where the tail is then.
+    """Simulate periods under sine inputs and return the last one as a first guess.
 
-    Phases run down the worm if left out. Of several `worms` all move alike. Raises SolveError if
-    the motion cannot be simulated.
+    Positions are relative to the tail at its begin. By default the phases run along the worm. With
+    several `worms` all move alike. Raises SolveError if the motion cannot be simulated.
     """
     links = sum(u.size for u in plant.u)
     if phase is None:
@@ -138,7 +141,7 @@ def sine_guess(
 
 @dataclass(frozen=True, eq=False)
 class _Cost:
-    """Rate of a cost, its usual size, and what it needs."""
+    """Rate of a cost, its usual size, and the variables it needs."""
 
     integrand: ca.SX
     nominal: float
@@ -151,7 +154,7 @@ def _effort(plant: Model) -> _Cost:
 
 
 def _transport(plant: Model, speeds: ca.SX) -> _Cost:
-    """Positive power of the actuators over the worm's mass, by slacks above 0 and above it."""
+    """Positive power of the actuators over the mass, by slacks above 0 and above the power."""
     power = ca.vertcat(*_outputs(plant, "power"))
     length, speed = plant.x[0].nominal, plant.x[1].nominal
     size = plant.u[0].nominal * speed
@@ -160,7 +163,8 @@ def _transport(plant: Model, speeds: ca.SX) -> _Cost:
     masses = [s.symbol for s in plant.p if s.name == "mass"]
     if not masses:
         raise ArgumentError(
-            f"energy by mass and way needs the parameter mass; {plant.name} has none"
+            f"energy over mass and distance needs the parameter mass, which {plant.name} does not "
+            "have"
         )
     mass = ca.sum1(ca.vertcat(*masses))
     rate = ca.sum1(spent.symbol) / mass / speeds.numel()
@@ -168,7 +172,7 @@ def _transport(plant: Model, speeds: ca.SX) -> _Cost:
 
 
 def _rows(plant: Model, name: str) -> list[list[int]]:
-    """Rows of each state of which the name begins so."""
+    """Rows of each state whose name has this prefix."""
     first, found = 0, []
     for signal in plant.x:
         if signal.name.split(" ")[0] == name:

@@ -1,4 +1,4 @@
-"""Chains with the gain of their lambda-tracker held: as linear loops, and as they are."""
+"""Chains with a constant gain of their λ-tracker: linear loops and nonlinear simulations."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _DECAYED = 28.0  # time constants after which a start is forgotten
 
 
 def without_dry_friction(plant: Model, laws: Sequence[Law]) -> Model:
-    """The chain with viscous contacts alone; other forces of the ground are inputs ``ground``."""
+    """The chain with viscous contacts only; other forces of the ground are inputs ``ground``."""
     dry = [c for c, law in zip(plant.contacts, laws, strict=True) if not isinstance(law, Viscous)]
     wet = [c for c, law in zip(plant.contacts, laws, strict=True) if isinstance(law, Viscous)]
     if not dry:
@@ -43,9 +43,9 @@ def without_dry_friction(plant: Model, laws: Sequence[Law]) -> Model:
 
 
 def task_of(plant: Model, laws: Sequence[Law], gait: Gait, shift: float, rest: np.ndarray) -> Task:
-    """What linear loops of a chain have to follow and to withstand."""
+    """Reference and disturbance of the linear loops of a chain."""
     links = len(rest)
-    # the ground pushes every mass by an input of its own, viscous contacts staying what they are
+    # The ground acts on every mass by an input of its own; viscous contacts remain contacts.
     push = ca.SX.sym("push", links + 1)
     free = without_dry_friction(plant, laws)
     inputs = [s for s in free.u if s.name == "ground"]
@@ -82,7 +82,7 @@ def _interval(law: Law) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Frozen:
-    """A chain's loop of which the gain never grows."""
+    """Loop of a chain with constant gain."""
 
     loop: Model
     period: float
@@ -92,7 +92,7 @@ class Frozen:
         cls, plant: Model, reference: Reference, tracker: LambdaTracker, worm: ChainTable,
         period: float,
     ) -> Frozen:  # fmt: skip
-        """Close the loop by a tracker whose tube no error leaves."""
+        """Close the loop with a tracker whose tube no error leaves, so its gain is constant."""
         held = msgspec.structs.replace(
             tracker, tube_radius=_WIDE, growth=1.0, adaptation=QuadraticLaw()
         )
@@ -112,17 +112,18 @@ class Frozen:
 
 
 def settled(slowest: float, period: float) -> float:
-    """Time after which a start is forgotten, whole periods: `slowest` is a pole's real part."""
+    """Whole periods after which the start is forgotten; `slowest` is a pole's real part."""
     return period * float(np.ceil(_DECAYED / -slowest / period + 1))
 
 
 def bisect(
     error: Callable[[float], float], least: float, most: float, wanted: float, guess: float
 ) -> tuple[float | None, list[tuple[float, float]]]:
-    """Least gain with an error of at most `wanted`, and all (gain, error) that were tried.
+    """Bisect for the least gain with an error of at most `wanted`; also return all tried pairs.
 
-    Errors are taken to fall with the gain. Gains far above the `guess` are tried only where
-    needed: they make loops stiff. None if the largest gain does not do.
+    The error is assumed to decrease with the gain. Gains far above the `guess`, which make loops
+    stiff, are tried only where needed. The gain is None if the largest gain does not suffice. The
+    pairs are (gain, error).
     """
     tried: list[tuple[float, float]] = []
 

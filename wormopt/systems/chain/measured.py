@@ -1,6 +1,6 @@
-"""What is measured along motions of chains: states and events without effect on them, and numbers.
+"""Measured quantities of motions of chains: additional states and events without effect on them.
 
-What is measured this way is as exact as the motion itself, wherever samples may lie.
+These quantities are as exact as the motion itself, independent of the samples.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ ENTERS, LEAVES = "enters the tube", "leaves the tube"
 """Names of the crossings of the tube, which are events."""
 _TUBE = ("tube_time", "tube_entered")
 _SPRINGS = ("stiffness", "rest_length")
-# Energies below such a share of their usual size are rounding and tolerance.
+# Energies below this share of their usual size are due to rounding and tolerance.
 _LEAST_SHARE = 1e-3
-# Times at which the largest error is sought where a motion was kept whole.
+# Number of times at which the largest error is sought if the motion is kept whole.
 _INSTANTS = 20_001
 
 
@@ -52,14 +52,14 @@ def _add_states(model: Model, states: Sequence[Signal], rates: Sequence[ca.SX]) 
 
 
 def measure_power(model: Model) -> Model:
-    """Add states that integrate power and the square of the inputs of a chain.
+    """Add states that integrate the powers of a chain and the square of its inputs.
 
-    ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (taken up by
-    springs) and ``losses`` (to dashpots, ground, drag and load).
+    ``input_square`` (integral of |u|^2), ``input_work``, ``spring_work`` (absorbed by springs) and
+    ``losses`` (to dashpots, ground, drag and load).
     """
     u, rate, v = model["input"], model["rate"], model["velocity"]
     spring, links = model["spring_force"], rate.numel()
-    # the spring force is c (l - l0) + d l', and l_j' = v_j - v_{j+1}
+    # The spring force is c (l - l0) + d l', and l_j' = v_j - v_{j+1}.
     damping = ca.diag(ca.jacobian(spring, v)[:, :links])
     lost = ca.dot(damping, rate**2)
     lost += ca.dot(model["drag"] * v + model["load"], v)
@@ -81,10 +81,10 @@ def measure_power(model: Model) -> Model:
 
 
 def measure_tracking(model: Model) -> Model:
-    """Add integrals of the squared output ``error`` and of the power that actuators spend.
+    """Add integrals of the squared output ``error`` and of the positive power of the actuators.
 
-    ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of the positive part
-    of each actuator's power: nothing is recovered).
+    ``error_square`` (integral of |e|^2) and ``positive_work`` (integral of the positive part of
+    each actuator's power, without recovery).
     """
     error, power = model["error"], model["input"] * model["rate"]
     force, length = np.float64(_nominal(model, "input")), _nominal(model, "position")
@@ -96,7 +96,7 @@ def measure_tracking(model: Model) -> Model:
 
 
 def _nominal(model: Model, name: str) -> float:
-    """Usual size of a signal; that of a force where inputs are put in follows from the others."""
+    """Usual size of a signal; that of an inserted input force is derived from the others."""
     found = {s.name: s.nominal for s in (*model.x, *model.u)}
     if name in found:
         return found[name]
@@ -106,7 +106,7 @@ def _nominal(model: Model, name: str) -> float:
 
 @lru_cache(maxsize=64)
 def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
-    """What numbers need, all at once, made once for all motions of a model."""
+    """Function of all measured expressions, made once for all motions of a model."""
     model = system.model
     rows = {
         "center": model["center_of_mass"],
@@ -128,10 +128,10 @@ def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
 
 
 def chain_numbers(motion: Trajectory) -> dict[str, Any]:
-    """Numbers of every motion of a chain by their names in a Result.
+    """Scalars of every motion of a chain, by their names in a Result.
 
-    The motion is of a model of `measure_power`, sampled at start and end. Peaks are of the samples
-    where it was not kept whole.
+    The motion is of a model of `measure_power`, sampled at start and end. Peaks are those of the
+    samples if the motion was not kept whole.
     """
     seen, time = _seen(motion), motion.time[-1] - motion.time[0]
     distance = _change(seen["center"])
@@ -152,10 +152,10 @@ def chain_numbers(motion: Trajectory) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Balance:
-    """Where the actuators' energy went.
+    """Energy balance of the actuators' work.
 
-    The residual is input work less losses and stored energy, relative to the largest of them
-    or to a thousandth of (force of usual size) times (length), where that is more.
+    The residual is input work minus losses and stored energy, relative to the largest of them, but
+    at least to a thousandth of (usual force) times (usual length).
     """
 
     input_work: float
@@ -164,7 +164,7 @@ class Balance:
     residual: float  # relative
 
     def check(self, tolerance: Tolerance) -> Check:
-        """The line of a trust report, of a motion found to a tolerance."""
+        """Check of a trust report for a motion simulated to a tolerance."""
         advice = f"energies do not balance, by {self.residual:.2g} of their size"
         return Check("energy balance", self.residual, accepted_error(tolerance), advice)
 
@@ -172,7 +172,7 @@ class Balance:
 def balance(motion: Trajectory) -> Balance | None:
     """Energy balance from the first sample to the last, of a motion of `measure_power`.
 
-    None where a contact stops a mass by an impact, whose energy no integral sees.
+    None if an impact stops a mass, since no integral contains its energy.
     """
     if any(event.kind == "impact" and event.time > motion.time[0] for event in motion.events):
         return None
@@ -183,7 +183,7 @@ def balance(motion: Trajectory) -> Balance | None:
     work, lost, springs = (
         _change(motion[name][0]) for name in ("input_work", "losses", "spring_work")
     )
-    # Springs of constant numbers keep what they take up, which is known without integration.
+    # Springs with constant parameters store what they absorb, which needs no integration.
     vary = any(schedule.name in _SPRINGS for schedule in model.schedules)
     stored = _change(kinetic) + springs if vary else _change(energy)
     usual = next(s.nominal for s in model.x if s.name == "input_work")
@@ -201,8 +201,8 @@ def _change(values: np.ndarray) -> float:
 def watch_tube(model: Model, radius: float) -> Model:
     """Make crossings of a tube events of a closed loop with output ``error``; sum time outside.
 
-    Adds ``tube_time`` and ``tube_entered`` for `time_in_tube`, constant between crossings.
-    `radius` counts without a parameter ``tube_radius``; existing crossing events are kept.
+    Adds ``tube_time`` and ``tube_entered`` for `time_in_tube`, constant between crossings. `radius`
+    is used without a parameter ``tube_radius``; existing crossing events are kept.
     """
     own = [p.symbol for p in model.p if p.name == "tube_radius"]
     width = own[0] if own else ca.SX(radius)
@@ -229,7 +229,7 @@ def watch_tube(model: Model, radius: float) -> Model:
 
 
 def outside_between(motion: Trajectory, outside: bool, since: float) -> float:
-    """How long the error was outside of the tube from time `since` on.
+    """Time that the error is outside the tube, from `since` on.
 
     The motion is of a model of `watch_tube`, from time 0; `outside`: it starts outside.
     """
@@ -243,14 +243,14 @@ def outside_between(motion: Trajectory, outside: bool, since: float) -> float:
 
 
 def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
-    """Time the error was outside of the tube, and the time of its last entry.
+    """Time that the error is outside the tube, and the time of its last entry.
 
-    The latter is the first sample's time if the error never left, None if the motion ends
+    The latter is the first sample's time if the error never leaves, and None if the motion ends
     outside. The motion is of a model of `watch_tube`, sampled at start and end.
     """
     size = _seen(motion)["outside"]
     start, end = motion.time[0], motion.time[-1]
-    # crossings have been counted with the sign of their direction; the ends complete the sum
+    # Crossings are counted with the sign of their direction; the ends complete the sum.
     total = float(motion["tube_time"][0, -1])
     total += (end if size[-1] > 0 else 0.0) - (start if size[0] > 0 else 0.0)
     entered = float(motion["tube_entered"][0, -1])
@@ -263,7 +263,7 @@ def time_in_tube(motion: Trajectory) -> tuple[float, float | None]:
 def chain_checks(
     second: CrossCheck | None, energies: Balance | None, tolerance: Tolerance, label: str = ""
 ) -> Iterator[Check]:
-    """Lines of a trust report on one motion of a chain; those of several begin with a `label`."""
+    """Checks of one motion of a chain; those of several motions begin with a `label`."""
     found = [second.check] if second else []
     found += [energies.check(tolerance)] if energies else []
     for each in found:
@@ -278,7 +278,7 @@ def chain_facts(
     tolerance: Tolerance,
     energies: Sequence[Balance | None],
 ) -> dict[str, Any]:
-    """As `motion_facts`, with energy balances; sequences have one entry per tracker."""
+    """Facts as `motion_facts`, with energy balances; sequences have one entry per tracker."""
     balances = one_or_all([each and asdict(each) for each in energies])
     return motion_facts(motions, rechecks, tolerance) | {"energy_balance": balances}
 
@@ -288,7 +288,7 @@ def chain_facts(
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """One tracker's motion."""
+    """Motion of one tracker."""
 
     label: str
     tracker: Tracker  # what the scene says
@@ -297,12 +297,12 @@ class Tracked:
 
 
 def watched(loop: Model, tracker: Tracker) -> Model:
-    """Add to a closed loop what is measured along its motion."""
+    """Add the measured quantities to a closed loop."""
     return watch_tube(measure_power(loop), tube_radius(tracker))
 
 
 def loop_numbers(each: Tracked) -> dict[str, Any]:
-    """Numbers of a tracker's motion by their names in a Result."""
+    """Scalars of a tracker's motion, by their names in a Result."""
     motion = each.motion
     outside, captured = time_in_tube(motion)
     filtered = any(signal.name == "filter" for signal in each.loop.x)
@@ -334,7 +334,7 @@ def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
 def funnel_checks(
     loop: Model, motions: Trajectory | Mapping[str, Trajectory], label: str = ""
 ) -> Iterator[Check]:
-    """Whether errors stay in their funnels, if there are any: motions by what to call each."""
+    """Whether errors stay in their funnels, if there are any; `motions` are by label."""
     if not any(output.name == "rate_funnel" for output in loop.outputs):
         return
     if isinstance(motions, Trajectory):
@@ -344,7 +344,7 @@ def funnel_checks(
             name: motion.largest(loop[norm] / loop[width]) for name, motion in motions.items()
         }
         advice = [
-            f"{name}{norm} leaves its {width}, where the controller has no meaning"
+            f"{name}{norm} leaves its {width}, outside which the controller is undefined"
             for name, share in shares.items()
             if not share < 1
         ]
@@ -361,7 +361,7 @@ def funnel_checks(
 
 
 def judged(model: Model, tube: TubeTable) -> Model:
-    """Add to a chain, driven or controlled, what is measured along its motion.
+    """Add the measured quantities to a chain, driven or controlled.
 
     It must have the output ``error``.
     """
@@ -369,9 +369,10 @@ def judged(model: Model, tube: TubeTable) -> Model:
 
 
 def judged_numbers(motion: Trajectory, tube: TubeTable) -> dict[str, Any]:
-    """Numbers of a `judged` motion, from time 0 on, by their names in a Result.
+    """Scalars of a `judged` motion from time 0 on, by their names in a Result.
 
-    ``work`` and what is made of it count the positive power of each actuator, ``net_work`` all.
+    ``work`` and quantities derived from it count the positive power of each actuator, ``net_work``
+    all power.
     """
     seen, chain = _seen(motion), chain_numbers(motion)
     missed, work, net_work, spent = (

@@ -1,4 +1,4 @@
-"""Optimal tracking: the problem, its first guess from a simulated LQR, and what was found."""
+"""Optimal tracking: the problem, its first guess from a simulated LQR, and its solution."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ from wormopt.systems.chain.scenes.track_optimal import (
     TubeTable,
 )
 
-# Of the error in the LQR from which solves start, in usual sizes, where no other weight is given.
+# Default weight of the error in the LQR that starts the solves, in usual sizes.
 _STIFF = 1e3
-# Arcs of a grid: solves of so many take longer than `relaxation.time_limit` as it is by itself.
+# With more arcs, a solve takes longer than the default of `relaxation.time_limit`.
 _ARCS = 10_000
-# What an arc of the first guess counts in the scaled objective, and the least mean squares, in
-# nominal sizes, by which is scaled.
+# Weight of an arc of the first guess in the scaled objective, and the least mean squares, in
+# nominal sizes, used for scaling.
 _AN_ARC, _LEAST = 10, 1e-6
 _SOLVER = Ipopt(tolerance=1e-7, iterations=300)
 _ADVICE = {
     "late": "write a larger relaxation.time_limit, fewer grid.arcs or a smaller time.end",
     "not_solved": "write a larger relaxation.last, another number of grid.arcs, or wider limits",
 }
-# As `optimise` starts next to a solution, so that the solver is there already.
+# `optimise` starts close to a solution, so these settings of the solver suffice.
 _WARM = replace(_SOLVER, mu_init=1e-3)
 
 
@@ -58,10 +58,10 @@ def tracking_problem(
     objective: LeastError | LeastInput,
     tube: TubeTable,
 ) -> Problem:
-    """State optimal tracking from where the plant starts to the time `end`.
+    """State optimal tracking from the plant's initial state to the time `end`.
 
-    The plant has the input ``input`` and the output ``length``; the tube holds under
-    `LeastInput`. Integrals of the problem are those of |e|^2 and |u|^2.
+    The plant has the input ``input`` and the output ``length``; the tube holds under `LeastInput`.
+    Integrals of the problem are those of |e|^2 and |u|^2.
     """
     error = TrackingError.of(plant, reference)
     model = with_reference(plant, reference)
@@ -90,7 +90,7 @@ def tracking_problem(
 
 
 def _asked_from(capture: float, end: float) -> Schedule:
-    """1 from the time of capture on, 0 before: within arcs nothing jumps."""
+    """1 from the time of capture on, 0 before: the value is constant on each arc."""
     symbol, begin = ca.SX.sym("tube_asked"), ca.SX.sym("tube_asked_begin")
     breaks = np.array([0.0, capture, end]) if capture > 0 else np.array([0.0, end])
     values = np.array([[0.0], [1.0]])[-len(breaks) + 1 :]
@@ -100,25 +100,25 @@ def _asked_from(capture: float, end: float) -> Schedule:
 def followed_by_lqr(
     plant: Model, reference: Reference, end: float, error_weight: float
 ) -> Trajectory:
-    """Simulate an LQR with feed-forward exactly: a motion near the reference, to start from.
+    """Simulate an LQR with feed-forward exactly: a motion near the reference as first guess.
 
-    `error_weight` is that of |e|^2 against the square of what is added to the feed-forward. Raises
-    SolveError if there is no stable one.
+    `error_weight` is that of |e|^2, relative to the squared correction to the feed-forward. Raises
+    SolveError if no stable LQR exists.
     """
     try:
         loop = lqr(plant, reference, error_weight=error_weight)
     except ArgumentError as error:
         raise SolveError(
-            f"there is no LQR to start from: {error}",
-            "choose units in which masses, damping and stiffness are nearer to 1",
+            f"no LQR exists as first guess: {error}",
+            "choose units in which masses, damping and stiffness are closer to 1",
         ) from None
     return simulate(loop, end, dense=True)
 
 
 def scaled(problem: Problem, near: Trajectory, arcs: int) -> Problem:
-    """Scale a `tracking_problem` by a motion near the optimum: solves go alike in all units.
+    """Scale a `tracking_problem` by a motion near the optimum, so solves are equal in all units.
 
-    Integrals come out of the size of 1, the objective as `_AN_ARC` for each arc.
+    Integrals then have the size of 1, the objective that of `_AN_ARC` per arc.
     """
     model, end = problem.model, near.end_time
     seen = near.at((np.arange(arcs) + 0.5) / arcs * end)
@@ -154,12 +154,13 @@ def optimal_input(
 ) -> Optimum:
     """Find the optimal input of `tracking_problem` with contact as a complementarity.
 
-    The grid is measured by `period`, that of the reference. Raises SolveError if none is found.
+    The grid is relative to `period`, that of the reference. Raises SolveError if none is found.
     """
     if end > _ARCS * period / grid.arcs:
         raise SolveError(
             f"grid.arcs = {grid.arcs} a period of {period:g} makes {end * grid.arcs / period:.3g} "
-            f"arcs until time.end, {_ARCS:g} at most; write a smaller time.end or fewer arcs"
+            f"arcs until time.end, but at most {_ARCS:g} are allowed; write a smaller time.end or "
+            "fewer arcs"
         )
     problem = tracking_problem(plant, reference, end, objective, tube)
     breaks = problem.model.breaks(end)
@@ -174,7 +175,7 @@ def optimal_input(
         _refuse_start_outside(near, (1 - objective.margin) * tube.radius)
     problem = scaled(problem, near, mesh.total)
     treatment = Complementarity(relaxation.last, relaxation.first)
-    # An LQR is next to what tracks best, but not to what tracks with least effort.
+    # An LQR is close to the motion with the least error, but not to that with the least input.
     solver = _WARM if isinstance(objective, LeastError) else _SOLVER
     solver = replace(solver, seconds=relaxation.time_limit)
     try:
@@ -189,8 +190,8 @@ def _refuse_start_outside(near: Trajectory, radius: float) -> None:
     off = float(np.linalg.norm(near.at(np.zeros(1))["error"]))
     if off > radius:
         raise SolveError(
-            f"the worm starts {off:.4g} from the reference, outside the tube ({radius:.4g}, less "
-            "objective.margin), and with tube.capture = 0 it must be in it from the start",
+            f"the initial error {off:.4g} is outside the tube ({radius:.4g}, minus "
+            "objective.margin), but tube.capture = 0 requires it to be inside from the start",
             "write a larger tube.capture or tube.radius, or another start.position",
             code="infeasible",
         )
@@ -199,10 +200,10 @@ def _refuse_start_outside(near: Trajectory, radius: float) -> None:
 def knowing(
     optimum: Optimum, p: Mapping[str, ArrayLike], seconds: float | None = None
 ) -> Motion | None:
-    """Find the optimal motion of a plant with other parameters, from that of the believed one.
+    """Find the optimal motion of a plant with other parameters, from that of the nominal plant.
 
-    `optimum` is with complementarity; a solve takes at most `seconds`. None where there is none,
-    or none in reasonable time.
+    `optimum` is with complementarity; a solve takes at most `seconds`. None if no motion is found
+    in that time.
     """
     program, w = optimum.motion.program, optimum.solution.w
     solution = optimum.solution
@@ -217,7 +218,7 @@ def knowing(
 
 
 def lengths_of(motion: Motion, parts: int = 1) -> Gait:
-    """Link lengths of an optimal motion of a chain as a course of time, `parts` cubics per arc.
+    """Link lengths of an optimal motion of a chain over time, with `parts` cubics per arc.
 
     Lengths and rates are those of the motion where cubics meet.
     """

@@ -1,4 +1,4 @@
-"""Predictive tracking of a chain: the plan, decisions for worms as believed and others."""
+"""Predictive tracking of a chain: the plan, and decisions for nominal and other plants."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wormopt.systems.chain.optimal_tracking import followed_by_lqr, tracking_pro
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
 from wormopt.systems.chain.scenes.track_optimal import LeastError, TubeTable
 
-# First width of the smooth law against the last: the guess is next to the optimum.
+# Ratio of the first to the last width of the smooth law: the guess is close to the optimum.
 _WIDER = 2.0
 # Collocation points on each arc.
 _DEGREE = 2
@@ -50,13 +50,13 @@ def plan_tracking(
 
 
 def limited(plant: Model, force: float | None) -> Model:
-    """A plant whose inputs are bounded by a force, or not at all."""
+    """The plant with a limit on the size of its inputs, or without one."""
     limit = np.inf if force is None else force
     return replace(plant, u=[replace(u, lower=-limit, upper=limit) for u in plant.u])
 
 
 def course_of(plan: MpcPlan) -> Gait:
-    """Inputs of a plan as a course of time."""
+    """Inputs of a plan as a function of time."""
     return Gait(plan.times, plan.inputs[:, :, None])
 
 
@@ -66,12 +66,12 @@ def real_time(table: PredictiveTable) -> MpcOptions:
 
 
 def converged(table: PredictiveTable) -> MpcOptions:
-    """Decisions of as many steps as it takes."""
+    """Decisions that iterate until they converge."""
     return MpcOptions(_arcs(table.horizon, table), table.steps)
 
 
 def learning(table: EstimationTable | None, predictive: PredictiveTable) -> Estimation | None:
-    """What a scene says of estimation, in decisions instead of time."""
+    """Estimation settings of a scene, in decisions instead of time."""
     if table is None:
         return None
     return Estimation(

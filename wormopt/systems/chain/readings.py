@@ -1,6 +1,6 @@
-"""Readings of the loops (13) and (14) where the chapter contradicts itself or is silent.
+"""Readings of the trackers 13 and 14 of Zimmermann et al. 2007 where their data are open.
 
-A Reading decides what is open; all readings of one structure are members of one ensemble.
+A Reading makes all choices; all readings with the same structure are members of one ensemble.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from wormopt.simulation.ensemble import Scenario
 from wormopt.systems.chain.build import chain
 
 Order = Literal["printed", "reversed"]
-"""Which list of (15) is the first link's."""
+"""Link to which the first list of eq. 15 belongs."""
 Signs = Literal["printed", "turned", "filter"]
-"""Signs of (14): as printed; both turned, of u and of e in theta'; that in theta' alone."""
+"""Signs of tracker 14: as printed; u and e in theta' both reversed; e in theta' alone reversed."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read the example."""
+    """One interpretation of the example."""
 
     start: tuple[float, ...]  # positions, head first
     rest_length: float | None  # of all links; None: they follow the reference
@@ -51,7 +51,7 @@ def readings(**choices: Sequence) -> tuple[Reading, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """What all readings share."""
+    """Parameters that all readings share."""
 
     gait: Gait
     mass: np.ndarray
@@ -70,7 +70,7 @@ class Example:
 
 @dataclass(frozen=True)
 class Structure:
-    """What of a reading makes another model; the rest are numbers."""
+    """Choices of a reading that need another model; the others are parameters."""
 
     feedback: Feedback
     input: Actuator
@@ -79,13 +79,13 @@ class Structure:
 
 
 def structure_of(reading: Reading, feedback: Feedback) -> Structure:
-    """Structure of a reading's loop; (13) has no filter whose sign could be turned."""
+    """Structure of a reading's loop; tracker 13 has no filter whose sign could be reversed."""
     turned = feedback == "filter" and reading.signs == "filter"
     return Structure(feedback, reading.input, reading.period, turned)
 
 
 def build(example: Example, of: Structure) -> Model:
-    """Closed loop of a structure, with numbers of no reading yet."""
+    """Closed loop of a structure, without the parameters of a reading."""
     gait = example.gait.with_period(of.period)
     plant = chain(
         example.links,
@@ -98,7 +98,7 @@ def build(example: Example, of: Structure) -> Model:
         time_nominal=gait.period,
     )
     if of.unstable:
-        # theta' = -k^2 (theta + e) is the filter of -theta, so that u has the other sign
+        # theta' = -k^2 (theta + e) is the filter of -theta, so u has the opposite sign.
         plant = _reversed_input(plant)
     return lambda_tracker(
         plant,
@@ -121,13 +121,13 @@ def _reversed_input(plant: Model) -> Model:
 
 
 def gait_of(example: Example, reading: Reading) -> Gait:
-    """What the links shall do."""
+    """Reference gait of the links."""
     gait = example.gait.with_period(reading.period)
     return reversed_links(gait) if reading.links == "reversed" else gait
 
 
 def scenario(example: Example, reading: Reading, of: Structure, loop: Model) -> Scenario:
-    """Numbers of a reading for the loop of its structure."""
+    """Parameters of a reading for the loop of its structure."""
     follows = reading.rest_length is None
     ahead = example.stiffness if follows else np.zeros(example.links)
     forward, backward = reading.friction
@@ -141,14 +141,14 @@ def scenario(example: Example, reading: Reading, of: Structure, loop: Model) -> 
     start = {"position": np.array(reading.start)}
     if of.feedback == "filter":
         start["filter"] = example.filter_start * (1.0 if reading.signs == "printed" else -1.0)
-    # values do not hang on the shift
+    # Values do not depend on the shift.
     own = gait_reference(gait_of(example, reading), loop.t).schedule
     assert own is not None
     return Scenario(x0=start, p=p, schedules={own.name: own.values})
 
 
 def as_model(loop: Model, told: Scenario) -> Model:
-    """The loop whose own numbers are those of a reading."""
+    """The loop with the parameters of a reading."""
 
     def given(signals: Sequence[Signal], values: object) -> list[Signal]:
         known = dict(values or {})  # type: ignore[call-overload]
@@ -169,7 +169,7 @@ def as_model(loop: Model, told: Scenario) -> Model:
 
 
 def reversed_links(gait: Gait) -> Gait:
-    """The gait whose first link is the last."""
+    """The gait with the order of its links reversed."""
     if gait.omega is None or gait.cosine is None or gait.sine is None:
         return Gait(gait.breaks, gait.polynomial[:, ::-1])
     parts = (gait.cosine[:, ::-1], gait.sine[:, ::-1])
@@ -179,24 +179,25 @@ def reversed_links(gait: Gait) -> Gait:
 # -- what the text says --------------------------------------------------------------------------
 
 SENTENCES = {
-    "quick": "(13) brings the outputs into their strips very quickly, before (14) does",
-    "open": "under (14) the outputs are not captured by the end",
-    "settled": "the gain of (13) has converged",
-    "growing": "the gain of (14) still grows at the end",
-    "closer": "(13) works better: it keeps the outputs closer to the reference than (14)",
-    "learning": "gains rise as long as outputs are outside of their strips",
+    "quick": "tracker 13 brings the outputs into their strips very quickly, before tracker 14",
+    "open": "tracker 14 does not capture the outputs by the end",
+    "settled": "the gain of tracker 13 has converged",
+    "growing": "the gain of tracker 14 still increases at the end",
+    "closer": "tracker 13 works better: it keeps the outputs closer to the reference than tracker "
+    "14",
+    "learning": "gains increase as long as outputs are outside their strips",
     "working": "both trackers work: states and gains stay bounded",
 }
-"""What the text says of figures 5 to 8, in our words, by short names."""
+"""Statements of the text on figures 5 to 8, paraphrased, by short names."""
 
 
 Strips = Literal["outputs", "norm", "both"]
-"""Captured: every |e_j| <= lambda, or the Euclidean norm; both: what holds either way counts."""
+"""Captured: every |e_j| <= lambda, or the Euclidean norm; both: either of the two suffices."""
 
 
 @dataclass(frozen=True)
 class Criteria:
-    """When a sentence counts as supported."""
+    """Criteria by which a sentence counts as supported."""
 
     strips: Strips
     quick: float  # (13) is captured within this time
@@ -207,14 +208,14 @@ class Criteria:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """What is judged of one motion: samples, not numbers from where it was given up."""
+    """Samples of one motion; NaN from the time at which it was given up."""
 
     time: np.ndarray  # (m,)
     error: np.ndarray  # (n, m)
     gain: np.ndarray  # (m,)
 
     def size(self, strips: Strips) -> np.ndarray:
-        """Size of the error that the tube's radius is compared with, (m,)."""
+        """Size of the error that is compared with the tube's radius, (m,)."""
         return np.max(abs(self.error), axis=0) if strips == "outputs" else self.norm
 
     @property
@@ -227,9 +228,9 @@ class Course:
         return Course(self.time[:count], self.error[:, :count], self.gain[:count])
 
     def captured(self, radius: float, strips: Strips, window: float) -> float:
-        """Time from which on the error stays in the tube; NaN if outside within the window.
+        """Time from which the error stays in the tube; NaN if it is outside within the window.
 
-        Samples decide whether, the straight line between two of them when.
+        The samples decide; linear interpolation between two samples gives the time.
         """
         size = self.size(strips)
         outside = np.flatnonzero(~(size <= radius))
@@ -238,11 +239,11 @@ class Course:
         last = outside[-1]
         if last + 1 >= len(self.time) or self.time[last + 1] > self.time[-1] - window:
             return np.nan
-        pair = slice(last + 1, last - 1 if last else None, -1)  # sizes ascend
+        pair = slice(last + 1, last - 1 if last else None, -1)  # Sizes are in ascending order.
         return float(np.interp(radius, size[pair], self.time[pair]))
 
     def growth(self, window: float) -> float:
-        """Share by which the gain grows within the window."""
+        """Relative growth of the gain within the window."""
         return float(self.gain[-1] / self.gain[self._since(window)] - 1)
 
     def peak(self, window: float) -> float:
@@ -250,7 +251,7 @@ class Course:
         return float(np.max(self.norm[self._since(window) :]))
 
     def learns(self, radius: float) -> bool:
-        """Whether the gain has risen between any two samples at which an output is outside."""
+        """Whether the gain increases between any two samples at which an output is outside."""
         outside = self.size("outputs") > radius
         both = outside[1:] & outside[:-1]
         return bool(np.all(np.diff(self.gain)[both] > 0))
@@ -260,9 +261,9 @@ class Course:
 
 
 def supported(first: Course, second: Course, radius: float, by: Criteria) -> dict[str, bool]:
-    """Which of the `SENTENCES` the motions under (13) and (14) support, at their last sample."""
+    """Sentences that the motions with trackers 13 and 14 support, at their last sample."""
     working = bool(np.isfinite(first.gain[-1]) and np.isfinite(second.gain[-1]))
-    # the norm is the larger: captured by it, or not captured without it, holds either way
+    # The norm is the larger measure: capture by it, or no capture without it, holds for both.
     captured = first.captured(radius, "norm" if by.strips == "both" else by.strips, by.window)
     other = second.captured(radius, "outputs" if by.strips == "both" else by.strips, by.window)
     never = working and np.isnan(other)

@@ -1,6 +1,6 @@
-"""Predictive control in a comparison: decisions for the worm as believed and for all others.
+"""Predictive control in a comparison: decisions for the nominal plant and for all others.
 
-What was decided is kept as a course of inputs for each plant, so that it is judged as all are.
+The decisions are kept as inputs over time for each plant, so they are evaluated like all others.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 from wormopt.systems.chain.scenes.predictive import PredictiveTable
 
 REAL_TIME, LEARNING = "predictive", "predictive + estimation"
-"""Names of the rivals, for tables and pictures."""
+"""Names of the controllers in tables and pictures."""
 
-# Between decisions the worm is simulated less exactly than what was decided is afterwards.
+# Between decisions the simulation is less exact than the later simulation of all decisions.
 _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
 
 
@@ -43,7 +43,7 @@ class DecisionJob:
 
 @dataclass(frozen=True, eq=False)
 class Decided:
-    """Inputs that were decided; None where a plant could not be simulated."""
+    """Inputs decided; None where a simulation failed."""
 
     believed: Gait | None  # for the worm as it is believed; None: there is no plan
     others: tuple[Gait | None, ...]
@@ -55,7 +55,7 @@ class Decided:
 def decision_jobs(
     table: CompareScene, gaits: Sequence[Gait], draws: Sequence[Draw]
 ) -> Iterator[DecisionJob]:
-    """Jobs of all predictive rivals that a scene asks for, reference by reference."""
+    """Jobs of all predictive controllers of a scene, reference by reference."""
     if table.predictive is not None:
         for gait in gaits:
             if table.estimation is not None:
@@ -64,7 +64,7 @@ def decision_jobs(
 
 
 def decide(job: DecisionJob) -> Decided:
-    """Plan, then decide for the worm as it is believed and each other plant. Raises nothing."""
+    """Plan, then decide for the nominal plant and each other plant. It raises no exception."""
     table = job.table.predictive
     assert table is not None
     learns = learning(job.table.estimation, table) if job.name == LEARNING else None

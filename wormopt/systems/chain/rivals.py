@@ -1,6 +1,6 @@
-"""What a scene of kind ``compare-tracking`` sets against each other, and the plans of some of them.
+"""Controllers of a scene of kind ``compare-tracking``, and the plans of some of them.
 
-Plans are inputs computed beforehand, for a plant as it is believed and for plants that are known.
+Plans are inputs computed in advance, for the nominal plant and for plants with known parameters.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
 
 LQR = "LQR, feed-forward"
 PLANS = ("optimal tracking", "optimal tube", "fastest crawl")
-"""What may be planned, by the names that tables and pictures show."""
+"""Plans by the names in tables and pictures."""
 
-# The crawl's relaxed contact.
+# Relaxed contact of the crawl.
 _RELAXED = Complementarity(residual=1e-3, first=1.0)
-# Cubics in the course of a length on each arc of the crawl's exact motion, which are long.
+# Cubics per arc for a link length in the crawl's exact motion, whose arcs are long.
 _PARTS = 6
 
 
@@ -52,7 +52,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """An input and the link lengths that go with it, as courses of time, one row per link."""
+    """An input and the corresponding link lengths as functions of time, one row per link."""
 
     inputs: Gait
     lengths: Gait
@@ -61,7 +61,7 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What came of a job; a plan is None where none was found."""
+    """Result of a job; a plan is None if it was not found."""
 
     plan: Plan | None  # for the plant as it is believed
     known: tuple[Plan | None, ...] = ()  # for the plants of the job's draws
@@ -71,15 +71,15 @@ class Answer:
 
 
 def plans_of(table: CompareScene) -> tuple[str, ...]:
-    """What a scene plans."""
+    """Plans of a scene."""
     tracking = PLANS[:2] if table.optimal is not None else ()
     return tracking + (PLANS[2:] if table.crawl is not None else ())
 
 
 def solve(job: Job) -> Answer:
-    """Plan for the plant as it is believed, then anew for each plant that is known.
+    """Plan for the nominal plant, then anew for each plant with known parameters.
 
-    A plan that is not found is None, and counted: nothing is raised.
+    A plan that is not found is None and counted; no exception is raised.
     """
     begin = time.perf_counter()
     periodic = job.kind == "fastest crawl"
@@ -90,7 +90,7 @@ def solve(job: Job) -> Answer:
     planned = time.perf_counter()
     motion, parts = optimum.motion, 1
     if periodic:
-        with suppress(SolveError):  # the relaxed input serves too: its simulation is exact
+        with suppress(SolveError):  # The relaxed input suffices too, since its simulation is exact.
             motion, parts = optimise_switching_times(optimum).motion, _PARTS
     seconds = None if periodic else job.table.relaxation.time_limit
     known = [knowing(optimum, draw, seconds) for draw in job.draws]
@@ -112,7 +112,7 @@ def solve(job: Job) -> Answer:
 
 
 def plant_of(table: CompareScene, gait: Gait) -> Model:
-    """Plant of a scene as it is believed, scaled by the reference `gait`."""
+    """Nominal plant of a scene, scaled by the reference `gait`."""
     return chain_for(table.worm, table.start, draw_links(table.worm, table.time.end), gait)
 
 
@@ -153,7 +153,7 @@ def _crawl(job: Job) -> Optimum:
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """One way of moving the worm."""
+    """One controller of the comparison."""
 
     name: str  # for tables and pictures
     model: Model  # without inputs; output ``error`` against the reference
@@ -162,7 +162,7 @@ class Rival:
 
 
 def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) -> Iterator[Rival]:
-    """Close the loops and put in the plans, first as they are, then with LQR around them.
+    """Close the loops and apply the plans, first in open loop, then with LQR around them.
 
     Plans that were not found are left out.
     """
@@ -179,14 +179,14 @@ def rivals(table: CompareScene, gait: Gait, plans: Mapping[str, Plan | None]) ->
 
 
 def driven(table: CompareScene, gait: Gait, inputs: Gait, *, periodic: bool = False) -> Model:
-    """Plant under a course of inputs, judged by the reference `gait`."""
+    """Plant with inputs over time, evaluated against the reference `gait`."""
     plant = plant_of(table, gait)
     compared = with_reference(plant, gait_reference(gait, plant.t))
     return drive(compared, inputs, periodic=periodic)
 
 
 def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
-    """LQR on the reference, or around a plan: its input fed forward, its lengths as reference."""
+    """LQR on the reference, or around a plan, with its input fed forward, its lengths followed."""
     plant, weights = plant_of(table, gait), table.lqr
     reference = gait_reference(gait, plant.t)
     aim = reference
@@ -204,7 +204,7 @@ def _lqr(table: CompareScene, gait: Gait, plan: Plan | None) -> Model:
 
 
 def seen(table: CompareScene, plant: Model, loop: Model) -> Model:
-    """A closed loop whose controller sees the plant as the scene says."""
+    """A closed loop whose controller has the scene's measurements."""
     measurement = table.measurement
     if measurement is None or measurement.exact:
         return loop
@@ -213,7 +213,7 @@ def seen(table: CompareScene, plant: Model, loop: Model) -> Model:
 
 
 def noise_of(table: CompareScene, member: int) -> Gait:
-    """Noise of the worm as it is believed, number 0, or of another plant, from number 1 on."""
+    """Noise of the nominal plant, number 0, or of another plant, from number 1 on."""
     measurement = table.measurement
     assert measurement is not None
     seed = (measurement.seed, member)
@@ -223,6 +223,6 @@ def noise_of(table: CompareScene, member: int) -> Gait:
 
 
 def draw_plants(table: CompareScene, gait: Gait) -> list[Draw]:
-    """Parameters of plants that are not as believed, which do not depend on `gait`."""
+    """Parameters of the drawn plants, which do not depend on `gait`."""
     draws = table.draws
     return drawn_plants(plant_of(table, gait), draws.spread, draws.seed, draws.members)

@@ -1,4 +1,4 @@
-"""Magnetisable worms in a channel: closed forms, shapes of a segment, rods.
+"""Magnetisable worms in a channel: closed-form speeds, segment shapes, and elastic rods.
 
 Examples
 --------

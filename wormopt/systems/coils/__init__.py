@@ -1,4 +1,4 @@
-"""Coils, the fields and pressures they make, materials in them."""
+"""Coils, their fields and pressures, and materials in these fields."""
 
 from wormopt.lazy import names_of
 

@@ -1,4 +1,4 @@
-"""Columns of measured signals over time, out of text files, checked by line and column."""
+"""Columns of measured signals over time from text files, checked by line and column."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _REPORTED = 5
 
 @dataclass(frozen=True)
 class Columns:
-    """Readings (NaN where there is none) by column, over times that ascend."""
+    """Readings (NaN if missing) by column, over ascending times."""
 
     time: Sequence[float]
     values: dict[str, Sequence[float]]
     units: dict[str, str] = field(default_factory=dict)  # of columns that have one, of time as ""
-    texts: frozenset[str] = frozenset()  # columns of words, whose values are all NaN
+    texts: frozenset[str] = frozenset()  # columns of text, whose values are all NaN
 
 
 def read_columns(path: Path, time: str, faults: list[Fault], key: str) -> Columns | None:
-    """Read a text file; every fault is added to `faults` under `key`, and gives None.
+    """Read a text file; returns None after a fault, and adds every fault to `faults` at `key`.
 
-    `time` is the name of the column of times.
+    `time` is the name of the time column.
     """
     wrong: list[Wrong] = []
     try:
@@ -54,7 +54,7 @@ def _read(path: Path, time: str, wrong: list[Wrong]) -> Columns | None:
         return None
     if not wrong and len(table.lines) < 2:
         count = "one" if table.lines else "no"
-        wrong.append(("", f" has {count} line of readings; at least two instants are needed"))
+        wrong.append(("", f" has {count} line of readings; at least two are needed"))
         return None
     values, units = dict(table.values), dict(table.units)
     instants = values.pop(time)
@@ -70,8 +70,8 @@ def _check_times(
         if math.isnan(t):
             wrong.append((name, f" line {line}, column {name}: the time is missing; write it"))
         elif k and t == times[k - 1]:
-            what = f" line {line}: time {t:g} stands twice; keep one of these lines"
+            what = f" line {line}: time {t:g} appears twice; keep one of these lines"
             wrong.append((name, what))
         elif k and t < times[k - 1]:
-            what = f"time goes back from {times[k - 1]:g} to {t:g}; put lines in order of time"
-            wrong.append((name, f" line {line}: {what}, or make runs of their own of them"))
+            what = f"time decreases from {times[k - 1]:g} to {t:g}; sort the lines by time"
+            wrong.append((name, f" line {line}: {what}, or split the file into several runs"))

@@ -1,4 +1,4 @@
-"""Numbers found from measurements, as results tell them."""
+"""Estimates from measurements, in the form of results."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from wormopt.quantities import UNITS, Scalar, unit_of
 
 
 class Coordinates(Protocol):
-    """How what is sought, logarithms say, becomes numbers."""
+    """Transformation from coordinates of a search, for example logarithms, to parameters."""
 
     def values(self, theta: np.ndarray) -> np.ndarray:
-        """Numbers (n,) of coordinates (n,)."""
+        """Parameters (n,) of coordinates (n,)."""
         ...
 
     def slopes(self, theta: np.ndarray) -> np.ndarray:
-        """Their derivatives (n,)."""
+        """Derivatives (n,) of the parameters by the coordinates."""
         ...
 
 
 @dataclass(frozen=True)
 class Number:
-    """What was sought."""
+    """An estimated parameter."""
 
     name: str
     unit: str
-    began: float  # where the search began
+    began: float  # initial value of the search
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Numbers found, their errors and intervals."""
+    """Estimates, their errors and intervals."""
 
     numbers: Sequence[Number]
     value: np.ndarray  # (n,)
-    error: np.ndarray  # (n,) standard errors, infinite for what cannot be told
+    error: np.ndarray  # (n,) standard errors, infinite if not identifiable
     interval: np.ndarray  # (n, 2)
     correlation: np.ndarray  # (n, n)
 
@@ -54,7 +54,7 @@ class Found:
         covariance: np.ndarray,
         level: float,
     ) -> Found:
-        """Take numbers found from coordinates and their covariance (n, n); intervals by it."""
+        """Make estimates and intervals from coordinates and their covariance (n, n)."""
         spread = np.sqrt(np.diag(covariance))
         reach = float(norm.ppf((1 + level) / 2)) * spread
         ends = [coordinates.values(theta + side * reach) for side in (-1, 1)]
@@ -66,12 +66,12 @@ class Found:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What numbers are called."""
+        """Names of the parameters."""
         return tuple(number.name for number in self.numbers)
 
     @property
     def scalars(self) -> dict[str, Any]:
-        """Every number, its standard error and its interval, by its label."""
+        """Scalars of every estimate, its standard error and its interval."""
         found: dict[str, Any] = {}
         for k, number in enumerate(self.numbers):
             found[label_of(number.name)] = Scalar(float(self.value[k]), number.unit)
@@ -84,7 +84,7 @@ class Found:
 
     @property
     def variables(self) -> dict[str, np.ndarray]:
-        """The same as arrays, each in its number's own unit."""
+        """Arrays of the estimates, each in its parameter's own unit."""
         return {
             "estimate": self.value,
             "standard_error": self.error,
@@ -95,21 +95,21 @@ class Found:
 
 
 def label_of(name: str) -> str:
-    """Name of a number as names of scalars are: letters, digits and _."""
+    """Convert a parameter's name to the name of a scalar: letters, digits and _."""
     label = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
     return label if label[:1].isalpha() else f"number_{label}"
 
 
 def markdown(found: Found, level: float) -> str:
-    """Table of numbers found."""
+    """Table of estimates in Markdown."""
     rows = [
-        f"| unknown | unit | began | found | standard error | {100 * level:g} % interval |",
+        f"| unknown | unit | initial | estimate | standard error | {100 * level:g} % interval |",
         "| --- | --- | ---: | ---: | ---: | --- |",
     ]
     for k, number in enumerate(found.numbers):
-        error = f"{found.error[k]:.2g}" if np.isfinite(found.error[k]) else "cannot be told"
+        error = f"{found.error[k]:.2g}" if np.isfinite(found.error[k]) else "not identifiable"
         low, high = found.interval[k]
-        told = f"{low:.5g} to {high:.5g}" if np.isfinite([low, high]).all() else "open"
+        told = f"{low:.5g} to {high:.5g}" if np.isfinite([low, high]).all() else "unbounded"
         rows.append(
             f"| {number.name} | {number.unit} | {number.began:.5g} | {found.value[k]:.6g} | "
             f"{error} | {told} |"
@@ -118,7 +118,7 @@ def markdown(found: Found, level: float) -> str:
 
 
 def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units: str) -> str:
-    """Unit of a number that signals follow, "1" where theirs are not one."""
+    """Unit of a parameter from the signals that depend on it, "1" if their units differ."""
     signals = {s.name: s.unit for s in (*model.x, *model.p, *model.u)}
     found = {told(signals.get(name, "1"), units) for name in directions}
     return found.pop() if len(found) == 1 else "1"

@@ -1,6 +1,6 @@
-"""Single numbers measured, and the scene that shall reproduce them: its weighted residuals.
+"""Weighted residuals between single measured numbers and the scene that computes them.
 
-A scene is computed for every measurement; derivatives are differences of such runs, side by side.
+The scene is computed for every measurement; derivatives are differences of parallel runs.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from wormopt.scene.scene import Scene, load_scene
 from wormopt.systems.recorded.scenes.fit_numbers import KeyUnknown, MeasuredTable, value_at
 
 Say = Callable[[int, int], None]
-"""Told how many of how many runs are done."""
+"""Called with the number of finished runs and of all runs."""
 
 
 def untold(done: int, of: int) -> None:
-    """Tell nobody."""
+    """Report no progress."""
 
 
-# Standard deviations that a measurement is off where the scene cannot be computed.
+# Residual, in standard deviations, of a measurement whose scene cannot be computed.
 _LOST = 1e6
 
 
 @dataclass(frozen=True)
 class Looked:
-    """What a scene came to with one choice of numbers."""
+    """Scalars of the scene for one choice of parameters."""
 
-    values: np.ndarray  # (m,) computed, NaN where it could not be
-    reasons: tuple[str, ...]  # why a run failed; empty where all are trusted
+    values: np.ndarray  # (m,) computed, NaN if that failed
+    reasons: tuple[str, ...]  # why runs failed; empty if none did
 
 
 @dataclass(eq=False)
 class NumbersTask:
-    """What is to be fitted; coordinates are numbers of the scene, or their logarithms."""
+    """A fit to measured numbers; coordinates are parameters or their logarithms."""
 
     scene: Scene[Any]
     measured: Sequence[MeasuredTable]
@@ -53,17 +53,17 @@ class NumbersTask:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What was sought."""
+        """Names of the unknowns."""
         return tuple(unknown.name for unknown in self.unknowns)
 
     @property
     def start(self) -> np.ndarray:
-        """Where to begin, (n,)."""
+        """Initial coordinates, (n,)."""
         return np.array([self._coordinate(u, _begun(self.scene, u)) for u in self.unknowns])
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest coordinates, (n,) each."""
+        """Lower and upper bounds of coordinates, (n,) each."""
         ends = [
             [self._coordinate(u, one) if one is not None else side * math.inf for side, one in pair]
             for u in self.unknowns
@@ -74,17 +74,17 @@ class NumbersTask:
 
     @property
     def nominal(self) -> np.ndarray:
-        """Usual sizes of coordinates, (n,)."""
+        """Nominal sizes of coordinates, (n,)."""
         return np.array(
             [1.0 if u.log else abs(_begun(self.scene, u)) or 1.0 for u in self.unknowns]
         )
 
     def values(self, theta: np.ndarray) -> np.ndarray:
-        """Numbers (n,) of coordinates (n,)."""
+        """Parameters (n,) of coordinates (n,)."""
         return np.where(self._logs, np.exp(np.where(self._logs, theta, 0.0)), theta)
 
     def slopes(self, theta: np.ndarray) -> np.ndarray:
-        """Derivatives of numbers by coordinates, (n,)."""
+        """Derivatives of parameters by coordinates, (n,)."""
         return np.where(self._logs, self.values(theta), 1.0)
 
     @property
@@ -98,11 +98,11 @@ class NumbersTask:
 
     @property
     def fitted(self) -> np.ndarray:
-        """Which measurements are fitted, not kept aside, (m,)."""
+        """Whether each measurement is fitted, not held out, (m,)."""
         return np.array([one.use == "fit" for one in self.measured])
 
     def misfit(self, theta: np.ndarray) -> np.ndarray:
-        """Weighed residuals of measurements that are fitted, then of priors."""
+        """Weighted residuals of the fitted measurements, then of the priors."""
         return self._weighed(self.look([theta])[0], theta)
 
     @property
@@ -115,12 +115,12 @@ class NumbersTask:
         return np.clip(theta, *self.bounds)
 
     def neighbours(self, theta: np.ndarray, share: float) -> list[np.ndarray]:
-        """Coordinates so many steps away, (2 n): each forward, then each back."""
+        """Coordinates `share` steps away, (2 n): all forward, then all backward."""
         moved = [theta + side * share * step for side in (1, -1) for step in self.steps]
         return [self.inside(one) for one in moved]
 
     def wide_residuals(self, theta: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """As `residuals`, by differences over neighbours on both sides."""
+        """Weighted residuals and their Jacobian, by differences over both neighbours."""
         around = self.neighbours(theta, share)
         self.look([theta, *around])
         n = len(theta)
@@ -131,7 +131,7 @@ class NumbersTask:
         return self.misfit(theta), np.stack(columns, axis=1)
 
     def residuals(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighed residuals and their Jacobian by differences; SolveError if runs fail there."""
+        """Weighted residuals and their Jacobian by differences; SolveError if runs fail there."""
         steps = self.steps
         _, upper = self.bounds
         steps[theta + steps.sum(axis=0) > upper] *= -1
@@ -143,7 +143,7 @@ class NumbersTask:
                 look, step = self.look([theta - step])[0], -step
             if not np.isfinite(look.values[self.fitted]).all():
                 raise SolveError(
-                    f"the scene cannot be computed near the numbers it is at: {look.reasons[0]}",
+                    f"the scene cannot be computed near the current parameters: {look.reasons[0]}",
                     "write narrower bounds, or another start",
                 )
             columns.append((self._weighed(look, theta + step) - r) / step.sum())
@@ -166,7 +166,7 @@ class NumbersTask:
     # -- runs ----------------------------------------------------------------------------------
 
     def look(self, thetas: Sequence[np.ndarray]) -> list[Looked]:
-        """Compute the scene for all measurements, at several choices of numbers side by side."""
+        """Compute the scene for all measurements, in parallel for several choices of parameters."""
         new = {t.tobytes(): t for t in map(np.ascontiguousarray, thetas)}
         new = {key: t for key, t in new.items() if key not in self.known}
         changes = list({repr(one.changes): one.changes for one in self.measured}.values())
@@ -199,7 +199,7 @@ class NumbersTask:
 
 _Job = tuple[Scene[Any], dict[str, Any]]
 _Answer = tuple[dict[str, float], str]
-"""Scalars by name, and why they are not to be trusted."""
+"""Scalars by name, and the reason if the run failed."""
 
 
 def _begun(scene: Scene[Any], unknown: KeyUnknown) -> float:

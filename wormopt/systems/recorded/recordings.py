@@ -1,4 +1,4 @@
-"""Files of measured signals put beside a Model: what was seen of it, and what moved it."""
+"""Assigns the columns of recorded files to the signals of a Model: measured or driving."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from wormopt.systems.recorded.scenes.tables import near, scene_of
 from wormopt.units import parsed, scale
 
 _DRIVE = "recorded"
-# What NetCDF writes where there is no number, if a file does not say another.
+# Fill value of NetCDF for missing numbers, unless a file gives another.
 _FILL = 9.969209968386869e36
 
 
 def model_of(scene: Scene[Any], model: dict[str, Any], which: str) -> Model:
-    """Build the Model of a scene within another, by its label; SceneError if it has none."""
+    """Build the Model of a scene inside another, by its label; SceneError if it has none."""
     inner = scene_of(model, scene.folder, scene.table.units)
     models_of = getattr(KINDS[inner.table.kind].load_study(), "models_of", None)
     if models_of is None:
-        what = f'scenes of kind "{inner.table.kind}" have no Model that recordings could be'
-        hint = 'take one of kind "simulate", "track" or "magnetic-pair"'
-        raise SceneError(scene.name, [("model.kind", f"{what} compared with; {hint}")])
+        what = f'scenes of kind "{inner.table.kind}" have no Model to compare recordings with'
+        hint = 'use a scene of kind "simulate", "track" or "magnetic-pair"'
+        raise SceneError(scene.name, [("model.kind", f"{what}; {hint}")])
     try:
         models = models_of(inner)
     except SceneError as error:
@@ -46,23 +46,23 @@ def model_of(scene: Scene[Any], model: dict[str, Any], which: str) -> Model:
         raise SceneError(scene.name, faults) from None
     if which not in models and (which or len(models) > 1):
         there = near(which, models)
-        raise SceneError(scene.name, [("which", f"the scene has several models; {there}")])
+        raise SceneError(scene.name, [("which", f'"{which}" is no model of the scene; {there}')])
     return models[which] if which in models else next(iter(models.values()))
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A recording beside the Model that moved, or is to move, as it was recorded."""
+    """A recording with the Model that its recorded inputs drive."""
 
     recording: Recording
     use: str  # "fit" or "predict"
-    left_out: tuple[str, ...]  # columns that are no signals
+    left_out: tuple[str, ...]  # columns that are not signals
     drives: tuple[str, ...]  # inputs and parameters that were recorded
     warnings: tuple[str, ...] = ()
 
     @property
     def fitted(self) -> bool:
-        """Whether it is fitted, not kept aside."""
+        """Whether the run is fitted, not held out."""
         return self.use == "fit"
 
 
@@ -74,7 +74,7 @@ def runs_of(
     noise: Mapping[str, float],
     file: str,
 ) -> list[Run]:
-    """Read all recordings of a scene; SceneError, said of `file`, with all that is wrong."""
+    """Read all recordings of a scene; SceneError for `file` lists all faults."""
     found: list[Run] = []
     faults: list[Fault] = []
     for k, table in enumerate(tables):
@@ -89,7 +89,7 @@ def runs_of(
     seen = {name for run in found for name in run.recording.values}
     if not faults:
         faults += (
-            (f"noise.{name}", f"there are no readings of it; {near(name, seen)}")
+            (f"noise.{name}", f"{name} has no readings; {near(name, seen)}")
             for name in noise
             if name not in seen
         )
@@ -109,7 +109,7 @@ def _columns(table: RecordingTable, folder: Path, key: str) -> Columns:
 
 
 def _netcdf(path: Path, time: str, key: str) -> Columns:
-    """Columns of a NetCDF-3 file: what goes along the dimension of `time`, entry by entry."""
+    """Columns of a NetCDF-3 file: variables along the dimension of `time`, entry by entry."""
     from scipy.io import netcdf_file
 
     try:
@@ -119,18 +119,18 @@ def _netcdf(path: Path, time: str, key: str) -> Columns:
                 for name, one in file.variables.items()
                 if one.dimensions and one.data.dtype.kind in "fiu"
             }
-    except Exception as error:  # the reader raises nearly anything on what is no such file
-        hint = 'write it anew, by xarray with to_netcdf(..., format="NETCDF3_64BIT")'
-        faults = [(key, f"{path.name} is no NetCDF-3 file ({error}); {hint}, or as CSV")]
+    except Exception as error:  # the reader raises almost any error on other files
+        hint = 'rewrite it, in xarray with to_netcdf(..., format="NETCDF3_64BIT")'
+        faults = [(key, f"{path.name} is not a NetCDF-3 file ({error}); {hint}, or as CSV")]
         raise SceneError(path.name, faults) from None
     if time not in stored or len(stored[time][0]) != 1:
         there = near(time, (name for name, (dims, _, _) in stored.items() if len(dims) == 1))
-        raise SceneError(path.name, [(key, f"{path.name} has no times {time}; {there}")])
+        raise SceneError(path.name, [(key, f"{path.name} has no time variable {time}; {there}")])
     (along,), instants, unit = stored.pop(time)
     wrong = np.flatnonzero(~(np.isfinite(instants[1:]) & (np.diff(instants) > 0)))
     if wrong.size or not np.isfinite(instants[:1]).all():
         k = int(wrong[0]) + 1 if wrong.size else 0
-        what = f"times must ascend, at index {k} stands {instants[k]:g}; keep each instant once"
+        what = f"times do not increase at index {k}, {instants[k]:g}; keep each time once"
         raise SceneError(path.name, [(key, f"{path.name}: {what}")])
     values, units = {}, {"": unit}
     for name, (dims, array, unit) in stored.items():
@@ -144,7 +144,7 @@ def _netcdf(path: Path, time: str, key: str) -> Columns:
 
 
 def _with_gaps(values: np.ndarray) -> np.ndarray:
-    """Numbers of a NetCDF file, NaN where it has its fill value."""
+    """Numbers of a NetCDF file, with NaN for its fill value."""
     found = np.ma.filled(np.ma.array(values, dtype=float), np.nan)
     return np.where(np.isclose(found, _FILL, rtol=1e-6), np.nan, found)
 
@@ -166,13 +166,19 @@ def _run(
     seen, driven, left = places.sorted(columns)
     pace = places.factor("time", places.unit_of("", columns), table.time)
     if pace < 0:
-        raise SceneError(table.file, [(f"{key}.units.{table.time}", "must be above 0")])
+        raise SceneError(
+            table.file,
+            [(f"{key}.units.{table.time}", "is negative; write a positive unit of time")],
+        )
     time = np.asarray(columns.time) * pace
     first, last = table.window or (-np.inf, np.inf)
     kept = (first <= np.asarray(columns.time)) & (np.asarray(columns.time) <= last)
     values = {name: rows[:, kept] for name, rows in places.rows(seen, columns).items()}
     if not any(np.isfinite(rows).any() for rows in values.values()):
-        raise SceneError(table.file, [(f"{key}.file", "holds no reading of any state or output")])
+        raise SceneError(
+            table.file,
+            [(f"{key}.file", "contains no reading of a state or output; name its columns")],
+        )
     own, warnings = model, places.guesses(seen, time[kept], values)
     if driven:
         courses = places.rows(driven, columns)
@@ -192,14 +198,14 @@ def _run(
     return Run(recording, table.use, tuple(left), drives, tuple(warnings))
 
 
-# -- which column is what --------------------------------------------------------------------------
+# -- assignment of columns -------------------------------------------------------------------------
 
 _Place = tuple[str, int]
 """Name and entry of a signal."""
 
 
 class _Places:
-    """Where columns of a recording belong in a Model."""
+    """Assignment of columns of a recording to signals of a Model."""
 
     def __init__(self, model: Model, table: RecordingTable, units: str, key: str) -> None:
         self._table, self._units, self._key = table, units, key
@@ -209,7 +215,7 @@ class _Places:
         self._seen = outputs | states
 
     def sorted(self, columns: Columns) -> tuple[dict[str, _Place], dict[str, _Place], list[str]]:
-        """Columns that were seen, those that moved the worm, and others."""
+        """Split columns into measured ones, driving ones, and others."""
         seen: dict[str, _Place] = {}
         driven: dict[str, _Place] = {}
         left: list[str] = []
@@ -217,7 +223,9 @@ class _Places:
             named = self._table.columns.get(column)
             place = self._place(column) if named is None else self._place(named)
             if place and column in columns.texts:
-                self._refuse("file", f"column {column} holds text, no numbers; rename or mend it")
+                self._refuse(
+                    "file", f"column {column} contains text, not numbers; rename or fix it"
+                )
             if place is None and named is None:
                 left.append(column)
             elif place is None:
@@ -227,16 +235,18 @@ class _Places:
         for places in (seen, driven):
             for place in places.values():
                 if list(places.values()).count(place) > 1:
-                    self._refuse("columns", f"two columns are {place[0]}[{place[1]}]; keep one")
+                    self._refuse(
+                        "columns", f"two columns are named {place[0]}[{place[1]}]; keep one"
+                    )
         if not seen:
             there = ", ".join([*self._seen])
-            what = "no column is a state or output of the model; say which is one by columns = "
+            what = "no column is a state or output of the model; name one, for example columns = "
             example = f'{{{next(iter(columns.values), "x0")} = "{next(iter(self._seen))}"}}'
-            self._refuse("columns", f"{what}{example}; there are {there}")
+            self._refuse("columns", f"{what}{example}; the signals are {there}")
         return seen, driven, left
 
     def _place(self, signal: str) -> _Place | None:
-        """Name and entry of a signal as users and our own tables write it: x[0], x_0, x."""
+        """Name and entry of a signal, written as x[0], x_0 or x."""
         known = self._seen | self._drives
         name, entry = entry_of(signal)
         head, _, tail = signal.rpartition("_")
@@ -260,10 +270,10 @@ class _Places:
         one = f"{name}[0]" if size == 2 else f"{name}[0] to {name}[{size - 1}]"
         if entry is None:
             return f"{name} has {size} entries; write one of {one}"
-        return f"{name} has {size} entries, counted from 0; write {name}[{size - 1}] or less"
+        return f"{name} has {size} entries, counted from 0; write at most {name}[{size - 1}]"
 
     def rows(self, places: Mapping[str, _Place], columns: Columns) -> dict[str, np.ndarray]:
-        """Readings (size, m) of every signal, in the scene's units; NaN where there is none."""
+        """Readings (size, m) of every signal, in the scene's units; NaN if missing."""
         known, found = self._seen | self._drives, dict[str, np.ndarray]()
         for column, (name, entry) in places.items():
             size, quantity = known[name]
@@ -277,7 +287,7 @@ class _Places:
     def guesses(
         self, places: Mapping[str, _Place], time: np.ndarray, rows: Mapping[str, np.ndarray]
     ) -> list[str]:
-        """Warnings of angles to which turns were added over pauses."""
+        """Warnings of angles that were unwrapped across pauses."""
         return [
             f"column {column} {what}"
             for column, (name, entry) in places.items()
@@ -286,25 +296,25 @@ class _Places:
         ]
 
     def _turns(self, column: str, name: str, entry: int) -> bool:
-        """Whether a column is an angle modulo a turn."""
+        """Whether a column is an angle modulo one turn."""
         return bool({column, name, f"{name}[{entry}]"} & set(self._table.unwrap))
 
     def unit_of(self, column: str, columns: Columns) -> str:
-        """Unit of a column, "" where nothing tells it; that of time is "" in the file."""
+        """Unit of a column, "" if unknown; the time column is "" in the file."""
         named = column or self._table.time
         return self._table.units.get(named, columns.units.get(column, ""))
 
     def factor(self, quantity: str, unit: str, column: str) -> float:
-        """What readings of a column are multiplied by."""
+        """Conversion factor for readings of a column."""
         if not unit or self._units != "SI":
             return 1.0
         wanted = unit_of(quantity, "SI") if quantity in UNITS else quantity
         try:
             (size, dimension), (one, needed) = scale(unit), parsed(wanted)
         except ValueError as error:
-            self._refuse(f"units.{column}", f'"{unit}" {error}; {wanted} say')
+            self._refuse(f"units.{column}", f'"{unit}" {error}; write for example {wanted}')
         if dimension != needed:
-            what = f'"{unit}" is no unit of {quantity.replace("_", " ")}; write {wanted}, or a'
+            what = f'"{unit}" is not a unit of {quantity.replace("_", " ")}; write {wanted}, or a'
             self._refuse(f"units.{column}", f"{what} multiple of it")
         return float(size / one)
 
@@ -312,19 +322,21 @@ class _Places:
         raise SceneError(self._table.file, [(f"{self._key}.{key}", what)])
 
 
-# -- what moved the worm ---------------------------------------------------------------------------
+# -- recorded inputs -------------------------------------------------------------------------------
 
 
 def _driven(
     model: Model, courses: Mapping[str, np.ndarray], time: np.ndarray, held: bool, said: list[str]
 ) -> Model:
-    """Model whose inputs and parameters of these names follow recorded courses (size, m)."""
+    """Make a Model whose inputs and parameters of these names follow recorded values (size, m)."""
     signals = [s for s in (*model.u, *model.p) if s.name in courses]
     numbers = chain.from_iterable(fields_of(contact.law).values() for contact in model.contacts)
     friction = ca.vertcat(ca.SX(0, 1), *(v for v in numbers if isinstance(v, ca.SX)))
     for s in signals:
         if ca.depends_on(friction, s.symbol):
-            raise ArgumentError(f"{s.name} is a number of friction, which has no course in time")
+            raise ArgumentError(
+                f"{s.name} is a friction parameter, which cannot vary in time; remove its column"
+            )
     rows = np.vstack([_whole(s, courses[s.name], time, said) for s in signals])
     slope = np.zeros_like(rows[:, :-1]) if held else np.diff(rows) / np.diff(time)
     course = Gait(time - time[0], np.stack([rows[:, :-1].T, slope.T], axis=2))
@@ -343,7 +355,7 @@ def _driven(
 
 
 def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) -> np.ndarray:
-    """Course of all entries of a signal, without gaps; what was not recorded keeps its value."""
+    """Values of all entries of a signal without gaps; entries not recorded keep their value."""
     usual = np.broadcast_to(np.asarray(signal.value, dtype=float), signal.size)
     found = np.tile(usual[:, None], len(time))
     for k, row in enumerate(rows):
@@ -352,7 +364,7 @@ def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) 
             continue
         if not there.all():
             said.append(
-                f"gaps of {signal.name}[{k}], {np.sum(~there)} readings, are bridged by lines"
+                f"{np.sum(~there)} missing readings of {signal.name}[{k}] are interpolated linearly"
             )
         found[k] = np.interp(time, time[there], row[there])
     return found

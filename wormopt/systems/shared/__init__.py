@@ -1,1 +1,1 @@
-"""What runs of several systems share: signals, trust reports, checkpoints."""
+"""Code common to the runs of several systems: signals, trust reports, checkpoints."""

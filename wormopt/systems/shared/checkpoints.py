@@ -1,4 +1,4 @@
-"""Where long work keeps what it has, so that another run of the same can go on."""
+"""Checkpoints of long runs, from which a later run of the same scene continues."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from wormopt.fingerprint import code_key
 
 
 def checkpoints(what: str, made_by: str) -> Path:
-    """Folder for what the module `made_by` has found: code that computes otherwise has another.
+    """Folder for checkpoints of module `made_by`; it changes with the module's code.
 
-    It is in the user's cache folder and need not exist; `what`: the kind of work.
+    It is in the user's cache folder and need not exist. `what` is the kind of work.
     """
     return user_cache_path("wormopt") / "checkpoints" / f"{what}-{code_key(made_by)}"
 
 
 def keep(file: Path, content: bytes) -> None:
-    """Write a file as a whole or not at all, even if another process writes the same.
+    """Write a file atomically, even if another process writes the same file.
 
-    Its folder need not exist; raises OSError if it cannot be written.
+    Its folder need not exist. Raises OSError if it cannot be written.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     unfinished = file.with_suffix(f".{os.getpid()}")
@@ -34,7 +34,7 @@ def keep(file: Path, content: bytes) -> None:
 
 
 def forget(file: Path) -> None:
-    """Remove what was kept, if it exists, and its folder if nothing else is in it."""
+    """Remove a kept file, if it exists, and its folder if it is then empty."""
     with suppress(OSError):
         file.unlink()
     with suppress(OSError):

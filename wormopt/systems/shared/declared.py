@@ -1,4 +1,4 @@
-"""Numbers that results of several kinds hold: name, quantity, dimensions and meaning."""
+"""Declarations of results that several kinds share: name, quantity, dimensions and meaning."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ Scalars = dict[str, tuple[str, str]]
 Variables = dict[str, tuple[str, tuple[str, ...], str]]
 """Name: quantity, dimensions, long name."""
 Declared = Mapping[str, tuple[str, tuple[str, ...], str]]
-"""The same, to be read only."""
+"""Read-only form of `Variables`."""
 
 
 def over(signals: Declared, *before: str, last: str = "time") -> Variables:
-    """Put dimensions before the own ones of signals, and that of time after them."""
+    """Add the dimensions `before` in front of those of signals, and `last` after them."""
     return {k: (quantity, (*before, *own, last), w) for k, (quantity, own, w) in signals.items()}
 
 
@@ -25,12 +25,12 @@ CHAIN_SIGNALS: Variables = {
     "velocity": ("speed", ("mass",), "velocity of the mass"),
     "length": ("length", ("link",), "link length"),
     "input": ("force", ("link",), "force u of the actuator"),
-    "link_force": ("force", ("link",), "force in the link, positive where it pulls"),
-    "contact_force": ("force", ("mass",), "force of the ground"),
+    "link_force": ("force", ("link",), "force in the link, positive in tension"),
+    "contact_force": ("force", ("mass",), "force of the ground on the mass"),
     "energy": ("energy", (), "kinetic and elastic energy"),
     "center_velocity": ("speed", (), "velocity of the centre of mass"),
 }
-"""Signals of a chain, with the dimensions that are their own."""
+"""Signals of a chain, without the dimension of time."""
 
 LOOP_SIGNALS: Variables = CHAIN_SIGNALS | {
     "error_norm": ("length", (), "norm of the error e"),
@@ -45,17 +45,17 @@ REFERENCE: Variables = {"reference": ("length", ("link", "time"), "reference of 
 EVENTS: Variables = {
     "event_time": ("time", ("event",), "time of the event"),
     "event_kind": ("count", ("event",), "reversal, stick, release, impact, switch"),
-    "event_contact": ("count", ("event",), "contact, -1 for a switch"),
-    "event_mode": ("count", ("event",), "direction from then on"),
-    "rest_start": ("time", ("rest",), "begin of the rest"),
+    "event_contact": ("count", ("event",), "index of the contact, -1 for a switch"),
+    "event_mode": ("count", ("event",), "direction of motion after the event"),
+    "rest_start": ("time", ("rest",), "start of the rest"),
     "rest_end": ("time", ("rest",), "end of the rest"),
-    "rest_contact": ("count", ("rest",), "contact that rests"),
+    "rest_contact": ("count", ("rest",), "index of the resting contact"),
 }
 """Events, and rests of contacts."""
 
 TRACKER_EVENTS: Variables = EVENTS | {
-    "event_tracker": ("count", ("event",), "tracker"),
-    "rest_tracker": ("count", ("rest",), "tracker"),
+    "event_tracker": ("count", ("event",), "index of the tracker"),
+    "rest_tracker": ("count", ("rest",), "index of the tracker"),
 }
 
 GAIT: Variables = {
@@ -73,109 +73,109 @@ GAIT: Variables = {
     "gait_cosine": ("length", ("gait_piece", "link"), "amplitude of cos(omega s)"),
     "gait_sine": ("length", ("gait_piece", "link"), "amplitude of sin(omega s)"),
 }
-"""A gait, exactly."""
+"""An exact gait."""
 
 STEPS: Scalars = {
     "n_events": (
         "count",
-        "events located: reversals, sticks, releases, impacts of masses, crossings of the tube, "
+        "number of events: reversals, sticks, releases, impacts of masses, crossings of the tube, "
         "switches of the controller",
     ),
     "n_steps": ("count", "steps of the integrator"),
     "recheck_error": (
         "share",
-        "largest difference of any state at the end between both routes, each against the larger "
-        "of its size and its usual size",
+        "largest difference of any state at the end between the two routes, relative to the "
+        "larger of the state's magnitude and its nominal size",
     ),
 }
-"""What every simulation tells of itself."""
+"""Scalars of every simulation."""
 
 CHAIN: Scalars = {
-    "x_end": ("length", "positions at the end, a list head first"),
+    "x_end": ("length", "positions at the end, head first"),
     "v_end": ("speed", "velocities at the end"),
-    "distance": ("length", "way of the centre of mass from start to end"),
-    "mean_speed": ("speed", "`distance` by time"),
+    "distance": ("length", "displacement of the centre of mass from start to end"),
+    "mean_speed": ("speed", "`distance` divided by time"),
     "input_rms": (
         "force",
-        "root of the mean over time of \\|*u*\\|², Euclidean over the links, integrated with the "
-        "motion",
+        "root mean square over time of the Euclidean norm \\|*u*\\| over the links, integrated "
+        "with the motion",
     ),
     "input_peak": (
         "force",
-        "largest \\|*u*<sub>j</sub>\\| over links and time, found on the polynomials of all steps",
+        "largest \\|*u*<sub>j</sub>\\| over links and time, from the polynomials of all steps",
     ),
     **STEPS,
 }
-"""What is told of every motion of a chain."""
+"""Scalars of every motion of a chain."""
 
 TRACKED: Scalars = {
     "time_outside_tube": (
         "time",
-        "how long \\|*e*\\| > *λ*, between crossings that are located as events",
+        "total time with \\|*e*\\| > *λ*, between crossings located as events",
     ),
     "capture_time": (
         "time",
-        "last entry into the tube, from which on \\|*e*\\| ≤ *λ* to the end; 0 if the error never "
-        "left; unknown if it ends outside. Where that is less than a period before the end, a "
-        "warning says that the error may leave again",
+        "time of the last entry into the tube, after which \\|*e*\\| ≤ *λ* until the end; 0 if "
+        "the error never leaves; unknown if it ends outside. A warning says if this is less than "
+        "a period before the end, because the error may leave again",
     ),
 }
-"""What is told of every chain that follows a reference."""
+"""Scalars of every chain that follows a reference."""
 
 JUDGED: Scalars = {
     "capture_time": TRACKED["capture_time"],
-    "time_outside_tube": ("time", "how long \\|*e*\\| > *λ* after `tube.capture`"),
+    "time_outside_tube": ("time", "total time with \\|*e*\\| > *λ* after `tube.capture`"),
     "error_peak": ("length", "largest \\|*e*\\| after `tube.capture`"),
     "error_integral": ("length_squared_time", "∫\\|*e*\\|² d*t*"),
     "input_integral": ("effort", "∫\\|*u*\\|² d*t*"),
     **{name: CHAIN[name] for name in ("input_rms", "input_peak", "distance", "mean_speed")},
-    "work": ("energy", "of the actuators: positive power of each, nothing recovered"),
-    "net_work": ("energy", "of the actuators: what flows back too"),
+    "work": ("energy", "positive work of the actuators, without recovery"),
+    "net_work": ("energy", "net work of the actuators, with recovery"),
     "energy_per_mass_distance": (
         "acceleration",
-        "`work` by total mass and distance; unknown where the worm does not advance",
+        "`work` divided by total mass and distance; unknown if the worm does not advance",
     ),
 }
-"""What is told of a chain judged by a tube from its time of capture on."""
+"""Scalars of a chain judged by a tube from its capture time on."""
 
 OPTIMUM: Scalars = {
-    "time": ("time", "how long it takes"),
-    "objective": ("speed", "what was minimised; of a speed its negative"),
+    "time": ("time", "duration of the motion"),
+    "objective": ("speed", "value that was minimised; a speed is maximised as its negative"),
     "input_rms": (
         "force",
-        "root of the mean of \\|*u*\\|²; unknown where inputs act by impulses",
+        "root mean square of \\|*u*\\| over time; unknown if inputs act by impulses",
     ),
-    "input_peak": ("force", "largest \\|*u*<sub>j</sub>\\|; unknown where inputs act by impulses"),
-    "defect_max": ("share", "largest local error of an arc, in nominal sizes of states"),
+    "input_peak": ("force", "largest \\|*u*<sub>j</sub>\\|; unknown if inputs act by impulses"),
+    "defect_max": ("share", "largest local error of an arc, relative to nominal sizes of states"),
     "complementarity_max": (
         "share",
-        "largest product of a part of a contact's velocity and the distance of its force from "
+        "largest product of a contact's velocity component and the distance of its force from "
         "sliding",
     ),
     "recheck_error": (
         "share",
-        "largest difference between its end and that of a simulation with the inputs found",
+        "largest difference at the end from a simulation with the optimal inputs",
     ),
-    "solve_iterations": ("count", "iterations of all solves"),
+    "solve_iterations": ("count", "iterations of all solves together"),
     "n_phases": (
         "count",
-        "phases; one ends where a contact changes its mode, or an input reaches or leaves its "
-        "limit",
+        "number of phases; a phase ends when a contact changes its mode, or an input reaches or "
+        "leaves its limit",
     ),
     "mode_sequence": (
         "count",
-        "per phase the modes of all contacts (0 rests, +1 and −1 slides)",
+        "modes of all contacts in each phase (0 rests, +1 and −1 slide)",
     ),
-    "phase_times": ("time", "times at which phases begin, and the end"),
+    "phase_times": ("time", "start times of the phases, and the end time"),
 }
-"""What is told of every optimal motion."""
+"""Scalars of every optimal motion."""
 
 COST_OF_TRANSPORT: Scalars = {
     "cost_of_transport": (
         "1",
-        'energy by weight and distance, with `units = "SI"` only: a dimensionless scene has no '
-        "gravity. The weight is that under standard gravity, which the trust report names among "
-        "its `assumptions`; unknown where the energy is",
+        'energy divided by weight and distance, with `units = "SI"` only, because a dimensionless '
+        "scene has no gravity. The weight uses standard gravity, listed in the trust report under "
+        "`assumptions`. Unknown if the energy is unknown",
     ),
 }
-"""What scenes in SI units tell besides energies."""
+"""Additional scalars of scenes in SI units."""

@@ -1,4 +1,4 @@
-"""What all studies of optimal control share: replay, scalars, signals, trust, statistics."""
+"""Code common to studies of optimal control: replay, scalars, signals, trust, statistics."""
 
 from __future__ import annotations
 
@@ -34,24 +34,23 @@ from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.shared.signals import fitted
 
 ACCEPTED = 1e-7
-"""Largest difference between the ends of an exact optimum and of its simulation that is accepted.
-"""
+"""Largest accepted difference between the ends of an exact optimum and of its simulation."""
 
-# Tolerance of the simulation by which an optimum is checked.
+# Tolerance of the simulation that checks an optimum.
 _TIGHT = Tolerance(relative=1e-12, absolute=1e-13)
 # States that differ by more than this part of their nominal size across a joint have jumped.
 _JUMP = 1e-9
-# An optimum whose objective could still fall by more than this part of its size is none.
+# A point is no optimum if its objective can still fall by more than this part of its size.
 _GAIN = 1e-6
-# A relaxed optimum better than the exact one by more than this part has other phases.
+# A relaxed optimum better than the exact one by more than this share has other phases.
 _MISREAD = 1e-2
-# Samples of a motion: at least so many in all and on each arc, so far inside of it.
+# Samples of a motion: least number in all and on each arc, and distance from the ends of an arc.
 _SAMPLES, _PER_ARC, _INSIDE = 400, 3, 1e-9
-# Arcs of a smaller part of the motion last no time; phases of a smaller part are none.
+# Arcs and phases shorter than these shares of the motion are left out.
 _NOTHING, _SHORT = 1e-12, 1e-9
 
 
-# -- the found inputs, simulated -------------------------------------------------------------------
+# -- simulation of the optimal inputs --------------------------------------------------------------
 
 
 def replay(
@@ -62,10 +61,10 @@ def replay(
     dense: bool = False,
     report: Report = silent,
 ) -> list[Trajectory]:
-    """Simulate the plant open loop under the inputs found, one trajectory between impulses each.
+    """Simulate the model open loop with the optimal inputs, one trajectory between impulses each.
 
-    Of the optimiser's states only the start and the jumps at impulses are used.
-    `dense` keeps the whole motion. Raises SolveError if it cannot be followed.
+    Uses only the start and the jumps at impulses of the optimiser's states. `dense` keeps the
+    whole motion. Raises SolveError if the simulation fails.
     """
     course = motion.input_course()
     plant = drive(_plant(motion), course) if course.links else _plant(motion)
@@ -82,7 +81,7 @@ def replay(
                 p=p,
                 tolerance=tolerance,
                 dense=dense,
-                report=lambda _, fraction: report("simulating what was found", fraction),
+                report=lambda _, fraction: report("simulating the optimal inputs", fraction),
             )
         )
         state = found[-1].end
@@ -96,11 +95,12 @@ def cross_check(
     accepted: float = ACCEPTED,
     report: Report = silent,
 ) -> CrossCheck:
-    """Compare the end of a motion with that of its simulation.
+    """Compare the end of an optimal motion with that of its simulation.
 
-    Differences, up to `accepted`, are over the larger of a state's size and nominal size.
+    Differences, up to `accepted`, are relative to the larger of a state's magnitude and nominal
+    size.
     """
-    label = "simulation of the inputs found, contact " + type(contact).__name__.lower()
+    label = "simulation of the optimal inputs, contact " + type(contact).__name__.lower()
     try:
         end = replay(motion, contact, report=report)[-1].end
     except SolveError as error:
@@ -111,9 +111,9 @@ def cross_check(
 
 
 def _plant(motion: Motion) -> Model:
-    """Model whose design constants are parameters, with the values that were found.
+    """Model with the design constants as parameters, set to their optimal values.
 
-    Its states have no bounds: those are for optimisers, and hold to round-off.
+    Its states have no bounds; bounds are for optimisers and hold to round-off.
     """
     problem = motion.program.problem
     values = by_name(problem.design, motion.arcs.design)
@@ -123,7 +123,7 @@ def _plant(motion: Motion) -> Model:
 
 
 def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:
-    """Begin and end of each stretch between impulses, and the jump of the states before it."""
+    """Start and end of each stretch between impulses, and the jump of the states before it."""
     arcs, mesh = motion.arcs, motion.mesh
     nodes, values = mesh.collocation.nodes, arcs.states
     ends = np.einsum("k,rkn->rn", interpolation(nodes, np.ones(1))[0], values)
@@ -142,23 +142,23 @@ def _stretches(motion: Motion) -> Iterator[tuple[float, float, np.ndarray]]:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A motion at many times; where arcs join, the instant stands twice, before and after."""
+    """A sampled motion; the time where two arcs join appears twice, before and after."""
 
     time: np.ndarray  # (m,), ascending
     values: dict[str, np.ndarray]  # (entries, m) by name of the expression
 
     def arrays(self, declared: Declared) -> dict[str, np.ndarray]:
-        """The samples by name, and their times over the coordinate ``instant``.
+        """Samples by name, with their times as the coordinate ``instant``.
 
-        That is not ``time``, since this scalar of an optimal motion is how long it takes.
+        It is not called ``time`` because that scalar is the duration of an optimal motion.
         """
         return {"instant": self.time, **fitted(self.values, declared)}
 
 
 def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
-    """Values of expressions over a motion, arcs without duration left out.
+    """Sample expressions over a motion, without arcs of zero duration.
 
-    `expressions`: columns of the problem's symbols.
+    `expressions` are columns of the problem's symbols.
     """
     lasting = np.flatnonzero(motion.arcs.duration > _NOTHING * motion.duration)
     count = max(_PER_ARC, -(-_SAMPLES // len(lasting)) + 1)
@@ -172,9 +172,9 @@ def sample_motion(motion: Motion, expressions: Mapping[str, ca.SX]) -> Sampled:
 
 
 def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
-    """Contact modes phase by phase (0 at rest, ±1 sliding), and the phase boundaries in time.
+    """Contact modes of each phase (0 at rest, ±1 sliding), and the times of the phase boundaries.
 
-    Prescribed modes are kept, others read off the motion; phases without duration are left
+    Prescribed modes are kept, others are read from the motion; phases without duration are left
     out. There is one more time than phases.
     """
     motion, treatment = optimum.motion, optimum.treatment
@@ -194,7 +194,7 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
 
 
 def optimum_scalars(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[str, Any]:
-    """Numbers of `OPTIMUM`; inputs are unknown where they act by impulses.
+    """Scalars of `OPTIMUM`; inputs are None, unknown, if they act by impulses.
 
     The last of `stages` is the result, `second` its simulation.
     """
@@ -217,7 +217,7 @@ def optimum_scalars(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[s
 
 
 def _input_sizes(motion: Motion) -> tuple[float | None, float | None]:
-    """Root of the mean of |u|^2 over time, and the largest entry of |u|."""
+    """Root mean square of u over time, and the largest |u_j|."""
     if motion.program.problem.impulses:
         return None, None
     degree = motion.mesh.input_degree
@@ -233,7 +233,7 @@ def _input_sizes(motion: Motion) -> tuple[float | None, float | None]:
 def statistics(optimum: Optimum) -> dict[str, Any]:
     """Statistics of the nonlinear program: sizes, status, violation, iterations and seconds.
 
-    Seconds are those to build, to solve and in each function.
+    Seconds are those of building, of solving and of each function.
     """
     solution = optimum.solution
     return {
@@ -263,7 +263,7 @@ def optimum_timings(stages: Mapping[str, Optimum]) -> dict[str, float]:
 
 
 def optimum_facts(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[str, Any]:
-    """What the trust reports of all optimal motions say.
+    """Facts of the trust reports of all optimal motions.
 
     The last of `stages` is the result, `second` its simulation.
     """
@@ -281,12 +281,12 @@ def optimum_facts(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[str
 
 
 def replay_check(second: CrossCheck) -> Check:
-    """Whether an optimum and the simulation of its inputs end alike."""
+    """Check that an optimum and the simulation of its inputs end in the same state."""
     advice = (
-        f"the inputs found cannot be simulated: {second.reason}"
+        f"the optimal inputs cannot be simulated: {second.reason}"
         if second.error is None
-        else f"simulated with the inputs found the motion ends elsewhere, by {second.error:.2g} of "
-        f"the states' size where {second.accepted:.2g} is accepted"
+        else f"a simulation with the optimal inputs ends in other states, by {second.error:.2g} of "
+        f"the states' size, where {second.accepted:.2g} is accepted"
     )
     return Check("simulation of the inputs found", second.error, second.accepted, advice)
 
@@ -301,32 +301,34 @@ def _treatment_in_words(optimum: Optimum) -> str:
 
 
 def warnings_of_optimum(optimum: Optimum, tolerance: float) -> Iterator[str]:
-    """Warn where an optimum is not what was asked for; `tolerance` is the defect asked for."""
+    """Warn if an optimum misses its accuracy; `tolerance` is the requested defect."""
     worst, arcs = float(optimum.defects.max()), optimum.motion.mesh.total
     if worst > tolerance:
         yield (
-            f"the mesh was refined to {arcs} arcs, and the defect is still {worst:.2g} where "
-            f"{tolerance:.2g} was asked"
+            f"the mesh was refined to {arcs} arcs, but the defect is still {worst:.2g}, above the "
+            f"requested {tolerance:.2g}"
         )
     size = max(abs(optimum.objective), 1e-300)
     if np.isnan(optimum.gain):
-        yield "not known whether the optimum is one to first order: the linear program failed"
+        yield (
+            "it is unknown whether the optimum is optimal to first order: the linear program failed"
+        )
     elif optimum.gain > _GAIN * size:
         yield (
-            f"not optimal to first order: near by the objective may fall by {optimum.gain:.2g}, "
+            f"not optimal to first order: nearby the objective may fall by {optimum.gain:.2g}, "
             f"{optimum.gain / size:.1g} of its size"
         )
     if _has_stiction(optimum.motion):
         yield (
-            "stiction is larger than sliding friction: optimised, a contact may leave rest before "
-            "its force reaches stiction; the simulation would end elsewhere then"
+            "stiction is larger than sliding friction: in the optimal motion a contact may leave "
+            "rest before its force reaches stiction; then the simulation ends in other states"
         )
     if optimum.solution.status == "Solved_To_Acceptable_Level":
-        yield "the solver stopped short of its tolerance, at what it calls an acceptable level"
+        yield "the solver stopped before its tolerance, at an acceptable level (IPOPT's status)"
 
 
 def _has_stiction(motion: Motion) -> bool:
-    """Whether a contact holds more at rest than it resists when it begins to slide."""
+    """Whether a contact holds more force at rest than it resists when it starts to slide."""
     arc = motion.program.arc
     p, design = arc.constants[3], arc.constants[2]
     for contact, ends in zip(
@@ -343,7 +345,7 @@ def _has_stiction(motion: Motion) -> bool:
 
 
 def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
-    """Warn where the phases of a relaxed motion may have been misread.
+    """Warn if the phases of a relaxed motion may have been misread.
 
     `exact` is the optimum with the phases read from `relaxed`.
     """
@@ -352,7 +354,7 @@ def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
     if share > _MISREAD:
         yield (
             f"the relaxed motion is better by {100 * share:.2g} %: its phases may have been "
-            "misread; more arcs (mesh.arcs) show them better"
+            "misread; increase mesh.arcs to resolve them"
         )
 
 
@@ -370,10 +372,10 @@ def conclude_optimum(
     timings: Mapping[str, float],
     shown: Sequence[str] | None = None,
 ) -> Result:
-    """Put an optimal motion into a Result, which is failed where its simulation ends elsewhere.
+    """Put an optimal motion into a Result, which is failed if its simulation ends elsewhere.
 
-    The last of `stages` is the result, `second` its simulation. `objective`: its quantity, where
-    it is not the one declared; `shown`: signals to plot, in order, all if None.
+    The last of `stages` is the result, `second` its simulation. `objective` is its quantity, if
+    not the declared one; `shown` lists the signals to plot in order, all if None.
     """
     common = optimum_scalars(stages, second)
     if objective:
@@ -401,10 +403,10 @@ def refused(
     keys: Mapping[str, str] = MappingProxyType({}),
     advice: Mapping[str, str] = MappingProxyType({}),
 ) -> SolveError:
-    """Restate an optimiser's failure with a Result that can be saved.
+    """Restate an optimiser's failure in the keys of the scene, with a Result to save.
 
-    `variables` hold what was found all the same. `keys`: of the scene, by what the optimiser
-    calls them; `advice`: by code, in place of the optimiser's own.
+    `variables` are the partial results. `keys` maps the optimiser's names to keys of the scene;
+    `advice` by error code replaces the optimiser's own.
     """
 
     def in_scene(told: str) -> str:

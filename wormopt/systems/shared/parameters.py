@@ -1,4 +1,4 @@
-"""Parameters of worms' models: one number for all or one for each, or a course in time."""
+"""Parameters of worm models: one number for all, one for each, or a function of time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LEAST: Mapping[str, float] = {
 
 
 def parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
-    """Parameter of a model; masses are positive, stiffness and damping not negative."""
+    """Make a parameter of a model; masses must be positive, stiffness and damping not negative."""
     values, lower = numbers_of(name, given, size), _LEAST.get(name, -math.inf)
     signal = Signal(name, ca.SX.sym(name, size), unit, lower=lower, value=values)
     signal.check(np.array(values))
@@ -33,7 +33,7 @@ def parameter(name: str, given: ArrayLike, size: int, unit: str) -> Signal:
 def varied_parameter(
     name: str, given: ArrayLike | ParameterPath, size: int, unit: str, t: ca.SX, of: str = "links"
 ) -> tuple[ca.SX, Signal | Schedule]:
-    """Expression of a parameter that may vary in time, and the parameter or schedule behind it."""
+    """Expression of a parameter that may vary in time, and its parameter or schedule."""
     if not isinstance(given, ParameterPath):
         signal = parameter(name, given, size, unit)
         return signal.symbol, signal

@@ -1,4 +1,4 @@
-"""How far simulated motions are to be trusted: a second route, warnings."""
+"""Trust in simulated motions: second routes and warnings."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from wormopt.simulation.options import Recheck, Route, Smooth, Tolerance, Treatm
 from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 
-# Both routes shall agree at the end, and energies balance, to this or to so many tolerances, but
-# at most to a hundredth.
+# Ends of both routes and energy balances must agree to the largest of an absolute error and
+# a multiple of the tolerance, but at most to a hundredth.
 _AGREED, _TOLERANCES, _LARGEST = 1e-7, 1e3, 1e-2
-# What a second route has in common with the first.
+# What the second route has in common with the first.
 _SHARED = {
     "cvodes": "the model",
     "python": "the model; the rules for steps, events and contact modes, though not their code",
@@ -34,49 +34,49 @@ _SHARED = {
 }
 # Implicit integrators take more steps than explicit ones of order 8.
 _MORE_STEPS = 100
-# A step in Python costs a thousand compiled ones: so many are spent on a check, and of more than so
-# many a motion is stiff, or goes through so many events that a part of it has to do.
+# A Python step costs as much as a thousand compiled ones. A check spends at most this many; a
+# motion of more steps is stiff or has many events, and only a part of it is checked.
 _SPENT_IN_PYTHON, _STIFF = 10_000, 10_000
-# Implicit steps of order 5 are some forty times as many where a motion swings: of one that took
-# more than so many, its first so many have to do.
+# Implicit steps of order 5 are about forty times as many in an oscillating motion. Of a motion
+# with more steps than this, only the first ones are checked.
 _LONG = 30_000
 
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """What the second route found."""
+    """Result of the second route."""
 
-    route: str  # by what it went; empty: there was none
-    # largest at the end, relative to max(state, its nominal size); None: unknown
+    route: str  # how it was computed; empty without a second route
+    # largest error at the end, relative to max(state, its nominal size); None: unknown
     error: float | None
     accepted: float  # largest error that is accepted
-    shared: str = ""  # in common with the first route: errors there go unseen
-    reason: str = ""  # why the error is not known
-    until: float | None = None  # where it was given up and compared, before the end
+    shared: str = ""  # in common with the first route: errors there go undetected
+    reason: str = ""  # why the error is unknown
+    until: float | None = None  # time of the comparison, if before the end
 
     @property
     def fault(self) -> str:
-        """What is wrong, in words; empty if nothing is."""
+        """Description of a disagreement; empty if there is none."""
         if self.error is not None and not self.error <= self.accepted:
             return (
-                f"the second route ({self.route}) ends elsewhere, by {self.error:.2g} of the "
-                f"states' size where {self.accepted:.2g} is accepted"
+                f"the second route ({self.route}) ends in other states, by {self.error:.2g} "
+                f"of the states' size, where {self.accepted:.2g} is accepted"
             )
         if self.error is None and self.route:
             return (
-                f"the second route ({self.route}) gave up: {self.reason}; "
-                "tolerance.recheck = false takes the result without it"
+                f"the second route ({self.route}) failed: {self.reason}; set "
+                "tolerance.recheck = false to run without it"
             )
         return ""
 
     @property
     def check(self) -> Check:
-        """The line of a trust report."""
+        """Check of a trust report."""
         return Check("second route", self.error, self.accepted, self.fault, not self.fault)
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What a trust report says of it."""
+        """Facts of a trust report."""
         told = ("route", "error", "accepted", "shared", *(["until"] if self.until else []))
         return {name: getattr(self, name) for name in told}
 
@@ -91,12 +91,13 @@ def cross_check(
     recheck: Recheck = True,
     report: Report,
 ) -> CrossCheck | None:
-    """Simulate again by another route and compare the ends; the model's states come first.
+    """Simulate again by another method and compare the ends; the model's states come first.
 
-    None if `recheck` is False. "independent": exact contact by steps without events. Else smooth
-    systems go to CasADi's implicit integrators, exact contact and switches to the
-    Python event loop; if that was the first route, again with a tenth of `tolerance`. What would
-    take Python for ever is compared as far as it came, which is told.
+    None if `recheck` is False. With "independent", exact contact is simulated by steps without
+    events. Otherwise smooth systems are simulated by CasADi's implicit integrators, exact contact
+    and switches by the Python event loop. If that was already the first method, it runs again
+    with a tenth of `tolerance`. A comparison that would take Python too long ends early, at the
+    reported time `until`.
     """
     if not recheck:
         return None
@@ -109,7 +110,7 @@ def cross_check(
     if route == motion.route or model.alg.numel():
         label = motion.route
         label += " with a tenth of the tolerance"
-        shared = "all but the tolerance"
+        shared = "everything except the tolerance"
         relative = max(tolerance.relative / 10, 1e-14)
         tolerance = replace(tolerance, relative=relative, absolute=tolerance.absolute / 10)
 
@@ -132,7 +133,7 @@ def cross_check(
             begun = _begun(again, motion)
             until, first = begun.end_time, begun.end
         second, through = _as_far_as_it_goes(again, route, motion, until, tolerance)
-        if not through:  # what was kept of the first is as exact as its interpolation only
+        if not through:  # the stored first motion is only as exact as its interpolation
             until = second.end_time
             first = again("auto", until, motion.n_steps + motion.n_rejected + 1).end
     except SolveError as error:
@@ -158,7 +159,7 @@ def _begun(again: Callable[[Route, float, int], Trajectory], motion: Trajectory)
 def _without_events(
     model: Model, motion: Trajectory, accepted: float, report: Report
 ) -> CrossCheck:
-    """Compare with steps that know no events, as well as these are known themselves."""
+    """Compare with a method without events, to the accuracy of that method."""
     label = "steps without events"
     x0 = signal_values(motion.system.model.x, None, "state", fill=0.0)
     x0[: model.n_x] = signal_values(model.x, None, "state", fill=0.0)
@@ -167,7 +168,7 @@ def _without_events(
     except ArgumentError as error:
         return CrossCheck(label, None, accepted, _SHARED[label], str(error))
     if not found.doubt <= _LARGEST:
-        reason = f"after {found.n_steps} steps their end is known to {found.doubt:.2g} only"
+        reason = f"after {found.n_steps} steps their end is known only to {found.doubt:.2g}"
         return CrossCheck(label, None, accepted, _SHARED[label], reason)
     end = found.end[: model.n_x]
     size = np.maximum(nominal_of(model.x), np.abs(end))
@@ -182,7 +183,7 @@ def _as_far_as_it_goes(
     until: float | None,
     tolerance: Tolerance,
 ) -> tuple[Trajectory, bool]:
-    """The motion by a second route until some time, its end if None, and whether it came so far.
+    """Simulate by a second method until some time, the end if None; also whether it got there.
 
     Raises SolveError.
     """
@@ -195,7 +196,7 @@ def _as_far_as_it_goes(
         if error.code == "too_many_steps" and route in ("python", "radau"):
             if error.partial and error.partial.end_time > motion.time[0]:
                 return error.partial, False
-        # Newton steps may fail where explicit ones go on, and implicit ones pass a layer unseen
+        # Newton steps may fail where explicit steps work, and implicit ones may miss a layer
         elif route == "radau" or error.code == "layer_not_resolved":
             short = replace(motion, n_steps=0)
             return _as_far_as_it_goes(again, "python", short, until, tolerance)
@@ -203,7 +204,7 @@ def _as_far_as_it_goes(
 
 
 def accepted_error(tolerance: Tolerance) -> float:
-    """Largest relative error by which ends and energies may disagree."""
+    """Largest relative error by which ends and energies may differ."""
     several = _TOLERANCES * max(tolerance.relative, tolerance.absolute)
     return min(max(_AGREED, several), _LARGEST)
 
@@ -216,28 +217,28 @@ def _second_route(model: Model, motion: Trajectory) -> Route:
 
 
 def warnings_of_contact(treatment: Treatment, laws: Sequence[Law]) -> Iterator[str]:
-    """Warn where the smooth law does what no ground does; `laws` hold numbers."""
+    """Warn where the smooth law behaves unlike any ground; `laws` contain numbers."""
     if not isinstance(treatment, Smooth):
         return
     for law in laws:
         if any(isinstance(number, ca.SX) for number in vars(law).values()):
-            continue  # a user's law of symbols: what it does shows only in the motion
+            continue  # a user's symbolic law: its effect shows only in the motion
         at_rest = float(law.smooth(0.0, treatment.v_reg))
         if at_rest != 0:
             yield _push(law, at_rest, treatment.v_reg)
         low, high = law.stick_interval
         slips = [float(law.slip_force(0.0, d)) for d in law.directions]
         if isinstance(law, Coulomb) and (low < min(slips) or high > max(slips)):
-            yield "the smooth law knows no stiction; treat contact as exact to have it"
+            yield "the smooth law has no stiction; use exact contact to include it"
 
 
 def _push(law: Law, force: float, v_reg: float) -> str:
-    text = f"the smooth law pushes a mass at rest with {force:+.6g}: it feeds energy in"
+    text = f"the smooth law pushes a mass at rest with {force:+.6g}: it adds energy"
     if isinstance(law, Coulomb):
         both = float(law.forward) + float(law.backward)
         ratio = (float(law.backward) - float(law.forward)) / both
         if abs(ratio) < 1:
-            text += f", and a worm that does nothing drifts at {v_reg * atanh(ratio):+.6g}"
+            text += f", and a worm without input drifts at {v_reg * atanh(ratio):+.6g}"
     return text
 
 
@@ -248,33 +249,33 @@ def count_events(motion: Trajectory) -> dict[str, int]:
 
 
 def one_or_all(values: Sequence[Any]) -> Any:
-    """The only value by itself, several (one per tracker) as a list."""
+    """Return a single value itself, and several (one per tracker) as a list."""
     return values[0] if len(values) == 1 else list(values)
 
 
 def warnings_of_motion(motion: Trajectory, second: CrossCheck | None) -> Iterator[str]:
-    """Warn where a motion was not integrated the usual way."""
+    """Warn if a motion was not integrated or rechecked in the usual manner."""
     from wormopt.simulation.native.build import compiler
 
     if second is None:
         yield NOT_RECHECKED
     elif second.until is not None:
         yield (
-            f"the second route ({second.route}) was compared at t = {second.until:.6g}, not at the "
-            f"end: it takes too long, as the first took {motion.n_steps} steps"
+            f"the second route ({second.route}) was compared at t = {second.until:.6g}, not "
+            f"at the end: it takes too long, because the first took {motion.n_steps} steps"
         )
     if motion.route != "native" and compiler() is None:
-        yield "there is no C compiler: simulated without one, which is slower but as exact"
+        yield "no C compiler was found: the simulation is slower, but equally exact"
     if motion.dense is None and any(s.name == "input_work" for s in motion.system.model.x):
-        yield "not kept whole: input_peak is the largest of the samples"
+        yield "the motion was too long to keep: input_peak is the largest of the samples"
 
 
 def motion_facts(
     motions: Sequence[Trajectory], rechecks: Sequence[CrossCheck | None], tolerance: Tolerance
 ) -> dict[str, Any]:
-    """What the trust reports of all simulations say; sequences have one entry per tracker.
+    """Facts of the trust reports of all simulations; sequences have one entry per tracker.
 
-    `rechecks` hold None where none was wanted.
+    `rechecks` contain None where no recheck was wanted.
     """
     treatment = motions[0].system.treatment
     smooth = isinstance(treatment, Smooth)

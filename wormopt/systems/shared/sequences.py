@@ -1,6 +1,6 @@
-"""Cyclic sequences of resting masses: all of them once, travelling waves, neighbours of one.
+"""Cyclic sequences of resting masses: enumeration, travelling waves, neighbours of a sequence.
 
-Sequences are one if rotation in time maps them on each other, or, where the limits are symmetric,
+Two sequences are equivalent if a rotation in time maps one to the other, or, with symmetric limits,
 the mirror image.
 """
 
@@ -11,10 +11,10 @@ from itertools import product
 
 import numpy as np
 
-# Phases of a smaller share of the cycle last no time.
+# Phases of a smaller share of the cycle have no duration.
 _NOTHING = 1e-9
 SHORTEST = 1e-14
-"""Arcs of a smaller share of the cycle are none."""
+"""Arcs with a smaller share of the cycle are left out."""
 
 Resting = tuple[int, ...]
 Sequence_ = tuple[Resting, ...]
@@ -25,7 +25,7 @@ def sequences(
 ) -> list[Sequence_]:
     """List the cyclic sequences of `phases` resting sets (`letters`), each class once.
 
-    Neighbouring sets differ, and no mass rests for ever; `mirror`: i -> n - i is the same.
+    Neighbouring sets differ, and no mass rests forever; `mirror`: i -> n - i is the same.
     """
     found = set()
     for word in product(letters, repeat=phases):
@@ -35,13 +35,13 @@ def sequences(
 
 
 def is_gait(word: Sequence_) -> bool:
-    """Whether neighbouring sets differ and no mass rests for ever."""
+    """Whether neighbouring sets differ and no mass rests forever."""
     changes = all(word[i] != word[i - 1] for i in range(len(word)))
     return changes and not set.intersection(*(set(s) for s in word))
 
 
 def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
-    """Pick the one sequence that stands for all its rotations, and mirror images if asked.
+    """Representative of all rotations of a sequence, and of its mirror images if asked.
 
     `mirror`: whether i -> n - i gives the same gait.
     """
@@ -52,7 +52,7 @@ def canonical(word: Sequence_, masses: int, *, mirror: bool) -> Sequence_:
 
 
 def ascending(word: Sequence[Sequence[int]]) -> Sequence_:
-    """The same resting masses, those of each phase in ascending order."""
+    """Sort the resting masses of each phase in ascending order."""
     return tuple(tuple(sorted(resting)) for resting in word)
 
 
@@ -62,7 +62,7 @@ def mirrored(word: Sequence_, masses: int) -> Sequence_:
 
 
 def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
-    """Resting masses of the block-rest wave: a block of neighbours runs from tail to head.
+    """Resting masses of the block-rest wave: a block of neighbours moves from tail to head.
 
     n+1 phases of ascending indices for n links; a block of `resting` ≤ n masses wraps round.
     """
@@ -72,9 +72,9 @@ def block_wave_sequence(links: int, resting: int) -> list[tuple[int, ...]]:
 
 
 def wave_orders(links: int, resting: int) -> list[Sequence_]:
-    """Orders in which blocks of resting masses, equally far apart, run from tail to head.
+    """Sequences in which equidistant blocks of resting masses move from tail to head.
 
-    One for each number of phases q, with the shortest blocks that leave `resting` at rest.
+    One for each number of phases q, with the shortest blocks that keep `resting` masses at rest.
     """
     masses, found = links + 1, []
     for phases in range(2, masses + 1):
@@ -89,9 +89,9 @@ def wave_orders(links: int, resting: int) -> list[Sequence_]:
 
 
 def wave_direction(sequence: Sequence_, masses: int) -> int:
-    """Direction in which masses rest in turn, each a phase after its neighbour.
+    """Direction in which masses rest one after another, each a phase after its neighbour.
 
-    1 from tail to head, -1 from head to tail, 0 where it is no wave.
+    1 from tail to head, -1 from head to tail, 0 if it is no wave.
     """
     phases = len(sequence)
     for direction in (1, -1):
@@ -105,9 +105,9 @@ def wave_direction(sequence: Sequence_, masses: int) -> int:
 
 
 def travel(sequence: Sequence_, masses: int) -> int:
-    """Direction in which rest travels, as `wave_direction`, in any order; 0 where neither prevails.
+    """Direction in which rest travels in any sequence, as `wave_direction`; 0 if balanced.
 
-    The sign of how often a mass, also round the ends, rests a phase after its neighbour.
+    The sign of how often a mass, across the ends too, rests a phase after its neighbour.
     """
     steps = sum(
         ((i - 1) % masses in after) - ((i + 1) % masses in after)
@@ -118,7 +118,7 @@ def travel(sequence: Sequence_, masses: int) -> int:
 
 
 def minimal(sequence: Sequence_) -> frozenset[Resting]:
-    """Resting sets that contain no other."""
+    """Resting sets that contain no other set."""
     return frozenset(s for s in sequence if not any({*s} > {*other} for other in sequence))
 
 
@@ -150,16 +150,16 @@ def neighbours(
 
 
 def _distance(resting: Resting, other: Resting) -> int:
-    """How far any of the resting masses is from the others."""
+    """Largest distance of a resting mass from the nearest other one."""
     return max(min(abs(i - j) for j in other) for i in resting)
 
 
 def neighbours_at_both_ends(
     word: Sequence_, letters: Sequence[Resting], reach: float, masses: int
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
-    """As `neighbours`, with the mirror image of each change half a cycle later.
+    """Changes as in `neighbours`, each with its mirror image half a cycle later.
 
-    None of a word whose second half is not the mirror image of the first.
+    Empty for a word whose second half is not the mirror image of the first.
     """
     half = len(word) // 2
     if word[half:] != mirrored(word[:half], masses):
@@ -175,10 +175,10 @@ def neighbours_at_both_ends(
 def lasting_phases(
     sequence: Sequence_, durations: Sequence[float], share: float = _NOTHING
 ) -> list[list[int]]:
-    """Which phases last, those that are one together; each by its indices.
+    """Group the phases that have a duration; each group is one phase, given by its indices.
 
-    Phases of at most `share` of the cycle are none, and equal phases on either side of one, also
-    round the period, are one.
+    Phases of at most `share` of the cycle are dropped. Equal phases on either side of a dropped
+    one, also across the end of the period, are merged.
     """
     found: list[list[int]] = []
     for k, duration in enumerate(durations):
@@ -194,7 +194,7 @@ def lasting_phases(
 
 
 def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_, tuple[float, ...]]:
-    """Phases that last, and how long, see `lasting_phases`; some of `durations` may be 0."""
+    """Phases with a duration, and their durations, see `lasting_phases`; some may be 0."""
     phases = lasting_phases(sequence, durations)
     sets = tuple(sequence[phase[0]] for phase in phases)
     return sets, tuple(sum(durations[k] for k in phase) for phase in phases)
@@ -203,7 +203,7 @@ def lasting(sequence: Sequence_, durations: Sequence[float]) -> tuple[Sequence_,
 def lasting_arcs(
     sequence: Sequence_, arcs: Sequence[int] | np.ndarray, widths: np.ndarray
 ) -> tuple[Sequence_, tuple[float, ...], list[int]]:
-    """Phases that last, their durations, and how many arcs of each do.
+    """Phases with a duration, their durations, and their numbers of arcs with a duration.
 
     `arcs` of each phase of the sequence; `widths` are their durations.
     """
@@ -219,7 +219,7 @@ def lasting_arcs(
 
 
 def repetition(sequence: Sequence_) -> int:
-    """Phases after which a cycle repeats its resting masses; all of them where it does not."""
+    """Number of phases after which a cycle repeats its resting masses; all if it does not."""
     count = len(sequence)
     parts = (k for k in range(2, count) if count % k == 0)
     return next((k for k in parts if sequence[k:] + sequence[:k] == sequence), count)

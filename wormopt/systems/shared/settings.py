@@ -1,4 +1,4 @@
-"""Options of `simulate` as scenes ask for them."""
+"""Options of `simulate` from the tables of scenes."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
 
 
 def treatment_of(contact: ContactTable) -> Treatment:
-    """Treatment of contact that a scene asks for."""
+    """Treatment of contact given in a scene."""
     return Smooth(contact.v_reg) if isinstance(contact, SmoothContact) else Exact()
 
 
 def tolerance_of(table: ToleranceTable) -> Tolerance:
-    """Tolerance that a scene asks for."""
+    """Tolerance given in a scene."""
     return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)

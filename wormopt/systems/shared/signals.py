@@ -19,14 +19,14 @@ from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.declared import Declared
 
-# Bytes that the polynomials of all steps may take, of all motions together.
+# Bytes for the polynomials of all steps, of all motions together.
 _MEMORY = 5e8
 
 
 def chain_expressions(model: Model) -> dict[str, ca.SX]:
     """Expressions of a chain's signals, by the names of `CHAIN_SIGNALS`.
 
-    Without ``contact_force`` where nothing touches the ground.
+    Without ``contact_force`` if nothing touches the ground.
     """
     found = {
         "position": model["position"],
@@ -50,8 +50,8 @@ def simulate_whole(
 ) -> Trajectory:
     """Simulate from time 0 at equidistant samples; keep the whole motion if it fits in memory.
 
-    Without `dense` where it took too many steps. `p` overrides the model's parameters and
-    inputs; `motions` are kept at the same time. Raises SolveError as `simulate`.
+    Without `dense` if it took too many steps. `p` overrides the model's parameters and inputs;
+    `motions` is the number kept at the same time. Raises SolveError as `simulate`.
     """
     times = np.linspace(0.0, end, samples)
     room = max(int(_MEMORY / (64 * model.n_x * motions)), 1)
@@ -60,7 +60,7 @@ def simulate_whole(
         return simulate(
             model, end, contact=contact, p=p, times=times, dense=True, tolerance=few, report=report
         )
-    except ValueError:  # implicit integrators keep nothing; another fault shows again below
+    except ValueError:  # implicit integrators keep nothing; other errors are raised again below
         pass
     except SolveError as error:
         if error.code != "too_many_steps" or room >= tolerance.max_steps:
@@ -84,13 +84,13 @@ def sample(motion: Trajectory, expressions: Mapping[str, ca.SX]) -> dict[str, np
 
 
 def rests(motion: Trajectory) -> list[tuple[int, float, float]]:
-    """When contacts rest: (index among all contacts of the model, begin, end)."""
+    """Intervals in which contacts rest: (index among all contacts of the model, start, end)."""
     places = {contact.name: k for k, contact in enumerate(motion.system.model.contacts)}
     return [(places[name], begin, end) for name, begin, end in motion.stick_intervals()]
 
 
 def fitted(arrays: Mapping[str, Any], declared: Declared) -> dict[str, np.ndarray]:
-    """Leave out the axis of length 1, next to last, of signals that have no entries."""
+    """Remove the axis of length 1, next to last, of signals without entries."""
     found = {name: np.asarray(values) for name, values in arrays.items()}
     return {
         name: array if array.ndim == len(declared[name][1]) else np.squeeze(array, -2)
@@ -101,7 +101,7 @@ def fitted(arrays: Mapping[str, Any], declared: Declared) -> dict[str, np.ndarra
 def event_arrays(motions: Sequence[Trajectory], *, several: bool) -> dict[str, np.ndarray]:
     """Events and rests of motions, one per tracker, by the names of `TRACKER_EVENTS`.
 
-    With `several`, each entry tells which motion it belongs to. Empty if there are none.
+    With `several`, each entry has the index of its motion. Empty if there are none.
     """
     names = [contact.name for contact in motions[0].system.model.contacts]
     events = [
@@ -122,5 +122,5 @@ def event_arrays(motions: Sequence[Trajectory], *, several: bool) -> dict[str, n
 
 
 def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
-    """A gait, exactly, by the names of `GAIT`."""
+    """Arrays of an exact gait, by the names of `GAIT`."""
     return {f"gait_{name}": values for name, values in gait.arrays().items()}

@@ -1,8 +1,8 @@
-"""Where kinematics alone rules a shape of gait, over its period and the load.
+"""Periods and loads at which kinematics alone determines the motion of a gait shape.
 
-The same shape run q times quicker needs q^2 inertia + q drag + load of its spikes. So two
-functions of time, found once, tell for every period which loads hold the worm, and which break
-a spike.
+The same shape at q times the rate needs a mean spike load of q^2 inertia + q drag + load. Two
+functions of time therefore give, for every period, the loads without gliding and the loads that
+break a spike.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from wormopt.systems.spiked.stretches import Drive, Stretch, exact_degree, kinem
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """What a shape of gait asks of the load, period by period, with w = 0; see `Drive`."""
+    """Loads that a shape of gait needs at each period without gliding (w = 0); see `Drive`."""
 
-    drive: Drive  # its gait at any one period; its load does not count
+    drive: Drive  # its gait at any period; its load is not used
 
     @cached_property
     def _needs(self) -> tuple[tuple[int, Series], ...]:
@@ -41,7 +41,7 @@ class Region:
         return resolve(parts, cell.start, cell.stop, exact_degree(drive.gait))
 
     def _extremes(self, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Masses at rest, and least and largest sigma without load, of every stretch."""
+        """Masses at rest, and smallest and largest sigma without load, of every stretch."""
         q = self.drive.gait.period / period
         counts, low, high = [], [], []
         for resting, parts in self._needs:
@@ -53,13 +53,13 @@ class Region:
         return np.array(counts), np.array(low), np.array(high)
 
     def least_load(self, period: float) -> float:
-        """Smallest load with which w = 0 at this period; below 0 where it holds without any."""
+        """Smallest load without gliding at this period; negative if no load is needed."""
         return -float(self._extremes(period)[1].min())
 
     def least_period(self, load: float) -> float:
-        """Smallest period at which `load` is enough: 0 where every one is, inf where none is.
+        """Smallest period at which `load` is enough: 0 if all are, inf if none is.
 
-        ArgumentError if the load is below 0: it would be enough for gaits that are quick, not slow.
+        ArgumentError if the load is negative: it would be enough for fast gaits, not slow ones.
         """
         check_number("load", load, least=0.0)
         low, high = zip(*(parts.extremes() for _, parts in self._needs), strict=True)
@@ -68,7 +68,8 @@ class Region:
             return 0.0
         if drag == load == 0:
             return math.inf
-        # Drag only helps: all of it where inertia is largest makes the period short, none long.
+        # Drag only helps: full drag at the largest inertia gives the shortest period, no drag the
+        # longest.
         period = self.drive.gait.period
         short = 2 * inertia * period / (drag + math.sqrt(drag**2 + 4 * inertia * load))
         long = period * math.sqrt(inertia / load) if load else 1e9 * short
@@ -77,20 +78,20 @@ class Region:
             return load - self.least_load(math.exp(exponent))
 
         ends = math.log(short / 2), math.log(2 * long)
-        # Without load nothing holds the worm where W0 comes to rest, however slow the gait.
+        # Without load nothing holds the worm where W0 comes to rest, even in a slow gait.
         return math.exp(root(left_over, *ends)) if left_over(ends[1]) >= 0 else math.inf
 
     def spike_loads(self, period: float, loads: np.ndarray) -> np.ndarray:
-        """Largest load on one spike while w = 0, by loads (m,); resting masses share equally."""
+        """Largest load on one spike without gliding, by loads (m,), with equal sharing."""
         counts, _, high = self._extremes(period)
         share = len(self.drive.mass) / counts
         return ((high + loads[:, None]) * share).max(axis=1)
 
     def total_load(self, period: float, load: float) -> float:
-        """Largest load on all spikes together while w = 0."""
+        """Largest load on all spikes together without gliding."""
         return len(self.drive.mass) * (float(self._extremes(period)[2].max()) + load)
 
     def most_load(self, period: float, strength: float) -> float:
-        """Load at which a spike carries its `strength`, with w = 0; more breaks it."""
+        """Load at which a spike carries its `strength` without gliding; more breaks it."""
         counts, _, high = self._extremes(period)
         return float((strength * counts / len(self.drive.mass) - high).min())

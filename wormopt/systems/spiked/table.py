@@ -21,16 +21,16 @@ def in_steps(lengths: np.ndarray, step: float, ranges: Sequence[Sequence[float]]
 
 
 def speed_of(table: np.ndarray, period: float) -> float:
-    """Mean speed where lengths (n, m) go straight from column to column, a mass always at rest.
+    """Mean speed if lengths (n, m) change linearly between columns and a mass always rests.
 
-    The head is as fast as the mass that would slip back needs: the largest sum of rates before it.
+    The speed of the head is the largest sum of rates before a mass, so that none slips back.
     """
     advance = np.cumsum(np.diff(table, axis=1), axis=0).max(axis=0)
     return float(np.maximum(advance, 0.0).sum()) / period
 
 
 def excess_of(table: np.ndarray, tick: float, limits: Limits) -> dict[str, float]:
-    """Excess of a closed table's rates and their changes over limits, by their size."""
+    """Violation of limits by a closed table's rates and their changes, relative to the limits."""
     links, rates = len(table), np.diff(table, axis=1) / tick
     found = {}
     if limits.rate is not None and (most := limits.rate_limits(links)):

@@ -229,8 +229,7 @@ class Certify(Frozen):
 
     def faults(self) -> Iterator[Fault]:
         """Yield field and message of what is wrong."""
-        if not is_number(self.gap, 1e-5, 0.5):
-            yield "gap", f"not {self.gap!r}; write a number from 1e-5 to 0.5"
+        yield from _faults_of_gap(self.gap)
         yield from faults_of_number("time_limit", self.time_limit)
 
 
@@ -252,6 +251,9 @@ class Search(Frozen):
         Seconds after which the best gait found so far is taken; no limit if left out.
     workers : int, optional
         Number of processes.
+    gap : float, optional
+        The search for a speed ends when no gait can be faster by a larger share, as proven by
+        small linear programs before it begins.
 
     Examples
     --------
@@ -268,6 +270,7 @@ class Search(Frozen):
     sequence: tuple[tuple[int, ...], ...] | None = None
     time_limit: float | None = None
     workers: int | None = None
+    gap: float = 1e-3
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
         """Yield field and message of what is wrong.
@@ -287,9 +290,15 @@ class Search(Frozen):
         if self.time_limit is not None:
             yield from faults_of_number("time_limit", self.time_limit)
         yield from _faults_of_workers(self.workers)
+        yield from _faults_of_gap(self.gap)
         yield from _faults_of_sequence(self.sequence, links, resting)
         if self.phases is not None and (count := len(self.sequence or ())) > self.phases:
             yield "sequence", f"{count} phases, but search.phases allows {self.phases}"
+
+
+def _faults_of_gap(gap: Any) -> Iterator[Fault]:
+    if not is_number(gap, 1e-5, 0.5):
+        yield "gap", f"not {gap!r}; write a number from 1e-5 to 0.5"
 
 
 def _faults_of_workers(workers: int | None) -> Iterator[Fault]:

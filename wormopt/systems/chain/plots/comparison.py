@@ -1,4 +1,4 @@
-"""Pictures of controllers compared: errors in time, error against input, plants drawn."""
+"""Pictures of a comparison of controllers: error over time, error against input, drawn plants."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-# What box plots show of the plants drawn.
+# Quantities of the drawn plants in box plots.
 _BOXES = {
     "time_outside_tube": "time outside the tube",
     "error_peak": "largest $|e|$",
@@ -40,9 +40,9 @@ _LEAST = 0.02  # of the tube's radius; smaller errors are not shown
 
 
 def comparison(result: Result) -> Figure:
-    """Errors in time, one panel per controller; largest error against input, per reference.
+    """Error over time, one panel per controller; largest error against input, per reference.
 
-    Crosses are plants that are not as believed.
+    Crosses are drawn plants.
     """
     names, references = needed(result, "rivals"), needed(result, "references")
     columns = 2 if narrow() else 3
@@ -75,7 +75,7 @@ def comparison(result: Result) -> Figure:
     legend_below(drawn, [
         *told,
         line(r"$\lambda$, radius of the tube", GREY, LIMIT, 0.8),
-        line("90 % of plants that are not as believed", GREY, "-", 0.8),
+        line("90 % of the drawn plants", GREY, "-", 0.8),
     ])  # fmt: skip
     tell(drawn, *_plants(result))
     return drawn
@@ -83,11 +83,11 @@ def comparison(result: Result) -> Figure:
 
 def _plants(result: Result) -> list[str]:
     return [fact(result, "tube_radius", "radius of the tube"),
-            fact(result, "draws", "plants that are not as believed")]  # fmt: skip
+            fact(result, "draws", "drawn plants")]  # fmt: skip
 
 
 def _style(reference: int) -> tuple[str, object, float]:
-    """Colour, dashes and width of what follows a reference."""
+    """Colour, dashes and width of the curves of a reference."""
     return LINKS[reference % 4], ("-", (0, (4, 1.2)), (0, (1.5, 1)))[reference % 3], 1.0
 
 
@@ -103,7 +103,7 @@ def _draw_errors(axes: Axes, result: Result, rival: int) -> None:
 
 
 def _draw_prices(axes: Axes, result: Result, reference: int) -> None:
-    """Letters where the worm is as believed; crosses reach over most of the other plants."""
+    """Letters for the nominal plant; crosses extend over most of the other plants."""
     names = ("input_rms", "error_peak")
     points = np.array([_numbers(result, name, reference) for name in names]).T
     drawn = [result[f"drawn_{name}"].values[reference] for name in names]
@@ -123,7 +123,7 @@ def _draw_prices(axes: Axes, result: Result, reference: int) -> None:
 
 
 def _together(points: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """Letters of points, one text for those that would cover each other."""
+    """Positions of letters, with one text for letters that would overlap."""
     places = np.column_stack([points[:, 0], np.log(points[:, 1])])
     room = np.array([0.07, 0.05]) * np.nanmax(np.ptp(places, axis=0)[None], axis=0)
     groups: list[list[int]] = []
@@ -142,9 +142,9 @@ def _numbers(result: Result, name: str, reference: int) -> list[float]:
 
 
 def draws(result: Result) -> Figure:
-    """Box plots over the plants that are not as believed, one row per reference.
+    """Box plots over the drawn plants, one row per reference.
 
-    Boxes hold half of the plants, whiskers 90 %; a cross is the worm as it is believed.
+    Boxes hold half of the plants, whiskers 90 %; a cross is the nominal plant.
     """
     references, names = needed(result, "references"), needed(result, "rivals")
     columns = 2 if narrow() else len(_BOXES)
@@ -152,7 +152,7 @@ def draws(result: Result) -> Figure:
     high = (0.45 + 0.155 * len(names)) * lines + 0.5
     drawn = sheet(7.1, high, high + 0.3)
     axes = drawn.subplots(lines, columns, squeeze=False, sharey=True)
-    for column, own in enumerate(axes.ravel()[len(_BOXES) :]):  # each number has one scale
+    for column, own in enumerate(axes.ravel()[len(_BOXES) :]):  # Each quantity has one scale.
         own.sharex(axes.ravel()[column % len(_BOXES)])
     parts = iter(axes.ravel())
     for k, reference in enumerate(references):
@@ -172,7 +172,7 @@ def draws(result: Result) -> Figure:
         Patch(color=LINKS[0], alpha=0.45, linewidth=0, label="half of the plants"),
         line("90 %", GREY, "-", 1),
         line("median", "black"),
-        line("worm as believed", LINKS[3], "none", marker="x"),
+        line("nominal plant", LINKS[3], "none", marker="x"),
     ])  # fmt: skip
     tell(drawn, *_plants(result))
     return drawn

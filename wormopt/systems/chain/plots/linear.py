@@ -33,20 +33,20 @@ _MARKS = {
     "gain_learned": ("gain learned by the tracker", LINKS[3], "-"),
     "gain_linear": ("least gain by harmonics", LINKS[0], (0, (6, 2))),
     "gain_simulated": ("least gain by simulation", LINKS[2], (0, (2, 1))),
-    "gain_sure": ("gain enough for any friction", GREY, (0, (6, 1.5, 1.5, 1.5))),
+    "gain_sure": ("gain sufficient for any friction", GREY, (0, (6, 1.5, 1.5, 1.5))),
 }
 
 
 def response(result: Result) -> Figure:
-    """Gain and phase of the worm over frequency, from one input per column to all lengths."""
+    """Gain and phase of the chain over frequency, from one input per column to all lengths."""
     omega, magnitude = result["omega"].values, result["magnitude"].values
     rounding = _LEAST * magnitude.max(axis=(0, 1))
     links = magnitude.shape[1]
-    shown = min(links, 2 if narrow() else 3)  # further inputs look alike
+    shown = min(links, 2 if narrow() else 3)  # Further inputs have similar responses.
     drawn = sheet(7.1, 4.6, 3.8)
     axes = drawn.subplots(2, shown, sharex=True, sharey="row", squeeze=False)
     engine: Any = drawn.get_layout_engine()
-    engine.set(wspace=0.08)  # first and last tick of neighbours stay apart
+    engine.set(wspace=0.08)  # The first and last tick of neighbours must not overlap.
     for j in range(shown):
         for i, (colour, dashes) in enumerate(styles(LINKS, links)):
             look: Any = {"color": colour, "linestyle": dashes}
@@ -68,7 +68,7 @@ def response(result: Result) -> Figure:
 
 
 def poles(result: Result) -> Figure:
-    """Poles and zeros of the worm, and the loop's poles as the frozen gain grows.
+    """Poles and zeros of the chain, and the loop's poles as the frozen gain grows.
 
     Axes are linear near 0 and logarithmic beyond, alike in both directions.
     """
@@ -79,12 +79,12 @@ def poles(result: Result) -> Figure:
         real, imag, c=np.log10(np.repeat(result["gain"].values[:, None], real.shape[1], axis=1)),
         s=7, cmap="viridis", linewidths=0, zorder=2,
     )  # fmt: skip
-    bar = drawn.colorbar(paths, ax=axes, shrink=0.8, label=r"$\log_{10}$ of the frozen gain $k$")
+    bar = drawn.colorbar(paths, ax=axes, shrink=0.8, label="$\\log_{10}$ of the frozen gain $k$")
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     marks = [
-        ("pole", "x", "black", 6, "poles of the worm"),
-        ("zero", "o", LINKS[0], 7, "its zeros"),
-        ("learned", "+", LINKS[3], 8, "poles of the loop, gain learned"),
+        ("pole", "x", "black", 6, "poles of the chain"),
+        ("zero", "o", LINKS[0], 7, "zeros of the chain"),
+        ("learned", "+", LINKS[3], 8, "poles of the loop at the learned gain"),
     ]
     for name, marker, colour, size, _ in marks:
         axes.plot(result[f"{name}_real"].values, result[f"{name}_imag"].values, marker,
@@ -95,13 +95,13 @@ def poles(result: Result) -> Figure:
                markerfacecolor="none", label=words)
         for _, marker, colour, size, words in marks
     ])  # fmt: skip
-    tell(drawn, fact(result, "gain_learned", "gain learned"),
+    tell(drawn, fact(result, "gain_learned", "learned gain"),
          fact(result, "common_zero", "zero"))  # fmt: skip
     return drawn
 
 
 def _both_symlog(axes: Axes, result: Result) -> None:
-    """Scales on which poles of all sizes show, with a line where stability ends."""
+    """Scales that show poles of all sizes, with a line at the stability limit."""
     real = np.concatenate([result[f"{n}_real"].values.ravel() for n in ("pole", "zero", "loop")])
     imag = np.concatenate([result[f"{n}_imag"].values.ravel() for n in ("pole", "loop")])
     sizes = np.abs(real[real != 0])
@@ -123,7 +123,7 @@ def _both_symlog(axes: Axes, result: Result) -> None:
 def margins(result: Result) -> Figure:
     """Phase margin, disk margin and errors over the frozen gain.
 
-    Upright lines: the gain that the tracker learned and those that suffice.
+    Vertical lines: the learned gain and the sufficient gains.
     """
     gain = result["gain"].values
     drawn = sheet(7.1, 6.0, 5.6)
@@ -154,7 +154,7 @@ def margins(result: Result) -> Figure:
           for name, (words, colour, dashes) in _MARKS.items()
           if scalar(result, name) is not None),
     ])  # fmt: skip
-    tell(drawn, fact(result, "gain_learned", "gain learned"),
+    tell(drawn, fact(result, "gain_learned", "learned gain"),
          fact(result, "gain_linear", "by harmonics"),
          fact(result, "gain_simulated", "by simulation"))  # fmt: skip
     return drawn
@@ -166,4 +166,4 @@ def _draw_errors(axes: Axes, result: Result) -> None:
     axes.loglog(gain, result["error_bound"].values, color="black", linestyle=":")
     axes.loglog(result["tried_gain"].values, result["tried_error"].values, ".", color="black")
     axes.axhline(scalar(result, "tube_radius"), color=GREY, linestyle=LIMIT, linewidth=0.8)
-    axes.set_ylabel(label("largest error $|e|$\nafter long time", result["error_linear"].unit))
+    axes.set_ylabel(label("largest error $|e|$\nafter a long time", result["error_linear"].unit))

@@ -1,4 +1,4 @@
-"""Optimal motions: their signals over ``instant``, and how relaxed contact converges."""
+"""Pictures of optimal motions: signals over ``instant``, and convergence of relaxed contact."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from wormopt.systems.chain.plots import simulation
 
 
 def signals(result: Result) -> Figure:
-    """Signals of optimal control against time, one below the other, with the phase changes."""
+    """Signals of an optimal motion over time, one below the other, with the phase changes."""
     drawn = simulation.signals(over_time(result))
     tell(drawn, fact(result, "speed", "mean speed"), fact(result, "time"),
          fact(result, "n_phases", "phases"))  # fmt: skip
@@ -33,9 +33,9 @@ def signals(result: Result) -> Figure:
 
 
 def over_time(result: Result) -> Result:
-    """Call the coordinate ``instant`` of an optimal motion ``time``, as other pictures know it.
+    """Rename the coordinate ``instant`` of an optimal motion to ``time``, as in other pictures.
 
-    The scalar ``time``, how long the motion takes, is left out.
+    The scalar ``time``, the duration of the motion, is left out.
     """
 
     def called(name: str) -> str:
@@ -50,10 +50,10 @@ def over_time(result: Result) -> Result:
 
 
 def convergence(result: Result) -> Figure:
-    """Errors of relaxed contact against width of the law and number of arcs, both logarithmic.
+    """Errors of relaxed contact over width of the law and number of arcs, both logarithmic.
 
-    Dotted lines have the slope of order 1; the bars at the last points are the error bars
-    stated without knowing the exact answer.
+    Dotted lines have the slope of order 1; the bars at the last points are the error estimates made
+    without the exact answer.
     """
     drawn = sheet(7.1, 2.9, 2.6)
     left, right = drawn.subplots(1, 2, sharey=True)
@@ -80,7 +80,7 @@ def _draw(axes: Axes, result: Result, over: str, what: str, slope: int) -> None:
     axes.loglog(x, error, color="black", marker="o", markersize=4, label="error")
     axes.loglog(x, error[-1] * (x / x[-1]) ** slope, color=GREY, linestyle=":", label="order 1")
     upward = [[0.0], [max(bar - error[-1], 0.0)]]
-    axes.errorbar(x[-1], error[-1], upward, color="black", capsize=3, label="error bar stated")
+    axes.errorbar(x[-1], error[-1], upward, color="black", capsize=3, label="estimated error")
     if over == "arcs":
         axes.set_xticks(x, [f"{n:g}" for n in x], minor=False)
         axes.minorticks_off()

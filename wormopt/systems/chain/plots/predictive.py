@@ -1,4 +1,4 @@
-"""Pictures of predictive control: errors, how long decisions take, costs, estimated parameters."""
+"""Pictures of predictive control: errors, duration of decisions, costs, estimated parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _OF_LINKS = {"stiffness", "damping", "rest_length"}
 
 
 def predictive(result: Result) -> Figure:
-    """Errors in time, cost on all plants, and the share of decisions that take less than a time."""
+    """Error over time, cost on all plants, and cumulative distribution of decision durations."""
     names = needed(result, "controllers")
     below = narrow()
     drawn = sheet(7.1, 4.3, 6.6)
@@ -68,7 +68,7 @@ def _draw_errors(axes: Axes, result: Result, names: list[str]) -> None:
 
 
 def _draw_times(axes: Axes, result: Result, names: list[str]) -> None:
-    """Share of decisions that take less than a time; a line at the time between decisions."""
+    """Share of decisions below a duration, with a line at the time between decisions."""
     for k in range(len(names)):
         seconds = np.sort(result["decision_seconds"].values[k])
         if np.isfinite(seconds).all():
@@ -79,12 +79,12 @@ def _draw_times(axes: Axes, result: Result, names: list[str]) -> None:
     axes.set_xscale("log")
     few_decades(axes.xaxis)
     axes.set_ylim(0, 1)
-    axes.set_xlabel("time that a decision takes in ms\n(black: between decisions)")
-    axes.set_ylabel("share that takes less")
+    axes.set_xlabel("duration of a decision in ms\n(black: between decisions)")
+    axes.set_ylabel("share of shorter decisions")
 
 
 def _draw_costs(axes: Axes, result: Result, names: list[str]) -> None:
-    """A cross where the worm is as believed, dots for other plants."""
+    """A cross for the nominal plant, dots for other plants."""
     for k, cost in enumerate(needed(result, "cost")):
         if "drawn_cost" in result:
             dots = result["drawn_cost"].values[k]
@@ -94,15 +94,16 @@ def _draw_costs(axes: Axes, result: Result, names: list[str]) -> None:
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_ylabel("controller,\nin the legend's order")
     unit = result.scalars["cost"].unit
-    axes.set_xlabel(label(r"$\int |e|^2 + \rho |u|^2$ d$t$", unit) + "\n(cross: as believed)")
+    axes.set_xlabel(label(r"$\int |e|^2 + \rho |u|^2$ d$t$", unit) + "\n(cross: nominal plant)")
     axes.grid(visible=False, axis="y")
 
 
 def estimates(result: Result) -> Figure:
-    """Estimated parameters over the plants' own, a panel for each kind, a colour for each plant."""
+    """Estimated over true parameters, a panel for each kind, a colour for each plant."""
     if "estimated" not in result:
         raise ArgumentError(
-            "nothing was learnt of other plants; write the tables [estimation] and [plants]"
+            "the result has no estimates of drawn plants; write the tables [estimation] and "
+            "[plants]"
         )
     names, values = needed(result, "parameters"), result["estimated"].values
     kinds = list(dict.fromkeys(name.split(" ")[0] for name in names))
@@ -137,7 +138,7 @@ def estimates(result: Result) -> Figure:
 
 
 def _numbered(names: list[str]) -> list[str]:
-    """What each way to dash a line stands for: "mass 0, link 0"; as many as there are dashes."""
+    """Meaning of each dash pattern, for example "mass 0, link 0"."""
     found: dict[int, set[str]] = {}
     for name in names:
         kind, _, number = name.partition(" ")

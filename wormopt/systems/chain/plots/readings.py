@@ -1,4 +1,4 @@
-"""Picture of readings: which entries support which sentences, and how many support all."""
+"""Picture of readings: entries that support each sentence, and how many support all."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from wormopt.plotting.parts import GREY, LINKS, fact, legend_below, narrow, need
 from wormopt.result import Result
 
 _NAMES = {
-    "quick": "(13) captures quickly",
-    "open": "(14) does not capture",
-    "settled": "gain of (13) converges",
-    "growing": "gain of (14) grows",
-    "closer": "(13) is closer",
-    "learning": "gains rise outside",
+    "quick": "13 captures quickly",
+    "open": "14 does not capture",
+    "settled": "gain of 13 converges",
+    "growing": "gain of 14 grows",
+    "closer": "13 is closer",
+    "learning": "gains grow outside",
     "working": "both stay bounded",
 }
 _KEYS = {"rest_length": "rest length", "growth": r"$\gamma$", "friction": "$F_+$, $F_-$"}
@@ -29,7 +29,7 @@ _KEYS = {"rest_length": "rest length", "growth": r"$\gamma$", "friction": "$F_+$
 def readings(result: Result) -> Figure:
     """Every reading with the sentences it supports, and the shares of readings by entry.
 
-    Readings are in the order of how many sentences they support; the last column is all of them.
+    Readings are sorted by the number of sentences they support; the last column is all of them.
     """
     rows = _rows(result)
     high = 0.19 * len(rows)
@@ -50,7 +50,7 @@ def readings(result: Result) -> Figure:
 
 
 def _said(result: Result) -> np.ndarray:
-    """Which sentences hold for each reading, and whether all do, (readings, sentences + 1)."""
+    """Whether each sentence, and whether all, hold for each reading (readings, sentences + 1)."""
     said = result["supported"].values > 0
     return np.column_stack([said, said.all(axis=1)])
 
@@ -87,7 +87,8 @@ def _draw_all(axes: Axes, result: Result) -> None:
 def _draw_shares(axes: Axes, rows: Sequence[tuple[str, np.ndarray]], count: int) -> None:
     shares = np.array([values for _, values in rows])
     shade = shares.copy()
-    shade[:, -1] = np.sqrt(shade[:, -1])  # few support all: shown darker than they are
+    shade[:, -1] = np.sqrt(shade[:, -1])  # Few readings support all, so small shares are shown
+    # darker than they are.
     axes.pcolormesh(shade, cmap="Blues", vmin=0, vmax=1.3)
     for (i, j), share in np.ndenumerate(shares):
         text = f"{100 * share:.0f}" if share == 0 or share >= 0.01 else f"{100 * share:.1f}"

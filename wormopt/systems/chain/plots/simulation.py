@@ -1,4 +1,4 @@
-"""Pictures of simulated motions: trackers side by side, the way with its rests, bands, signals."""
+"""Pictures of simulated motions: trackers side by side, paths with rests, bands, signals."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ _ROWS = {
 def trackers(result: Result) -> Figure:
     """Outputs with the tube, error, gain, inputs and motion, one column per tracker.
 
-    In the order of the chapter's figures 5 to 8. Rows share scales; none for a missing gain.
+    The order is that of figures 5 to 8 of Zimmermann et al. 2007. Rows share scales; there is no
+    row for a missing gain.
     """
     names = needed(result, "trackers")
     links, masses = result["length"].values.shape[1], result["position"].values.shape[1]
@@ -75,7 +76,7 @@ def trackers(result: Result) -> Figure:
 
 
 def _grid(result: Result, rows: Sequence[str], ending: str = "") -> np.ndarray:
-    """Axes by row and tracker, which is named above; rows share their scales."""
+    """Axes by row and tracker, with the tracker as title; rows share their scales."""
     names = needed(result, "trackers")
     heights = [_ROWS[row][1] for row in rows]
     drawn = sheet(7.1, 1.0 + 0.68 * sum(heights), 1.2 + 0.5 * sum(heights))
@@ -111,7 +112,7 @@ def _rest_entries(result: Result) -> list[Artist]:
 
 
 def _entries(palette: Sequence[str], count: int, what: str = "") -> list[Line2D]:
-    """Legend of links or masses, or of whatever has so many entries; ends only of many."""
+    """Legend of links, masses or similar; of many entries only the ends."""
     what = what.removesuffix("_entry") or ("mass" if palette is MASSES else "link")
     shown = range(count) if count <= len(palette) else (0, count - 1)
     own, names = shades(palette, count), labels(what, count)
@@ -127,7 +128,7 @@ def _draw_rows(
 
 
 def _draw_strips(axes: Axes, result: Result, column: int) -> None:
-    """References and the strips that the tube makes around each of them."""
+    """References, each with its tube as a strip."""
     time, tube = result["time"].values, result["tube"].values[column]
     references = result["reference"].values
     for reference, colour in zip(references, shades(LINKS, len(references)), strict=True):
@@ -144,7 +145,7 @@ def _draw_tube(axes: Axes, result: Result, column: int) -> None:
         if name in result:
             axes.plot(time, result[name].values[column], color=GREY, linewidth=0.9, linestyle=style)
     axes.set_yscale("log")
-    # an error that passes through 0 would show nothing but that
+    # An error that passes through 0 would dominate the logarithmic scale.
     low, high = axes.get_ylim()
     low = max(low, 0.1 * float(result["tube"].values[column].min()))
     axes.set_ylim(low, high)
@@ -152,7 +153,7 @@ def _draw_tube(axes: Axes, result: Result, column: int) -> None:
 
 
 def _draw_rests(axes: Axes, result: Result, column: int, *, upward: bool) -> None:
-    """Heavy lines over a path while its mass rests."""
+    """Thick lines over a path while its mass rests."""
     if "rest_start" not in result:
         return
     time, position = result["time"].values, result["position"].values
@@ -164,7 +165,7 @@ def _draw_rests(axes: Axes, result: Result, column: int, *, upward: bool) -> Non
     for mass, start, end in shown:
         x = np.interp((start + end) / 2, time, position[mass])
         bars.append([(x, start), (x, end)] if upward else [(start, x), (end, x)])
-    # no wider than long, lest short ones look like crosses
+    # Not wider than long, so that short rests do not look like crosses.
     widths = [min(max(points * (end - start), _THIN_REST), _REST) for _, start, end in shown]
     lines = LineCollection(bars, colors=[colours[mass] for mass, *_ in shown], linewidths=widths)
     lines.set_capstyle("butt")
@@ -181,9 +182,9 @@ def _rests(result: Result, column: int) -> Iterator[tuple[int, float, float]]:
 
 
 def motion(result: Result) -> Figure:
-    """Way of every mass, time upward, one column per tracker; heavy lines where a mass rests.
+    """Path of every mass, time upward, one column per tracker; thick lines where a mass rests.
 
-    Needs the variables ``time`` and ``position``.
+    Requires the variables ``time`` and ``position``.
     """
     names = result.attributes.get("trackers", [""])
     several = result["position"].values.ndim == 3
@@ -211,7 +212,7 @@ def motion(result: Result) -> Figure:
 def bands(result: Result) -> Figure:
     """Quantile bands of an ensemble, one column per tracker, rows as in `trackers`.
 
-    Half of the members lie in the dark band, 90 % in the light one.
+    The dark band holds half of the members, the light band 90 %.
     """
     axes = _grid(result, list(_ROWS), "_band")
     for column in range(len(needed(result, "trackers"))):
@@ -244,9 +245,9 @@ def _draw_band(axes: Axes, result: Result, name: str, column: int, palette: Sequ
 
 
 def signals(result: Result) -> Figure:
-    """Signals listed in the attribute ``signals`` against time, one below the other.
+    """Signals listed in the attribute ``signals`` over time, one below the other.
 
-    Rests of a single contact are shaded, those of several in a band of their own below.
+    Rests of a single contact are shaded; rests of several contacts have a band of their own below.
     """
     names = [name for name in needed(result, "signals") if name in result][:_MOST_SIGNALS]
     contacts = needed(result, "contacts")
@@ -276,7 +277,7 @@ def signals(result: Result) -> Figure:
 
 
 def _draw_phases(rows: Iterable[Axes], result: Result) -> list[Artist]:
-    """Where contacts of an optimal motion change."""
+    """Times at which contacts of an optimal motion change."""
     for axes in rows:
         for instant in (scalar(result, "phase_times") or [])[1:-1]:
             axes.axvline(instant, color=GREY, linewidth=0.8, linestyle=":")
@@ -284,14 +285,14 @@ def _draw_phases(rows: Iterable[Axes], result: Result) -> list[Artist]:
 
 
 def _draw_signal(axes: Axes, result: Result, name: str) -> list[Line2D]:
-    """Curves of a signal; gives what a legend says of them."""
+    """Curves of a signal; returns the entries of its legend."""
     time, values = result["time"].values, np.atleast_2d(result[name].values)
     entries = result[name].dims[0]
     palette = MASSES if entries == "mass" else LINKS
     colours = ["black"] if len(values) == 1 else shades(palette, len(values))
     told = _entries(palette, len(values), entries) if len(values) > 1 else []
     for j, (row, colour) in enumerate(zip(values, colours, strict=True)):
-        # those that cover each other show by their dashes
+        # Dashes distinguish curves that overlap.
         dashes = DASHES[j] if len(values) <= len(DASHES) else "-"
         axes.plot(time, row, color=colour, linewidth=1.2, linestyle=dashes)
         if j < len(told):
@@ -306,7 +307,7 @@ def _draw_signal(axes: Axes, result: Result, name: str) -> list[Line2D]:
 
 
 def _draw_band_of_rests(axes: Axes, result: Result, contacts: Sequence[str]) -> None:
-    """One row per contact, filled while it rests."""
+    """One row per contact, filled while the contact rests."""
     for i, colour in enumerate(shades(MASSES, len(contacts))):
         bars = [(start, end - start) for mass, start, end in _rests(result, 0) if mass == i]
         axes.broken_barh(bars, (i - 0.38, 0.76), color=colour, linewidth=0)

@@ -1,1 +1,1 @@
-"""Runs of kinds about chains."""
+"""Runners of the kinds of scenes about chains."""

@@ -1,4 +1,4 @@
-"""Chains and their trackers as scenes describe them, made into models."""
+"""Build models of chains and trackers from scene tables."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Links:
-    """Parameters of the links, as chance made them: one number per link, or a course in time."""
+    """Drawn parameters of the links: one number per link, or a function of time."""
 
     stiffness: np.ndarray | ParameterPath
     damping: np.ndarray | ParameterPath
@@ -81,13 +81,13 @@ class Links:
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
-        """Those that do not vary in time: parameters of the model."""
+        """Parameters that are constant in time: parameters of the model."""
         found = {name: getattr(self, name) for name in _RANDOM}
         return {k: v for k, v in found.items() if not isinstance(v, ParameterPath)}
 
     @property
     def paths(self) -> dict[str, np.ndarray]:
-        """Values of the schedules of those that do."""
+        """Schedule values of the parameters that vary in time."""
         found = {name: getattr(self, name) for name in _RANDOM}
         return {k: v.values for k, v in found.items() if isinstance(v, ParameterPath)}
 
@@ -95,14 +95,15 @@ class Links:
 def draw_links(worm: ChainTable, horizon: float, member: int = 0) -> Links:
     """Draw the parameters of the links of one member of an ensemble, over the time `horizon`.
 
-    Members do not depend on how many there are.
+    A member does not depend on the number of members.
     """
     processes = worm.random.processes if worm.random else {}
     seed = worm.random.seed if worm.random else 0
     drawn = {}
     for index, name in enumerate(_RANDOM):
         mean = np.array(per(getattr(worm, name), worm.links))
-        rng = np.random.default_rng([seed, member, index])  # each its own: none shifts another
+        rng = np.random.default_rng([seed, member, index])  # Each parameter has its own generator,
+        # so parameters do not shift each other.
         process = processes.get(name)
         drawn[name] = mean if process is None else _course(process, mean, horizon, rng)
     return Links(**drawn)
@@ -124,10 +125,10 @@ def _course(
 def build_chain(
     worm: ChainTable, start: Start, links: Links, length_nominal: float, time_nominal: float
 ) -> Model:
-    """Make the Model of a chain; `*_nominal` are usual sizes of a link length and of a period.
+    """Build the Model of a chain.
 
-    Without start positions, links have the rest length that the scene says, even where chance
-    makes it another.
+    `*_nominal` are the usual sizes of a link length and of a period. Without start positions, links
+    have the rest length of the scene, even if the drawn rest length differs.
     """
     position = start.position
     if position is None:
@@ -150,7 +151,7 @@ def build_chain(
 
 
 def chain_for(worm: ChainTable, start: Start, links: Links, gait: Gait) -> Model:
-    """As `build_chain`, scaled by the gait that the links shall follow."""
+    """Build the Model of a chain, scaled by the gait that its links follow."""
     length = float(np.mean(np.abs(gait(gait.breaks[:-1])))) or 1.0
     return build_chain(worm, start, links, length, gait.period)
 
@@ -160,12 +161,12 @@ class Grounded(Protocol):
 
     @property
     def friction(self) -> Any:
-        """A table for all masses, several for one each, or None."""
+        """A table for all masses, a table per mass, or None."""
         ...
 
     @property
     def ground(self) -> tuple[Friction, ...]:
-        """Friction of every mass."""
+        """Friction table of every mass."""
         ...
 
 
@@ -176,7 +177,7 @@ def laws_of(worm: Grounded) -> list[Law]:
 
 
 def law_of(table: Friction, mass: int = 0) -> Law:
-    """Law of one mass; the table's numbers are alike for all masses or listed one per mass."""
+    """Friction law of one mass, from a table with numbers or lists with one number per mass."""
 
     def number(value: float | tuple[float, ...]) -> float:
         return value[mass] if isinstance(value, tuple) else value
@@ -197,7 +198,7 @@ def law_of(table: Friction, mass: int = 0) -> Law:
 
 
 def build_loop(scene: Scene[TrackScene], index: int, gait: Gait, links: Links) -> Model:
-    """Close the loop of the tracker `index` around links that shall follow a gait.
+    """Close the loop of the tracker `index` around a chain that follows a gait.
 
     Raises SceneError if the tracker cannot start there.
     """
@@ -214,7 +215,7 @@ def build_loop(scene: Scene[TrackScene], index: int, gait: Gait, links: Links) -
 
 
 def close_loop(plant: Model, reference: Reference, tracker: Tracker, worm: ChainTable) -> Model:
-    """Close the loop of a tracker; raises ValueError if it cannot start where the plant does."""
+    """Close the loop of a tracker; raises ValueError if it cannot start at the plant's state."""
     feedforward = _feedforward(tracker, worm)
     if isinstance(tracker, FunnelTracker):
         return funnel_tracker(
@@ -280,14 +281,14 @@ def _feedforward(tracker: Tracker, worm: ChainTable) -> FeedForward | None:
 
 
 def tube_radius(tracker: Tracker) -> float:
-    """Radius of the tube that a tracker is judged by."""
+    """Radius of the tube that judges a tracker."""
     if isinstance(tracker, FunnelTracker):
         return tracker.funnel.end if tracker.tube_radius is None else tracker.tube_radius
     return tracker.tube_radius
 
 
 def labels(trackers: Sequence[Tracker]) -> list[str]:
-    """Name of each tracker, no two alike."""
+    """Name of each tracker; no two names are equal."""
     found = [tracker.name or _default_name(tracker) for tracker in trackers]
     counts = Counter(found)
     return [

@@ -1,4 +1,4 @@
-"""How rivals of a comparison do: on the worm as it is believed, and on plants that are not."""
+"""Evaluate the controllers of a comparison on the nominal plant and on drawn plants."""
 
 from __future__ import annotations
 
@@ -30,18 +30,19 @@ from wormopt.systems.shared.proof import CrossCheck, cross_check
 from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.shared.signals import simulate_whole
 
-# Plants that are not as believed are simulated less exactly: they differ by far more.
+# Drawn plants are simulated less exactly, since they differ by far more.
 _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
 _SAMPLES = 501
 TOLD = tuple(JUDGED)
-"""Numbers that are told of every motion."""
-# What feedback that sees badly may do: errors of so many radii, and steps beyond which it is lost.
+"""Quantities that are reported of every motion."""
+# Limits with poor measurements: error in tube radii, and number of steps, beyond which a plant is
+# lost.
 _LOST, _PATIENCE = 10.0, 100_000
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedRun:
-    """One rival on the worm as it is believed, and on the others."""
+    """One controller on the nominal plant and on the others."""
 
     rival: Rival
     motion: Trajectory | None  # of the worm as it is believed; None if it is lost
@@ -53,9 +54,9 @@ class JudgedRun:
 def judge(
     table: CompareScene, rival: Rival, draws: Sequence[Draw], check: bool, report: Report
 ) -> JudgedRun:
-    """Simulate a rival on all plants; `check` asks for a second route where that is affordable.
+    """Simulate a controller on all plants; `check` requests a second route where affordable.
 
-    Raises SolveError where the worm as believed fails though controllers see it as it is.
+    Raises SolveError if the nominal motion fails although measurements are exact.
     """
     report(f"simulating {rival.name}", 0.7)
     model, tolerance = judged(rival.model, table.tube), tolerance_of(table.tolerance)
@@ -63,7 +64,7 @@ def judge(
     if looks:
         model = _given_up(model, table)
     motion = _believed(model, table, tolerance, may_fail=looks)
-    # Trackers are rechecked in scenes of their own kind: their many steps take long in Python.
+    # Scenes of kind "track" recheck trackers: their many steps take long in Python.
     check &= not rival.model.delays and not any(s.name == "gain" for s in rival.model.x)
     recheck = check and table.tolerance.recheck
     second = motion and cross_check(model, motion, tolerance, recheck=recheck, report=silent)
@@ -86,7 +87,7 @@ def judge(
 def _believed(
     model: Model, table: CompareScene, tolerance: Tolerance, *, may_fail: bool
 ) -> Trajectory | None:
-    """Motion of the worm as it is believed; None if it is lost."""
+    """Motion of the nominal plant; None if it is lost."""
     try:
         motion = simulate_whole(
             model, table.time.end, table.time.samples, Exact(), tolerance, silent
@@ -99,7 +100,7 @@ def _believed(
 
 
 def _given_up(model: Model, table: CompareScene) -> Model:
-    """The model, whose motion ends where the error is far beyond the tube: the worm is lost."""
+    """The model, with an event that ends its motion where the error is far outside the tube."""
     error = model["error"]
     far = ca.dot(error, error) - (_LOST * table.tube.radius) ** 2
     lost = Switch("is lost", far, pack(model.x), terminal=True)
@@ -109,7 +110,7 @@ def _given_up(model: Model, table: CompareScene) -> Model:
 def scenarios(
     rival: Rival, draws: Sequence[Draw], table: CompareScene
 ) -> Iterator[tuple[int, Scenario]]:
-    """Plants by their number, each with its own noise, and inputs where the rival decides."""
+    """Plants by number, each with its own noise and with the inputs of a deciding controller."""
     noisy = any(schedule.name == NOISE for schedule in rival.model.schedules)
     for k, draw in enumerate(draws):
         if noisy:
@@ -124,7 +125,7 @@ def scenarios(
 
 
 def drawn_numbers(numbers: Sequence[dict[str, Any] | None]) -> Drawn:
-    """Collect numbers of plants; NaN where one could not be simulated or it never happens."""
+    """Collect quantities of plants; NaN where a simulation failed or an event never happens."""
 
     def column(name: str) -> np.ndarray:
         values = (None if n is None else n[name] for n in numbers)
@@ -136,12 +137,12 @@ def drawn_numbers(numbers: Sequence[dict[str, Any] | None]) -> Drawn:
 def know(
     table: CompareScene, gait: Gait, name: str, answer: Answer, draws: Sequence[Draw]
 ) -> Known:
-    """Plans made by somebody who knows the plant, each simulated on its plant."""
+    """Make plans with the true parameters, and simulate each on its plant."""
     numbers: list[dict[str, Any] | None] = []
     for plan, draw in zip(answer.known, draws, strict=False):
         motion = None
         if plan is not None:
-            with suppress(SolveError):  # counted as one that is not found
+            with suppress(SolveError):  # Counted as a plan that was not found.
                 motion = simulate(
                     judged(driven(table, gait, plan.inputs, periodic=plan.periodic), table.tube),
                     table.time.end,

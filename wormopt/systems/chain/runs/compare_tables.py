@@ -1,4 +1,4 @@
-"""Tables of a comparison in Markdown: figures of all rivals, plants drawn, plants known."""
+"""Markdown tables of a comparison: all controllers, drawn plants, known plants."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from wormopt.systems.chain.scenes.compare_tracking import RANKED, CompareScene
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Numbers of one rival on plants that are not as believed."""
+    """Quantities of one controller on the drawn plants."""
 
     values: dict[str, np.ndarray]  # (members,) by name; NaN: not simulated or nothing happens
     failed: int  # how many could not be simulated
 
     @property
     def outside(self) -> int:
-        """How many plants leave the tube after its time of capture, those that failed included."""
+        """Number of plants that leave the tube after capture, including failed simulations."""
         stays = self.values["time_outside_tube"] == 0
         return len(stays) - int(np.sum(stays))
 
@@ -30,18 +30,18 @@ class Drawn:
         return share_interval(self.outside, len(self.values["time_outside_tube"]))
 
     def median(self, name: str) -> tuple[float, float]:
-        """Interval of a number's median over all plants, those that failed counted as worst."""
+        """Interval of the median of a quantity over all plants; failed simulations rank worst."""
         return median_interval(self.values[name])
 
     def quantiles(self, name: str, *shares: float) -> list[float]:
-        """Quantiles of a number over the plants that could be simulated, at `shares` of 0 to 1."""
+        """Quantiles, at `shares` from 0 to 1, of a quantity over the plants that were simulated."""
         values = self.values[name][np.isfinite(self.values[name])]
         return [float(np.quantile(values, s)) if values.size else np.nan for s in shares]
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A plan made anew for plants that are known."""
+    """A plan made with the true parameters of each known plant."""
 
     name: str  # which plan
     drawn: Drawn  # of these plants; ``failed``: for which none was found
@@ -58,7 +58,7 @@ _COLUMNS = {
     "mean_speed": "mean speed",
     "work": "work spent",
     "net_work": "net work",
-    "energy_per_mass_distance": "work by mass and distance",
+    "energy_per_mass_distance": "work over mass and distance",
 }
 
 
@@ -72,19 +72,23 @@ def table_of(
     drawn: Sequence[Mapping[str, Drawn]],
     known: Sequence[Known],
 ) -> str:
-    """Write all figures as Markdown.
+    """Markdown with all figures.
 
-    By reference and rival, `numbers` are of the worm as it is believed and `drawn` of the
-    other plants; `known` are plans made anew for the first reference.
+    By reference and controller, `numbers` belong to the nominal plant and `drawn` to the other
+    plants. `known` are the plans with true parameters for the first reference.
     """
     lines: list[str] = []
     for name, row, plants in zip(references, numbers, drawn, strict=True):
-        lines += ["", f"## {name}: the worm as it is believed", "", *_nominal(row)]
+        lines += ["", f"## {name}: the nominal plant", "", *_nominal(row)]
         lines += ["", f"## {name}: {_plants(table)}", "", *_draws(plants)]
-        lines += ["", f"## {name}: what is certain of the plants", "", *_certain(plants)]
+        lines += ["", f"## {name}: intervals over the plants", "", *_certain(plants)]
     if table.draws.known:
         count = table.draws.known
-        lines += ["", f"## {references[0]}: what {count} of these plants cost who knows them", ""]
+        lines += [
+            "",
+            f"## {references[0]}: plans with the true parameters of {count} of these plants",
+            "",
+        ]
         lines += _knowledge(table, drawn[0], known)
     return "\n".join([*_legend(table), *lines, ""])
 
@@ -96,11 +100,11 @@ def _plants(table: CompareScene) -> str:
 def _legend(table: CompareScene) -> list[str]:
     capture = f"{table.tube.capture:g}"
     return [
-        f"λ = {table.tube.radius:g}, time 0 to {table.time.end:g}; time outside the tube and the "
-        f"largest |e| count from t = {capture} on. Work spent counts the positive power of each "
-        "actuator, nothing recovered; net work counts what flows back too; cost of transport is "
-        "work spent by total mass and distance. All motions are of one simulator with exact "
-        "contact.",
+        f"λ = {table.tube.radius:g}, time 0 to {table.time.end:g}. Time outside the tube and the "
+        f"largest |e| count from t = {capture} on. Work spent is the positive power of each "
+        "actuator over time, without recovery; net work includes the power that flows back. Cost "
+        "of transport is work spent over total mass and distance. One simulator with exact "
+        "contact computes all motions.",
         *_measured(table),
     ]
 
@@ -110,8 +114,8 @@ def _measured(table: CompareScene) -> Iterator[str]:
     if measurement is not None and not measurement.exact:
         yield ""
         yield (
-            f"What is fed back is {measurement.delay:g} old, with noise of {measurement.noise:g} "
-            f"on samples every {measurement.interval:g}."
+            f"Measurements have a delay of {measurement.delay:g} and noise of "
+            f"{measurement.noise:g} on samples every {measurement.interval:g}."
         )
 
 
@@ -134,7 +138,7 @@ def _draws(plants: Mapping[str, Drawn]) -> Iterator[str]:
         ]  # fmt: skip
         yield line_of([name, str(each.outside), str(each.failed), *bands])
     yield ""
-    yield "Median, in brackets 5 and 95 % of the plants."
+    yield "Median over the plants, with the 5 % and 95 % quantiles in brackets."
 
 
 def _certain(plants: Mapping[str, Drawn]) -> Iterator[str]:
@@ -154,8 +158,8 @@ def _certain(plants: Mapping[str, Drawn]) -> Iterator[str]:
     yield ""
     yield (
         f"Intervals of {LEVEL:.0%}: of shares by Clopper and Pearson, of medians by order "
-        "statistics, plants that failed counted as worst. The last two columns: share of the "
-        "plants on which it has less, on the same plant."
+        "statistics; failed plants rank worst. The last two columns give the share of plants on "
+        "which the controller has the lower value than the first, compared plant by plant."
     )
 
 
@@ -166,7 +170,7 @@ def _interval(low: float, high: float) -> str:
 def _knowledge(
     table: CompareScene, plants: Mapping[str, Drawn], known: Sequence[Known]
 ) -> Iterator[str]:
-    """Means over the plants for which every plan was found, so that rows compare."""
+    """Means over the plants for which every plan was found, so that rows are comparable."""
     weight, count = table.optimal.input_weight if table.optimal else 0.0, table.draws.known
     found = [each for each in known if each.drawn.failed < count]
     whole = np.all([np.isfinite(k.drawn.values["distance"]) for k in found], axis=0)
@@ -185,8 +189,8 @@ def _knowledge(
     yield ""
     lost = ", ".join(f"{k.name} {k.drawn.failed}" for k in known)
     yield (
-        f"Means over the {int(whole.sum())} plants of {count} for which every plan was found; not "
-        f"found: {lost}. ρ = {weight:g}."
+        f"Means over the {int(whole.sum())} plants of {count} for which every plan was found. "
+        f"Plans not found: {lost}. ρ = {weight:g}."
     )
 
 
@@ -200,7 +204,7 @@ def _band(each: Drawn, name: str) -> str:
 
 
 def head_of(names: Sequence[str]) -> Iterator[str]:
-    """Head of a table, its first column to the left."""
+    """Head of a table with a left-aligned first column."""
     yield line_of(names)
     yield line_of(["---", *["---:"] * (len(names) - 1)])
 
@@ -211,7 +215,7 @@ def line_of(cells: Sequence[str]) -> str:
 
 
 def text_of(value: float | None) -> str:
-    """Number in three digits."""
+    """The number with three digits."""
     if value is None or not np.isfinite(value):
         return "never" if value is None else "–"
     return f"{value:.3g}" if abs(value) < 100 else f"{value:.0f}"

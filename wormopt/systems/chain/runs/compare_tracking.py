@@ -1,4 +1,4 @@
-"""Scenes of kind ``compare-tracking``: controllers side by side, and what knowledge is worth."""
+"""Run scenes of kind ``compare-tracking``: several controllers of one chain."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ from wormopt.systems.spiked import (
     gait_of_shape,
 )
 
-# Pieces of a designed gait that shrank to less than this share of the period are left out.
+# Pieces of a designed gait shorter than this share of the period are left out.
 _SHORT = 1e-6
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[CompareScene], report: Report) -> Result:
-    """Plan, close the loops, simulate all exactly, and put the figures side by side.
+    """Plan, close the loops, simulate all motions exactly, and compare the controllers.
 
-    "failed" where a motion as believed lacks confirmation by a second route or energy balance.
-    Raises SceneError for a gait's file; SolveError if a design or nominal motion fails.
+    The result is "failed" if a second route or the energy balance does not confirm a nominal
+    motion. Raises SceneError for a gait's file, and SolveError if a design or nominal motion fails.
     """
     table, clock = scene.table, time.perf_counter()
     report("designing the references", 0.0)
@@ -111,7 +111,7 @@ def _gait(scene: Scene[CompareScene], index: int) -> Gait:
 
 
 def _without_short_pieces(gait: Gait) -> Gait:
-    """Leave out phases that shrank to nothing: grids and simulations stop at every break."""
+    """Leave out phases of nearly zero duration: grids and simulations stop at every break."""
     lasting = np.diff(gait.breaks) > _SHORT * gait.period
     breaks = np.concatenate([[0.0], np.cumsum(np.diff(gait.breaks)[lasting])])
     whole = Gait(breaks, gait.polynomial[lasting])
@@ -121,7 +121,7 @@ def _without_short_pieces(gait: Gait) -> Gait:
 def _plan(
     table: CompareScene, gaits: Sequence[Gait], draws: Sequence[Draw], report: Report
 ) -> list[dict[str, Answer]]:
-    """Answers by reference and kind of plan; the crawl knows no reference."""
+    """Optima by reference and kind of plan; the crawl has no reference."""
     names = plans_of(table)
     long_first = [name for name in (PLANS[1], PLANS[0], PLANS[2]) if name in names]
     wanted = [(name, 0) for name in long_first]
@@ -143,7 +143,7 @@ def _plan(
 def _rivals(
     scene: Scene[CompareScene], gait: Gait, plans: Mapping[str, Plan | None]
 ) -> list[Rival]:
-    """Make all rivals; raises SceneError for a controller that cannot start there."""
+    """Make all controllers; raises SceneError for one that cannot start at the initial state."""
     try:
         return list(rivals(scene.table, gait, plans))
     except ArgumentError as error:
@@ -153,7 +153,7 @@ def _rivals(
 def _decide(
     table: CompareScene, gaits: Sequence[Gait], draws: Sequence[Draw], report: Report
 ) -> list[dict[str, Decided]]:
-    """What predictive rivals decided, by reference and name."""
+    """Decisions of the predictive controllers, by reference and name."""
     jobs = list(decision_jobs(table, gaits, draws))
     found: list[dict[str, Decided]] = [{} for _ in gaits]
     if not jobs:
@@ -259,7 +259,7 @@ def _scalars(
 
 
 def _names(runs: Sequence[Sequence[JudgedRun]]) -> list[str]:
-    """Names of all rivals; one whose plan was not found may lack for some reference."""
+    """Names of all controllers; a plan that was not found may be missing for a reference."""
     return [*dict.fromkeys(e.rival.name for row in sorted(runs, key=len)[::-1] for e in row)]
 
 
@@ -276,7 +276,10 @@ def _signals(
     sampled = [[_sampled(e.rival.model, e.motion) if e else None for e in row] for row in rows]
     one = next((s for row in sampled for s in row if s is not None), None)
     if one is None:
-        raise SolveError("every controller loses the worm as it is believed; measure better")
+        raise SolveError(
+            "no controller keeps the nominal plant near the tube; reduce measurement.noise or "
+            "measurement.delay"
+        )
     lost = {name: np.full_like(values, np.nan) for name, values in one.items()}
     arrays = {
         name: np.array([[(signals or lost)[name] for signals in row] for row in sampled])
@@ -297,7 +300,7 @@ def _signals(
 
 
 def _certain(rows: Sequence[Sequence[JudgedRun | None]], members: int) -> dict[str, np.ndarray]:
-    """Intervals of what is told of the plants, and on how many who has less."""
+    """Intervals of the quantities over the plants, and numbers of plants with the lower value."""
     lost = drawn_numbers([None] * members)
     drawn = [[e.drawn if e else lost for e in row] for row in rows]
     found = {"outside_share": np.array([[d.outside_share for d in row] for row in drawn])}
@@ -310,7 +313,7 @@ def _certain(rows: Sequence[Sequence[JudgedRun | None]], members: int) -> dict[s
 
 
 def _aim(row: Sequence[JudgedRun]) -> np.ndarray:
-    """Course of the reference, which every motion has; not a number if all are lost."""
+    """Reference over time, which every motion has; NaN if all are lost."""
     motion = next((each.motion for each in row if each.motion is not None), None)
     return np.array(np.nan) if motion is None else motion["reference"]
 
@@ -323,17 +326,17 @@ def _sampled(model: Model, motion: Trajectory | None) -> dict[str, np.ndarray] |
 
 
 def _not_rechecked(row: Sequence[JudgedRun], *, asked: bool) -> Iterator[str]:
-    """Warn of motions of the first reference that no second route confirms."""
+    """Warn of motions of the first reference without a second route."""
     alone = [each.rival.name for each in row if each.motion and not each.second]
     if not asked:
         yield NOT_RECHECKED
     elif len(alone) == sum(each.motion is not None for each in row):
         yield Unchecked(
-            "no motion is rechecked by a second route: those of trackers and through delayed "
-            'measurements take too long; scenes of kind "track" recheck trackers'
+            "no second route rechecks a motion here: those of trackers and of delayed measurements "
+            'take too long; scenes of kind "track" recheck trackers'
         )
     elif alone:
-        yield f"not rechecked by a second route: {', '.join(alone)}"
+        yield f"no second route rechecks {', '.join(alone)}"
 
 
 def _warnings(
@@ -346,22 +349,28 @@ def _warnings(
     for reference, row in zip(names, decided, strict=True):
         for name, each in row.items():
             if each.believed is None:
-                yield f"{reference}: no {name}: {each.numbers['reason']}"
+                yield f"{reference}: no plan for {name}: {each.numbers['reason']}"
             if each.unsolved:
-                yield f"{reference}, {name}: {each.unsolved} decisions were not solved"
+                yield (
+                    f"{reference}, {name}: {each.unsolved} decisions failed; the previous "
+                    "plan continued"
+                )
     for reference, row in zip(names, plans, strict=True):
         for name, answer in row.items():
             if answer.plan is None:
-                yield f"{reference}: no {name}: {answer.numbers['reason']}"
+                yield f"{reference}: no plan for {name}: {answer.numbers['reason']}"
     for reference, row in zip(names, runs, strict=True):
         for each in row:
             if each.motion is None:
-                yield f"{reference}, {each.rival.name}: loses the worm as it is believed"
+                yield (
+                    f"{reference}, {each.rival.name}: the error of the nominal plant exceeds "
+                    "its limit; it counts as lost"
+                )
             if each.drawn.failed:
                 yield (
-                    f"{reference}, {each.rival.name}: {each.drawn.failed} of the plants could not "
-                    "be simulated; they are counted, and left out of medians"
+                    f"{reference}, {each.rival.name}: the simulation of {each.drawn.failed} plants "
+                    "failed; they are counted, and left out of medians"
                 )
     for each in known:
         if each.drawn.failed:
-            yield f"{each.name}: not found for {each.drawn.failed} of the plants that are known"
+            yield f"{each.name}: no plan was found for {each.drawn.failed} of the known plants"

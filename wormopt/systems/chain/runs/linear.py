@@ -1,4 +1,4 @@
-"""Scenes of kind ``linear``: linear theory of a chain, its frozen loops, and what is learned."""
+"""Run scenes of kind ``linear``: linear theory of a chain and its loop with frozen gain."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _HARMONICS = 1e-3  # errors by harmonics and by simulation: kinks of the referen
 
 @dataclass(frozen=True, eq=False)
 class Worm:
-    """What a scene describes."""
+    """Worm and tracker of a scene."""
 
     plant: Model
     laws: list[Law]
@@ -70,15 +70,16 @@ class Worm:
         return self.task.error(FrozenLoop(self.task.plant, gain, self.feedback))
 
     def bound(self, gain: float) -> float:
-        """Bound of its error with dry friction."""
+        """Bound of the error with dry friction."""
         return self.task.bound(FrozenLoop(self.task.plant, gain, self.feedback))
 
 
 def run(scene: Scene[LinearScene], report: Report) -> Result:
-    """Analyse the worm and its frozen loops, simulate the tracker; failed where routes disagree.
+    """Analyse the worm and its frozen loops, and simulate the tracker.
 
-    Raises SceneError for a gait file or a motion that is too short, SolveError if a motion stops
-    short, Interrupted by the user; these two with a Result that holds nothing.
+    The result is "failed" if routes disagree. Raises SceneError for a gait file or a motion that is
+    too short, SolveError if a motion stops early, and Interrupted; the last two with an empty
+    Result.
     """
     try:
         return _result(scene, report)
@@ -132,7 +133,9 @@ def _result(scene: Scene[LinearScene], report: Report) -> Result:
         checks=_checks(scene, worm, loop, own, numbers, second),
         warnings=_warnings(scene, worm, numbers, motion, second),
         timings=timings,
-        facts={"hidden": "the place of the worm is a shift, no pole or zero of the loop"},
+        facts={
+            "hidden": "the position of the worm is a shift, which is no pole or zero of the loop"
+        },
     )
 
 
@@ -153,7 +156,7 @@ def _worm(scene: Scene[LinearScene]) -> Worm:
 def _learn(
     scene: Scene[LinearScene], worm: Worm, report: Report
 ) -> tuple[dict[str, Any], CrossCheck | None]:
-    """Numbers of the adaptive motion, and what its second route says."""
+    """Results of the adaptive motion and of its second route."""
     table = scene.table
     reference = gait_reference(worm.gait, worm.plant.t, shift=worm.shift)
     loop = close_loop(worm.plant, reference, table.tracker, table.worm)
@@ -178,7 +181,7 @@ def _gains(
     scene: Scene[LinearScene], worm: Worm, frozen: Frozen, loops: list[FrozenLoop],
     learned: float, report: Report,
 ) -> tuple[dict[str, Any], dict[str, Any]]:  # fmt: skip
-    """Gains that suffice, the errors from which they follow, and both over the gain."""
+    """Sufficient gains, the errors that determine them, and both over the gain."""
     table, radius = scene.table, scene.table.tracker.tube_radius
     contact, tolerance = treatment_of(table.contact), tolerance_of(table.tolerance)
     tried: list[float] = []
@@ -219,7 +222,7 @@ def _numbers(values: list[float]) -> np.ndarray:
 
 
 def _structure(plant: Model, point: LinearModel) -> dict[str, Any]:
-    """What a tracker of high gain rests on."""
+    """Conditions of a high-gain tracker."""
     gain = normal_form(plant, output="length").gain_at()
     mass = np.mean(np.asarray(next(s.value for s in plant.p if s.name == "mass"), dtype=float))
     return {
@@ -289,12 +292,12 @@ def _checks(
                          _by_simulation(scene, worm, loop), _HARMONICS)  # fmt: skip
     if numbers["error_sure"] is not None and isinstance(treatment_of(scene.table.contact), Exact):
         share = numbers["error_learned"] / numbers["error_sure"]
-        advice = "the error with the gain frozen is above its bound; take a longer time.end"
+        advice = "the error with frozen gain exceeds its bound; write a larger time.end"
         yield Check("error against its bound", share, 1.0, advice)
 
 
 def _agree(what: str, difference: float, limit: float) -> Check:
-    return Check(what, float(difference), limit, f"{what}: differs by {difference:.2g}")
+    return Check(what, float(difference), limit, f"{what}: both routes differ by {difference:.2g}")
 
 
 def _apart_by(ours: np.ndarray, theirs: np.ndarray) -> float:
@@ -314,13 +317,13 @@ def _free(scene: Scene[LinearScene], worm: Worm) -> Frozen:
 
 
 def _again(scene: Scene[LinearScene], worm: Worm, loop: FrozenLoop) -> np.ndarray:
-    """Poles by derivatives of the tracker's own Model."""
+    """Poles of the linearised Model of the closed loop."""
     model = _free(scene, worm).loop
     return linearise(model, output="length", x={"gain": loop.gain}).poles
 
 
 def _static(loop: FrozenLoop) -> float:
-    """Difference of integrals of impulse responses from their closed form, against the largest."""
+    """Relative difference between integrals of impulse responses and their closed form."""
     found, known = static_gains(loop)
     return float(np.abs(found - known).max() / np.abs(known).max())
 
@@ -330,7 +333,7 @@ def _settled(worm: Worm, loop: FrozenLoop) -> float:
 
 
 def _by_simulation(scene: Scene[LinearScene], worm: Worm, loop: FrozenLoop) -> float:
-    """Difference of the error by harmonics from that of a simulated motion, against the larger."""
+    """Relative difference between the error by harmonics and by a simulated motion."""
     simulated = _free(scene, worm).error(
         loop.gain, _settled(worm, loop), Exact(), tolerance_of(scene.table.tolerance)
     )
@@ -347,14 +350,14 @@ def _warnings(
     most = scene.table.gains.most
     for name in ("gain_linear", "gain_simulated"):
         if numbers[name] is None:
-            yield f"{name}: not even {most:g} suffices; write more for gains.most"
+            yield f"{name}: no gain up to {most:g} suffices; write a larger gains.most"
     loop = FrozenLoop(worm.task.plant, float(motion["k_end"]), worm.feedback)
     if not loop.stable:
         yield (
-            f"at gain_learned = {loop.gain:.4g} the linear loop is unstable: it has no margins, "
-            "which are given as 0"
+            f"at gain_learned = {loop.gain:.4g} the linear loop is unstable; its margins are "
+            "reported as 0"
         )
     if loop.stable and _settled(worm, loop) > _LONGEST * worm.gait.period:
-        yield "a motion settles too slowly for gain_linear to be rechecked by simulation"
+        yield "the motion decays too slowly to recheck gain_linear by simulation"
     if motion["capture_time"] is None:
-        yield "the adaptive motion ends outside of the tube; its gain may still grow"
+        yield "the adaptive motion ends outside the tube; its gain may still grow"

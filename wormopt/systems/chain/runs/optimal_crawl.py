@@ -1,4 +1,4 @@
-"""Scenes of kind ``optimal-crawl``: the inputs by which a chain crawls best."""
+"""Run scenes of kind ``optimal-crawl``: the best periodic inputs of a crawling chain."""
 
 from __future__ import annotations
 
@@ -47,23 +47,23 @@ from wormopt.systems.shared.signals import chain_expressions
 from wormopt.systems.shared.transport import assumed, cost_of_transport
 
 _SHOWN = ("length", "velocity", "contact_force", "input")
-# Samples of a motion by which its size and its cycles are known.
+# Samples of a motion that determine its size and its cycles.
 _SAMPLES = 512
 # Relaxation of complementarity, in usual speeds times usual forces: it only has to show the phases.
 _RELAXED = Complementarity(residual=1e-3, first=1.0)
 # State polynomials between switches.
 _EXACT = Collocation(7)
-# The simulation of a crawl with contact on a grid may end elsewhere by so much.
+# Accepted end error of the simulation of a crawl with contact on a grid.
 _ACCEPTED_ON_GRID = 2e-2
 # Relaxation where contact stays on a grid, and the arcs of that against the first grid.
 _ON_GRID, _FINER = Complementarity(residual=1e-4, first=1e-4), 2
 # Arcs that a phase needs to be seen, on average, and shorter periods that are tried.
 _ARCS_A_PHASE, _SHORTER = 3, 2
-# The least friction counts, and no less than this part of the largest.
+# The least friction counts, but at least this share of the largest.
 _FRICTION = 1e-2
 # Largest input in nominal sizes.
 _USUAL_SIZES = 20.0
-# Keys of the scene, by what an optimiser calls them.
+# Keys of the scene by the optimiser's names.
 _KEYS = {
     "input": "limits.force",
     "inputs": "limits.force",
@@ -75,15 +75,16 @@ _ADVICE = {
     "not_solved": "write search.starts = 5, another number of mesh.arcs, or wider limits.length, "
     "limits.force or limits.period",
 }
-_NOT_FOUND = "no crawl was found that keeps limits.period, limits.force and limits.length"
+_NOT_FOUND = "no crawl was found within limits.period, limits.force and limits.length"
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
     """Find the best periodic crawl: relaxed contact from several starts, then phases, then replay.
 
-    Phases have free switching times; none if several worms share the inputs. "failed" where
-    the simulation ends elsewhere; raises SolveError if there is no crawl or none is found.
+    The switching times of the phases are free; several worms with common inputs have no phases. The
+    result is "failed" if the simulation ends elsewhere. Raises SolveError if no crawl exists or is
+    found.
     """
     table, begin = scene.table, time.perf_counter()
     plant, worms = _plant(table), 1 + (table.robust.draws if table.robust else 0)
@@ -99,14 +100,16 @@ def run(scene: Scene[OptimalCrawlScene], report: Report) -> Result:
         exact, solved = [*stages.values()][-1], time.perf_counter()
         numbers = _numbers(table, plant, exact.motion, draws, report)
     except SolveError as error:
-        if error.code == "not_solved":  # what the solver says of its equations helps nobody
+        if error.code == "not_solved":  # the solver's messages on equations do not help the user
             error = SolveError(_NOT_FOUND, error.suggestion, error.partial, error.code)
         raise refused(scene, error, keys=_KEYS, advice=_ADVICE) from None
     accepted = ACCEPTED if "phases" in stages else _ACCEPTED_ON_GRID
     second = cross_check(exact.motion, accepted=accepted, report=report)
     kept, convergence, lost = _kept(numbers, accepted), None, ""
     if "convergence" in table.want and "phases" not in stages:
-        lost = "relaxed contact was not followed to its limit: phases cannot be read off the motion"
+        lost = (
+            "relaxed contact was not followed to its limit, so the motion does not show the phases"
+        )
     elif "convergence" in table.want:
         try:
             convergence = converge(stages, report)
@@ -136,9 +139,9 @@ def _plant(table: OptimalCrawlScene) -> Model:
 
 
 def _sized(table: OptimalCrawlScene, plant: Model, near: Guess) -> Model:
-    """Scale the plant by the speed of a motion near by, and by friction.
+    """Scale the plant by the speed of a similar motion, and by friction.
 
-    From masses and periods alone forces come out too small by orders of magnitude for light worms.
+    Masses and periods alone give forces that are too small by orders of magnitude for light worms.
     """
     masses, force = table.worm.links + 1, table.limits.force
     states = near.states(np.linspace(0.0, near.duration, _SAMPLES))
@@ -161,7 +164,7 @@ def _sized(table: OptimalCrawlScene, plant: Model, near: Guess) -> Model:
 
 
 def _draws(plant: Model, robust: RobustTable) -> list[dict[str, np.ndarray]]:
-    """Numbers of the other worms, each drawn around the scene's own."""
+    """Parameters of the other worms, drawn around the scene's values."""
     random, own = np.random.default_rng(robust.seed), numbers_of(plant)
     return [
         {name: own[name] * f for name, f in draw_factors(own, robust.spread, random).items()}
@@ -191,7 +194,7 @@ def _solve(
     starts: Iterator[Guess],
     report: Report,
 ) -> tuple[dict[str, Optimum], tuple[float, ...]]:
-    """Solve relaxed, then with free switching times, or on a finer grid where that fails.
+    """Solve with relaxed contact, then with free switching times, or on a finer grid if that fails.
 
     `stated` is the problem in the sizes of a motion.
     """
@@ -233,7 +236,7 @@ def _resolved(relaxed: Optimum) -> bool:
 
 
 def _cycles(motion: Motion) -> int:
-    """How often lengths go to and fro in a period: the harmonic in which they change most."""
+    """Number of cycles in a period: the harmonic in which lengths change most."""
     t = np.arange(_SAMPLES) / _SAMPLES * motion.duration
     power = np.sum(np.abs(np.fft.rfft(motion.output("length", t))) ** 2, axis=0)
     return 1 + int(np.argmax(power[1:]))
@@ -248,10 +251,10 @@ def _resumed(scene: Scene[OptimalCrawlScene]) -> Guess:
         states = np.vstack([earlier["position"].values, earlier["velocity"].values])
         inputs, forces = earlier["input"].values, earlier["contact_force"].values
     except (OSError, ValueError, KeyError) as error:
-        message = f"{name} holds no crawl of one worm: {error}"
+        message = f"{name} does not contain the crawl of a single worm: {error}"
         raise SceneError(scene.name, [("search.result", message)]) from None
     if len(inputs) != table.worm.links:
-        message = f"{name} has {len(inputs)} links; write one of {table.worm.links}"
+        message = f"{name} has {len(inputs)} links; write a result with {table.worm.links}"
         raise SceneError(scene.name, [("search.result", message)])
     course = _polyline(t, inputs)
     return Guess(float(t[-1]), _polyline(t, states), course, _polyline(t, forces))
@@ -262,7 +265,7 @@ def _polyline(t: np.ndarray, rows: np.ndarray) -> Callable[[np.ndarray], np.ndar
 
 
 def _guesses(table: OptimalCrawlScene, plant: Model, worms: int) -> Iterator[Guess]:
-    """Sines of which the phases run down the worm at first, and by chance afterwards."""
+    """Sine inputs: the first has phases that run along the worm, the others random phases."""
     period, force = sum(table.limits.period_range) / 2, table.limits.force
     for start in range(table.search.starts):
         random = np.random.default_rng([table.search.seed, start])
@@ -275,9 +278,12 @@ def _guesses(table: OptimalCrawlScene, plant: Model, worms: int) -> Iterator[Gue
 
 
 def _kept(numbers: Mapping[str, Any], accepted: float) -> Check:
-    """Whether worms keep the speed they were optimised for."""
+    """Whether the worms keep the optimised speed."""
     speed, kept = numbers["speed"], float(np.mean(numbers["speed_simulated"]))
-    advice = f"after some periods the simulated speed is {kept:.6g}, not {speed:.6g}"
+    advice = (
+        f"the simulated speed after some periods is {kept:.6g}, not {speed:.6g}; write "
+        "more mesh.arcs"
+    )
     limit = accepted * max(abs(speed), abs(kept))
     return Check("speed after some periods", kept - speed, limit, advice)
 
@@ -289,7 +295,7 @@ def _numbers(
     draws: Sequence[Mapping[str, np.ndarray]],
     report: Report,
 ) -> dict[str, Any]:
-    """Speed as optimised, and as every worm has it after many simulated periods."""
+    """Optimised speed, and the speed of each worm after many simulated periods."""
     report("simulating the crawl", 0.95)
     course, duration, masses = motion.input_course(), motion.duration, table.worm.links + 1
     ends = motion.states(np.array([0.0, duration]))
@@ -341,20 +347,21 @@ def _warnings(
         yield from warnings_of_reading(relaxed, last)
     else:
         yield from warnings_of_optimum(last, math.inf)
-        why, part = "the phases cannot be read off this motion", "hundred"
+        why, part = "the motion shows no distinct phases", "hundred"
         if table.robust:
             why, part = "several worms", "thousand"
         yield (
-            f"{why}: contact is complementary on a grid, so that the motion is right to "
-            f"about a part in a {part}; speed_simulated is what each worm really does"
+            f"{why}: contact is a complementarity condition on a grid, so the motion is accurate "
+            f"to about one part in a {part}; speed_simulated is the speed of each worm in the "
+            "exact simulation"
         )
     if (cycles := math.ceil(table.limits.period_range[0] / last.motion.duration - 1e-6)) > 1:
         yield (
-            f"within limits.period the crawl repeats: time, advance and signals are those of one "
-            f"of {cycles} cycles, which last {cycles * last.motion.duration:.6g}; a smaller force, "
-            "or a larger aim.effort, makes slower cycles"
+            "the crawl repeats within limits.period: time, advance and signals describe one of "
+            f"{cycles} cycles, with a duration of {cycles * last.motion.duration:.6g}; a smaller "
+            "force, or a larger aim.effort, gives slower cycles"
         )
     if table.search.starts == 1:
-        yield "a local optimum from one start; write search.starts to try more"
+        yield "the result is a local optimum from a single start; write search.starts to try more"
     if convergence is not None:
         yield from convergence.warnings()

@@ -1,4 +1,4 @@
-"""A user's own model: a Python file beside the scene, and a function in it that returns a Model."""
+"""Load a user's model: a function in a Python file beside the scene that returns a Model."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from wormopt.scene.scene import Scene
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-# Names that the Result uses itself.
+# Names that the Result itself uses.
 _TAKEN = {
     "time",
     *(f"event_{what}" for what in ("time", "kind", "contact", "mode")),
@@ -30,10 +30,10 @@ _TAKEN = {
 
 
 def load_model(scene: Scene[SimulateScene]) -> Model:
-    """Run the user's file and the function in it, as the scene's key ``model`` says.
+    """Run the user's file and its function, as the scene's key ``model`` says.
 
-    Raises SceneError if file or function is missing or fails, or its result is no Model that can
-    be simulated and saved; the message says what to write.
+    Raises SceneError if the file or function is missing or fails, or if its return value is not a
+    Model that can be simulated and saved.
     """
     table, path = scene.table, scene.folder / scene.table.model_file
     try:
@@ -45,7 +45,7 @@ def load_model(scene: Scene[SimulateScene]) -> Model:
     sys.modules[module.__name__] = module  # where dataclasses and pickle look for it
     # Stdout belongs to results; what the user's file prints goes to stderr.
     with contextlib.redirect_stdout(sys.stderr):
-        # The user's own file, of the scene that the user runs.
+        # The user's own file, from the scene that the user runs.
         _attempt(scene, path, lambda: exec(code, module.__dict__))  # noqa: S102
         function = _function(scene, module)
         _check_parameters(scene, function)
@@ -84,14 +84,14 @@ def _attempt(
         said = " ".join(str(error).split()) or "no message"
         message = f"{scene.table.model_file}{where}: {type(error).__name__}: {said}"
         if not given:
-            raise _refused(scene, f"{message}; mend it there") from error
-        message = f"{scene.table.model_function}() fails with what is given: {message}"
-        what = "write other values, or mend the file"
+            raise _refused(scene, f"{message}; correct it there") from error
+        message = f"{scene.table.model_function}() fails with the given parameters: {message}"
+        what = "write other values, or correct the file"
         raise _refused(scene, f"{message}; {what}", _blamed(given, said)) from error
 
 
 def _blamed(given: Mapping[str, Any] | None, said: str) -> str:
-    """Key of the parameter that an error speaks of, where there is one."""
+    """Key of the parameter that an error names, or None."""
     if not given:
         return "model"
     named = [name for name in given if re.search(rf"\b{re.escape(name)}\b", said)] or list(given)
@@ -114,13 +114,13 @@ def _check_parameters(scene: Scene[SimulateScene], function: Callable[..., Any])
     name = scene.table.model_function
     try:
         signature = inspect.signature(function)
-    except ValueError:  # no Python function: it will say itself what it takes
+    except ValueError:  # A function without a signature in Python reports its parameters by itself.
         return
     taken = signature.parameters.values()
     known = [p.name for p in taken if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     anything = any(p.kind is p.VAR_KEYWORD for p in taken)
     faults = [
-        (f"parameters.{key}", f"{name}() takes no such parameter; {_hint(key, known)}")
+        (f"parameters.{key}", f"{name}() has no such parameter; {_hint(key, known)}")
         for key in given
         if key not in known and not anything
     ]
@@ -137,20 +137,24 @@ def _hint(key: str, known: list[str]) -> str:
     close = get_close_matches(key, known, n=1)
     if close:
         return f"did you mean {close[0]}?"
-    return f"it takes {', '.join(known)}" if known else "it takes none"
+    return f"its parameters are {', '.join(known)}" if known else "it has no parameters"
 
 
 def _check_model(scene: Scene[SimulateScene], model: Model) -> None:
-    """Refuse what could be neither simulated nor saved."""
+    """Refuse a model that cannot be simulated or saved."""
     names = [signal.name for signal in model.x] + [output.name for output in model.outputs]
     for name in names:
         if not isinstance(name, str) or not _NAME.fullmatch(name):
-            raise _refused(scene, f"{name!r} is no name; write letters, digits and _, letter first")
-    # Each stands in the Result by itself, with its end as a scalar and its entries as a dimension.
+            raise _refused(
+                scene,
+                f"{name!r} is not a valid name; write letters, digits and _, starting with a "
+                "letter",
+            )
+    # Each name is in the Result, with its end as a scalar and its entries as a dimension.
     used = [f"{name}{part}" for name in names for part in ("", "_end", "_entry")]
     for name in names:
         if used.count(name) > 1 or name in _TAKEN:
-            raise _refused(scene, f"the name {name!r} is taken; rename that state or output")
+            raise _refused(scene, f"the name {name!r} is already used; rename that state or output")
     try:
         signal_values(model.p, None, "parameter")
     except ArgumentError as error:

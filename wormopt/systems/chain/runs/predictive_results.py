@@ -1,4 +1,4 @@
-"""What is said of predictive control: figures, signals, checks and warnings."""
+"""Results of predictive control: scalars, signals, checks and warnings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wormopt.systems.shared.proof import accepted_error
 from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.shared.signals import fitted, gait_arrays, sample
 
-# Where the model is right, predictive control may cost so much more than the open loop, as a share.
+# Accepted relative excess of the cost of predictive control over the open loop with a true model.
 _AS_GOOD = 1e-6
 
 
@@ -33,7 +33,7 @@ def result_of(
     known: Sequence[Sequence[dict[str, Any]]],
     timings: dict[str, float],
 ) -> Result:
-    """Conclude from all motions; `right` are costs where the model is right, open loop first."""
+    """Make the Result of all motions; `right` are the costs with a true model, open loop first."""
     scene = task.scene
     scalars = _scalars(task, rows, right, draws)
     drawn = {row.name: row.drawn for row in rows if row.drawn}
@@ -93,7 +93,7 @@ def _scalars(
 
 
 def _names(task: Task) -> list[str]:
-    """Estimated parameters, by name and number."""
+    """Names of estimated parameters, with numbers."""
     estimation = task.scene.table.estimation
     sizes = {s.name: s.size for s in task.plant.p}
     names = () if estimation is None else estimation.parameters
@@ -103,7 +103,7 @@ def _names(task: Task) -> list[str]:
 
 
 def _estimates(task: Task, rows: Sequence[Row], draws: Sequence[Draw]) -> np.ndarray:
-    """Estimated parameters over the plants' own, (parameters, members, decisions)."""
+    """Estimated parameters over true values, shape (parameters, members, decisions)."""
     estimation = task.scene.table.estimation
     learnt = next((row.learnt for row in rows if row.name.endswith(ADAPTED)), [])
     if estimation is None or not draws or len(learnt) < len(draws):
@@ -124,7 +124,7 @@ def _estimates(task: Task, rows: Sequence[Row], draws: Sequence[Draw]) -> np.nda
 def _parameter_errors(
     task: Task, rows: Sequence[Row], draws: Sequence[Draw]
 ) -> list[list[float]] | None:
-    """By name of the parameter: as believed, and at the end."""
+    """Errors by parameter: before estimation, and at the end."""
     shares, names = _estimates(task, rows, draws), _names(task)
     if not shares.size:
         return None
@@ -169,14 +169,14 @@ def _checks(task: Task, rows: Sequence[Row], right: Sequence[float]) -> Iterator
 
 
 def _as_good(task: Task, right: Sequence[float]) -> Check:
-    """Whether decisions are as good as the open loop where the worm is as the model says."""
+    """Whether decisions are as good as the open loop on a plant that equals the model."""
     table = task.scene.table.predictive
     excess, off = _excess(right), abs(task.plan.objective / right[0] - 1)
     advice = (
-        "the model is right, and yet predictive control costs more than the open loop, by a share "
-        f"of {excess:.2g}: arcs of {table.period:g} do not resolve the smooth law of v_reg = "
-        f"{table.v_reg:g} (of the plan's own cost a simulation differs by {off:.1g}); write a "
-        "smaller predictive.period, or a larger predictive.v_reg"
+        "with a true model, predictive control costs more than the open loop, by a share "
+        f"of {excess:.2g}: arcs of {table.period:g} do not resolve the smooth law of "
+        f"v_reg = {table.v_reg:g} (a simulation differs from the plan's own cost by "
+        f"{off:.1g}); write a smaller predictive.period, or a larger predictive.v_reg"
     )
     name = "as good as the open loop where the model is right"
     return Check(name, max(excess, 0.0), _AS_GOOD, advice)
@@ -187,15 +187,16 @@ def _excess(right: Sequence[float]) -> float:
 
 
 def _replayed(task: Task, row: Row) -> Check:
-    """Whether what was simulated from decision to decision is what the whole simulation says."""
+    """Whether the simulation of the whole motion agrees with that from decision to decision."""
     assert row.receded is not None
     sizes = nominal_of(task.plant.x)
     whole = row.motion.states[: task.plant.n_x, -1]
     off = np.abs(row.receded.states[:, -1] - whole) / np.maximum(sizes, np.abs(whole))
     error, accepted = float(off.max()), accepted_error(tolerance_of(task.scene.table.tolerance))
     advice = (
-        f"{row.name}: simulated as one motion, the decisions lead elsewhere, by {error:.2g} of the "
-        f"states' size where {accepted:.2g} is accepted; write a smaller tolerance.relative"
+        f"{row.name}: the decisions simulated as one motion end elsewhere, by {error:.2g} "
+        f"of the states' size, where {accepted:.2g} is accepted; write a smaller "
+        "tolerance.relative"
     )
     return Check(f"{row.name}: decisions replayed", error, accepted, advice)
 
@@ -213,16 +214,20 @@ def _warnings(task: Task, rows: Sequence[Row]) -> Iterator[str]:
             yield (
                 f"{row.name}: the median decision takes {seconds:.3g} s on this machine, longer "
                 f"than the {period:.3g} s between decisions"
-                + (f"; {processor:.3g} s of the processor, which is busy" if busy else "")
+                + (
+                    f"; its processor time is {processor:.3g} s, so the machine is busy"
+                    if busy
+                    else ""
+                )
             )
         for unsolved, where in (
             (row.receded.unsolved, ""),
-            (sum(each.unsolved for each in row.learnt), " for other plants"),
+            (sum(each.unsolved for each in row.learnt), "for other plants"),
         ):
             if unsolved:
-                yield f"{row.name}: {unsolved} decisions{where} were not solved"
+                yield f"{row.name}: {unsolved} decisions{where} failed; the previous plan continued"
         lost = sum(not np.isfinite(each["cost"]) for each in row.drawn)
         if lost:
-            yield f"{row.name}: {lost} of the plants could not be simulated"
+            yield f"{row.name}: the simulation of {lost} plants failed"
     if not task.scene.table.tolerance.recheck:
         yield NOT_RECHECKED

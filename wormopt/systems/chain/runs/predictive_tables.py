@@ -1,4 +1,4 @@
-"""The table of a scene of predictive control, in Markdown."""
+"""Markdown table of a scene of predictive control."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def table_of(
     scalars: Mapping[str, Any],
     drawn: Mapping[str, Sequence[Mapping[str, float]]],
 ) -> str:
-    """All figures: the worm as it is believed, time of decisions, the plants."""
+    """All figures in Markdown: the nominal plant, durations of decisions, the other plants."""
     lines = [*_believed(names, scalars), "", *_right(scalars)]
     if table.plants is not None:
         lines += ["", *_plants(table, drawn)]
@@ -42,7 +42,7 @@ def table_of(
 
 def _believed(names: Sequence[str], scalars: Mapping[str, Any]) -> Iterator[str]:
     period = scalars["decision_period"]
-    yield "## The worm as it is believed"
+    yield "## The nominal plant"
     yield ""
     times = [f"decision, {words}" for words in _TIMES.values()]
     yield from head_of(["", *_COLUMNS.values(), *times, "steps"])
@@ -53,17 +53,17 @@ def _believed(names: Sequence[str], scalars: Mapping[str, Any]) -> Iterator[str]
         yield line_of([name, *numbers, *seconds, "–" if steps is None else f"{steps:.2g}"])
     yield ""
     yield (
-        f"Decisions: {scalars['decisions']}, one in {1e3 * period:.3g} ms or more. All motions are "
-        "of one simulator with exact contact. Time of the processor is what decisions cost on a "
-        "machine that does nothing else; the others are by the clock on the wall."
+        f"Decisions: {scalars['decisions']}, one in {1000.0 * period:.3g} ms or more. One "
+        "simulator with exact contact computes all motions. Processor time is the cost of "
+        "decisions on a machine without other load; the other durations are wall-clock times."
     )
 
 
 def _right(scalars: Mapping[str, Any]) -> Iterator[str]:
     open_loop, real, full = scalars["right_cost"]
-    yield "## The worm obeys the smooth law that is believed"
+    yield "## A plant with the smooth law of the model"
     yield ""
-    yield from head_of(["", "cost", "over that of the open loop, less 1"])
+    yield from head_of(["", "cost", "excess over the open loop"])
     yield line_of(["open-loop optimum", f"{open_loop:.8g}", "0"])
     for name, cost in (("predictive, real time", real), ("predictive, converged", full)):
         yield line_of([name, f"{cost:.8g}", f"{cost / open_loop - 1:.2g}"])
@@ -87,11 +87,11 @@ def _plants(
 
 
 def _learnt(names: Sequence[str], errors: Sequence[Sequence[float]]) -> Iterator[str]:
-    yield from head_of(["estimated", "off as believed", "off at the end"])
+    yield from head_of(["estimated", "error before estimation", "error at the end"])
     for name, (before, after) in zip(names, errors, strict=True):
         yield line_of([name.replace("_", " "), f"{before:.1%}", f"{after:.1%}"])
     yield ""
-    yield "Root of the mean square of logarithms, over plants, and masses or links."
+    yield "Errors are root mean squares of logarithms over plants, and over masses or links."
 
 
 def _digits(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""What a scene of predictive control compares: the task, and a row for each controller."""
+"""Task of a scene of predictive control, with a row for each controller."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ KNOWN = ("open-loop optimum, plant known", "predictive, real time, plant known")
 """Names of the controllers, for tables and pictures."""
 
 LOST: dict[str, Any] = dict.fromkeys((*JUDGED, "cost"), np.nan)
-"""Numbers of a motion that was given up."""
+"""Quantities of a motion that was given up."""
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is tracked, and how it is judged."""
+    """Reference, cost and evaluation of the controllers."""
 
     scene: Scene[TrackPredictiveScene]
     gait: Gait
@@ -43,7 +43,7 @@ class Task:
     plan: MpcPlan
 
     def judged(self, course: Gait | None) -> Model:
-        """The worm under a course of inputs, or under LQR; measured."""
+        """Simulate and evaluate the worm with inputs over time, or with LQR."""
         if course is None:
             weight = 1 / self.scene.table.predictive.input_weight
             loop = lqr(self.plant, self.reference, error_weight=weight)
@@ -57,14 +57,14 @@ class Task:
         return numbers["error_integral"] + weight * numbers["input_integral"]
 
     def told(self, motion: Trajectory) -> dict[str, Any]:
-        """Numbers of a motion, with its cost."""
+        """Quantities of a motion, with its cost."""
         numbers = judged_numbers(motion, self.scene.table.tube)
         return numbers | {"cost": self.cost(numbers)}
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One controller on the worm as it is believed, and on the plants."""
+    """One controller on the nominal plant and on the other plants."""
 
     name: str
     motion: Trajectory

@@ -1,4 +1,4 @@
-"""Scenes of kind ``tracker-readings``: simulate all readings, and hold the text against them."""
+"""Run scenes of kind ``tracker-readings``: simulate all readings and compare them with the text."""
 
 from __future__ import annotations
 
@@ -58,17 +58,17 @@ from wormopt.systems.shared.signals import event_arrays, fitted, sample, simulat
 from wormopt.systems.spiked import gait_of_shape
 
 TRACKERS: dict[Feedback, str] = {"filter": "tracker (14)", "derivative": "tracker (13)"}
-"""In the order of the chapter's figures: (14) left, (13) right."""
-# Readings are told apart by percents; the one that is shown is simulated again, exactly.
+"""Order of the published figures: tracker 14 left, tracker 13 right."""
+# Readings differ by percents; the reading that is shown is simulated again, exactly.
 _LOOSE = Tolerance(relative=1e-9, absolute=1e-10, max_steps=200_000)
-# Mirror images are two integrations of one motion, gains of up to 1e4 times the error.
+# Mirror images are two integrations of one motion, with gains of up to 1e4 times the error.
 _MIRRORED = 1e-5
 _SAMPLES, _ENDS = 1001, 33
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What is known of every reading."""
+    """Results of every reading."""
 
     choices: np.ndarray  # (readings, keys) which entry
     numbers: dict[str, np.ndarray]  # (2, readings), by the names of variables
@@ -76,11 +76,11 @@ class _Found:
     ends: np.ndarray  # (readings, 2) first and last
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[ReadingsScene], report: Report) -> Result:
-    """Simulate and judge all readings; "failed" where checks of what is shown disagree.
+    """Simulate and judge all readings; "failed" if checks of the shown reading disagree.
 
-    Raises SceneError for a gait's file, SolveError if the reading that is shown stops short.
+    Raises SceneError for a gait's file, SolveError if the motion of the shown reading stops early.
     """
     table, clock = scene.table, time.perf_counter()
     example, listed = _example(scene), readings(**_choices(table))
@@ -132,7 +132,7 @@ def _criteria(table: ReadingsScene) -> Criteria:
 def _simulate(
     table: ReadingsScene, example: Example, listed: Sequence[Reading], report: Report
 ) -> dict[tuple[str, int], Course]:
-    """Courses by tracker and reading; (13) is alike for all signs of (14)."""
+    """Motions by tracker and reading; the signs of tracker 14 do not affect tracker 13."""
     groups: dict[Structure, list[int]] = {}
     for name in TRACKERS:
         for k, reading in enumerate(listed):
@@ -155,7 +155,7 @@ def _courses(
 ) -> Iterator[Course]:
     loop = build(example, of)
     times = np.linspace(0.0, table.time.end, _SAMPLES)
-    # What feeds the error back to itself grows beyond bounds; it is not worth implicit steps.
+    # Positive feedback of the error grows beyond bounds; implicit steps are not worth their cost.
     explicit = "native" if compiler() else "python"
     herd = simulate_ensemble(
         loop,
@@ -216,7 +216,7 @@ def _departures(found: _Found) -> np.ndarray:
 
 
 def _best(found: _Found) -> int:
-    """Which reading is shown."""
+    """Index of the reading that is shown."""
     count, lasting = found.supported.sum(axis=1), np.nan_to_num(np.ptp(found.ends, axis=1))
     ranks = zip(-count, _departures(found), -lasting, range(len(count)), strict=True)
     return min(ranks)[-1]
@@ -301,7 +301,7 @@ def _result(
 
 
 def as_csv(result: Result) -> str:
-    """All readings, one a line, as the file ``readings.csv`` of a result."""
+    """All readings, one per line, as the file ``readings.csv`` of a result."""
     return csv_of(result)
 
 
@@ -318,10 +318,12 @@ def _signals(shown: Sequence[Tracked]) -> dict[str, Any]:
 
 
 def _same(each: Tracked, gain: float) -> Check:
-    """Whether what is shown is the reading that was judged."""
+    """Whether the shown motion agrees with the judged reading."""
     exact = float(each.motion["gain"][0, -1])
     off, accepted = abs(gain / exact - 1), accepted_error(_LOOSE)
-    advice = f"{each.label}: the gain of the reading is off by {off:.2g} of the exact one's"
+    advice = (
+        f"{each.label}: the gain of the judged reading differs from the exact gain by {off:.2g}"
+    )
     return Check(f"{each.label}: gain as judged", off, accepted, advice)
 
 
@@ -336,7 +338,7 @@ def _mirror(example: Example, listed: Sequence[Reading], found: _Found) -> Itera
     one, other = np.array(pairs).T
     gains = found.numbers["gain_end"]
     off = float(np.nanmax(abs(gains[:, one] / gains[:, other] - 1), initial=0.0))
-    advice = f"mirror images, {len(pairs)} pairs of readings, differ in their gains by {off:.2g}"
+    advice = f"the gains of {len(pairs)} pairs of mirror images differ by {off:.2g}"
     yield Check("mirror images", off, _MIRRORED, advice)
 
 

@@ -1,4 +1,4 @@
-"""Tables of readings: which entries support which sentences, the best readings, and all as CSV."""
+"""Tables of readings: entries that support each sentence, the best readings, and all as CSV."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def table_of(
     found: Mapping[str, np.ndarray],
     chosen: int,
 ) -> str:
-    """Write what was found as Markdown."""
+    """Markdown with the results of all readings."""
     by, half = table.sentences, table.time.end / 2
     lines = [
-        f"{len(found['supported'])} readings to t = {table.time.end:g}. "
-        f"Strips: {by.strips}; quick: within {by.quick:g}; growth and errors: in the last "
-        f"{by.window:g}; settled: growth up to {by.settled:g}; growing: from {by.growing:g} on.",
+        f"{len(found['supported'])} readings to t = {table.time.end:g}. Strips: {by.strips}; "
+        f"quick: within {by.quick:g}; growth and errors: in the last {by.window:g}; converged: "
+        f"growth up to {by.settled:g}; growing: from {by.growing:g} on.",
         "",
         *(f"- **{name}**: {what}" for name, what in SENTENCES.items()),
         "",
@@ -44,8 +44,9 @@ def table_of(
         "",
         "## Best readings",
         "",
-        f"The first is read to the letter. k at t = {half:g} and at the end, growth and largest "
-        "\\|e\\| in the window, capture by outputs and by norm; ends: where all sentences hold.",
+        f"The first row is the literal reading. Columns: k at t = {half:g} and at the end; growth "
+        "and largest \\|e\\| in the window; capture by outputs and by norm; ends: range of ends "
+        "for which all sentences hold.",
         "",
         *_best(choices, found, chosen),
         "",
@@ -88,7 +89,7 @@ def _numbers(found: Mapping[str, np.ndarray], tracker: int, reading: int) -> str
 
 
 def csv_of(result: Result) -> str:
-    """All readings, one a line: what was chosen, both trackers' numbers, sentences."""
+    """All readings as CSV, one per line: choices, results of both trackers, sentences."""
     choices: Mapping[str, Sequence[Any]] = result.attributes["choices"]
     names = result.attributes["sentences"]
     picks, said = result["reading_choice"].values, result["supported"].values

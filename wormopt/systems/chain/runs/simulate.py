@@ -1,4 +1,4 @@
-"""Scenes of kind ``simulate``: a chain with given inputs, or a model of the user's own."""
+"""Run scenes of kind ``simulate``: a chain with given inputs, or a user-defined model."""
 
 from __future__ import annotations
 
@@ -55,16 +55,16 @@ from wormopt.systems.shared.signals import (
 )
 from wormopt.systems.spiked import gait_of_shape
 
-# Signals of a chain that the picture shows, in this order.
+# Signals of a chain in the picture, in this order.
 _SHOWN = ("length", "velocity", "contact_force", "input")
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[SimulateScene], report: Report) -> Result:
     """Simulate a chain or the user's model; "failed" if second route or energy balance disagrees.
 
-    Raises SceneError for an unusable gait file or model; SolveError if the motion stops short,
-    Interrupted if the user stops it, both with the motion so far as partial result.
+    Raises SceneError for an unusable gait file or model. Raises SolveError if the motion stops
+    early, and Interrupted if the user stops it, both with the motion so far as partial result.
     """
     table = scene.table
     clock = time.perf_counter()
@@ -94,7 +94,7 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
         recheck = table.tolerance.recheck
         second = cross_check(plain, motion, tolerance, recheck=recheck, report=report)
     except KeyboardInterrupt:
-        why = "interrupted before the second route was done"
+        why = "interrupted before the second route was complete"
         raise Interrupted(_unfinished(scene, motion, why)) from None
     checks, facts = [second.check] if second else [], motion_facts([motion], [second], tolerance)
     if table.worm is not None:
@@ -118,7 +118,7 @@ def run(scene: Scene[SimulateScene], report: Report) -> Result:
 
 
 def models_of(scene: Scene[SimulateScene]) -> dict[str, Model]:
-    """Make the model that is simulated; raises SceneError as `run`."""
+    """Make the model to simulate; raises SceneError as `run`."""
     worm = scene.table.worm
     return {"": load_model(scene) if worm is None else _driven_chain(scene, worm)}
 
@@ -140,7 +140,8 @@ def _driven_chain(scene: Scene[SimulateScene], worm: ChainTable) -> Model:
     if gait is None:
         return model
     command = gait_reference(gait, model.t, shift=shift % gait.period)
-    # (11): c_j times the change of rest length, with the link's own c_j
+    # Eq. 11 of Zimmermann et al. 2007: c_j times the change of rest length, with the link's own
+    # c_j.
     x = model["position"]
     stiffness = ca.diag(ca.jacobian(model["spring_force"], x)[:, : worm.links])
     return _with_input(model, command, stiffness * (command.value - rest))
@@ -154,7 +155,7 @@ def _with_input(model: Model, command: Reference, force: ca.SX) -> Model:
 
 
 def _command(scene: Scene[SimulateScene], rest: np.ndarray) -> tuple[Gait | None, float]:
-    """Rest lengths that are commanded, and how far ahead of time."""
+    """Commanded rest lengths, and their time shift."""
     actuation = scene.table.actuation
     if actuation is None or isinstance(actuation, ConstantForce):
         return None, 0.0
@@ -182,7 +183,7 @@ def _unfinished(scene: Scene[SimulateScene], motion: Trajectory, why: str) -> Re
 
 
 def _attributes(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Any]:
-    """Names of contacts, and of the signals that the picture shows."""
+    """Names of contacts, and of the signals in the picture."""
     model = motion.system.model
     shown = _SHOWN if scene.table.worm is not None else _own_signals(model)
     if not model.contacts:
@@ -207,7 +208,7 @@ def _signals(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str, Any]:
 
 
 def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:
-    """Expression and unit of everything named in a user's model."""
+    """Expression and unit of every named state and output of a user's model."""
     named = {s.name: (s.symbol, s.unit) for s in model.x}
     named |= {o.name: (o.expression, o.unit) for o in model.outputs}
     if model.contacts and "contact_force" not in named:
@@ -229,7 +230,7 @@ def _own_variables(scene: Scene[SimulateScene], motion: Trajectory) -> dict[str,
 
 
 def _unit(quantity: str, units: str) -> str:
-    """Unit of what a user calls by a quantity's name, or by that of a unit."""
+    """Unit for the name of a quantity or of a unit."""
     if quantity in UNITS:
         return unit_of(quantity, units)
     return quantity if units == "SI" else "1"

@@ -1,4 +1,4 @@
-"""Scenes of kind ``track``: a chain whose links follow a gait by adaptive controllers."""
+"""Run scenes of kind ``track``: a chain whose links follow a gait by adaptive controllers."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ from wormopt.systems.shared.signals import (
 from wormopt.systems.spiked import gait_of_shape
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[TrackScene], report: Report) -> Result:
-    """Simulate the worm under each tracker, or an ensemble; "failed" where checks disagree.
+    """Simulate the worm with each tracker, or an ensemble; "failed" where checks disagree.
 
-    These are second route, energy balance, funnels. Raises SceneError for a gait file or start,
-    SolveError if a motion stops short, Interrupted by the user; these two with partial results.
+    The checks are second route, energy balance and funnels. Raises SceneError for a gait file or
+    start, SolveError if a motion stops early, and Interrupted; the last two with partial results.
     """
     if scene.table.ensemble is not None:
         from wormopt.systems.chain.runs.track_ensemble import run_ensemble
@@ -112,7 +112,7 @@ def _follow(
 
 
 def models_of(scene: Scene[TrackScene]) -> dict[str, Model]:
-    """Make the closed loop of every tracker, by its label; links are the first that are drawn."""
+    """Make the closed loop of every tracker, by label; links are those of the first draw."""
     table = scene.table
     gait = gait_of_shape(table.reference.gait, scene, "reference.gait")
     links = draw_links(table.worm, table.time.end)
@@ -155,7 +155,7 @@ def _result(
 
 
 def _unfinished(scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked], why: str) -> Result:
-    """Keep what there is of motions of which the last was given up."""
+    """Keep the completed motions and the last one, which was given up."""
     names = {"trackers": [each.label for each in found]}
     return conclude(scene, {}, _signals(gait, found), attributes=names).failed(why)
 
@@ -163,10 +163,10 @@ def _unfinished(scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked], 
 def _interrupted(
     scene: Scene[TrackScene], gait: Gait, found: Sequence[Tracked], stop: KeyboardInterrupt
 ) -> KeyboardInterrupt:
-    """Keep the motions that are done, or the first as far as it came."""
+    """Keep the completed motions, or the first as far as it was simulated."""
     total = len(scene.table.trackers)
     if len(found) == total:
-        why = "before the second route was done"
+        why = "before the second route was complete"
     elif found:
         why = f"after {len(found)} of {total} trackers"
     elif isinstance(stop, Interrupted):
@@ -178,7 +178,7 @@ def _interrupted(
 
 
 def _signals(gait: Gait, found: Sequence[Tracked]) -> dict[str, Any]:
-    """Samples as far as all motions have come."""
+    """Samples up to the earliest end of all motions."""
     count = min(len(each.motion.time) for each in found)
     if count == 0:
         return {}
@@ -216,14 +216,14 @@ def _warnings(
 
 
 def _escapes(each: Tracked, period: float) -> Iterator[str]:
-    """Say where it has not been seen that the error stays in the tube."""
+    """Warn if the error may not stay in the tube."""
     end, (_, captured) = each.motion.end_time, time_in_tube(each.motion)
     if captured is None and not any(e.name == ENTERS for e in each.motion.events):
         yield f"the error never reaches the tube by t = {end:g}"
     elif captured is None:
-        yield f"the error is outside of the tube at the end, t = {end:g}"
+        yield f"the error is outside the tube at the end, t = {end:g}"
     elif end - captured < period:
         yield (
-            f"the error entered the tube last at t = {captured:.6g}, less than a period of the "
-            "reference before the end: it may leave again"
+            f"the last entry of the error into the tube is at t = {captured:.6g}, less than a "
+            "period of the reference before the end; the error may leave again"
         )

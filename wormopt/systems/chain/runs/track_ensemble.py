@@ -1,4 +1,4 @@
-"""Ensembles of scenes of kind ``track``: many worms with random links under the same trackers."""
+"""Run ensembles of scenes of kind ``track``: many worms with random links and the same trackers."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ from wormopt.systems.shared.signals import fitted, gait_arrays, sample
 from wormopt.systems.spiked import gait_of_shape
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
-"""Shares of the members that lie below the lines of a band."""
+"""Quantiles of the members that bound the bands."""
 
-# Where so many members spend all their steps the others, drawn like them, are not tried.
+# If this number of members exhausts its steps, the others, drawn in the same way, are not tried.
 _IN_VAIN = 3
 
 
 @dataclass(frozen=True, eq=False)
 class _Herd:
-    """An ensemble under one tracker."""
+    """An ensemble with one tracker."""
 
     first: Tracked  # motion of the first member
     ensemble: Ensemble
@@ -62,7 +62,7 @@ class _Herd:
     whole: list[int]  # members of these motions
 
     def values(self, name: str) -> list[Any]:
-        """One number of every member that came to its end."""
+        """A quantity of every completed member."""
         return [number[name] for number in self.numbers]
 
     def member(self, k: int) -> Tracked:
@@ -71,10 +71,11 @@ class _Herd:
 
 
 def run_ensemble(scene: Scene[TrackScene], report: Report) -> Result:
-    """Simulate every member under each tracker; scalars are medians over the members.
+    """Simulate every member with each tracker; scalars are medians over the members.
 
-    "failed" where one was given up, or the second route disagrees (first, slowest, fastest).
-    Raises SceneError for gait file or start; SolveError if none ends; Interrupted, partial.
+    The result is "failed" if a member was given up, or the second route disagrees (first, slowest,
+    fastest). Raises SceneError for gait file or start, SolveError if no member is completed, and
+    Interrupted with a partial result.
     """
     clock = time.perf_counter()
     table = scene.table
@@ -124,8 +125,8 @@ def _simulate(
         )
         codes = ", ".join(sorted({*ensemble.codes} - {"given_up"}))
         raise SolveError(
-            f"{label}: {which} came to its end ({codes})",
-            "run the scene without [ensemble] to see why",
+            f"{label}: {which} was completed ({codes})",
+            "run the scene without [ensemble] to see the reason",
             code=ensemble.codes[0],
         )
     return herd
@@ -141,10 +142,10 @@ def _herd(label: str, tracker: Tracker, loop: Model, ensemble: Ensemble) -> _Her
 def _interrupted(
     scene: Scene[TrackScene], gait: Gait, herds: Sequence[_Herd], stop: KeyboardInterrupt
 ) -> KeyboardInterrupt:
-    """Keep the trackers that are done, or the members of the first that came to their end."""
+    """Keep the completed trackers, or the completed members of the first."""
     total = len(scene.table.trackers)
     if len(herds) == total:
-        why = "before the second route was done"
+        why = "before the second route was complete"
     elif herds:
         why = f"after {len(herds)} of {total} trackers"
     elif isinstance(stop, Interrupted) and stop.partial.whole:
@@ -219,7 +220,7 @@ def _badness(second: CrossCheck) -> float:
 def _checks(herd: _Herd) -> Iterator[Check]:
     before, codes = f"{herd.first.label}: ", herd.ensemble.codes
     lost, why = len(codes) - len(herd.whole), ", ".join(sorted(set(filter(None, codes))))
-    advice = f"{before}{lost} of {len(codes)} members were given up ({why})"
+    advice = f"{before}{lost} of {len(codes)} members were not completed ({why})"
     yield Check(f"{before}members given up", lost, 0.0, advice)
     motions = {f"{before}member {k}: ": herd.member(k).motion for k in herd.whole}
     yield from funnel_checks(herd.first.loop, motions, before)
@@ -229,7 +230,7 @@ def _warnings(herd: _Herd, second: CrossCheck | None) -> Iterator[str]:
     yield from warnings_of_motion(herd.first.motion, second)
     never = sum(time is None for time in herd.values("capture_time"))
     if never:
-        what = "members are not in the tube at the end"
+        what = "members end outside the tube"
         yield f"{herd.first.label}: {never} of {len(herd.whole)} {what}"
 
 
@@ -249,7 +250,7 @@ def _scalars(herds: Sequence[_Herd], found: Sequence[CrossCheck | None]) -> dict
 
 
 def _median(values: Sequence[Any]) -> Any:
-    """Median, entry by entry of vectors; None stands for never, and stays where most never do."""
+    """Median, entry by entry for vectors; None means never, and remains if it holds for most."""
     if isinstance(values[0], np.ndarray):
         return np.median(values, axis=0)
     numbers = [np.inf if value is None else value for value in values]
@@ -284,7 +285,7 @@ def _signals(scene: Scene[TrackScene], gait: Gait, herds: Sequence[_Herd]) -> di
 
 
 def _of_all(herd: _Herd, name: str) -> np.ndarray:
-    """Number of every member, not a number where it is not known."""
+    """A quantity of every member, NaN where it is unknown."""
     values = np.full(len(herd.ensemble.codes), np.nan)
     values[herd.whole] = [np.nan if v is None else v for v in herd.values(name)]
     return values

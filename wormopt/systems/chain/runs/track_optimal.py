@@ -1,4 +1,4 @@
-"""Scenes of kind ``track-optimal``: the best input by which a chain's links follow a gait."""
+"""Run scenes of kind ``track-optimal``: the best input with which links follow a gait."""
 
 from __future__ import annotations
 
@@ -40,18 +40,19 @@ from wormopt.systems.shared.signals import (
 )
 from wormopt.systems.spiked import gait_of_shape
 
-# Largest difference of any state, at any time, between the optimiser's motion and the exact
-# simulation of its input that is accepted: open loop, errors of the grid add up.
+# Largest accepted difference of any state, at any time, between the optimiser's motion and the
+# exact simulation of its input. In open loop, errors of the grid add up.
 _ACCEPTED = 0.05
 _NAME = "optimal input"
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[TrackOptimalScene], report: Report) -> Result:
-    """Find the best input and simulate it exactly, open loop.
+    """Find the best input and simulate it exactly, in open loop.
 
-    Scalars but ``objective_found`` are of that simulation; "failed" if it is not near the optimum
-    or not confirmed. Raises SceneError for a gait's file, SolveError without input or motion.
+    All scalars except ``objective_found`` come from that simulation. The result is "failed" if it
+    differs from the optimum or is not confirmed. Raises SceneError for a gait's file, and
+    SolveError without input or motion.
     """
     table = scene.table
     gait = gait_of_shape(table.reference.gait, scene, "reference.gait")
@@ -119,9 +120,9 @@ def _replayed(optimum: Optimum, plant: Model, motion: Trajectory) -> Check:
     apart = np.abs(optimum.motion.states(motion.time) - exact) / np.maximum(sizes, np.abs(exact))
     error = float(apart.max())
     advice = (
-        f"simulated exactly, the input found moves the worm elsewhere, by {error:.2g} of the "
-        f"states' size where {_ACCEPTED:.2g} is accepted; write more grid.arcs, or a smaller "
-        "relaxation.last"
+        f"the exact simulation of the input found ends elsewhere, by {error:.2g} of the "
+        f"states' size, where {_ACCEPTED:.2g} is accepted; write more grid.arcs, or a "
+        "smaller relaxation.last"
     )
     return Check("exact simulation of the input found", error, _ACCEPTED, advice)
 
@@ -164,6 +165,6 @@ def _warnings(
     outside, peak = numbers["time_outside_tube"], numbers["error_peak"]
     if not isinstance(table.objective, LeastError) and outside > 0:
         yield (
-            f"simulated exactly, the error leaves the tube for {outside:.3g} in all, and reaches "
-            f"{peak:.6g}; write more grid.arcs or a larger objective.margin"
+            f"in the exact simulation the error is outside the tube for {outside:.3g} in total, "
+            f"and reaches {peak:.6g}; write more grid.arcs or a larger objective.margin"
         )

@@ -1,4 +1,4 @@
-"""Scenes of kind ``track-predictive``: predictive control beside the open-loop optimum and LQR."""
+"""Run scenes of kind ``track-predictive``: predictive control, open-loop optimum and LQR."""
 
 from __future__ import annotations
 
@@ -50,17 +50,17 @@ from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.shared.signals import simulate_whole
 from wormopt.systems.spiked import gait_of_shape
 
-# Plants that are not as believed are simulated less exactly: they differ by far more.
+# Drawn plants are simulated less exactly, since they differ by far more.
 _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[TrackPredictiveScene], report: Report) -> Result:
-    """Plan, let every controller move the worm and the plants, and compare.
+    """Plan, apply every controller to the worm and the plants, and compare.
 
-    "failed" where decisions replayed as one motion end elsewhere, a second route disagrees, or
-    predictive control is worse than the open loop although its model is right. Raises SceneError
-    for a gait's file, SolveError without plan or motion.
+    The result is "failed" if decisions replayed as one motion end elsewhere, a second route
+    disagrees, or predictive control is worse than the open loop with a true model. Raises
+    SceneError for a gait's file, SolveError without plan or motion.
     """
     table, clock = scene.table, time.perf_counter()
     try:
@@ -107,7 +107,7 @@ def _controllers(task: Task) -> Iterator[tuple[str, MpcOptions | None]]:
 
 
 def _right(task: Task) -> Iterator[Gait]:
-    """Inputs where the worm obeys the law that is believed: open loop, in real time, converged."""
+    """Inputs on a plant with the smooth law of the model: open loop, in real time, converged."""
     table = task.scene.table.predictive
     yield course_of(task.plan)
     for decisions in (real_time(table), converged(table)):
@@ -166,7 +166,7 @@ def _draws(task: Task) -> list[Draw]:
 
 
 def _on_plant(task: Task, row: Row, draw: Draw) -> None:
-    """Move a plant that is not as believed by a controller that does not know."""
+    """Simulate a drawn plant with a controller that does not know it."""
     if row.receded is None:
         row.drawn.append(_simulated(task, course_of(task.plan) if row.name == OPEN else None, draw))
         return
@@ -181,7 +181,7 @@ def _on_plant(task: Task, row: Row, draw: Draw) -> None:
 
 
 def _simulated(task: Task, course: Gait | None, draw: Draw) -> dict[str, Any]:
-    """Numbers of a plant under a course of inputs or LQR; not numbers where it is given up."""
+    """Quantities of a plant with inputs over time or LQR; NaN where the simulation fails."""
     end = task.scene.table.time.end
     with suppress(SolveError):
         times = np.linspace(0.0, end, 501)
@@ -191,7 +191,7 @@ def _simulated(task: Task, course: Gait | None, draw: Draw) -> dict[str, Any]:
 
 
 def _known(task: Task, draw: Draw) -> list[dict[str, Any]]:
-    """Open loop and in real time by somebody who knows the plant."""
+    """Open-loop and real-time control with the true parameters of the plant."""
     table = task.scene.table
     with suppress(SolveError):
         plan = plan_tracking(task.plant, task.reference, table.time.end, table.predictive, p=draw)

@@ -1,4 +1,4 @@
-"""The ``[worm]`` table of simulations: masses on visco-elastic links, friction, chance."""
+"""Tables ``[worm]`` of chains: masses, visco-elastic links, friction, random parameters."""
 
 from __future__ import annotations
 
@@ -29,84 +29,92 @@ from wormopt.systems.shared.incline import (
     weights,
 )
 
-# A path of a random parameter may have so many pieces: more would fill the memory.
+# Upper limit of the pieces of a random parameter's path; more would fill the memory.
 _MOST_PIECES = 1_000_000
 
 
-Forward = Annotated[NonNegativePerMass, says("force", "*F*<sub>+</sub>, against sliding forward")]
-Backward = Annotated[NonNegativePerMass, says("force", "*F*<sub>−</sub>, against sliding back")]
+Forward = Annotated[
+    NonNegativePerMass, says("force", "sliding force *F*<sub>+</sub> against forward motion")
+]
+Backward = Annotated[
+    NonNegativePerMass, says("force", "sliding force *F*<sub>−</sub> against backward motion")
+]
 
 
 class CoulombFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="coulomb"):
-    """Dry friction (9), stronger one way than the other, with stiction.
+    """Dry friction with stiction, different in the two directions of motion.
 
-    Forces are ≥ 0; each number may be one for all masses or, in a table for all masses, a list
-    with one per mass. While sliding they are *F*<sub>+</sub>, *F*<sub>−</sub>; at rest anything up
-    to stiction. Refused: stiction below the sliding force.
+    It is eq. 9 of Zimmermann et al. 2007. Forces are ≥ 0. In a table for all masses, each value is
+    a number for all masses or a list with one number per mass. Sliding masses feel *F*<sub>+</sub>
+    or *F*<sub>−</sub>; at rest the force is at most the stiction. Not allowed: stiction below the
+    sliding force.
     """
 
     forward: Forward
     backward: Backward
     stick_forward: Annotated[
         NonNegativePerMass | None,
-        says("force", "stiction *F*<sub>s+</sub>; the sliding force if left out"),
+        says("force", "stiction *F*<sub>s+</sub>; default: the sliding force"),
     ] = None
     stick_backward: Annotated[
         NonNegativePerMass | None,
-        says("force", "stiction *F*<sub>s−</sub>; the sliding force if left out"),
+        says("force", "stiction *F*<sub>s−</sub>; default: the sliding force"),
     ] = None
 
 
 class StribeckFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="stribeck"):
-    """Dry friction whose sliding force falls from stiction to its value at high speed.
+    """Dry friction whose sliding force decreases with speed, starting from stiction.
 
-    Refused: stiction below the sliding force.
+    Not allowed: stiction below the sliding force.
     """
 
     forward: Forward
     backward: Backward
     stick_forward: Annotated[NonNegativePerMass, says("force", "stiction *F*<sub>s+</sub>")]
     stick_backward: Annotated[NonNegativePerMass, says("force", "stiction *F*<sub>s−</sub>")]
-    v_stribeck: Annotated[PerMass, says("speed", "velocity over which the force falls")]
+    v_stribeck: Annotated[PerMass, says("speed", "velocity over which the force decreases")]
 
 
 class ViscousFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="viscous"):
-    """Linear drag −*k v*, which never sticks."""
+    """Linear drag −*k v*, without stiction."""
 
     drag: Annotated[NonNegativePerMass, says("drag", "*k*")]
 
 
 class SpikeFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="spike"):
-    """Spikes: no force forward, any force backward, (4)."""
+    """Spikes that prevent backward motion (eq. 4 of Zimmermann et al. 2007).
+
+    The force against forward motion is 0; the force against backward motion is unlimited.
+    """
 
     scale: Annotated[
         PerMass,
         says(
             "force",
-            "of the *smooth* stand-in alone: load that it carries at *v* = −3/4 `v_reg`",
+            "scale of the *smooth* replacement only: load that it carries at *v* = −3/4 `v_reg`",
         ),
     ] = 1.0
 
 
 Friction = CoulombFriction | StribeckFriction | ViscousFriction | SpikeFriction
 
-# Spreads and deviations count as the parameter that they are of.
+# Spreads and deviations have the unit of their parameter.
 _SPREAD = says("", "half width of the range, in units of the parameter")
 
 
 class FixedDraw(Table, frozen=True, kw_only=True, tag_field="process", tag="fixed"):
-    """Drawn once for each link, uniform within ± `spread` of the worm's own value.
+    """Value drawn once for each link, uniform within ± `spread` of the worm's value.
 
-    Refused: a `spread` that is not below the mean.
+    Not allowed: a `spread` that is not below the mean.
     """
 
     spread: Annotated[NonNegativePerLink, _SPREAD]
 
 
 class Steps(Table, frozen=True, kw_only=True, tag_field="process", tag="steps"):
-    """Drawn anew after every interval, uniform within ± `spread` of the worm's own value.
+    """Value drawn anew after every interval, uniform within ± `spread` of the worm's value.
 
-    Refused: a `spread` that is not below the mean; more than a million pieces.
+    Not allowed: a `spread` that is not below the mean; more than a million pieces.
     """
 
     spread: Annotated[NonNegativePerLink, _SPREAD]
@@ -114,43 +122,44 @@ class Steps(Table, frozen=True, kw_only=True, tag_field="process", tag="steps"):
 
 
 class Wandering(Table, frozen=True, kw_only=True, tag_field="process", tag="ornstein_uhlenbeck"):
-    """The logarithm is a stationary Ornstein-Uhlenbeck process.
+    """Value whose logarithm is a stationary Ornstein-Uhlenbeck process.
 
-    Mean (the worm's own value) and standard deviation are as given; the path is exact at multiples
-    of `step` and linear between. Refused: a `deviation` around 0; more than a million pieces.
+    The mean is the worm's value; `deviation` is the standard deviation. The path is exact at
+    multiples of `step` and linear between them. Not allowed: a `deviation` around 0; more than a
+    million pieces.
     """
 
     deviation: Annotated[
         NonNegativePerLink, says("", "standard deviation, in units of the parameter")
     ]
     correlation_time: Annotated[
-        Positive, says("time", "time after which the correlation has fallen to 1/e")
+        Positive, says("time", "time after which the correlation decays to 1/e")
     ]
-    step: Annotated[Positive, says("time", "grid of the path in time")]
+    step: Annotated[Positive, says("time", "time step of the path")]
 
 
 Process = FixedDraw | Steps | Wandering
-# How a parameter departs from the worm's own, which is the mean.
+# Random deviation of a parameter from its mean, which is the worm's value.
 Chance = Annotated[
     Process | None,
-    says("", "how it departs from the worm's own, which is the mean; not random if left out"),
+    says("", "random deviation from the mean, which is the worm's value; default: not random"),
 ]
 
 
 class RandomLinks(Table, frozen=True, kw_only=True):
-    """Chance in the links. What is left out is not random.
+    """Random parameters of the links. Parameters without a table are not random.
 
-    Links are independent of each other; the same seed gives the same worm.
+    Links are independent of each other. The same seed gives the same worm.
     """
 
-    seed: Annotated[Seed, says("", "the same seed gives the same worm")] = 0
+    seed: Annotated[Seed, says("", "seed of the random parameters")] = 0
     stiffness: Chance = None
     damping: Chance = None
     rest_length: Chance = None
 
     @property
     def processes(self) -> dict[str, Process]:
-        """What is random, by the parameter's name."""
+        """Random processes by parameter."""
         found = {
             "stiffness": self.stiffness,
             "damping": self.damping,
@@ -160,24 +169,24 @@ class RandomLinks(Table, frozen=True, kw_only=True):
 
 
 class ChainTable(Table, frozen=True, kw_only=True):
-    """A chain of *n* + 1 point masses joined by *n* visco-elastic links, (8)–(12).
+    """A chain of *n* + 1 point masses and *n* visco-elastic links with actuators.
 
-    Links have actuators, and the ground resists motion. Theory:
-    [theory-dynamics.md](../theory-dynamics.md); the same from Python:
-    [simulation.md](../simulation.md). Refused: a list of tables of `friction` that is not one per
-    mass; a per-mass list in a table of one mass.
+    It is the worm of eqs. 8 to 12 of Zimmermann et al. 2007. The ground resists its motion. Theory:
+    [theory-dynamics.md](../theory-dynamics.md). The same model in Python:
+    [simulation.md](../simulation.md). Not allowed: a list of `friction` tables whose length is not
+    the number of masses; a list of numbers in a table for one mass.
     """
 
     links: Annotated[
         int,
         Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "*n*; mass 0 is the head"),
+        says("count", "number of links *n*; mass 0 is the head"),
     ]
     mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>")]
     stiffness: Annotated[NonNegativePerLink, says("stiffness", "spring constants *c*<sub>j</sub>")]
     damping: Annotated[NonNegativePerLink, says("drag", "dashpot constants *d*<sub>j</sub>")]
     rest_length: Annotated[
-        NonNegativePerLink, says("length", "*l*<sub>0j</sub>, length of a link without force")
+        NonNegativePerLink, says("length", "*l*<sub>0j</sub>, length of the link without force")
     ]
     drag: Annotated[NonNegativePerMass, says("drag", "viscous drag *k*<sub>i</sub>")] = 0.0
     load: Annotated[
@@ -190,15 +199,17 @@ class ChainTable(Table, frozen=True, kw_only=True):
         Friction | tuple[Friction, ...] | None,
         says(
             "",
-            "law of the ground: a table for all masses, or a list of tables, one per mass; none "
-            "if left out",
+            "friction law of the ground: a table for all masses, or a list with one table per "
+            "mass; default: no friction",
         ),
     ] = None
-    random: Annotated[RandomLinks | None, says("", "chance in the links; none if left out")] = None
+    random: Annotated[
+        RandomLinks | None, says("", "random parameters of the links; default: none")
+    ] = None
 
     @property
     def ground(self) -> tuple[Friction, ...]:
-        """Friction of every mass, head first; empty where there is none."""
+        """Friction of every mass, head first; empty without friction."""
         if self.friction is None:
             return ()
         if isinstance(self.friction, tuple):
@@ -216,13 +227,13 @@ class ChainTable(Table, frozen=True, kw_only=True):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What its weight does."""
+        """Facts on the weight along the slope."""
         return told_of_slope(self.slope, self.gravity, per(self.mass, self.links + 1))
 
     def faults(self, horizon: float, units: str) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table.
 
-        `horizon` is how long it moves, `units` are the scene's.
+        `horizon` is the duration of the motion, `units` are the scene's.
         """
         yield from faults_of_slope(self.slope, self.gravity, units)
         for name in ("mass", "drag", "load"):
@@ -242,13 +253,16 @@ class ChainTable(Table, frozen=True, kw_only=True):
         for i, law in enumerate(self.friction):
             for name in law.__struct_fields__:
                 if isinstance(getattr(law, name), tuple):
-                    yield f"worm.friction[{i}].{name}", "this table is of one mass; write a number"
+                    yield (
+                        f"worm.friction[{i}].{name}",
+                        "is a list in a table for one mass; write a number",
+                    )
                     return
             yield from faults_of_law(f"worm.friction[{i}]", law, 1)
 
     def _faults_of_chance(self, random: RandomLinks, horizon: float) -> Iterator[Fault]:
         if not random.processes:
-            yield "worm.random", "nothing is random; write stiffness, damping or rest_length"
+            yield "worm.random", "contains nothing random; write stiffness, damping or rest_length"
         for name, process in random.processes.items():
             key = f"worm.random.{name}"
             wanders = isinstance(process, Wandering)
@@ -260,16 +274,22 @@ class ChainTable(Table, frozen=True, kw_only=True):
                 continue
             pairs = list(zip(per(mean, self.links), per(spread, self.links), strict=True))
             if wanders and any(m <= 0 for m, _ in pairs):
-                yield f"{key}.deviation", f"worm.{name} is 0; a mean above 0 is needed"
+                yield (
+                    f"{key}.deviation",
+                    f"needs a positive mean, but worm.{name} is 0; write a positive worm.{name}",
+                )
             elif not wanders and any(s > 0 and s >= m for m, s in pairs):
-                yield f"{key}.spread", f"is not below worm.{name}, so {name} might not be above 0"
+                yield (
+                    f"{key}.spread",
+                    f"is not below worm.{name}, so {name} may not stay above 0; write less",
+                )
             step = {Steps: "interval", Wandering: "step"}.get(type(process))
             if step and horizon / getattr(process, step) > _MOST_PIECES:
                 yield f"{key}.{step}", f"makes more than {_MOST_PIECES} pieces; write a longer one"
 
 
 def held_at_rest(law: Friction) -> tuple[float, float]:
-    """What the ground holds of one mass at rest, pushed forward and backward."""
+    """Largest friction forces on a mass at rest that is pushed forward and backward."""
     if isinstance(law, SpikeFriction):
         return 0.0, math.inf
     if isinstance(law, ViscousFriction):
@@ -280,9 +300,9 @@ def held_at_rest(law: Friction) -> tuple[float, float]:
 
 
 def faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
-    """Yield what is wrong between the numbers of a friction law for so many masses.
+    """Yield what is wrong between the parameters of a friction law.
 
-    `key` is the key path of its table.
+    `key` is the key path of its table, `masses` the number of masses.
     """
     wrong = [
         fault
@@ -297,5 +317,5 @@ def faults_of_law(key: str, law: Friction, masses: int) -> Iterator[Fault]:
         if stick is None:
             continue
         if any(s < f for f, s in zip(per(slide, masses), per(stick, masses), strict=True)):
-            message = f"stiction below the sliding force {side}; write at least as much"
+            message = f"stiction is below the sliding force {side}; write at least that force"
             yield f"{key}.stick_{side}", message

@@ -1,4 +1,4 @@
-"""Scenes of kind "linear": linear theory of a chain and of its trackers with the gain frozen."""
+"""Tables of scenes of kind "linear": linear theory of a chain and its tracker."""
 
 from __future__ import annotations
 
@@ -29,30 +29,30 @@ from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker, Reference
 
 MOST_LINKS = 12
-"""Margins take eigenvalues of large matrices many times."""
+"""Margins need the eigenvalues of large matrices many times."""
 
 
 class PointTable(Table, frozen=True, kw_only=True):
-    """Where the worm is linearised: all links at rest length, its contacts by the smooth law."""
+    """Operating point of the linearisation: links at rest length, contacts with the smooth law."""
 
     velocity: Annotated[
         FinitePerMass,
-        says("speed", "of the masses; dry friction is a constant force where it is not 0"),
+        says("speed", "velocity of the masses; dry friction is a constant force where it is not 0"),
     ] = 0.0
     v_reg: Annotated[
-        Positive, says("speed", "width of the smooth law, which has a slope at rest")
+        Positive, says("speed", "width of the smooth friction law, whose slope at rest is finite")
     ] = 1 / 40
 
 
 class GainsTable(Table, frozen=True, kw_only=True):
-    """Gains at which the frozen loop is looked at. Refused: `most` not above `least`."""
+    """Gains at which the loop with frozen gain is analysed. Not allowed: `most` ≤ `least`."""
 
-    least: Annotated[Positive, says("", "the smallest *k*")] = 1.0
-    most: Annotated[Positive, says("", "the largest *k*")] = 1000.0
+    least: Annotated[Positive, says("", "smallest *k*")] = 1.0
+    most: Annotated[Positive, says("", "largest *k*")] = 1000.0
     count: Annotated[
         int,
         Meta(ge=2, le=500, description="a whole number from 2 to 500"),
-        says("count", "how many, evenly in the logarithm"),
+        says("count", "number of gains, evenly spaced in the logarithm"),
     ] = 31
 
     def faults(self) -> Iterator[Fault]:
@@ -62,17 +62,18 @@ class GainsTable(Table, frozen=True, kw_only=True):
 
 
 class LinearScene(SceneTable, frozen=True, kw_only=True):
-    """A chain near an operating point, and the loop of its tracker with the gain frozen.
+    """A chain near an operating point, and the loop of its tracker with frozen gain.
 
-    Poles, zeros and frequency response are those of the worm at `point`; margins and errors those
-    of the loop whose gain is held, with dry friction as an outside force. The gain that suffices
-    for the tube is found in three ways (`gain_linear`, `gain_sure`, `gain_simulated`), beside the
-    gain that the tracker learns in a simulation. Refused: `worm.random`; a tracker with
-    feed-forward; links without stiffness; more than 12 links; a motion shorter than two periods
-    of the reference.
+    Poles, zeros and the frequency response belong to the chain at `point`. Margins and errors
+    belong to the loop with constant gain, where dry friction is an external force. Three scalars
+    give the gain that suffices for the tube: `gain_linear`, `gain_sure` and `gain_simulated`.
+    `gain_learned` is the gain that the tracker reaches in a simulation.
 
-    Arrays over `gain` are not a number where there is nothing to tell: a gain margin beyond a
-    factor of 10⁶, an error without bound.
+    Not allowed: `worm.random`; a tracker with feed-forward; links without stiffness; more than 12
+    links; a motion shorter than two periods of the reference.
+
+    Arrays over `gain` are NaN where no value exists: a gain margin above a factor of 10⁶, or an
+    unbounded error.
     """
 
     headline: ClassVar = (
@@ -87,61 +88,88 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
         "gain_learned": ("count", "*k* at the end of the adaptive motion"),
         "gain_linear": (
             "count",
-            "least *k* from which on the linear loop without dry friction stays in the tube after "
-            "long time, from the harmonics of the reference; `gains.least` where that will do, "
-            "unknown beyond `gains.most`",
+            "least *k* from which the linear loop without dry friction stays in the tube after a "
+            "long time, from the harmonics of the reference; `gains.least` if that suffices; "
+            "unknown above `gains.most`",
         ),
         "gain_sure": (
             "count",
-            "the same with the bound on what dry friction may do; enough for every course of "
-            "friction, not necessary; unknown beyond `gains.most`, or if friction has no bound",
+            "the same, with a bound on the effect of dry friction; sufficient for every friction "
+            "force over time, not necessary; unknown above `gains.most`, or if friction has no "
+            "bound",
         ),
         "gain_simulated": (
             "count",
-            "least *k* with which the worm itself, its gain frozen, is in the tube over the last "
-            "period, by bisection over simulations; unknown beyond `gains.most`",
+            "least *k* at which the nonlinear chain with frozen gain stays in the tube over the "
+            "last period, by bisection over simulations; unknown above `gains.most`",
         ),
         "error_learned": (
             "length",
             "largest \\|*e*\\| over the last period with the gain frozen at `gain_learned`",
         ),
-        "error_sure": ("length", "its bound by linear theory; unknown if friction has no bound"),
+        "error_sure": (
+            "length",
+            "bound of the same by linear theory; unknown if friction has no bound",
+        ),
         "capture_time": (
             "time",
-            "last entry of the adaptive motion into the tube; unknown if none",
+            "time of the last entry of the adaptive motion into the tube; unknown if there is none",
         ),
         "tube_radius": ("length", "*λ*"),
-        "common_zero": ("rate", "zero of the worm at `point`: minus slope of all friction by mass"),
-        "minimum_phase": ("count", "1 if the worm at `point` is minimum phase, 0 if not"),
+        "common_zero": (
+            "rate",
+            "zero of the chain at `point`: minus the slope of all friction over the mass",
+        ),
+        "minimum_phase": ("count", "1 if the chain at `point` is minimum phase, otherwise 0"),
         "gain_definite": (
             "count",
-            "least eigenvalue of the high-frequency gain's symmetric part, times the mean mass; "
-            "positive: a tracker of high gain has the right sign",
+            "least eigenvalue of the symmetric part of the high-frequency gain, times the mean "
+            "mass; if it is positive, a high-gain tracker has the right sign",
         ),
-        "pole_slowest": ("rate", "largest real part of a pole of the loop at `gain_learned`"),
+        "pole_slowest": ("rate", "largest real part of the poles of the loop at `gain_learned`"),
         "gain_margin": (
             "count",
-            "at `gain_learned`: factor common to all inputs up to which the loop is stable; "
-            "unknown beyond 10⁶",
+            "gain margin at `gain_learned`: factor, common to all inputs, up to which the loop is "
+            "stable; unknown above 10⁶",
         ),
-        "phase_margin": ("angle", "at `gain_learned`: lag common to all inputs that it bears"),
+        "phase_margin": (
+            "angle",
+            "phase margin at `gain_learned`: largest phase lag, common to all inputs, at which "
+            "the loop is stable",
+        ),
         "disk_margin": (
             "count",
-            "at `gain_learned`: 1 / max \\|*S* − ½\\|, for gains and lags of the inputs apart; at "
-            "most 2",
+            "disk margin at `gain_learned`: 1 / max \\|*S* − ½\\|, for independent gains and lags "
+            "of the inputs; at most 2",
         ),
-        "sensitivity_peak": ("count", "at `gain_learned`: max \\|*S*\\| over all frequencies"),
+        "sensitivity_peak": ("count", "max \\|*S*\\| over all frequencies at `gain_learned`"),
     }
     variables: ClassVar = {
         "omega": ("angular_frequency", ("omega",), "angular frequency"),
-        "magnitude": ("compliance", ("link", "input", "omega"), "|G|, length of a link by force"),
+        "magnitude": ("compliance", ("link", "input", "omega"), "|G|, link length over force"),
         "phase": ("angle", ("link", "input", "omega"), "phase of G"),
-        "zero_real": ("rate", ("zero",), "real parts of the zeros, the shift left out"),
+        "zero_real": (
+            "rate",
+            ("zero",),
+            "real parts of the zeros, without the shift of the whole chain",
+        ),
         "zero_imag": ("rate", ("zero",), "imaginary parts of the zeros"),
-        "pole_real": ("rate", ("pole",), "real parts of the worm's poles, the shift left out"),
-        "pole_imag": ("rate", ("pole",), "imaginary parts of the worm's poles"),
-        "learned_real": ("rate", ("loop_pole",), "real parts of the loop's poles, gain learned"),
-        "learned_imag": ("rate", ("loop_pole",), "imaginary parts of the same"),
+        "pole_real": (
+            "rate",
+            ("pole",),
+            "real parts of the chain's poles, without the shift of the whole chain",
+        ),
+        "pole_imag": ("rate", ("pole",), "imaginary parts of the chain's poles"),
+        "learned_real": (
+            "rate",
+            ("loop_pole",),
+            "real parts of the loop's poles at the learned gain",
+        ),
+        "learned_imag": (
+            "rate",
+            ("loop_pole",),
+            "imaginary parts of the loop's poles at the learned gain",
+        ),
         "gain": ("count", ("gain",), "frozen gain"),
         "loop_real": ("rate", ("gain", "loop_pole"), "real parts of the loop's poles"),
         "loop_imag": ("rate", ("gain", "loop_pole"), "imaginary parts of the loop's poles"),
@@ -152,7 +180,11 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
         "error_linear": ("length", ("gain",), "largest error without dry friction"),
         "error_bound": ("length", ("gain",), "bound of the error with dry friction"),
         "tried_gain": ("count", ("trial",), "frozen gain of a simulation"),
-        "tried_error": ("length", ("trial",), "its largest error over the last period"),
+        "tried_error": (
+            "length",
+            ("trial",),
+            "largest error of that simulation over the last period",
+        ),
     }
 
     kind: Literal["linear"]
@@ -160,21 +192,21 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["bode", "poles", "margins"], ...],
         says(
             "",
-            "`bode`: gain and phase of the worm; `poles`: poles, zeros, and where the loop's poles "
-            "go as the gain grows; `margins`: margins and errors over the gain, with the gains "
-            "that suffice and the one learned",
+            "`bode`: gain and phase of the chain; `poles`: poles, zeros, and the loop's poles "
+            "over the gain; `margins`: margins and errors over the gain, with the sufficient "
+            "gains and the learned gain",
         ),
     ] = ()
-    worm: Annotated[ChainTable, says("", "the worm, without `random`")]
-    start: Annotated[Start, says("", "where it starts")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "what its links shall do")]
+    worm: Annotated[ChainTable, says("", "the chain, without `random`")]
+    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
+    reference: Annotated[Reference, says("", "reference of the links")]
     tracker: Annotated[
-        FilterTracker | DerivativeTracker, says("", "the tracker; `feedback` says which it is")
+        FilterTracker | DerivativeTracker, says("", "the tracker; `feedback` selects its kind")
     ]
-    point: Annotated[PointTable, says("", "where the worm is linearised")] = field(
+    point: Annotated[PointTable, says("", "operating point of the linearisation")] = field(
         default_factory=PointTable
     )
-    gains: Annotated[GainsTable, says("", "gains at which the loop is frozen")] = field(
+    gains: Annotated[GainsTable, says("", "gains of the frozen loop")] = field(
         default_factory=GainsTable
     )
     contact: Contacts = field(default_factory=ExactContact)
@@ -182,7 +214,7 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows; `folder` is the scene's."""
+        """Yield what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         links = self.worm.links
         yield from self.worm.faults(self.time.end, self.units)
@@ -192,11 +224,23 @@ class LinearScene(SceneTable, frozen=True, kw_only=True):
         yield from self.gains.faults()
         yield from wrong_count("point.velocity", self.point.velocity, links + 1, "masses")
         if links > MOST_LINKS:
-            yield "worm.links", f"is above {MOST_LINKS}, the most that is analysed; write less"
+            yield (
+                "worm.links",
+                f"is above {MOST_LINKS}, the largest number that is analysed; write less",
+            )
         if self.worm.random is not None:
-            yield "worm.random", "linear theory is of one worm; leave the table out"
+            yield (
+                "worm.random",
+                "is not allowed, since linear theory describes a single chain; leave the table out",
+            )
         if self.tracker.feedforward is not None:
-            yield "tracker.feedforward", "the frozen loop has none; leave the table out"
+            yield (
+                "tracker.feedforward",
+                "is not allowed, since the frozen loop has no feed-forward; leave the table out",
+            )
         stiffness = self.worm.stiffness
         if min(stiffness if isinstance(stiffness, tuple) else (stiffness,)) <= 0:
-            yield "worm.stiffness", "a link without it keeps no length; write a positive number"
+            yield (
+                "worm.stiffness",
+                "is 0, and a link without stiffness has no rest length; write positive numbers",
+            )

@@ -1,4 +1,4 @@
-"""Scenes of kind "optimal-crawl": the inputs by which a chain crawls best, period after period."""
+"""Tables of scenes of kind "optimal-crawl": the best periodic inputs of a crawling chain."""
 
 from __future__ import annotations
 
@@ -27,17 +27,15 @@ from wormopt.systems.spiked import why_unreadable
 
 
 class CrawlLimitsTable(Table, frozen=True, kw_only=True):
-    """What the crawl must keep to."""
+    """Limits of the crawl."""
 
-    period: Annotated[
-        PositiveOrPair, says("time", "period, fixed, or [shortest, longest] to choose from")
-    ]
-    force: Annotated[Positive, says("force", "largest |*u*<sub>j</sub>|")]
+    period: Annotated[PositiveOrPair, says("time", "fixed period, or [shortest, longest]")]
+    force: Annotated[Positive, says("force", "upper limit of |*u*<sub>j</sub>|")]
     length: Annotated[
         Pair | None,
         says(
             "length",
-            "[shortest, longest]: range of every link, at every instant; no limit if left out",
+            "[shortest, longest] length of every link at all times; default: no limit",
         ),
     ] = None
 
@@ -49,7 +47,7 @@ class CrawlLimitsTable(Table, frozen=True, kw_only=True):
         return self.period, self.period
 
     def faults(self) -> Iterator[Fault]:
-        """Yield ranges that are upside down."""
+        """Yield ranges whose bounds are in the wrong order."""
         for name in ("period", "length"):
             value = getattr(self, name)
             if isinstance(value, tuple):
@@ -57,112 +55,122 @@ class CrawlLimitsTable(Table, frozen=True, kw_only=True):
 
 
 class AimTable(Table, frozen=True, kw_only=True):
-    """What the crawl is to be good at: exactly one of `maximise` and `minimise`."""
+    """Objective of the crawl: exactly one of `maximise` and `minimise`."""
 
     maximise: Annotated[
         Literal["speed"] | None, says("", "mean speed − `effort` · mean of |*u*|²")
     ] = None
     minimise: Annotated[
         Literal["energy_per_mass_distance"] | None,
-        says("", "positive work of the actuators over mass and way; `speed` is required then"),
+        says("", "positive work of the actuators over mass and distance; requires `speed`"),
     ] = None
     effort: Annotated[NonNegative, says("", "weight of the squared inputs, for `maximise`")] = 0.0
-    speed: Annotated[Positive | None, says("speed", "least mean speed; none if left out")] = None
+    speed: Annotated[
+        Positive | None, says("speed", "lower limit of the mean speed; default: none")
+    ] = None
 
     def faults(self, robust: bool) -> Iterator[Fault]:
-        """Yield what does not fit together.
+        """Yield conflicts between the keys.
 
-        `robust`: several draws of the worm are optimised for.
+        `robust`: the design covers several drawn chains.
         """
         if (self.maximise is None) == (self.minimise is None):
             yield (
                 "aim",
-                'write maximise = "speed" or minimise = "energy_per_mass_distance", one of both',
+                'has neither or both of maximise and minimise; write maximise = "speed" or '
+                'minimise = "energy_per_mass_distance"',
             )
         elif self.minimise and self.speed is None:
-            yield "aim.speed", "missing; the cheapest crawl rests: write the least mean speed"
+            yield (
+                "aim.speed",
+                "missing, and without it the cheapest crawl stays at rest; write the least mean "
+                "speed",
+            )
         elif self.minimise and self.effort:
-            yield "aim.effort", 'belongs to maximise = "speed"; leave it out'
+            yield "aim.effort", 'applies to maximise = "speed" only; leave it out'
         elif self.minimise and robust:
-            yield "aim.minimise", 'robust designs take maximise = "speed" only'
+            yield "aim.minimise", 'is not supported with [robust]; write maximise = "speed"'
 
 
 class SearchTable(Table, frozen=True, kw_only=True):
-    """Where searches begin. Results are local optima: strong actuators have many."""
+    """Starting points of the search. Results are local optima; strong actuators have many."""
 
     starts: Annotated[
         int,
         Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
         says(
-            "count", "starts; each is the last period of a simulation under other sines as inputs"
+            "count",
+            "number of starts; each is the last period of a simulation with different sine inputs",
         ),
     ] = 1
-    seed: Annotated[Seed, says("", "the same seed gives the same starts")] = 0
+    seed: Annotated[Seed, says("", "seed of the starts")] = 0
     result: Annotated[
         Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None,
         says(
             "",
-            "start at the crawl of an earlier result of as many links instead; relative to the "
-            "scene's folder",
+            "start from the crawl of an earlier result with the same number of links instead; "
+            "path relative to the scene's folder",
         ),
     ] = None
 
     def faults(self, folder: Path, robust: bool) -> Iterator[Fault]:
-        """Yield what does not fit together, or cannot be read; `folder` is the scene's.
+        """Yield conflicts between the keys, and files that cannot be read; `folder` is the scene's.
 
-        `robust`: several draws of the worm are optimised for.
+        `robust`: the design covers several drawn chains.
         """
         if self.result is None:
             return
         if self.starts > 1:
-            yield "search.result", "is one start; leave out search.starts or it"
+            yield "search.result", "gives a single start; leave out search.starts or search.result"
         if robust:
-            yield "search.result", "is of one worm; leave out [robust] or it"
+            yield "search.result", "belongs to a single chain; leave out [robust] or search.result"
         unreadable = why_unreadable(folder / self.result)
         if unreadable:
             yield "search.result", f'"{self.result}" cannot be read from {folder}: {unreadable}'
 
 
 class RobustTable(Table, frozen=True, kw_only=True):
-    """One input for several worms, of which the numbers are drawn by chance.
+    """One input for several chains with randomly drawn parameters.
 
-    Masses, stiffness, damping and friction are drawn around the scene's own. Contact is then
-    complementary on the grid of `[mesh]`, not exact; `speed_simulated` lists what each worm really
-    does after many periods. Refused with `minimise` and with `want = ["convergence"]`.
+    Masses, stiffness, damping and friction are drawn around the scene's values. Contact is then a
+    complementarity condition on the grid of `[mesh]`, which is not exact. `speed_simulated` lists
+    the speed of each chain after many periods. Not allowed: `minimise`, and `want =
+    ["convergence"]`.
     """
 
     draws: Annotated[
         int,
         Meta(ge=1, le=20, description="a whole number from 1 to 20"),
-        says("count", "worms besides the scene's own"),
+        says("count", "number of chains besides the nominal one"),
     ] = 4
     spread: Annotated[
         float,
         Meta(gt=0, lt=1, description="a number between 0 and 1"),
-        says("share", "half width of the range, as a share"),
+        says("share", "half width of the range, as a share of the nominal value"),
     ] = 0.3
-    seed: Annotated[Seed, says("", "the same seed gives the same worms")] = 0
+    seed: Annotated[Seed, says("", "seed of the drawn chains")] = 0
     judge: Annotated[
         Literal["mean", "worst"],
-        says("", "whether the mean speed counts or that of the slowest"),
+        says("", "criterion: the average speed of the chains, or the speed of the slowest"),
     ] = "mean"
 
 
 class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
     """The best periodic crawl of a chain under dry friction.
 
-    The inputs by which a chain crawls fastest, or cheapest, period after period: velocities return
-    after a period, positions up to one advance. Contact is dry friction, told exactly: a relaxed
-    solve shows who rests when, a second one frees the switching times, an exact simulation with
-    the inputs found repeats the motion. See [optimal.md](../optimal.md).
+    It finds the periodic inputs with which the chain crawls fastest, or at the least energy.
+    Velocities repeat after a period; positions advance by the same amount. Contact is exact dry
+    friction: a relaxed solve finds which masses rest when, a second solve optimises the switching
+    times, and an exact simulation repeats the motion with the inputs found. See
+    [optimal.md](../optimal.md).
 
-    If the crawl repeats itself within the period, results are those of one cycle, and a warning
-    says how many there are. If no phases can be read off the relaxed motion, contact stays
-    complementary on a finer grid, as a warning says.
+    If the crawl repeats within the period, results describe a single cycle, and a warning gives the
+    number of cycles. If the relaxed motion shows no distinct phases, contact stays a
+    complementarity condition on a finer grid, and a warning says so.
 
-    `[mesh]` is that of the relaxed solve, with 60 arcs if left out; its `tolerance` that of the
-    exact one. Where arcs join, the instant stands twice. `timings_s`: `build` and `solve` (of all
-    programs), `optimise` and `check`.
+    `[mesh]` is the mesh of the relaxed solve, with 60 arcs by default; its `tolerance` is that of
+    the exact solve. The arrays contain the instants at which arcs join twice. `timings_s`: `build`
+    and `solve` (of all programs), `optimise` and `check`.
     """
 
     headline: ClassVar = (
@@ -178,42 +186,48 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         "speed": ("speed", "mean speed"),
         "speed_simulated": (
             "speed",
-            "the same from an exact simulation of two periods; with `[robust]` a list, one per "
-            "worm, after many periods",
+            "mean speed of an exact simulation over two periods; with `[robust]` a list by chain, "
+            "after many periods",
         ),
-        "advance": ("length", "way in a period"),
+        "advance": ("length", "distance travelled in a period"),
         "energy_per_mass_distance": (
             "acceleration",
-            "positive work of the actuators over mass and way; not with `[robust]`",
+            "positive work of the actuators over mass and distance; not with `[robust]`",
         ),
         **COST_OF_TRANSPORT,
-        "order_smoothed": ("1", "slope of the errors over the width (convergence)"),
-        "order_complementarity": ("1", "slope of the errors over the grid (convergence)"),
-        "objective_smoothed": ("speed", "at the least width (convergence)"),
+        "order_smoothed": (
+            "1",
+            "order of convergence: slope of the errors over the smoothing width (convergence)",
+        ),
+        "order_complementarity": (
+            "1",
+            "order of convergence: slope of the errors over the grid (convergence)",
+        ),
+        "objective_smoothed": ("speed", "objective at the least smoothing width (convergence)"),
         "objective_smoothed_error_bar": (
             "speed",
-            "its error, stated without the exact answer (convergence)",
+            "estimated error of the same, without the exact answer (convergence)",
         ),
-        "objective_complementarity": ("speed", "on the finest grid (convergence)"),
+        "objective_complementarity": ("speed", "objective on the finest grid (convergence)"),
         "objective_complementarity_error_bar": (
             "speed",
-            "its error, stated without the exact answer (convergence)",
+            "estimated error of the same, without the exact answer (convergence)",
         ),
-        "same_modes": ("1", "whether both show the modes of the exact crawl (convergence)"),
+        "same_modes": ("1", "whether both show the contact modes of the exact crawl (convergence)"),
         **OPTIMUM,
         "objective": (
             "speed",
-            "what was minimised; of a speed its negative; energy by mass and distance counts as an "
-            "acceleration",
+            "minimised quantity; minus the speed when the speed is maximised; energy over mass "
+            "and distance has the unit of an acceleration",
         ),
     }
     variables: ClassVar = {
         **INSTANT,
         **over(CHAIN_SIGNALS, last="instant"),
-        "width": ("speed", ("width",), "width of the smoothed law"),
-        "smoothed_error": ("speed", ("width",), "its error"),
+        "width": ("speed", ("width",), "width of the smoothed friction law"),
+        "smoothed_error": ("speed", ("width",), "error with the smoothed friction law"),
         "arcs": ("count", ("arcs",), "arcs of the grid"),
-        "complementarity_error": ("speed", ("arcs",), "its error"),
+        "complementarity_error": ("speed", ("arcs",), "error with complementarity on the grid"),
     }
 
     kind: Literal["optimal-crawl"]
@@ -221,34 +235,44 @@ class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["signals", "convergence"], ...],
         says(
             "",
-            "`signals`: signals below each other; `convergence`: solves again with smoothed "
-            "contact and on finer grids and shows how both tend to the exact answer (about half a "
-            "minute more)",
+            "`signals`: signals over time; `convergence`: further solves with smoothed contact "
+            "and on finer grids, and their convergence to the exact answer (about half a minute "
+            "more)",
         ),
     ] = ()
     worm: Annotated[ChainTable, says("", "the chain, with `friction` and without `random`")]
-    limits: Annotated[CrawlLimitsTable, says("", "what the crawl must keep to")]
-    aim: Annotated[AimTable, says("", "what it is to be good at")]
-    mesh: Annotated[MeshTable, says("", "how finely the motion is resolved")] = field(
+    limits: Annotated[CrawlLimitsTable, says("", "limits of the crawl")]
+    aim: Annotated[AimTable, says("", "objective of the crawl")]
+    mesh: Annotated[MeshTable, says("", "mesh in time")] = field(
         default_factory=lambda: MeshTable(arcs=60)
     )
-    search: Annotated[SearchTable, says("", "where to begin")] = field(default_factory=SearchTable)
+    search: Annotated[SearchTable, says("", "starting points of the search")] = field(
+        default_factory=SearchTable
+    )
     robust: Annotated[
-        RobustTable | None, says("", "several worms instead of one; one if left out")
+        RobustTable | None, says("", "design for several chains; default: a single chain")
     ] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows; `folder` is the scene's."""
+        """Yield what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         yield from self.worm.faults(1.0, self.units)
         yield from self.limits.faults()
         yield from self.aim.faults(self.robust is not None)
         yield from self.search.faults(folder, self.robust is not None)
         if self.worm.random is not None:
-            yield "worm.random", "an optimal crawl is one of a known worm; write [robust] instead"
+            yield (
+                "worm.random",
+                "is not allowed, since an optimal crawl belongs to a known chain; write [robust] "
+                "instead",
+            )
         if self.robust is not None and self.worm.slope:
-            yield "worm.slope", "masses are drawn by [robust], not their weights; write worm.load"
+            yield (
+                "worm.slope",
+                "is not allowed, since masses drawn by [robust] would change the weights; write "
+                "worm.load",
+            )
         if self.worm.friction is None:
-            yield "worm.friction", "missing; without friction no worm crawls"
+            yield "worm.friction", "missing, and a chain cannot crawl without friction; add it"
         if self.robust is not None and "convergence" in self.want:
-            yield "want", '"convergence" is for one worm; leave out [robust] or it'
+            yield "want", '"convergence" needs a single chain; leave out [robust] or "convergence"'

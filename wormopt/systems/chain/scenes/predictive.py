@@ -1,4 +1,4 @@
-"""The tables ``[predictive]``, ``[estimation]`` and ``[plants]`` of predictive control."""
+"""Tables ``[predictive]``, ``[estimation]`` and ``[plants]`` of predictive control."""
 
 from __future__ import annotations
 
@@ -17,12 +17,15 @@ ESTIMATED: tuple[Estimated, ...] = ("mass", "friction_forward", "friction_backwa
 
 
 class PlantsTable(Table, frozen=True, kw_only=True):
-    """Plants that are not as believed: every number drawn by itself, uniform around its own."""
+    """Plants with drawn parameters.
+
+    Each parameter is drawn independently from a uniform distribution around its nominal value.
+    """
 
     members: Annotated[
         int,
         Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says("count", "plants that are not as believed"),
+        says("count", "number of drawn plants"),
     ]
     spread: Annotated[
         Share,
@@ -31,48 +34,51 @@ class PlantsTable(Table, frozen=True, kw_only=True):
             "every mass, stiffness, damping and friction force is drawn within ± this share",
         ),
     ]
-    seed: Annotated[Seed, says("", "the same seed gives the same plants")] = 0
+    seed: Annotated[Seed, says("", "seed of the drawn plants")] = 0
 
 
 class PredictiveTable(Table, frozen=True, kw_only=True):
-    """Predictive control of ∫(|*e*|² + *ρ*|*u*|²) d*t*, decided anew every `period`.
+    """Predictive control of ∫(|*e*|² + *ρ*|*u*|²) d*t*, with a new decision every `period`.
 
-    The model that it believes has the smooth law of friction; beyond the horizon it counts what
-    departing from the plan of the whole motion costs, to second order.
+    The controller's model has the smooth law of friction. Its terminal cost is, to second order,
+    the cost of a deviation from the plan for the whole motion.
     """
 
     period: Annotated[
         Positive,
         says(
             "time",
-            "longest time from one decision to the next; shorter where a corner of the reference "
-            "lies between",
+            "longest time between decisions; it is shorter before a corner of the reference",
         ),
     ]
-    horizon: Annotated[Positive, says("time", "how far a decision looks ahead")]
+    horizon: Annotated[Positive, says("time", "prediction horizon")]
     input_weight: Annotated[Positive, says("", "*ρ*")]
     v_reg: Annotated[
-        Positive, says("speed", "width of velocities over which the believed law is steep")
+        Positive, says("speed", "width of velocities over which the model's friction law is steep")
     ]
     steps: Annotated[
         int,
         Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says("count", "most steps of a decision with full convergence; in real time it is one"),
+        says(
+            "count",
+            "upper limit of the solver steps per decision of the converged controller; the "
+            "real-time controller makes one step",
+        ),
     ] = 20
     force: Annotated[
-        Positive | None, says("force", "largest |*u*<sub>j</sub>|; no limit if left out")
+        Positive | None, says("force", "upper limit of |*u*<sub>j</sub>|; default: no limit")
     ] = None
     seconds: Annotated[
         Positive,
         says(
             "s",
-            "how many seconds one unit of the scene's time lasts, against which decisions are "
-            "timed; 1 with SI units",
+            "seconds per unit of the scene's time, to which the duration of decisions is "
+            "compared; 1 with SI units",
         ),
     ] = 1.0
 
     def faults(self, end: float, units: str) -> Iterator[Fault]:
-        """Yield what does not fit a motion from 0 to `end`."""
+        """Yield what is invalid for a motion from 0 to `end`."""
         if self.horizon < self.period:
             yield "predictive.horizon", f"is below predictive.period = {self.period:g}; write more"
         if self.period > end:
@@ -88,42 +94,48 @@ _MOST = 20_000
 
 
 class EstimationTable(Table, frozen=True, kw_only=True):
-    """Moving-horizon estimation: parameters that explain the last motion best.
+    """Moving-horizon estimation of the parameters that explain the recent motion best.
 
-    States are measured at every decision. Link after link, mass after mass is estimated; the sum
-    of squares of what a window of measurements is missed by is minimised, and of what logarithms
-    of parameters are off from what is believed. What leaves the window adds to that belief.
+    States are measured at every decision. The parameters of each link and each mass are estimated
+    separately. The estimate minimises the squared residuals of the measurements in the window plus
+    the squared logarithmic deviations of the parameters from their prior. Measurements that leave
+    the window update the prior.
     """
 
     parameters: Annotated[
         tuple[Estimated, ...],
-        says("", "which; others stay as they are believed"),
+        says("", "parameters to estimate; the others keep the model's values"),
     ] = ESTIMATED
-    window: Annotated[Positive, says("time", "how far the window reaches back")]
+    window: Annotated[Positive, says("time", "length of the window")]
     noise: Annotated[
-        Positive, says("share", "what a measured state may be missed by, in usual sizes")
+        Positive, says("share", "standard deviation of a measured state, in usual sizes")
     ] = 0.01
-    spread: Annotated[
-        Positive, says("share", "what a parameter is off beforehand: one standard deviation")
-    ] = 0.2
+    spread: Annotated[Positive, says("share", "standard deviation of a parameter's prior")] = 0.2
     memory: Annotated[
         Positive | None,
-        says("time", "after which what left the window counts 1/e; for ever if left out"),
+        says(
+            "time",
+            "time after which the information of past measurements decays to 1/e; default: no "
+            "decay",
+        ),
     ] = None
 
     def faults(self, worm: ChainTable) -> Iterator[Fault]:
-        """Yield what is wrong between the keys, or cannot be learnt of a worm."""
+        """Yield conflicts between the keys, and parameters that this chain does not have."""
         if not self.parameters:
-            yield "estimation.parameters", "names none; leave [estimation] out"
+            yield "estimation.parameters", "names no parameter; leave [estimation] out"
         if len(set(self.parameters)) < len(self.parameters):
-            yield "estimation.parameters", "names one twice; write each once"
-        for name in self.parameters:  # logarithms are estimated
+            yield "estimation.parameters", "names a parameter twice; write each once"
+        for name in self.parameters:  # The estimate is of logarithms.
             if not all(value > 0 for value in _values(worm, name)):
-                yield "estimation.parameters", f"{name} is not above 0; leave it out"
+                yield (
+                    "estimation.parameters",
+                    f"contains {name}, which is not above 0 in this worm; leave it out",
+                )
 
 
 def _values(worm: ChainTable, name: str) -> Iterator[float]:
-    """Values of a parameter, one 0 where the worm has none."""
+    """Values of a parameter, or a single 0 if the worm does not have it."""
     side = name.removeprefix("friction_")
     given = [getattr(worm, name)] if side == name else [getattr(g, side, 0.0) for g in worm.ground]
     for each in given or [0.0]:

@@ -1,4 +1,4 @@
-"""Scenes of kind "tracker-readings": which reading of the chapter's example its text supports."""
+"""Tables of scenes of kind "tracker-readings": interpretations of a published tracker example."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ from wormopt.systems.shared.declared import (
     over,
 )
 
-_MOST = 20_000  # readings of one scene
+_MOST = 20_000  # Largest number of readings in a scene.
 
 
 class ExampleTable(Table, frozen=True, kw_only=True):
-    """What all readings share of the worm."""
+    """Parameters of the worm that all readings share."""
 
     links: Annotated[
         int,
         Meta(ge=1, le=20, description="a whole number from 1 to 20"),
-        says("count", "*n*; mass 0 is the head"),
+        says("count", "number of links *n*; mass 0 is the head"),
     ]
     mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>")]
     stiffness: Annotated[PerLink, says("stiffness", "spring constants *c*<sub>j</sub>")]
@@ -57,7 +57,7 @@ class ExampleTable(Table, frozen=True, kw_only=True):
 
 
 class TrackersTable(Table, frozen=True, kw_only=True):
-    """What all readings share of (13) and (14)."""
+    """Parameters of trackers 13 and 14 that all readings share."""
 
     tube_radius: Annotated[Positive, says("length", "*λ*")]
     gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
@@ -74,105 +74,113 @@ Positions = Annotated[
 
 
 class ReadingsTable(Table, frozen=True, kw_only=True):
-    """What the readings differ in: every combination is simulated.
+    """Alternatives of the readings: every combination is simulated.
 
-    The first of each list is what the others depart from.
+    The first entry of each list is the baseline.
     """
 
-    start: Annotated[tuple[Positions, ...], says("length", "positions, head first, one list each")]
+    start: Annotated[
+        tuple[Positions, ...],
+        says("length", "initial positions, head first, one list per alternative"),
+    ]
     rest_length: Annotated[
         tuple[NonNegative | Literal["reference"], ...],
         says(
             "length",
-            "of all links; `reference`: it follows the reference, as a feed-forward "
-            "*c y*<sub>ref</sub> to springs without rest length",
+            "rest length of all links; `reference`: it follows the reference, which is a "
+            "feed-forward *c y*<sub>ref</sub> to springs without rest length",
         ),
     ]
     input: Annotated[
         tuple[Literal["force", "rest_length"], ...],
-        says("", "what *u* of the tracker is: a force, or by (11) the change of a rest length"),
+        says("", "meaning of the tracker's *u*: a force, or the change of a rest length (eq. 11)"),
     ]
-    growth: Annotated[tuple[Positive, ...], says("", "*γ* of the gains")]
-    period: Annotated[tuple[Positive, ...], says("time", "of the gait")]
+    growth: Annotated[tuple[Positive, ...], says("", "*γ*, growth rate of the gains")]
+    period: Annotated[tuple[Positive, ...], says("time", "period of the gait")]
     friction: Annotated[
-        tuple[Forces, ...], says("force", "[*F*<sub>+</sub>, *F*<sub>−</sub>], one pair each")
+        tuple[Forces, ...],
+        says("force", "[*F*<sub>+</sub>, *F*<sub>−</sub>], one pair per alternative"),
     ]
     links: Annotated[
         tuple[Literal["printed", "reversed"], ...],
-        says("", "whether the gait's first link is the first, or the last"),
+        says("", "whether the gait's first entry belongs to the first or the last link"),
     ]
     signs: Annotated[
         tuple[Literal["printed", "turned", "filter"], ...],
         says(
             "",
-            "of (14): as printed; those of *u* and of *e* in *θ*′ both turned, which is as printed "
-            "with −*θ*(0); that in *θ*′ alone, which feeds the error back to itself",
+            "signs in eq. 14: as printed; *u* and *e* in *θ*′ both reversed, which is the printed "
+            "form with −*θ*(0); *e* in *θ*′ alone reversed, which gives positive feedback of the "
+            "error",
         ),
     ]
 
     def faults(self, masses: int) -> Iterator[Fault]:
-        """Yield what is wrong between the keys, for a worm of so many masses."""
+        """Yield what is wrong between the keys, for a worm with this number of masses."""
         for name in self.__struct_fields__:
             given = getattr(self, name)
             if not given:
                 yield f"readings.{name}", "is empty; write at least one entry"
             elif len(set(given)) < len(given):
-                yield f"readings.{name}", "has an entry twice; write each once"
+                yield f"readings.{name}", "repeats an entry; write each once"
         for k, start in enumerate(self.start):
             yield from wrong_count(f"readings.start[{k}]", start, masses, "masses")
         count = prod(len(getattr(self, name)) for name in self.__struct_fields__)
         if count > _MOST:
-            yield "readings", f"are {count} combinations; at most {_MOST} are simulated"
+            yield (
+                "readings",
+                f"have {count} combinations, but at most {_MOST} are simulated; shorten a list",
+            )
 
 
 class SentencesTable(Table, frozen=True, kw_only=True):
-    """From where on a sentence of the text counts as supported."""
+    """Criteria by which a sentence of the text counts as supported."""
 
     strips: Annotated[
         Literal["outputs", "norm", "both"],
         says(
             "",
-            "what is captured: `outputs`, every \\|*e*<sub>j</sub>\\| ≤ *λ*, as the strips of "
-            "figure 5; `norm`, the Euclidean \\|*e*\\| ≤ *λ*, at which gains stop to grow; `both`: "
-            "a sentence counts if it holds either way",
+            "criterion of capture: `outputs`, every \\|*e*<sub>j</sub>\\| ≤ *λ*, as the strips of "
+            "figure 5; `norm`, the Euclidean \\|*e*\\| ≤ *λ*, at which gains stop growing; "
+            "`both`: either of the two supports a sentence",
         ),
     ] = "both"
-    quick: Annotated[Positive, says("time", "within which (13) captures the outputs")]
+    quick: Annotated[Positive, says("time", "time within which tracker 13 captures the outputs")]
     window: Annotated[
         Positive,
         says(
             "time",
-            "the end of the interval: outputs that leave their strips in it are not captured; "
-            "growth of gains and errors are those in it",
+            "length of the final interval: outputs that leave their strips in it are not "
+            "captured; growth of gains and errors refer to it",
         ),
     ]
-    settled: Annotated[NonNegative, says("share", "by which a gain that has converged may grow")]
-    growing: Annotated[Positive, says("share", "by which a gain that still grows does at least")]
+    settled: Annotated[NonNegative, says("share", "largest growth of a converged gain")]
+    growing: Annotated[Positive, says("share", "least growth of a gain that still increases")]
 
 
 _EACH = ("tracker", "reading")
 
 
 class ReadingsScene(SceneTable, frozen=True, kw_only=True):
-    """(13) and (14) under every reading of what the chapter leaves open, against its sentences.
+    """Trackers 13 and 14 of Zimmermann et al. 2007 under every reading of their example.
 
-    The chapter's data contradict themselves in places and are silent in others, and its figures 5
-    to 8 are described by the text alone. Every combination of `[readings]` is simulated under both
-    trackers, and compared with what the text says, by the criteria of `[sentences]`; what is found:
-    [readings.md](../readings.md). One reading is shown, simulated again as
-    exactly as in scenes of [kind `track`](track.md): of those that support most sentences the one
-    that departs in the fewest keys from the first entries, then that which does so for most ends of
-    the interval.
+    The published data contradict each other in places and are incomplete in others, and the text
+    alone describes figures 5 to 8. Every combination of `[readings]` is simulated with both
+    trackers and compared with the sentences of the text, by the criteria of `[sentences]`.
+    [readings.md](../readings.md) discusses the results. One reading is shown and simulated again as
+    exactly as in scenes of [kind `track`](track.md). Among the readings that support most
+    sentences, it departs from the first entries in the fewest keys; ties are resolved by the number
+    of ends of the interval.
 
-    `table.md` holds the shares of readings that support each sentence and the best readings,
-    `readings.csv` all. Samples decide what is captured, the straight line between two of them
-    when. Attributes: `trackers`, `sentences`
-    (names), `sentence_meanings`, `choices` (keys of `[readings]`), `chosen_reading`.
-    `timings_s`: `simulate`, `recheck`. The trust report compares mirror images: a reading with
-    F<sub>+</sub>, F<sub>−</sub> and the order of links exchanged has the same errors and gains.
+    `table.md` holds the shares of readings that support each sentence and the best readings;
+    `readings.csv` holds all readings. Samples decide what is captured; linear interpolation between
+    two samples gives the time of capture. Attributes: `trackers`, `sentences` (names),
+    `sentence_meanings`, `choices` (keys of `[readings]`), `chosen_reading`. `timings_s`:
+    `simulate`, `recheck`. The trust report compares mirror images: a reading with F<sub>+</sub>,
+    F<sub>−</sub> and the order of links exchanged has the same errors and gains.
 
-    Refused: two entries alike; lists of `start` that are not one number per mass; more than 20000
-    combinations; a window not shorter than half of the time.
+    Not allowed: equal entries; lists of `start` without one number per mass; more than 20000
+    combinations; a window of at least half of the time.
     """
 
     headline: ClassVar = (
@@ -186,27 +194,35 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
         "n_readings": ("count", "readings"),
         "n_supporting": ("count", "readings that support every sentence"),
         "most_supported": ("count", "sentences that the best reading supports"),
-        "chosen": ("count", "number of the reading that is shown, from 0"),
-        "chosen_departures": ("count", "keys in which it departs from the first entries"),
-        "chosen_gain": ("count", "its gains at the end"),
-        "given_up": ("count", "motions under (13) and (14) that grew beyond bounds"),
+        "chosen": ("count", "index of the reading that is shown, from 0"),
+        "chosen_departures": ("count", "number of keys in which it departs from the first entries"),
+        "chosen_gain": ("count", "gains of the shown reading at the end"),
+        "given_up": ("count", "numbers of divergent motions with trackers 13 and 14"),
         "recheck_error": CHAIN["recheck_error"],
     }
     variables: ClassVar = {
         "reading_choice": (
             "count",
             ("reading", "choice"),
-            "which entry of each key of readings, from 0",
+            "chosen entry of each key of readings, from 0",
         ),
-        "supported": ("count", ("reading", "sentence"), "1 where it supports the sentence"),
+        "supported": ("count", ("reading", "sentence"), "1 if the reading supports the sentence"),
         "gain_middle": ("count", _EACH, "gain at half the time"),
         "gain_end": ("count", _EACH, "gain at the end"),
-        "gain_growth": ("share", _EACH, "by which the gain grows in the window"),
+        "gain_growth": ("share", _EACH, "growth of the gain in the window"),
         "error_peak": ("length", _EACH, "largest norm of the error in the window"),
-        "captured_outputs": ("time", _EACH, "from when on every output is in its strip"),
-        "captured_norm": ("time", _EACH, "from when on the norm of the error is in the tube"),
-        "ends_first": ("time", ("reading",), "first end for which every sentence holds"),
-        "ends_last": ("time", ("reading",), "last end for which every sentence holds"),
+        "captured_outputs": ("time", _EACH, "time from which every output stays in its strip"),
+        "captured_norm": ("time", _EACH, "time from which the norm of the error stays in the tube"),
+        "ends_first": (
+            "time",
+            ("reading",),
+            "first end of the interval for which every sentence holds",
+        ),
+        "ends_last": (
+            "time",
+            ("reading",),
+            "last end of the interval for which every sentence holds",
+        ),
         **TIME,
         **REFERENCE,
         **over(LOOP_SIGNALS, "tracker"),
@@ -218,17 +234,17 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["readings", "trackers"], ...],
         says(
             "",
-            "`readings`: which entries support which sentences, and how many; `trackers`: the "
-            "reading that is shown, in the order of figures 5 to 8",
+            "`readings`: entries that support each sentence, and their numbers; `trackers`: the "
+            "shown reading, in the order of figures 5 to 8",
         ),
     ] = ()
     worm: Annotated[ExampleTable, says("", "the worm")]
     reference: Annotated[
-        Reference, says("", "what its links shall do; the period is that of each reading")
+        Reference, says("", "reference of the links; each reading sets its period")
     ]
-    tracker: Annotated[TrackersTable, says("", "both trackers")]
-    readings: Annotated[ReadingsTable, says("", "what is open")]
-    sentences: Annotated[SentencesTable, says("", "what the text says")]
+    tracker: Annotated[TrackersTable, says("", "parameters of both trackers")]
+    readings: Annotated[ReadingsTable, says("", "alternatives of the readings")]
+    sentences: Annotated[SentencesTable, says("", "criteria of the sentences")]
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
@@ -242,4 +258,7 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
         yield from wrong_count("tracker.filter_start", self.tracker.filter_start, links, "links")
         yield from self.readings.faults(links + 1)
         if 2 * self.sentences.window >= self.time.end:
-            yield "sentences.window", f"is not below half of time.end = {self.time.end:g}"
+            yield (
+                "sentences.window",
+                f"is not below half of time.end = {self.time.end:g}; write less",
+            )

@@ -1,4 +1,4 @@
-"""Scenes of kind "simulate": a chain with given inputs, or a model of the user's own."""
+"""Tables of scenes of kind "simulate": a chain with given inputs, or a user-defined model."""
 
 from __future__ import annotations
 
@@ -35,10 +35,11 @@ from wormopt.systems.spiked import Shape, why_unreadable
 
 
 class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="constant"):
-    """Inputs *u*<sub>j</sub> = `force` that do not change."""
+    """Constant inputs *u*<sub>j</sub> = `force`."""
 
     force: Annotated[
-        FinitePerLink, says("force", "positive forces push the masses of the link apart")
+        FinitePerLink,
+        says("force", "actuator forces; a positive force pushes the masses of the link apart"),
     ]
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
@@ -47,7 +48,7 @@ class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="cons
 
 
 class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="harmonic"):
-    """Commanded change of rest length (11): a sine.
+    """Sinusoidal commanded change of the rest lengths (eq. 11 of Zimmermann et al. 2007).
 
     *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
     """
@@ -58,8 +59,8 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
         Finite,
         says(
             "share",
-            "by how much of a period each link is behind the one ahead of it; link 0 itself lags "
-            "by as much",
+            "phase lag of each link behind the link ahead of it, as a fraction of a period; link "
+            "0 also has this lag",
         ),
     ] = 0.0
 
@@ -69,14 +70,14 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
 
 
 class CommandedGait(Table, frozen=True, kw_only=True, tag_field="law", tag="gait"):
-    """Rest lengths are commanded to follow a gait (11).
+    """Rest lengths that are commanded to follow a gait (eq. 11 of Zimmermann et al. 2007).
 
     *u*<sub>j</sub> = *c*<sub>j</sub>(gait − `rest_length`).
     """
 
-    gait: Annotated[Shape, says("", "a gait; `shape` decides which other keys there are")]
+    gait: Annotated[Shape, says("", "the gait; `shape` selects the other keys")]
     shift: Annotated[
-        Finite, says("time", "the command at time *t* is the gait at *t* + `shift`")
+        Finite, says("time", "time shift: the command at time *t* is the gait at *t* + `shift`")
     ] = 0.0
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
@@ -90,26 +91,26 @@ _MODEL = r"^[^\x00-\x1f]+\.py:[A-Za-z_][A-Za-z0-9_]*$"
 
 
 class SimulateScene(SceneTable, frozen=True, kw_only=True):
-    """A motion in time: of a chain with given inputs, or of a model of the user's own.
+    """A motion of a chain with given inputs, or of a user-defined model.
 
-    Scenes have `[worm]`, and if wanted `[start]` and `[actuation]`, or a `model`. Example of a
-    model of your own: `problems/own_model.toml` with `problems/my_worm.py`; how to write one:
-    [simulation.md](../simulation.md#a-model-of-your-own). The file is run by `wormopt run` of that
-    scene and by nothing else: `check` reads it without running it, and nothing is ever run from a
-    saved result. What it prints goes to stderr. Everything named in the Model, states and outputs,
-    is in the result: `<name>` over time, or over `<name>_entry` and time, and the scalar
-    `<name>_end`.
+    A scene has `[worm]`, with optional `[start]` and `[actuation]`, or a `model`. Example of a
+    user-defined model: `problems/own_model.toml` with `problems/my_worm.py`; instructions:
+    [simulation.md](../simulation.md#a-model-of-your-own). Only `wormopt run` of that scene runs the
+    file: `check` reads it without running it, and a saved result never runs it. Output that the
+    file prints goes to stderr. The result contains every named state and output of the Model:
+    `<name>` over time, or `<name>_entry` over entry and time, and the scalar `<name>_end`.
 
-    Refused, with the line where there is one: a file that cannot be read or is no Python, fails,
-    or has no such function; parameters that the function does not take or lacks; anything but a
-    Model; names that are no names, or that the result needs itself; symbols the Model does not
-    know; units that are misspelt quantities. Where the function fails with what `[parameters]`
-    gives, or a value is beyond the bounds of the Model's parameter, the message names that key.
+    Errors, with the line where there is one: a file that cannot be read, is not Python, fails, or
+    lacks the function; parameters that the function does not take, or that are missing; a return
+    value other than a Model; invalid names, and names that the result itself needs; symbols that
+    the Model does not contain; misspelt quantities as units. If the function fails because of
+    `[parameters]`, or a value is outside the bounds of the Model's parameter, the message names
+    that key.
 
-    `contact_force` at rest is what holds the mass. `event_kind` counts from 0: reversal, stick,
-    release, impact, switch; rests are known for exact contact only. Attributes: `contacts`, their
-    names, and `signals`, what the picture shows. `timings_s`: `build`, `simulate` and `recheck`.
-    What the trust report says: [simulations](../scenes.md#the-trust-report-of-a-simulation).
+    At rest, `contact_force` is the force that holds the mass. `event_kind` counts from 0: reversal,
+    stick, release, impact, switch. Rests are known for exact contact only. Attributes: `contacts`,
+    their names, and `signals`, shown in the picture. `timings_s`: `build`, `simulate` and
+    `recheck`. Trust report: [simulations](../scenes.md#the-trust-report-of-a-simulation).
     """
 
     headline: ClassVar = ("distance", "mean_speed", "input_rms", "input_peak", "x_end", "v_end")
@@ -124,14 +125,14 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
     kind: Literal["simulate"]
     want: Annotated[
         tuple[Literal["motion", "signals"], ...],
-        says("", "`signals`: signals below each other; `motion`, of a chain: paths, time upward"),
+        says("", "`signals`: signals over time; `motion`, of a chain: paths with time upward"),
     ] = ()
-    worm: Annotated[ChainTable | None, says("", "a chain")] = None
+    worm: Annotated[ChainTable | None, says("", "the chain")] = None
     start: Annotated[
-        Start | None, says("", "where the chain starts; at rest length if left out")
+        Start | None, says("", "initial state of the chain; default: at rest length")
     ] = None
     actuation: Annotated[
-        Actuation | None, says("", "inputs *u*<sub>j</sub> of the chain; 0 if left out")
+        Actuation | None, says("", "inputs *u*<sub>j</sub> of the chain; default: 0")
     ] = None
     model: Annotated[
         Annotated[
@@ -148,7 +149,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
         dict[str, Any] | None,
         says(
             "",
-            "arguments of that function by name: text, true, false, finite numbers, lists and "
+            "arguments of that function by name: text, true, false, finite numbers, and lists and "
             "tables of these",
         ),
     ] = None
@@ -158,19 +159,19 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
 
     @property
     def model_file(self) -> str:
-        """Name of the file that holds the model."""
+        """Name of the file that defines the model."""
         return (self.model or "").rpartition(":")[0]
 
     @property
     def model_function(self) -> str:
-        """Name of the function that returns it."""
+        """Name of the function that returns the model."""
         return (self.model or "").rpartition(":")[2]
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         if self.worm is not None and self.model is not None:
-            yield "model", "a scene has [worm] or a model, not both; leave one out"
+            yield "model", "both [worm] and model are given; leave one out"
         elif self.worm is not None:
             yield from self._faults_of_chain(self.worm, folder)
         elif self.model is not None:
@@ -181,7 +182,7 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
     def _faults_of_chain(self, worm: ChainTable, folder: Path) -> Iterator[Fault]:
         yield from worm.faults(self.time.end, self.units)
         if self.parameters is not None:
-            yield "parameters", "are those of a model; a worm has its own keys in [worm]"
+            yield "parameters", "apply to a model only; write the worm's parameters in [worm]"
         if self.start is not None:
             yield from self.start.faults(worm.links)
         if self.actuation is not None:
@@ -190,17 +191,24 @@ class SimulateScene(SceneTable, frozen=True, kw_only=True):
     def _faults_of_model(self, folder: Path) -> Iterator[Fault]:
         for key in ("start", "actuation"):
             if getattr(self, key) is not None:
-                yield key, f"belongs to [worm]; a model says by itself what its {key} is"
+                yield (
+                    key,
+                    f"applies to [worm] only, since a model defines its own {key}; leave it out",
+                )
         if "motion" in self.want:
-            yield "want", '"motion" shows a chain; write "signals" for a model'
+            yield "want", '"motion" needs a chain; write "signals" for a model'
         for name, value in (self.parameters or {}).items():
             if not _is_plain(value):
-                yield f"parameters.{name}", "write text, true, false, a finite number, or lists"
+                yield (
+                    f"parameters.{name}",
+                    "is not supported; write text, true, false, a finite number, or lists and "
+                    "tables of these",
+                )
         yield from _faults_of_file(folder / self.model_file, self.model_file)
 
 
 def _faults_of_file(path: Path, shown: str) -> Iterator[Fault]:
-    """Read the file, but do not run it: that is for `wormopt run` alone."""
+    """Read the file without running it; only `wormopt run` runs it."""
     unreadable = why_unreadable(path)
     if unreadable:
         yield "model", f'"{shown}" cannot be read from {path.parent}: {unreadable}'
@@ -210,11 +218,11 @@ def _faults_of_file(path: Path, shown: str) -> Iterator[Fault]:
     except SyntaxError as error:
         yield "model", f"{shown} line {error.lineno}: {error.msg}; write valid Python"
     except (ValueError, RecursionError, MemoryError) as error:
-        yield "model", f"{shown} is no Python: {error}"
+        yield "model", f"{shown} is not Python: {error}"
 
 
 def _is_plain(value: object) -> bool:
-    """Whether a value means the same in TOML, JSON and Python."""
+    """Whether a value has the same meaning in TOML, JSON and Python."""
     if isinstance(value, list):
         return all(_is_plain(item) for item in value)
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Scenes of kind "track": a chain whose links follow a gait by an adaptive controller."""
+"""Tables of scenes of kind "track": links that follow a gait by an adaptive controller."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ from wormopt.systems.spiked import Shape
 
 
 class Reference(Table, frozen=True, kw_only=True):
-    """What the links shall do."""
+    """Reference of the link lengths."""
 
-    gait: Annotated[Shape, says("", "a gait; `shape` decides which other keys there are")]
+    gait: Annotated[Shape, says("", "the gait; `shape` selects the other keys")]
     shift: Annotated[
-        Finite, says("time", "the reference at time *t* is the gait at *t* + `shift`")
+        Finite, says("time", "time shift: the reference at time *t* is the gait at *t* + `shift`")
     ] = 0.0
 
 
@@ -61,28 +61,28 @@ class ExponentLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="expone
 
 
 class DecayLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="decay"):
-    """Growth with two exponents; the gain decays once the error has stayed in the tube.
+    """Gain law with two exponents; the gain decays after the error has stayed in the tube.
 
-    *k*′ = *γ* (|*e*| − *λ*)² from *λ* + 1 on, *γ* √(|*e*| − *λ*) from *λ* on; in the tube 0, after
-    `dwell` there −*σ k*.
+    *k*′ = *γ* (|*e*| − *λ*)² if |*e*| ≥ *λ* + 1, and *γ* √(|*e*| − *λ*) if *λ* ≤ |*e*| < *λ* + 1.
+    In the tube *k*′ = 0, and −*σ k* after the time `dwell`.
     """
 
     dwell: Annotated[Positive, says("time", "time in the tube before the gain decays")]
-    decay: Annotated[NonNegative, says("rate", "*σ*, rate of decay")]
+    decay: Annotated[NonNegative, says("rate", "*σ*, decay rate")]
 
 
 class QuadraticLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="quadratic"):
-    """*k*′ = *γ* ([|*e*| − *λ*]<sub>+</sub>)², the chapter's law."""
+    """*k*′ = *γ* ([|*e*| − *λ*]<sub>+</sub>)², the gain law of Zimmermann et al. 2007."""
 
 
-_OWN = "what the controller believes of the links; the worm's own if left out"
+_OWN = "value in the controller's model of the links; default: the worm's value"
 
 
 class FeedForwardTable(Table, frozen=True, kw_only=True):
-    """Adds *c*(*y*<sub>ref</sub> − *l*<sub>0</sub>) + *d y*<sub>ref</sub>′ with these numbers.
+    """Feed-forward *c*(*y*<sub>ref</sub> − *l*<sub>0</sub>) + *d y*<sub>ref</sub>′.
 
-    That is the force that would hold links of these numbers on the reference; numbers left out are
-    the worm's own (`feedforward = {}`: all).
+    This force would hold links with these parameters on the reference. Parameters default to the
+    worm's values; `feedforward = {}` uses all of them.
     """
 
     stiffness: Annotated[NonNegativePerLink | None, says("stiffness", f"*c*, {_OWN}")] = None
@@ -95,9 +95,9 @@ class FeedForwardTable(Table, frozen=True, kw_only=True):
 # A stretch takes about a millisecond.
 _MOST_STRETCHES = 1e5
 
-Name = Annotated[str, says("", "what pictures call it; by its kind if left out")]
+Name = Annotated[str, says("", "name in pictures; default: by its kind")]
 FeedForwardOrNone = Annotated[
-    FeedForwardTable | None, says("", "force that is added; none if left out")
+    FeedForwardTable | None, says("", "feed-forward force; default: none")
 ]
 
 
@@ -105,14 +105,14 @@ Input = Annotated[
     Literal["force", "rest_length"],
     says(
         "",
-        "what *u* of the controller is: the actuator's force, or by (11) the change of the link's "
-        "rest length, with the force *c*<sub>j</sub>*u*<sub>j</sub>",
+        "meaning of the controller's *u*: the actuator's force, or the change of the link's rest "
+        "length (eq. 11), with the force *c*<sub>j</sub>*u*<sub>j</sub>",
     ),
 ]
 
 
 class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
-    """What both lambda-trackers share."""
+    """Keys that both λ-trackers share."""
 
     name: Name = ""
     tube_radius: Annotated[Positive, says("length", "*λ*")]
@@ -120,84 +120,88 @@ class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
     growth: Annotated[Positive, says("", "*γ*")] = 1.0
     adaptation: Annotated[
         QuadraticLaw | ExponentLaw | DecayLaw,
-        says("", 'how the gain grows; `{ law = "quadratic" }` if left out'),
+        says("", 'gain law; default: `{ law = "quadratic" }`'),
     ] = field(default_factory=QuadraticLaw)
     input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
+        """Yield conflicts with a worm of this number of links; `key` is the path of this table."""
         yield from _faults_of_feedforward(key, self.feedforward, links)
 
 
 class DerivativeTracker(LambdaTracker, frozen=True, kw_only=True, tag="derivative"):
-    """Tracker (13), which knows the rates of the links.
+    """Tracker 13 of Zimmermann et al. 2007, which measures the rates of the links.
 
-    With *e* = *y* − *y*<sub>ref</sub> and the Euclidean norm. Its numbers belong to the scene's
-    units of time and length: (13) adds *k e* and (*k e*)′.
+    It uses *e* = *y* − *y*<sub>ref</sub> and the Euclidean norm. Its parameters refer to the
+    scene's units of time and length, since it adds *k e* and (*k e*)′.
     """
 
 
 class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
-    """Tracker (14), which estimates the rates of the links by a filter.
+    """Tracker 14 of Zimmermann et al. 2007, which estimates the rates of the links by a filter.
 
-    Its numbers belong to the scene's units of time and length: (14) adds *k θ* and (*k θ*)′.
+    Its parameters refer to the scene's units of time and length, since it adds *k θ* and (*k θ*)′.
     """
 
     filter_start: Annotated[FinitePerLink, says("length", "*θ*(0)")] = 1.0
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
+        """Yield conflicts with a worm of this number of links; `key` is the path of this table."""
         yield from super().faults(key, links)
         yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
 
 
 class DifferenceTracker(LambdaTracker, frozen=True, kw_only=True, tag="difference"):
-    """Tracker (13) with (*e*(*t*) − *e*(*t* − *h*))/*h* in place of *e*′: it measures no rates.
+    """Tracker 13 with the difference (*e*(*t*) − *e*(*t* − *h*))/*h* in place of *e*′.
 
-    The error before the start is that of the start. The loop is a delay equation, simulated by the
-    method of steps. A difference does not bear every gain: *k h* must be small against the masses.
+    It does not measure rates. Before the start, the error is constant. The loop is a delay
+    equation, simulated by the method of steps. It is unstable at high gain: *k h* must be small
+    compared with the masses.
     """
 
-    lag: Annotated[Positive, says("time", "*h*; each takes a stretch of its own to simulate")]
+    lag: Annotated[Positive, says("time", "*h*; the simulation has a stretch for each lag")]
 
 
 class BacksteppingTracker(LambdaTracker, frozen=True, kw_only=True, tag="backstepping"):
-    """Ye's way (1999), in the form of Ilchmann, Ryan and Townsend (2007): it filters the input.
+    """Backstepping tracker of Ye (1999), which filters the input.
 
-    *u* = −*k e* − (*k*² + |*e*|²) *k*⁴ (1 + |*ξ*|²)(*ξ* + *k e*), *ξ*′ = −*ξ* + *u*, *ξ*(0) = 0. It
-    measures no rates. Powers of the gain up to *k*⁷ make it stiff, so that it wants a tube that
-    small gains keep.
+    The form is that of Ilchmann, Ryan and Townsend (2007): *u* = −*k e* − (*k*² + |*e*|²) *k*⁴ (1 +
+    |*ξ*|²)(*ξ* + *k e*), *ξ*′ = −*ξ* + *u*, *ξ*(0) = 0. It does not measure rates. Powers of the
+    gain up to *k*⁷ make it stiff, so it needs a tube that small gains can keep.
     """
 
 
 class SwitchingTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag="switching"):
-    """A gain that jumps up whenever a trial fails, in the manner of Miller and Davison (1991).
+    """Switching tracker after Miller and Davison (1991): the gain jumps up after a failed trial.
 
-    *θ*′ = *k*²(*e* − *θ*), *u* = −(*k*²*θ* + *k θ*′): it measures no rates. A trial fails where
-    |*e*| leaves its bound: the tube once the trial's time to settle has passed, before a little
-    more than it began with. All these times together are `settling`, all that bounds add is
-    `overshoot`. [theory-dynamics.md](../theory-dynamics.md) says what of it is a reading.
+    *θ*′ = *k*²(*e* − *θ*), *u* = −(*k*²*θ* + *k θ*′). It does not measure rates. Each trial has a
+    settling time. A trial fails if |*e*| exceeds its bound: slightly more than its initial value
+    before the settling time, the tube radius after it. `settling` is the sum of all settling times,
+    `overshoot` the sum of all additions to the bounds. [theory-dynamics.md](../theory-dynamics.md)
+    states which details are an interpretation.
     """
 
     name: Name = ""
     tube_radius: Annotated[Positive, says("length", "*λ*")]
-    settling: Annotated[Positive, says("time", "time outside of the tube, at most")]
-    overshoot: Annotated[Positive, says("length", "by how much |*e*| may exceed its start, or *λ*")]
+    settling: Annotated[Positive, says("time", "upper limit of the time outside the tube")]
+    overshoot: Annotated[
+        Positive, says("length", "amount by which |*e*| may exceed its initial value, or *λ*")
+    ]
     gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
     factor: Annotated[
         float,
         Meta(ge=1.01, le=100, description="a number from 1.01 to 100"),
-        says("1", "each gain over the one before"),
+        says("1", "ratio of each gain to the previous gain"),
     ] = 2.0
     filter_start: Annotated[
-        FinitePerLink | None, says("length", "*θ*(0); the error then if left out")
+        FinitePerLink | None, says("length", "*θ*(0); default: the initial error")
     ] = None
     input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
+        """Yield conflicts with a worm of this number of links; `key` is the path of this table."""
         yield from _faults_of_feedforward(key, self.feedforward, links)
         if self.filter_start is not None:
             yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
@@ -206,19 +210,20 @@ class SwitchingTracker(Table, frozen=True, kw_only=True, tag_field="feedback", t
 class FunnelTable(Table, frozen=True, kw_only=True):
     """Bound `end` + (`start` − `end`) exp(−*t*/`time`) on a norm."""
 
-    start: Annotated[Positive, says("", "width at time 0: a length, of `rate_funnel` a speed")]
-    end: Annotated[Positive, says("", "width after long time")]
-    time: Annotated[Positive, says("time", "time in which it narrows")]
+    start: Annotated[Positive, says("", "width at time 0: a length, or a speed for `rate_funnel`")]
+    end: Annotated[Positive, says("", "final width")]
+    time: Annotated[Positive, says("time", "time constant of the decrease")]
 
 
 class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag="funnel"):
     """Funnel controller: the error and its rate stay within bounds that shrink in time.
 
-    The error stays within `funnel`, and *e*<sub>1</sub> within `rate_funnel`. By the law
-    `recursive` (Berger, Lê, Reis 2018) *e*<sub>1</sub> is *e*′ + *k*<sub>0</sub> *e*, and *u* =
-    −`gain` *k*<sub>1</sub> *e*<sub>1</sub>. By `two gains` (Hackl, Hopfe, Ilchmann, Mueller, Trenn
-    2013) it is *e*′, and *u* = −`gain` (*k*<sub>0</sub>² *e* + *k*<sub>1</sub> *e*′). Refused: a
-    start outside of a funnel, and for `two gains` a rate funnel narrower than the other shrinks.
+    The error stays within `funnel`, and *e*<sub>1</sub> within `rate_funnel`. In the law
+    `recursive` (Berger, Lê, Reis 2018), *e*<sub>1</sub> is *e*′ + *k*<sub>0</sub> *e*, and *u* =
+    −`gain` *k*<sub>1</sub> *e*<sub>1</sub>. In the law `two gains` (Hackl, Hopfe, Ilchmann,
+    Mueller, Trenn 2013), *e*<sub>1</sub> is *e*′, and *u* = −`gain` (*k*<sub>0</sub>² *e* +
+    *k*<sub>1</sub> *e*′). Not allowed: a start outside a funnel; for `two gains` also a rate funnel
+    below the rate at which the error funnel shrinks.
     """
 
     name: Name = ""
@@ -232,15 +237,14 @@ class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag=
         Positive | None,
         says(
             "length",
-            "tube by which it is judged, `funnel.end` if left out; the controller does not know "
-            "of it",
+            "tube radius for the evaluation, unknown to the controller; default: `funnel.end`",
         ),
     ] = None
     input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `key` is the path of this table."""
+        """Yield conflicts with a worm of this number of links; `key` is the path of this table."""
         yield from _faults_of_feedforward(key, self.feedforward, links)
 
 
@@ -255,12 +259,12 @@ Tracker = (
 
 
 class EnsembleTable(Table, frozen=True, kw_only=True):
-    """Many worms, each with random links of its own. Refused without `[worm.random]`."""
+    """Many worms, each with its own random links. Requires `[worm.random]`."""
 
     members: Annotated[
         int,
         Meta(ge=2, le=100_000, description="a whole number from 2 to 100000"),
-        says("count", "how many; the first is the worm that the scene has without this table"),
+        says("count", "number of worms; the first is the worm of the scene without this table"),
     ]
 
 
@@ -271,7 +275,7 @@ _SCALARS: Scalars = {
     "v_end": CHAIN["v_end"],
     "k_end": (
         "count",
-        "gain at the end; of a funnel controller its momentary one, `gain` · *k*<sub>1</sub>",
+        "gain at the end; for a funnel controller its current gain `gain` · *k*<sub>1</sub>",
     ),
     "filter_end": ("length", "*θ* at the end; unknown without a filter"),
     "distance": CHAIN["distance"],
@@ -282,21 +286,22 @@ _SCALARS: Scalars = {
 
 
 class TrackScene(SceneTable, frozen=True, kw_only=True):
-    """A chain whose links follow a gait, by one tracker or by several side by side.
+    """A chain whose links follow a gait, with one or several trackers.
 
-    Every controller has the worm for itself. With several trackers every scalar is a list with one
-    entry per tracker, in their order in the scene; the attribute `trackers` holds their names.
-    `timings_s`: `simulate` and `recheck`. What the trust report says:
+    Each controller acts on its own copy of the worm. With several trackers every scalar is a list
+    with one entry per tracker, in the order of the scene; the attribute `trackers` holds their
+    names. `timings_s`: `simulate` and `recheck`. Trust report:
     [simulations](../scenes.md#the-trust-report-of-a-simulation).
 
-    With `[ensemble]` scalars are medians over the members (entry by entry; `capture_time` is
-    unknown where most are never captured), `input_peak` is that of the samples, `recheck_error`
-    the largest of the members rechecked (first, slowest, fastest). What of a member is unknown is
-    not a number in its variables; the quantiles of bands are 0.05, 0.25, 0.5, 0.75, 0.95.
+    With `[ensemble]`, scalars are medians over the members, entry by entry. `capture_time` is
+    unknown if most members are never captured. `input_peak` is the largest over the samples.
+    `recheck_error` is the largest of the rechecked members (first, slowest, fastest). Unknown
+    values of a member are NaN in its variables. Bands have the quantiles 0.05, 0.25, 0.5, 0.75,
+    0.95.
 
-    `contact_force` at rest is what holds the mass; `funnel` is not a number for other trackers.
-    `event_kind` counts from 0: reversal, stick, release, impact, switch (a crossing of the tube);
-    rests are known for exact contact only.
+    At rest, `contact_force` is the force that holds the mass. `funnel` is NaN for other trackers.
+    `event_kind` counts from 0: reversal, stick, release, impact, switch (a crossing of the tube).
+    Rests are known for exact contact only.
     """
 
     headline: ClassVar = (
@@ -308,9 +313,12 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         "input_peak",
     )
     scalars: ClassVar = _SCALARS | {
-        "distance_quantiles": ("length", "of 5, 25, 50, 75 and 95 % of the members (ensemble)"),
-        "captured_share": ("share", "members that are in the tube at the end (ensemble)"),
-        "members": ("count", "members that came to the end (ensemble)"),
+        "distance_quantiles": (
+            "length",
+            "distances of the 5, 25, 50, 75 and 95 % quantiles of the members (ensemble)",
+        ),
+        "captured_share": ("share", "share of members in the tube at the end (ensemble)"),
+        "members": ("count", "members simulated to the end (ensemble)"),
     }
     variables: ClassVar = {
         **TIME,
@@ -318,7 +326,7 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         **over(LOOP_SIGNALS, "tracker"),
         **TRACKER_EVENTS,
         **GAIT,
-        "quantile": ("share", ("quantile",), "share of members below"),
+        "quantile": ("share", ("quantile",), "share of members below the quantile"),
         **{
             f"{name}_band": (
                 quantity,
@@ -339,28 +347,31 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["trackers", "motion", "bands"], ...],
         says(
             "",
-            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (as the chapter's "
-            "figures 5 to 8 are ordered); `motion`: paths, time upward, heavy where a mass rests; "
-            "with `[ensemble]` `bands` instead",
+            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
+            "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
+            "where a mass rests; with `[ensemble]` `bands` instead",
         ),
     ] = ()
-    worm: Annotated[ChainTable, says("", "the worm")]
-    start: Annotated[Start, says("", "where it starts")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "what its links shall do")]
+    worm: Annotated[ChainTable, says("", "the chain")]
+    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
+    reference: Annotated[Reference, says("", "reference of the links")]
     tracker: Annotated[
         Tracker | tuple[Tracker, ...],
-        says("", "the controller, or `[[tracker]]` once for each; `feedback` says which it is"),
+        says(
+            "",
+            "the controller, or one `[[tracker]]` for each controller; `feedback` selects its kind",
+        ),
     ]
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
-    ensemble: Annotated[EnsembleTable | None, says("", "many worms at a time; one if left out")] = (
-        None
-    )
+    ensemble: Annotated[
+        EnsembleTable | None, says("", "simulates many worms; default: one worm")
+    ] = None
 
     @property
     def trackers(self) -> tuple[Tracker, ...]:
-        """The controllers as a list, also where there is one."""
+        """List of the controllers, also if there is only one."""
         return self.tracker if isinstance(self.tracker, tuple) else (self.tracker,)
 
     def tracker_key(self, index: int) -> str:
@@ -375,7 +386,7 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
         yield from self.start.faults(links)
         yield from self.reference.gait.faults(links, folder, "reference.gait")
         if not self.trackers:
-            yield "tracker", "there is none; write at least one [[tracker]]"
+            yield "tracker", "has no entries; write at least one [[tracker]]"
         for index, tracker in enumerate(self.trackers):
             yield from tracker.faults(self.tracker_key(index), links)
             yield from faults_of_lag(self.tracker_key(index), tracker, self.time.end)
@@ -384,10 +395,10 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
     def _faults_of_ensemble(self) -> Iterator[Fault]:
         if self.ensemble is None:
             if "bands" in self.want:
-                yield "want", '"bands" shows an ensemble; write [ensemble] members = 200'
+                yield "want", '"bands" needs an ensemble; write [ensemble] members = 200'
             return
         if self.worm.random is None:
-            yield "ensemble", "all members would be alike; write [worm.random]"
+            yield "ensemble", "would have equal members; write [worm.random]"
         for word in ("trackers", "motion"):
             if word in self.want:
                 yield (
@@ -397,13 +408,16 @@ class TrackScene(SceneTable, frozen=True, kw_only=True):
 
 
 def faults_of_lag(key: str, tracker: Tracker, end: float) -> Iterator[Fault]:
-    """Yield a lag that is too short for a motion from 0 to `end`; `key` is the tracker's path."""
+    """Yield a fault for a lag that is too short for a motion from 0 to `end`.
+
+    `key` is the tracker's path.
+    """
     if isinstance(tracker, DifferenceTracker) and end / tracker.lag > _MOST_STRETCHES:
         least = end / _MOST_STRETCHES
         yield (
             f"{key}.lag",
             f"cuts the time into {end / tracker.lag:.2g} stretches; write {least:g} or more, or "
-            'feedback = "derivative", to which short lags tend',
+            'feedback = "derivative", which is the limit of short lags',
         )
 
 

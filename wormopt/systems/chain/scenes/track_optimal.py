@@ -1,4 +1,4 @@
-"""Scenes of kind "track-optimal": the best input by which a chain's links follow a gait."""
+"""Tables of scenes of kind "track-optimal": the best input with which links follow a gait."""
 
 from __future__ import annotations
 
@@ -28,84 +28,85 @@ Share = Annotated[float, Meta(ge=0, lt=1, description="a number from 0 to below 
 
 
 class TubeTable(Table, frozen=True, kw_only=True):
-    """Tube around the reference, and from when on the error shall be in it."""
+    """Tube around the reference, and the time from which the error must stay in it."""
 
     radius: Annotated[Positive, says("length", "*λ*")]
     capture: Annotated[
         NonNegative,
         says(
-            "time", "from then on |*e*| ≤ *λ* is asked for, or judged; before the end of the motion"
+            "time",
+            "time from which |*e*| ≤ *λ* is required or judged; before the end of the motion",
         ),
     ] = 0.0
 
 
 class LeastError(Table, frozen=True, kw_only=True, tag_field="minimise", tag="error"):
-    """Least ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""
+    """Minimises ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""
 
     input_weight: Annotated[Positive, says("", "*ρ*")]
 
 
 class LeastInput(Table, frozen=True, kw_only=True, tag_field="minimise", tag="input"):
-    """Least ∫|*u*|² d*t* with the error in the tube from `tube.capture` on."""
+    """Minimises ∫|*u*|² d*t* with the error in the tube from `tube.capture` on."""
 
     margin: Annotated[
         Share,
         says(
             "share",
-            "part of *λ* left free for what happens between the points of the grid, and for what "
-            "complementarity relaxes",
+            "share of *λ* kept free for the error between grid points and for the relaxation of "
+            "complementarity",
         ),
     ] = 0.02
 
 
 class GridTable(Table, frozen=True, kw_only=True):
-    """Grid of the optimiser: inputs are constant on each of its arcs."""
+    """Grid of the optimiser, with a constant input on each arc."""
 
     arcs: Annotated[
         int,
         Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
         says(
             "count",
-            "arcs per period of the reference, at least; none crosses a break of the reference",
+            "least number of arcs per period of the reference; breaks of the reference lie "
+            "between arcs",
         ),
     ] = 30
     degree: Annotated[
         int,
         Meta(ge=1, le=5, description="a whole number from 1 to 5"),
-        says("count", "of the states on each arc (Radau collocation)"),
+        says("count", "polynomial degree of the states on each arc (Radau collocation)"),
     ] = 2
 
 
 class RelaxationTable(Table, frozen=True, kw_only=True):
-    """Largest product of speed and force, in usual sizes, that complementarity allows.
+    """Largest product of speed and force, in usual sizes, that the relaxed complementarity allows.
 
-    It falls from `first` to `last`, to a tenth from solve to solve. Refused: `last` above `first`.
+    Each solve divides it by ten, from `first` down to `last`. Not allowed: `last` above `first`.
     """
 
-    first: Annotated[Positive, says("1", "in the first solve")] = 0.1
-    last: Annotated[Positive, says("1", "in the last solve")] = 1e-3
-    time_limit: Annotated[
-        Positive, says("s", "processor time after which a solve is given up; there are several")
-    ] = 60.0
+    first: Annotated[Positive, says("1", "product in the first solve")] = 0.1
+    last: Annotated[Positive, says("1", "product in the last solve")] = 1e-3
+    time_limit: Annotated[Positive, says("s", "processor time limit of each of the solves")] = 60.0
 
     def faults(self) -> Iterator[Fault]:
-        """Yield a fault if the last is not the smaller one."""
+        """Yield a fault if the last product is above the first."""
         if self.last > self.first:
             yield "relaxation.last", f"is above relaxation.first = {self.first:g}; write less"
 
 
 class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
-    """A chain whose links follow a gait by the best input, open loop.
+    """The best open-loop input with which the links of a chain follow a gait.
 
-    It is found with contact as a complementarity on a fixed grid, then simulated exactly. The
-    first guess is a simulated LQR with feed-forward. Refused: `worm.random`; `tube.capture` not
-    before the end. A tube that no motion keeps to ends with exit code 3 and names it.
+    The optimiser treats contact as a complementarity condition on a fixed grid; an exact simulation
+    repeats the motion found. The first guess is a simulated LQR with feed-forward. Not allowed:
+    `worm.random`; `tube.capture` not before the end. If no motion stays in the tube, the exit code
+    is 3 and the message names the tube.
 
-    Scalars but `objective_found` are of the exact simulation. `contact_force` at rest is what
-    holds the mass; `event_kind` counts from 0: reversal, stick, release, impact, switch (a
-    crossing of the tube). `timings_s`: `build` and `solve` (of all programs), `simulate` and
-    `recheck`. In the trust report `replay` is the difference between optimiser and simulation,
-    `recheck` the second route of the simulation.
+    All scalars except `objective_found` come from the exact simulation. At rest, `contact_force` is
+    the force that holds the mass. `event_kind` counts from 0: reversal, stick, release, impact,
+    switch (a crossing of the tube). `timings_s`: `build` and `solve` (of all programs), `simulate`
+    and `recheck`. In the trust report, `replay` is the difference between optimiser and simulation,
+    and `recheck` is the second route of the simulation.
     """
 
     headline: ClassVar = (
@@ -121,14 +122,15 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
         **CHAIN,
         "objective": (
             "length_squared_time",
-            'objective of the exact simulation; with `minimise = "input"` force² time',
+            'objective of the exact simulation; its unit is force² time with `minimise = "input"`',
         ),
-        "objective_found": ("length_squared_time", "the same, of the optimiser"),
+        "objective_found": ("length_squared_time", "objective of the optimiser"),
         "solve_iterations": ("count", "iterations of the optimiser, over all solves"),
         "recheck_error": (
             "share",
             "largest difference of any state at any sample between optimiser and exact "
-            "simulation, against the larger of its size and its usual size; 0.05 is accepted",
+            "simulation, relative to the larger of its size and its usual size; up to 0.05 is "
+            "accepted",
         ),
     }
     variables: ClassVar = {
@@ -144,21 +146,21 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["trackers", "motion"], ...],
         says(
             "",
-            "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths, time "
-            "upward, heavy where a mass rests",
+            "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths with "
+            "time upward, thick where a mass rests",
         ),
     ] = ()
-    worm: Annotated[ChainTable, says("", "the worm, without `random`")]
-    start: Annotated[Start, says("", "where it starts")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "what its links shall do")]
+    worm: Annotated[ChainTable, says("", "the chain, without `random`")]
+    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
+    reference: Annotated[Reference, says("", "reference of the links")]
     tube: Annotated[TubeTable, says("", "tube around the reference")]
-    objective: Annotated[LeastError | LeastInput, says("", "what is minimised")]
+    objective: Annotated[LeastError | LeastInput, says("", "minimised quantity")]
     grid: Annotated[GridTable, says("", "grid of the optimiser")] = field(default_factory=GridTable)
-    relaxation: Annotated[RelaxationTable, says("", "how exact contact is in the optimiser")] = (
+    relaxation: Annotated[RelaxationTable, says("", "relaxation of contact in the optimiser")] = (
         field(default_factory=RelaxationTable)
     )
     time: Horizon
-    tolerance: Annotated[ToleranceTable, says("", "of the simulation of what was found")] = field(
+    tolerance: Annotated[ToleranceTable, says("", "tolerance of the exact simulation")] = field(
         default_factory=ToleranceTable
     )
 
@@ -171,6 +173,10 @@ class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
         yield from self.reference.gait.faults(links, folder, "reference.gait")
         yield from self.relaxation.faults()
         if self.worm.random is not None:
-            yield "worm.random", "an optimal input is one worm's own; leave the table out"
+            yield (
+                "worm.random",
+                "is not allowed, since an optimal input belongs to a single chain; leave the "
+                "table out",
+            )
         if self.tube.capture >= self.time.end:
             yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"

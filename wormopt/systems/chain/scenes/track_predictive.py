@@ -1,4 +1,4 @@
-"""Scenes of kind "track-predictive": a chain whose links follow a gait by predictive control."""
+"""Tables of scenes of kind "track-predictive": links that follow a gait by predictive control."""
 
 from __future__ import annotations
 
@@ -26,72 +26,80 @@ SHOWN = ("error_norm", "length", "input", "position")
 
 
 class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
-    """Predictive control of a chain, decision by decision, beside the open-loop optimum and LQR.
+    """Predictive control of a chain, compared with the open-loop optimum and LQR.
 
-    The optimal motion over the whole time is planned with the smooth law of friction, on arcs of
-    one decision each, and driven open loop. The predictive controller plans anew at every decision
-    from the state that it measures: in real time, by one step of sequential quadratic programming
-    from the last decision's motion, or until steps end. The worm is simulated exactly between
-    decisions; then all that was decided is simulated again as one motion, from which all numbers
-    are. Decisions take no time in the simulation; how long they take on this machine is measured
-    and told against their period.
+    The optimal motion over the whole time is planned with the smooth friction law, with one arc per
+    decision, and applied in open loop. The predictive controller makes a new plan at every decision
+    from the measured state. In real time it makes one step of sequential quadratic programming from
+    the previous plan; the converged controller iterates until the steps end. The chain is simulated
+    exactly between decisions. All decisions are then simulated again as one motion, from which all
+    results come. Decisions take no time in the simulation; their duration on this machine is
+    measured and compared with their period.
 
-    Each controller moves the worm as it is believed, and with `[plants]` others that it does not
-    know, but the converged one; `[estimation]` lets the one in real time learn their parameters on
-    the way. "plant known" is planned by somebody who knows.
+    Each controller is applied to the nominal plant and, except for the converged one, to the plants
+    of `[plants]`, which it does not know. `[estimation]` adds a real-time controller that estimates
+    their parameters during the motion. The controller "plant known" plans with the true parameters.
 
-    Where the worm obeys the smooth law that the controller believes, it must be as good as the open
-    loop, to 1e-6 of its cost: the check `as good as the open loop`. Refused: friction of another
-    kind than one `coulomb` table for each mass or all; `worm.random`.
+    If the plant has the same smooth law as the controller's model, the controller must match the
+    open loop to 1e-6 of its cost: check `as good as the open loop`. Not allowed: friction other
+    than `coulomb` tables; `worm.random`.
 
-    Attributes: `controllers`, `parameters` (estimated, by name and number), and `table`, what
-    `table.md` holds. Scalars that are lists have an entry for each controller.
+    Attributes: `controllers`, `parameters` (estimated, by name and number), and `table`, the text
+    of `table.md`. Scalars that are lists have an entry for each controller.
     """
 
     headline: ClassVar = ("cost", "excess", "decision_median", "decision_period", "distance")
     scalars: ClassVar = JUDGED | {
         "tube_radius": ("length", "*λ*"),
-        "cost": ("length_squared_time", "∫(|*e*|² + *ρ*|*u*|²) d*t*, of the exact simulation"),
-        "objective_found": ("length_squared_time", "the same, of the plan"),
+        "cost": ("length_squared_time", "∫(|*e*|² + *ρ*|*u*|²) d*t* of the exact simulation"),
+        "objective_found": ("length_squared_time", "∫(|*e*|² + *ρ*|*u*|²) d*t* of the plan"),
         "plan_steps": ("count", "steps of sequential quadratic programming for the plan"),
         "right_cost": (
             "length_squared_time",
-            "cost where the worm obeys the smooth law that is believed: open loop, in real time, "
+            "cost on a plant with the smooth friction law of the model: open loop, in real time, "
             "converged",
         ),
-        "excess": ("share", "by how much the larger of the last two exceeds the first"),
-        "decisions": ("count", "decisions of each motion"),
+        "excess": ("share", "relative excess of the larger of the last two costs over the first"),
+        "decisions": ("count", "decisions in each motion"),
         "decisions_unsolved": (
             "count",
-            "those whose quadratic program was not solved: the last motion went on",
+            "decisions whose quadratic program failed; the previous plan continues",
         ),
-        "decision_period": ("s", "shortest time between decisions, by `predictive.seconds`"),
+        "decision_period": (
+            "s",
+            "shortest time between decisions, converted by `predictive.seconds`",
+        ),
         "decision_median": (
             "s",
-            "time that decisions take on this machine, estimation included: median over those for "
-            "the worm as it is believed",
+            "median duration of a decision on this machine, with estimation, for the nominal plant",
         ),
-        "decision_most": ("s", "the same, 95 of 100 take less"),
-        "decision_worst": ("s", "the same, longest"),
+        "decision_most": ("s", "95 % quantile of the same"),
+        "decision_worst": ("s", "maximum of the same"),
         "decision_processor": (
             "s",
-            "time of the processor that decisions take, median: what they cost on a machine that "
-            "does nothing else",
+            "median processor time of a decision: its cost on a machine without other load",
         ),
-        "decision_steps": ("count", "steps of a decision, mean"),
+        "decision_steps": ("count", "mean number of solver steps per decision"),
         "parameter_error": (
             "share",
-            "how far estimated parameters of the plants are off, root of the mean square of "
-            "logarithms: a list for each of `estimation.parameters`, as believed and at the end",
+            "error of the estimated parameters of the plants, root mean square of the logarithms: "
+            "a list for each of `estimation.parameters`, before estimation and at the end",
         ),
-        "recheck_error": ("share", "of the second route, largest over controllers without gains"),
+        "recheck_error": (
+            "share",
+            "error of the second route, largest over the controllers without gains",
+        ),
     }
     variables: ClassVar = {
         **TIME,
         "reference": ("length", ("link", "time"), "reference of the link length"),
         **over({name: LOOP_SIGNALS[name] for name in SHOWN}, "controller"),
         "decision_time": ("time", ("decision",), "time of the decision"),
-        "decision_seconds": ("s", ("controller", "decision"), "wall-clock time it took"),
+        "decision_seconds": (
+            "s",
+            ("controller", "decision"),
+            "wall-clock duration of the decision",
+        ),
         "drawn_cost": ("length_squared_time", ("controller", "member"), "cost on the plant"),
         "drawn_error_peak": (
             "length",
@@ -102,7 +110,7 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
         "estimated": (
             "share",
             ("parameter", "member", "decision"),
-            "estimated parameter over the plant's own",
+            "estimated parameter over the plant's true value",
         ),
         **GAIT,
     }
@@ -112,23 +120,24 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["predictive", "estimates"], ...],
         says(
             "",
-            "`predictive`: errors in time, costs on all plants, time that decisions take; "
-            "`estimates`: estimated parameters over the plants' own",
+            "`predictive`: error over time, costs on all plants, duration of decisions; "
+            "`estimates`: estimated parameters over the plants' true values",
         ),
     ] = ()
-    worm: Annotated[ChainTable, says("", "the worm as it is believed, without `random`")]
-    start: Annotated[Start, says("", "where it starts")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "what its links shall do")]
-    tube: Annotated[TubeTable, says("", "tube by which all are judged")]
-    predictive: Annotated[PredictiveTable, says("", "how decisions are made")]
+    worm: Annotated[ChainTable, says("", "the nominal chain, without `random`")]
+    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
+    reference: Annotated[Reference, says("", "reference of the links")]
+    tube: Annotated[TubeTable, says("", "tube that all controllers are judged by")]
+    predictive: Annotated[PredictiveTable, says("", "predictive controller")]
     estimation: Annotated[
-        EstimationTable | None, says("", "what is learnt on the way; nothing if left out")
+        EstimationTable | None,
+        says("", "estimation of parameters during the motion; default: none"),
     ] = None
     plants: Annotated[
-        PlantsTable | None, says("", "plants that are not as believed; none if left out")
+        PlantsTable | None, says("", "plants with drawn parameters; default: none")
     ] = None
     time: Horizon
-    tolerance: Annotated[ToleranceTable, says("", "of the simulations")] = field(
+    tolerance: Annotated[ToleranceTable, says("", "tolerance of the simulations")] = field(
         default_factory=ToleranceTable
     )
 
@@ -143,10 +152,16 @@ class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
         if self.estimation is not None:
             yield from self.estimation.faults(self.worm)
         if self.worm.random is not None:
-            yield "worm.random", "plants vary by [plants] here; leave the table out"
+            yield (
+                "worm.random",
+                "is not allowed, since [plants] varies the plants; leave the table out",
+            )
         if self.worm.slope:
-            yield "worm.slope", "masses are drawn here, their weights are not; write worm.load"
+            yield (
+                "worm.slope",
+                "is not allowed, since drawn masses would change the weights; write worm.load",
+            )
         if not all(isinstance(each, CoulombFriction) for each in self.worm.ground):
-            yield "worm.friction", 'is compared with kind = "coulomb"'
+            yield "worm.friction", 'is not supported; write tables with kind = "coulomb"'
         if self.tube.capture >= self.time.end:
             yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"

@@ -1,1 +1,1 @@
-"""Pictures of worms in a channel."""
+"""Plots of worms in a channel."""

@@ -1,4 +1,4 @@
-"""Pictures of magnetisable bodies in a channel."""
+"""Plots of magnetisable bodies in a channel."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-# Shapes by their order.
+# Colours of shapes by their order.
 _COLOURS = (*LINKS[:3], "#CC79A7", "#56B4E9", "#882255")
 _MARKERS = "osD^v"
-_ASSUMED = ((0, (5, 2)), (0, (2, 1.2)), (0, (1, 1)))  # dashes of shapes that are assumed
+_ASSUMED = ((0, (5, 2)), (0, (2, 1.2)), (0, (1, 1)))  # dashes of assumed shapes
 _WIDER = 1.6
 _COIL = "#F1D9BF"
 
 
 def channel_velocity(result: Result) -> Figure:
-    """Velocity over coil frequency, by (32) and as measured; both axes logarithmic.
+    """Plot velocity over coil frequency, in closed form and measured; both axes logarithmic.
 
-    Grey where the formula is not claimed to hold. `result` is of kind ``channel-worm``.
+    The range beyond the validity of the formula is grey. `result` is of kind ``channel-worm``.
     """
     drawn = sheet(7.1, 4.4, 4.4)
     axes = drawn.subplots()
@@ -45,7 +45,7 @@ def channel_velocity(result: Result) -> Figure:
     per = [1e3 * v for v in needed(result, "velocity_per_frequency")]
     for k, name in enumerate(needed(result, "shapes")):
         axes.plot(frequency, velocity[k], color=_COLOURS[k], linestyle=DASHES[k % 4],
-                  label=f"{name}: {number(per[k])} mm a switch")  # fmt: skip
+                  label=f"{name}: {number(per[k])} mm per switch")  # fmt: skip
     marks = zip(*(needed(result, f"measured{end}") for end in ("", "_frequency", "_velocity")),
                 strict=True)  # fmt: skip
     for k, (text, at, measured) in enumerate(marks):
@@ -58,22 +58,22 @@ def channel_velocity(result: Result) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     _limits(axes, result)
-    axes.set_xlabel("coil switches a second $n$ (s$^{-1}$)")
+    axes.set_xlabel("coil switches per second $n$ (s$^{-1}$)")
     axes.set_ylabel("velocity $v$ (mm s$^{-1}$)")
-    tell(drawn, "the body moves against the field", "formula (32), inertia left out")
+    tell(drawn, "the body moves against the field", "eq. 32 (WLLS), inertia neglected")
     legend_below(drawn)
     return drawn
 
 
 def _limits(axes: Axes, result: Result) -> None:
-    """Shade where (32) is not claimed; a line where the body is said to stop."""
+    """Shade the range where eq. 32 is not valid; a line marks where the body is said to stop."""
     valid_below, stops_above = scalar(result, "valid_below"), scalar(result, "stops_above")
     low, high = axes.get_xlim()
     if stops_above is not None:
         high = max(high, _WIDER * stops_above)
     if valid_below is not None:
         axes.axvspan(valid_below, high, color="#EEEEEE", zorder=0,
-                     label=f"(32) not claimed: $n \\geq$ {valid_below:g}")  # fmt: skip
+                     label=f"eq. 32 not valid: $n \\geq$ {valid_below:g}")  # fmt: skip
     if stops_above is not None:
         axes.axvline(stops_above, color=GREY, linestyle=LIMIT, linewidth=0.9,
                      label=f"stands still above {stops_above:g}, from the text")  # fmt: skip
@@ -81,10 +81,10 @@ def _limits(axes: Axes, result: Result) -> None:
 
 
 def segment_shapes(result: Result) -> Figure:
-    """Centre lines of a segment between the walls, and how far apart they are.
+    """Plot centre lines of a segment between the walls, and the distances between them.
 
-    Channel above, at equal scales; below, distances from one exact shape: that of the rod
-    where there is one, which is then drawn as a whole too.
+    The channel is above, at equal scales. Below are distances from one exact shape: from the rod,
+    if there is one, which is then also drawn as a whole.
     """
     names, exact = needed(result, "shapes"), result["exact"].values == 1
     rod = "rod_x" in result
@@ -112,10 +112,10 @@ def segment_shapes(result: Result) -> Figure:
         if k != first:
             below.plot(result["share"].values, apart[k], color=_COLOURS[k % 6], linewidth=1.2,
                        linestyle=style)  # fmt: skip
-    above.set_xlabel("place along the channel $x$ (mm)")
+    above.set_xlabel("position along the channel $x$ (mm)")
     above.set_ylabel("height $y$ (mm)")
     above.set_aspect("equal", adjustable="box")
-    tell(drawn, f"channel {wide:g} mm wide", f"body {thick:g} mm thick", *_nearest(result))
+    tell(drawn, f"channel diameter {wide:g} mm", f"body diameter {thick:g} mm", *_nearest(result))
     below.set_xlabel("share of the segment's length ($s/l_s$)")
     below.set_ylabel(f"distance from\n{names[first].replace('_', ' ')} (mm)")
     below.margins(x=0)
@@ -125,11 +125,11 @@ def segment_shapes(result: Result) -> Figure:
 
 
 def _rod(axes: Axes, result: Result) -> None:
-    """The whole rod at rest, coils that are on, and forces of the walls."""
+    """Draw the whole rod at rest, active coils, and wall forces."""
     known = result.attributes
     wide, radius = 1e3 * needed(result, "channel"), 5e2 * needed(result, "body")
     x, y = (1e3 * result[f"rod_{name}"].values for name in "xy")
-    # nodes stand for lengths that differ, and so do their forces: drawn are forces per length
+    # nodes represent different lengths, so the drawn forces are forces per length
     share = result["rod_node_length"].values
     forces = {wall: result[f"rod_force_{wall}_at"].values / share for wall in ("upper", "lower")}
     largest = max(float(part.max()) for part in forces.values()) or 1.0
@@ -138,7 +138,7 @@ def _rod(axes: Axes, result: Result) -> None:
         place = 1e3 * known["pitch"] * (k - (known["coils_on"] - 1) / 2)
         base = wide + 1e3 * known["coil_clearance"] if k % 2 == 0 else -reach
         outer, tall = 1e3 * known["coil_outer"], reach - 1e3 * known["coil_clearance"]
-        told = None if k else "coils that are on"
+        told = None if k else "active coils"
         axes.add_patch(Rectangle((place - outer, base), 2 * outer, tall, color=_COIL, label=told))
         axes.axvline(place, color=GREY, linewidth=0.8, linestyle=(0, (3, 3)))
     for wall in (0.0, wide):
@@ -158,13 +158,13 @@ def _rod(axes: Axes, result: Result) -> None:
     axes.set_xlim(x.min() - 2 * radius, x.max() + 2 * radius)
     axes.set_ylim(-reach, wide + reach)
     axes.set_aspect("equal", adjustable="box")
-    axes.set_xlabel("place along the channel\nfrom the middle of the block (mm)")
+    axes.set_xlabel("position along the channel\nfrom the middle of the block (mm)")
     axes.set_ylabel("height $y$ (mm)")
     tell(
         axes.get_figure(root=True) or Figure(),
         f"rod at rest at {needed(result, 'assumed_ampere_turns'):g} ampere-turns",
-        fact(result, "rod_force_upper", "walls press from above", "mN"),
-        fact(result, "rod_force_lower", "walls press from below", "mN"),
+        fact(result, "rod_force_upper", "force of the upper wall", "mN"),
+        fact(result, "rod_force_lower", "force of the lower wall", "mN"),
     )
     axes.grid(visible=False)
 
@@ -180,7 +180,7 @@ def _walls(axes: Axes, x: np.ndarray, wide: float) -> None:
 def _body(
     axes: Axes, x: np.ndarray, y: np.ndarray, theta: np.ndarray, thick: float, name: str
 ) -> None:
-    """Both sides of the body, half its thickness from the centre line."""
+    """Draw both sides of the body, half its thickness from the centre line."""
     across = thick / 2 * np.array([-np.sin(theta), np.cos(theta)])
     middle = np.array([x, y])
     outline = np.hstack([middle + across, (middle - across)[:, ::-1]])

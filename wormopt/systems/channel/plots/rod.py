@@ -1,4 +1,4 @@
-"""Pictures of a magnetisable rod in a channel: its shapes, its way, velocity over frequency."""
+"""Plots of a magnetisable rod in a channel: shapes, displacement, velocity over frequency."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from wormopt.result import Result
 FRAMES = 144
 _SNAPSHOTS = 7
 _COIL, _LIT = "#EADFCF", "#D98C3F"
-# Colours of the body's two halves, so that one sees it move past the walls.
+# Colours of the body's two halves, which show its motion past the walls.
 _BODY = (LINKS[0], "#66B2E0")
 
 _WORKS = (
@@ -52,7 +52,7 @@ _NAMES = {
 
 
 def rod_motion(result: Result) -> Figure:
-    """Shapes over one repeat of the pattern (left), displacement and energy balance (right)."""
+    """Plot shapes over a repeat of the pattern (left), displacement and energy balance (right)."""
     drawn = sheet(7.1, 5.6, 8.2)
     if narrow():
         shapes, way, work = drawn.subplots(3, height_ratios=(2.6, 1, 1))
@@ -64,7 +64,7 @@ def rod_motion(result: Result) -> Figure:
     _snapshots(shapes, result)
     time = result["time"].values
     way.plot(time, 1e3 * result["centre"].values, color="black")
-    way.set_ylabel("mean place (mm)")
+    way.set_ylabel("mean position (mm)")
     way.tick_params(labelbottom=False)
     for (name, colour, text), dashes in zip(_WORKS, DASHES, strict=True):
         work.plot(time, 1e3 * result[f"work_{name}"].values, color=colour, linestyle=dashes,
@@ -72,25 +72,25 @@ def rod_motion(result: Result) -> Figure:
     work.set_xlabel("time $t$ (s)")
     work.set_ylabel("work on the rod (mJ)")
     entries = [
-        Patch(color=_LIT, label="coil that is on"),
-        Patch(color=_COIL, label="coil that is off"),
+        Patch(color=_LIT, label="coil on"),
+        Patch(color=_COIL, label="coil off"),
         line("force of a wall", RED),
         *work.get_lines(),
     ]
     legend_below(drawn, entries)
     tell(
         drawn,
-        "coils on both sides by turns, assumed; their pattern goes to the right",
+        "coils on alternate sides, assumed; their pattern moves to the right",
         fact(result, "velocity_mean", "mean velocity", "mm s-1"),
         fact(result, "velocity_error", "its 95 % interval ±", "mm s-1"),
-        fact(result, "energy_error", "energy missing", "%"),
-        fact(result, "pressed_max", "largest force of a wall", "mN"),
+        fact(result, "energy_error", "energy error", "%"),
+        fact(result, "pressed_max", "largest wall force", "mN"),
     )
     return drawn
 
 
 def _snapshots(axes: Axes, result: Result) -> None:
-    """Channel and rod at equal times over one repeat of the pattern, time downward."""
+    """Draw channel and rod at equal times over one repeat of the pattern, time downward."""
     frames = result["frame"].values
     chosen = np.linspace(len(frames) // 2, len(frames) - 1, _SNAPSHOTS).astype(int)
     lanes = 2.3 * needed(result, "channel") * 1e3
@@ -107,11 +107,11 @@ def _snapshots(axes: Axes, result: Result) -> None:
     axes.set_yticks([])
     axes.grid(visible=False)
     axes.spines["left"].set_visible(False)
-    axes.set_xlabel("place $x$ (mm)")
+    axes.set_xlabel("position $x$ (mm)")
 
 
 def _reach(result: Result, frames: np.ndarray) -> tuple[float, float]:
-    """Places from which to which to draw, in mm."""
+    """Return the range of positions to draw, in mm."""
     x, pitch = result["rod_x"].values[frames], needed(result, "pitch")
     return 1e3 * (x.min() - 0.8 * pitch), 1e3 * (x.max() + 0.8 * pitch)
 
@@ -119,7 +119,7 @@ def _reach(result: Result, frames: np.ndarray) -> tuple[float, float]:
 def _scene(
     axes: Axes, result: Result, frame: int, height: float, reach: tuple[float, float]
 ) -> None:
-    """Walls, coils and rod of one frame, the middle of the channel at a height, in mm."""
+    """Draw walls, coils and rod of one frame, the middle of the channel at a height, in mm."""
     known = result.attributes
     half, pitch = 5e2 * known["channel"], 1e3 * known["pitch"]
     _, outer, length, clearance = (1e3 * size for size in known["coil"])
@@ -149,7 +149,7 @@ def _scene(
 
 
 def _forces(axes: Axes, result: Result, frame: int, height: float, half: float) -> None:
-    """Forces of the walls on the rod, as lines outside of the channel."""
+    """Draw wall forces on the rod as lines outside the channel."""
     largest = max(result[f"pressed_{wall}"].values.max() for wall in ("upper", "lower"))
     x, lines = 1e3 * result["rod_x"].values[frame], []
     for wall, side in (("upper", 1), ("lower", -1)):
@@ -162,7 +162,7 @@ def _forces(axes: Axes, result: Result, frame: int, height: float, half: float) 
 
 
 def first_frame(result: Result) -> Figure:
-    """First frame of the animation: the rod in its channel, to be changed by `pose`."""
+    """Plot the rod in its channel at the start of the animation, for `pose` to change."""
     drawn = sheet(7.1, 2.5, 1.45)
     drawn.subplots()
     pose(drawn, result, 0)
@@ -182,18 +182,18 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.set_yticks([])
     axes.grid(visible=False)
-    axes.set_xlabel(label("place $x$", "mm"))
+    axes.set_xlabel(label("position $x$", "mm"))
     axes.set_title(f"$t$ = {time[frame]:.3f} s")
 
 
 def rod_frequency(result: Result) -> Figure:
-    """Velocity over frequency with natural frequencies and marks; below, what it depends on."""
+    """Plot velocity over frequency with natural frequencies and marks; below, sensitivities."""
     known = "changed_velocity" in result
     drawn = sheet(7.1, 6.6 if known else 4.0, 7.4 if known else 4.4)
     tell(
         drawn,
         fact(result, "frequency_best", "fastest at"),
-        fact(result, "velocity_best", "there", "mm s-1"),
+        fact(result, "velocity_best", "highest velocity", "mm s-1"),
     )
     rates = result["sensitive_rate"].values if known else ()
     grid = drawn.add_gridspec(2, len(rates), height_ratios=(1.3, 1)) if known else None
@@ -209,7 +209,7 @@ def rod_frequency(result: Result) -> Figure:
 
 
 def _curve(axes: Axes, result: Result) -> None:
-    """Mean velocity against the field's travel, in mm/s, with its 95 % interval."""
+    """Draw the mean velocity against the field's travel, in mm/s, with its 95 % interval."""
     rate, velocity = result["curve_rate"].values, -1e3 * result["curve_velocity"].values
     known = np.vstack([rate, velocity])
     if "refined_rate" in result:
@@ -220,7 +220,7 @@ def _curve(axes: Axes, result: Result) -> None:
     best = -1e3 * float(scalar(result, "pattern_velocity") or np.nan)
     top = 1.25 * np.nanmax([*known[1], best])
     natural = _natural(result)
-    told = f"free rod swings at {', '.join(map('{:.3g}'.format, natural))} Hz"
+    told = f"natural frequencies: {', '.join(map('{:.3g}'.format, natural))} Hz"
     for value in natural:
         axes.axvline(value, color="#BBBBBB", linewidth=0.8, linestyle=(0, (2, 2)), label=told)
     slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
@@ -230,7 +230,7 @@ def _curve(axes: Axes, result: Result) -> None:
         color=GREY,
         linewidth=1,
         linestyle=DASHES[1],
-        label=f"slow: {number(slope, 3)} mm a switch",
+        label=f"slow limit: {number(slope, 3)} mm per switch",
     )
     axes.axhline(0, color="black", linewidth=0.8)
     axes.plot(*known, color=LINKS[0], linewidth=1.1)
@@ -252,7 +252,7 @@ def _curve(axes: Axes, result: Result) -> None:
         axes.plot(where, 1e3 * speed, mark, color=RED, markersize=5, label=text)
     axes.set_xscale("log")
     axes.set_ylim(top=top)
-    axes.set_xlabel("coil switches a second $n$ (s$^{-1}$)")
+    axes.set_xlabel("coil switches per second $n$ (s$^{-1}$)")
     axes.set_ylabel("velocity against\nthe field (mm s$^{-1}$)")
 
 
@@ -262,14 +262,14 @@ def _natural(result: Result) -> list[float]:
 
 
 def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
-    """Bars from the velocity as it is to the velocities with each number changed."""
+    """Draw bars from the unchanged velocity to the velocities with each parameter changed."""
     changed = -1e3 * result["changed_velocity"].values[:, :, column]
     factors = result["changed_factor"].values[:, :, column]
     plain = -1e3 * float(result["unchanged_velocity"].values[column])
     error = 1e3 * float(result["unchanged_error"].values[column])
     names = [str(name) for name in needed(result, "parameters")]
     axes.axvspan(plain - error, plain + error, color="#EFEFEF", linewidth=0,
-                 label="as it is, and its error")  # fmt: skip
+                 label="unchanged, with its error")  # fmt: skip
     axes.axvline(plain, color=GREY, linewidth=0.8)
     for row, (speeds, shares) in enumerate(zip(changed, factors, strict=True)):
         for speed, share in zip(speeds, shares, strict=True):
@@ -277,7 +277,7 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
             axes.barh(row + (0.18 if more else -0.18), speed - plain, 0.34, plain, linewidth=0,
                       color=LINKS[3] if more else LINKS[0], hatch="////" if more else None,
                       edgecolor="white",
-                      label=f"number {'raised' if more else 'lowered'}")  # fmt: skip
+                      label=f"parameter {'raised' if more else 'lowered'}")  # fmt: skip
     shown = [
         f"{_NAMES.get(name, name)}\n×" + ", ×".join(f"{share:.3g}" for share in shares)
         for name, shares in zip(names, factors, strict=True)
@@ -287,7 +287,7 @@ def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:
     if column:
         axes.tick_params(labelleft=False)
     else:
-        axes.set_ylabel("number that is changed")
+        axes.set_ylabel("changed parameter")
     axes.set_xlabel("velocity (mm s$^{-1}$)")
     axes.set_title(title)
     axes.margins(x=0.14)

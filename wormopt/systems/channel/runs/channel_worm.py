@@ -1,4 +1,4 @@
-"""Scenes of kind ``channel-worm``: velocity over frequency by (32), for three assumed shapes."""
+"""Runs of kind ``channel-worm``: velocity over frequency, for three assumed shapes."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from wormopt.systems.channel.scenes.channel import ChannelBodyTable, ChannelWorm
 from wormopt.systems.channel.segments import assumed_curve
 
 _FREQUENCIES = 101
-# Lengths of the formulas against those of centre lines as Chebyshev series.
+# Accepted error of the formulas' lengths against centre lines as Chebyshev series.
 _ACCEPTED = 1e-10
 _ASSUMED = {
-    "inertia": "the body follows the field at once: (32) has no inertia and holds for slow "
-    "switching only",
-    "shape": "centre lines (33), (34) and (35) are assumed, not computed from forces",
+    "inertia": "the body follows the field at once: eq. 32 of Zimmermann et al. has no inertia and "
+    "holds for slow switching only",
+    "shape": "centre lines (eqs 33-35 of Zimmermann et al.) are assumed, not computed from forces",
     "grip": "segments do not slip while the field passes",
 }
 
 
 def run(scene: Scene[ChannelWormScene], report: Report) -> Result:
-    """Lengths, counts and velocities of segments.
+    """Compute lengths, numbers and velocities of segments.
 
-    Status "failed" where a length is not found again from its centre line.
+    Status "failed" if the centre line gives another length.
     """
     table, begin = scene.table, time.perf_counter()
     report("evaluating", None)
@@ -42,7 +42,7 @@ def run(scene: Scene[ChannelWormScene], report: Report) -> Result:
     low, high = table.frequency
     frequency = np.linspace(low, high, _FREQUENCIES)
     per = [worm.velocity_per_frequency(shape) for shape in SHAPES]
-    advice = f"lengths are off by {error:.2g} from those of the centre lines"
+    advice = f"lengths differ by {error:.2g} from those of the centre lines"
     return conclude(
         scene,
         _scalars(worm, table, marks),
@@ -55,32 +55,32 @@ def run(scene: Scene[ChannelWormScene], report: Report) -> Result:
 
 
 def body_of(table: ChannelBodyTable) -> ChannelWorm:
-    """Make the body of a scene from its checked table."""
+    """Return the body of a scene from its checked table."""
     names = ("pitch", "channel", "body", "length", "youngs_modulus")
     return ChannelWorm(*(table.size(name) for name in names), rule=table.count)
 
 
 def warnings_of_count(name: str, worm: ChannelWorm, count: int, length: float) -> Iterator[str]:
-    """Yield warnings where `count` segments k_s of `length` l_s, in m, do not fit the body."""
+    """Yield warnings if `count` segments k_s of `length` l_s, in m, do not fit the body."""
     if not count:
         yield (
-            f"{name}: the body is too short to count one segment of {1e3 * length:.4g} mm; by (32) "
-            "it does not move"
+            f"{name}: the body is shorter than one segment of {1e3 * length:.4g} mm; by eq. 32 of "
+            "Zimmermann et al. it does not move"
         )
     elif count * length > worm.length:
         yield (
-            f"{name}: {count} segments of {1e3 * length:.4g} mm are longer than the body of "
-            f'{1e3 * worm.length:.4g} mm; worm.count = "floor" counts whole ones'
+            f"{name}: {count} segments of {1e3 * length:.4g} mm exceed the body of "
+            f'{1e3 * worm.length:.4g} mm; worm.count = "floor" counts whole segments only'
         )
 
 
 def warnings_of_susceptibility(value: float, label: str = "") -> Iterator[str]:
-    """Warn where the body changes the field; across a rod it does by 1 / (1 + χ / 2)."""
+    """Warn if the body changes the field; across a rod it does by 1 / (1 + χ / 2)."""
     if value > 1:
         yield left_out(
             value / 2,
-            f"{label}a susceptibility of {value:g} changes the field in and near the body, which "
-            "the pull by the field without it leaves out",
+            f"{label}a susceptibility of {value:g} changes the field in and near the body, but the "
+            "pull is computed with the field without the body",
         )
 
 
@@ -91,7 +91,7 @@ def _marks(table: ChannelWormScene) -> tuple[Mark, ...]:
 
 
 def _limit(table: ChannelWormScene, name: str) -> float | None:
-    """A limit of the frequency by its key, of the named body where the scene does not give it."""
+    """Return a frequency limit by its key, from the named body if the scene has none."""
     sample = table.worm.of_chapter
     return getattr(table, name) or (getattr(sample, name) if sample else None)
 
@@ -125,6 +125,6 @@ def _warnings(worm: ChannelWorm, table: ChannelWormScene, marks: tuple[Mark, ...
     for mark in marks:
         if limit is not None and mark.frequency >= limit:
             yield (
-                f"{mark.text}: at {mark.frequency:g} switches a second (32) is not claimed, only "
-                f"below {limit:g}"
+                f"{mark.text}: at {mark.frequency:g} switches per second eq. 32 of Zimmermann et "
+                f"al. is not valid, only below {limit:g}"
             )

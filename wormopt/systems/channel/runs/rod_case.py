@@ -1,4 +1,4 @@
-"""One motion of a rod in a channel as scenes ask for it: its tables, and what is built of them."""
+"""One motion of a rod in a channel: its tables, and the objects built from them."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ from wormopt.systems.channel.scenes.rod import (
 _POWERS = ("damping_power", "load_power")
 
 ASSUMED = {
-    "plane": "the rod moves in one plane; gravity acts across it and is left out, and so is drag",
-    "row": "the row of coils goes on beyond both ends of the worm's way",
+    "plane": "the rod moves in one plane; gravity acts across it and is neglected, as is drag",
+    "row": "the row of coils extends beyond both ends of the worm's path",
     "field": "the worm does not change the field; no iron; the pull acts on its centre line",
-    "impact": "what hits a wall does not bounce",
+    "impact": "impacts on a wall are inelastic",
     "magnetisation": "linear in the field, without saturation and hysteresis",
 }
 
@@ -58,7 +58,7 @@ class RodCase:
     rate: float  # coil switches per second
 
     def varied(self, **tables: dict[str, Any]) -> RodCase:
-        """Copy with new numbers by key, for each table named."""
+        """Return a copy with new values by key, for each table named."""
         changed = {
             name: msgspec.structs.replace(getattr(self, name), **numbers)
             for name, numbers in tables.items()
@@ -67,33 +67,33 @@ class RodCase:
 
     @property
     def key(self) -> str:
-        """Text that is the same for the same motions."""
+        """Return text that is equal for equal motions."""
         return msgspec.json.encode(self, order="deterministic").decode()
 
     @property
     def cycle(self) -> float:
-        """Time after which the pattern repeats, in s."""
+        """Return the time after which the pattern repeats, in s."""
         return self.pattern.every / self.rate
 
     @property
     def field_speed(self) -> float:
-        """Speed of the travelling field, in m/s."""
+        """Return the speed of the travelling field, in m/s."""
         return self.rate * self.coils.pitch
 
     @property
     def room(self) -> float:
-        """How far the centre line may go from the middle of the channel, in m."""
+        """Return the room of the centre line to either side of the channel's middle, in m."""
         return (self.channel.diameter - self.worm.diameter) / 2
 
     @property
     def end(self) -> float:
-        """Time at which it ends, after whole repeats of the pattern, in s."""
+        """Return the end time, after whole repeats of the pattern, in s."""
         repeats = max(self.course.cycles, int(np.ceil(self.course.duration / self.cycle)))
         return repeats * self.cycle
 
     @property
     def rod(self) -> Rod:
-        """What moves."""
+        """Return the rod."""
         return Rod(
             self.worm.length,
             self.worm.diameter,
@@ -108,20 +108,20 @@ class RodCase:
 
     @property
     def blocks(self) -> Blocks:
-        """Which coils are on when."""
+        """Return the sequence of active coils."""
         pattern = self.pattern
         return switched_blocks(pattern.every, self.rate, pattern.duration, pattern.shift)
 
     @property
     def schedule(self) -> Schedule:
-        """When which block is on, and how strongly it pulls."""
+        """Return the times and strengths of the blocks."""
         coils = self.coils
         strength = magnetic_strength(self.rod, self.worm.susceptibility, coils.ampere_turns)
         return block_schedule(self.blocks, coils.pitch, strength)
 
     @property
     def fields(self) -> tuple[BlockField, ...]:
-        """Fields of the blocks that occur."""
+        """Return the fields of the blocks that occur."""
         coils = self.coils
         coil = Coil(coils.inner, coils.outer, coils.length)
         return tuple(
@@ -134,7 +134,7 @@ class RodCase:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """Parameters of the model of the rod, by name."""
+        """Return the parameters of the rod's model by name."""
         return {
             "youngs_modulus": self.worm.youngs_modulus,
             "density": self.worm.density,
@@ -144,20 +144,20 @@ class RodCase:
 
     @property
     def marcher(self) -> MoreauJean:
-        """Time stepper of the rod, compiled once for all materials, frictions and frequencies."""
+        """Return the rod's time stepper, compiled once for all materials, frictions and rates."""
         rod = self.rod
         sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree, rod.skin
         return _marcher(*sizes, self.channel.diameter, self.fields)
 
     @property
     def start(self) -> np.ndarray:
-        """State of a straight rod at rest, one repeat of the pattern away from the first coil."""
+        """Return the state of a straight rod at rest, one repeat of the pattern from coil 0."""
         state = straight(self.rod, along=self.pattern.every * self.coils.pitch)
         return np.concatenate([state[signal.name] for signal in self.marcher.model.x])
 
     @property
     def step(self) -> float:
-        """Longest time step that is taken, in s."""
+        """Return the longest time step, in s."""
         if self.mesh.step is not None:
             return self.mesh.step
         values = [self.numbers[signal.name] for signal in self.marcher.model.p]
@@ -165,7 +165,7 @@ class RodCase:
 
     @property
     def assumed(self) -> dict[str, float | None]:
-        """Scalars: numbers that are assumptions, so that results show them."""
+        """Return the assumed parameters as scalars, so that results list them."""
         worm = self.worm
         return {
             "assumed_density": worm.density,
@@ -177,7 +177,7 @@ class RodCase:
         } | self.coils.assumed
 
     def warnings(self) -> Iterator[str]:
-        """Yield warnings where assumptions are stretched."""
+        """Yield warnings near the limits of the assumptions."""
         yield from warnings_of_susceptibility(self.worm.susceptibility)
 
 
@@ -192,7 +192,7 @@ def _marcher(
     channel: float,
     fields: tuple[BlockField, ...],
 ) -> MoreauJean:
-    """Steps of a rod, whatever its material and friction: those are parameters."""
+    """Return the steps of a rod; material and friction are parameters."""
     rod = Rod(length, diameter, 1.0, 1.0, poisson_ratio=poisson_ratio, elements=elements,
               degree=degree, skin=skin)  # fmt: skip
     model = channel_rod(rod, channel, friction=1.0)

@@ -1,8 +1,8 @@
-"""One motion of a rod in a channel, step by step, what it comes to, and many side by side.
+"""Motions of a rod in a channel by time stepping, with statistics, singly or in parallel.
 
-Motions need not be regular. How sure their mean velocities are is told by batch means: means over
-several whole repeats of the switching, one after another, scatter about the mean of them all;
-Student's distribution tells from their scatter how far that may be from the truth.
+Motions need not be regular. Batch means estimate the error of their mean velocities: means over
+several whole repeats of the switching scatter about their common mean. Student's distribution
+gives the confidence interval from this scatter.
 
 Source: A. M. Law, Simulation Modeling and Analysis (2015), 9.5.3.
 """
@@ -35,12 +35,12 @@ from wormopt.systems.shared.checkpoints import forget as forget_file
 from wormopt.systems.shared.checkpoints import keep
 
 _BATCHES, _CONFIDENCE = 8, 0.95
-# What of the field's work may be lost to rounding and steps, and how deep walls may be entered.
+# Accepted error of the field's work by round-off and steps, and accepted depth in walls.
 _ENERGY, _DEPTH = 0.01, 0.05
-# Velocities are compared with no less than this share of the field's: a rod may stand still. What
-# is not known to this share of itself is not compared at all.
+# Velocities are compared relative to at least this share of the field's, because a rod may stand
+# still. A velocity with a relative error above the second share is not compared.
 _STILL, _KNOWN = 0.01, 0.5
-# Steps after which nobody waits any more: some minutes.
+# Largest number of steps: some minutes.
 _MOST_STEPS = 2e7
 
 
@@ -50,19 +50,19 @@ class Mean:
 
     value: float  # m/s
     error: float  # half the width of its 95 % interval, m/s
-    settled: bool  # both halves of what counts agree within errors
+    settled: bool  # both halves after `settle` agree within errors
 
     @property
     def direction(self) -> int:
-        """1 with the field, -1 against it, 0 where the interval holds both."""
+        """Return 1 with the field, -1 against it, 0 if the interval contains both."""
         return 0 if not abs(self.value) > self.error else int(math.copysign(1, self.value))
 
 
 def mean_velocity(time: np.ndarray, centre: np.ndarray, cycle: float, settle: float) -> Mean:
-    """Mean velocity over whole repeats, of `time` and `centre` (m,).
+    """Return the mean velocity over whole repeats, from `time` and `centre` (m,).
 
-    Skips the share `settle` of the time at the beginning; at least four repeats of duration
-    `cycle` must be left.
+    Skips the initial share `settle` of the time; at least four repeats of duration `cycle` must be
+    left.
     """
     repeats = math.floor((1 - settle) * time[-1] / cycle * (1 + 1e-9))
     batches = max(min(_BATCHES, repeats), 2)
@@ -75,14 +75,14 @@ def mean_velocity(time: np.ndarray, centre: np.ndarray, cycle: float, settle: fl
 
 
 def _interval(parts: np.ndarray) -> tuple[float, float]:
-    """Mean of batches, and half the width of its interval."""
+    """Return the mean of batches, and half the width of its interval."""
     spread = float(np.std(parts, ddof=1)) if len(parts) > 1 else 0.0
     factor = float(stdtrit(max(len(parts) - 1, 1), (1 + _CONFIDENCE) / 2))
     return float(np.mean(parts)), factor * spread / math.sqrt(len(parts))
 
 
 def differ(one: float, one_error: float, other: float, other_error: float) -> float:
-    """Difference of two means beyond what their errors explain; 0 where they need not differ."""
+    """Return the difference of two means beyond their errors, or 0."""
     return max(abs(one - other) - math.hypot(one_error, other_error), 0.0)
 
 
@@ -91,35 +91,35 @@ def differ(one: float, one_error: float, other: float, other_error: float) -> fl
 
 @dataclass(frozen=True)
 class RodPoint:
-    """Outcome of one motion."""
+    """Results of one motion."""
 
     rate: float  # coil switches per second
-    velocity: float  # mean, m/s, positive with the field; NaN: motion lost
-    error: float  # half the width of its 95 % interval, m/s; NaN: lost
-    settled: bool  # both halves of the time that counts agree in mean
-    energy_error: float  # largest error of the energy balance, over all work of the field
-    penetration: float  # deepest into a wall, over room of the centre line
-    field_error: float  # largest error of the series of H², over largest H²
-    # of a segment just before coils change, m; NaN where the rod never lay over a block
+    velocity: float  # mean, m/s, positive with the field; NaN if the motion failed
+    error: float  # half the width of its 95 % interval, m/s; NaN if it failed
+    settled: bool  # both halves of the averaged time agree in mean
+    energy_error: float  # largest error of the energy balance, over the work of the field
+    penetration: float  # largest depth in a wall, over the room of the centre line
+    field_error: float  # largest error of the series of H², over the largest H²
+    # length of a segment just before coils change, m; NaN if the rod never lay over a block
     arc_length: float
     seconds: float  # computing time spent
-    reason: str = ""  # why the motion was lost; empty otherwise
+    reason: str = ""  # why the motion failed; empty otherwise
 
     @classmethod
     def lost(cls, rate: float, reason: str) -> RodPoint:
-        """Point of a motion that was lost at `rate` switches per second."""
+        """Return the point of a motion that failed at `rate` switches per second."""
         unknown = math.nan
         return cls(rate, unknown, unknown, False, unknown, unknown, unknown, unknown, 0.0, reason)
 
     @property
     def direction(self) -> int:
-        """1 with the field, -1 against it, 0 where it is not sure."""
+        """Return 1 with the field, -1 against it, 0 if it is not certain."""
         return Mean(self.velocity, self.error, self.settled).direction
 
 
 @dataclass(frozen=True, eq=False)
 class RodCourse:
-    """A motion and its outcome."""
+    """A motion and its results."""
 
     steps: StepRecord
     centre: np.ndarray  # (m,) mean place of the rod, m
@@ -128,9 +128,9 @@ class RodCourse:
 
 
 def follow(case: RodCase, report: Report = silent) -> RodCourse:
-    """Follow a straight rod in the middle of the channel as the coils are switched.
+    """Simulate a rod that starts straight in the middle of the channel.
 
-    Raises SolveError if states are no longer numbers or steps too many, and Interrupted.
+    Raises SolveError if states are not finite or steps are too many, and Interrupted.
     """
     begin, rod, marcher, step = perf_counter(), case.rod, case.marcher, case.step
     _check_steps(case, step)
@@ -161,11 +161,11 @@ def follow(case: RodCase, report: Report = silent) -> RodCourse:
 
 
 def _check_steps(case: RodCase, step: float) -> None:
-    """Refuse motions that would take for ever: stiff or light rods, a clock that hardly ticks."""
+    """Refuse motions with too many steps: stiff or light rods, or very slow switching."""
     count = max(case.end / step, 10 * case.end * case.rate)
     if not count <= _MOST_STEPS:
         raise SolveError(
-            f"{case.end:.3g} s at {case.rate:g} switches a second take {count:.2g} steps, more "
+            f"{case.end:.3g} s at {case.rate:g} switches per second take {count:.2g} steps, more "
             f"than {_MOST_STEPS:g}: the longest stable step is {step:.2g} s",
             "write a smaller worm.youngs_modulus or worm.damping_time, a larger worm.density, "
             "fewer course.cycles, or a shorter course.duration",
@@ -175,9 +175,9 @@ def _check_steps(case: RodCase, step: float) -> None:
 
 
 def finer(case: RodCase, elements: int | None = None, share: float = 0.5) -> RodCase:
-    """The same motion on another mesh, or with shorter steps.
+    """Return the same motion on another mesh, or with shorter steps.
 
-    With `elements`, steps are the longest this mesh allows; else they shrink by `share`.
+    With `elements`, steps are the longest that this mesh allows; else they shrink by `share`.
     """
     if elements is not None:
         return case.varied(mesh={"elements": elements, "step": None})
@@ -185,9 +185,9 @@ def finer(case: RodCase, elements: int | None = None, share: float = 0.5) -> Rod
 
 
 def checks_of_motion(point: RodPoint, what: str = "") -> Iterator[Check]:
-    """Whether a motion by itself is to be trusted; `what` says how it was computed."""
+    """Yield checks of a single motion; `what` names how it was computed."""
     named, told = (f" {what}", f"{what}: ") if what else ("", "")
-    where = f"{told}at {point.rate:g} switches a second"
+    where = f"{told}at {point.rate:g} switches per second"
     if point.reason:
         yield Check(f"motion{named}", None, 0.0, f"{where} {point.reason}")
         return
@@ -195,22 +195,22 @@ def checks_of_motion(point: RodPoint, what: str = "") -> Iterator[Check]:
         f"energy balance{named}",
         point.energy_error,
         _ENERGY,
-        f"{where} the balance of energy is off by {point.energy_error:.2g} of the field's work; "
+        f"{where} energy is not balanced, by {point.energy_error:.2g} of the field's work; "
         "write a shorter mesh.step",
     )
     yield Check(
         f"depth in walls{named}",
         point.penetration,
         _DEPTH,
-        f"{where} walls are entered by {point.penetration:.2g} of the room; write a shorter "
+        f"{where} walls are penetrated by {point.penetration:.2g} of the room; write a shorter "
         "mesh.step",
     )
 
 
 def change_of(case: RodCase, point: RodPoint, others: Iterable[RodPoint]) -> float | None:
-    """Largest change of a mean velocity with other steps and meshes, over its reference value.
+    """Return the largest relative change of a mean velocity with other steps and meshes.
 
-    Errors are not taken off; None where there are no `others`.
+    Errors are not subtracted; None without `others`.
     """
     changes = [abs(other.velocity - point.velocity) for other in others]
     return max(changes) / _compared_with(case, point) if changes else None
@@ -223,18 +223,19 @@ def _compared_with(case: RodCase, point: RodPoint) -> float:
 def checks_of_change(
     case: RodCase, point: RodPoint, other: RodPoint, accepted: float, what: str
 ) -> Iterator[Check]:
-    """Whether the mean velocity stays with another step or mesh; `what` says which.
+    """Yield checks that the mean velocity is independent of step or mesh; `what` names which.
 
     `accepted`: largest change beyond the errors, over the velocity, or over a hundredth of
     the field's.
     """
+    size, where = _compared_with(case, point), f"at {point.rate:g} switches per second"
     size, where = _compared_with(case, point), f"at {point.rate:g} switches a second"
     errors = math.hypot(point.error, other.error)
     known = Check(
         f"error of the mean velocity {what}",
         errors,
         _KNOWN * size,
-        f"{where} the mean velocity is known to {errors:.2g} m/s only, too little to compare it "
+        f"{where} the error of the mean velocity is {errors:.2g} m/s, too large to compare it "
         f"{what}; write a longer course.duration",
     )
     yield known
@@ -250,7 +251,7 @@ def checks_of_change(
 
 
 def _energy_error(model: Model, steps: StepRecord, numbers: dict[str, float]) -> float:
-    """Largest difference of the energy from what has been done on the rod."""
+    """Return the largest difference of the energy from the work on the rod."""
     energy = ca.Function(
         "energy",
         [pack(model.x), pack(model.p)],
@@ -265,10 +266,9 @@ def _energy_error(model: Model, steps: StepRecord, numbers: dict[str, float]) ->
 
 
 def _segment_length(case: RodCase, count_of_nodes: int, steps: StepRecord) -> float:
-    """Mean length of the rod from coil to coil of a block just before the coils change, in m.
+    """Return the mean rod length from coil to coil of a block just before coils change, in m.
 
-    NaN where the rod never reached over a block. Durations that coils are on are rounded to
-    whole switches.
+    NaN if the rod never reached over a block. Durations of coils are rounded to whole switches.
     """
     found = []
     n, pitch = count_of_nodes, case.coils.pitch
@@ -288,7 +288,7 @@ def _segment_length(case: RodCase, count_of_nodes: int, steps: StepRecord) -> fl
 
 
 def _length_between(x: np.ndarray, y: np.ndarray, first: float, last: float) -> float:
-    """Length of a polyline from the first place along the row to the last."""
+    """Return the length of a polyline between two positions along the row."""
     arc = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     inside = np.flatnonzero((x[:-1] - first) * (x[1:] - first) <= 0)
     beyond = np.flatnonzero((x[:-1] - last) * (x[1:] - last) <= 0)
@@ -304,9 +304,9 @@ def _length_between(x: np.ndarray, y: np.ndarray, first: float, last: float) -> 
 
 
 def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str) -> list[RodPoint]:
-    """Follow several rods on all cores, in the order of `cases`; `text` says what for.
+    """Simulate several rods on all cores, in the order of `cases`; `text` names the purpose.
 
-    Motions in `folder` are reused and new ones kept there, also on KeyboardInterrupt.
+    Motions in `folder` are reused and new ones saved there, also on KeyboardInterrupt.
     """
     found = {case: point for case in cases if (point := kept(case, folder))}
     # the slowest switching takes longest
@@ -322,14 +322,14 @@ def rod_points(cases: Sequence[RodCase], folder: Path, report: Report, text: str
 
 
 def kept(case: RodCase, folder: Path) -> RodPoint | None:
-    """Read the outcome of a motion from `folder`; None if missing or damaged."""
+    """Return the results of a motion from `folder`; None if missing or damaged."""
     with suppress(OSError, ValueError, TypeError):
         return RodPoint(**json.loads(_file(case, folder).read_text(encoding="utf-8")))
     return None
 
 
 def forget(cases: Sequence[RodCase], folder: Path) -> None:
-    """Remove kept motions from `folder`, because they stand in a result now."""
+    """Remove saved motions from `folder`, because a result has them now."""
     for case in cases:
         forget_file(_file(case, folder))
 
@@ -343,6 +343,6 @@ def _follow_and_keep(case: RodCase, folder: Path) -> RodPoint:
         point = follow(case).point
     except SolveError as lost:
         point = RodPoint.lost(case.rate, str(lost))
-    # Python's JSON knows NaN, which lost motions are full of
+    # Python's JSON supports NaN, which failed motions contain
     keep(_file(case, folder), json.dumps(asdict(point)).encode())
     return point

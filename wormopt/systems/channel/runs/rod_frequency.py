@@ -1,4 +1,4 @@
-"""Scenes of kind ``rod-frequency``: how fast a rod crawls over the frequency of its coils."""
+"""Runs of kind ``rod-frequency``: velocity of a rod over the frequency of its coils."""
 
 from __future__ import annotations
 
@@ -46,16 +46,16 @@ _TABLES = {
     "coil_clearance": "coils",
 }
 _MODES = 4
-# The velocity has rolled off where it is below this share of what the slowest switching promises;
-# the rod stands still where it is slower than this share of the best velocity, errors included.
+# The velocity has rolled off below this share of that extrapolated from the slowest switching; the
+# rod stands still below this share of the best velocity, errors included.
 _ROLLED, _STILL = 0.5, 0.02
 
 
 def run(scene: Scene[RodFrequencyScene], report: Report) -> Result:
-    """Follow the rod at all frequencies, seek the best one, and see what it all depends on.
+    """Simulate the rod at all frequencies, find the best one, and its sensitivities.
 
-    Motions are cached, so a stopped run resumes. Status "failed": a motion lost or faulty,
-    or the best velocity depends on step or mesh. Raises SolveError if all are lost.
+    Motions are cached, so a stopped run resumes. Status "failed" if a motion fails, or if the best
+    velocity depends on step or mesh. Raises SolveError if all motions fail.
     """
     table, begin = scene.table, perf_counter()
     case = RodCase(
@@ -70,7 +70,7 @@ def run(scene: Scene[RodFrequencyScene], report: Report) -> Result:
         if not any(not point.reason for point in found.curve):
             raise Interrupted from None
         partial = _result(scene, found, perf_counter() - begin)
-        raise Interrupted(partial.failed("interrupted; run again to go on")) from None
+        raise Interrupted(partial.failed("interrupted; run again to resume")) from None
     forget(study.followed, folder)
     return _result(scene, found, perf_counter() - begin)
 
@@ -84,7 +84,7 @@ class Response:
     refined: list[RodPoint] = field(default_factory=list)  # near the best of these
     patterns: list[RodPoint] = field(default_factory=list)  # with other patterns
     centres: list[Look] = field(default_factory=list)  # of the search for a pattern
-    # by (number, factor, frequency): factor taken, motion
+    # by (parameter, factor, frequency): actual factor, motion
     changed: dict[tuple[str, float, float], tuple[float, RodPoint]] = field(default_factory=dict)
     # the best motion on another mesh, and with another step
     again: dict[str, RodPoint] = field(default_factory=dict)
@@ -97,18 +97,18 @@ class Response:
 
     @property
     def best(self) -> RodPoint:
-        """Fastest motion against the field among those of the curve and near its best."""
+        """Return the fastest motion against the field on the curve and near its best point."""
         known = [point for point in (*self.curve, *self.refined) if not point.reason]
         return min(known, key=lambda point: point.velocity)
 
     def stands(self, point: RodPoint) -> bool:
-        """Whether the rod certainly stands still, error included."""
+        """Return whether the rod certainly stands still, error included."""
         slow = _STILL * abs(self.best.velocity)
         return not point.direction and abs(point.velocity) + point.error <= slow
 
 
 class _Study:
-    """The stages of the study; all of them follow rods and keep what these come to."""
+    """Stages of the study, each with several motions."""
 
     def __init__(
         self, table: RodFrequencyScene, case: RodCase, folder: Path, report: Report
@@ -117,12 +117,12 @@ class _Study:
         self._table, self._case, self._folder, self._report = table, case, folder, report
 
     def kept_curve(self) -> list[RodPoint]:
-        """What is known of the curve so far."""
+        """Return the saved points of the curve."""
         cases = (replace(self._case, rate=rate) for rate in self._table.rates)
         return [point for one in cases if (point := kept(one, self._folder))]
 
     def explore(self) -> Response:
-        """Go through all stages."""
+        """Run all stages."""
         table, case = self._table, self._case
         curve = self._points(
             [replace(case, rate=rate) for rate in table.rates], "velocity over frequency"
@@ -151,13 +151,13 @@ class _Study:
         return rod_points(cases, self._folder, self._report, text)
 
     def _best_pattern(self, case: RodCase, rounds: int, found: Response) -> list[Look]:
-        """Seek frequency, duration and shift of the switching by compass search."""
+        """Find frequency, duration and shift of the switching by compass search."""
 
         def look(points: Sequence[dict[str, float]]) -> list[Look]:
             cases = [
                 replace(
                     case.varied(pattern={"duration": point["duration"], "shift": point["shift"]}),
-                    # so many digits that the same frequency is the same motion again
+                    # rounded, so that the same frequency is the same motion again
                     rate=float(f"{math.exp(point['rate']):.4g}"),
                 )
                 for point in points
@@ -182,7 +182,7 @@ class _Study:
         return compass(look, start, _STEPS, bounds, rounds)
 
     def _change(self, found: Response) -> None:
-        """Change doubtful numbers one at a time."""
+        """Change assumed parameters one at a time."""
         assert self._table.sensitivity is not None
         todo: dict[tuple[str, float, float], tuple[float, RodCase]] = {}
         for rate in self._table.sensitivity.rates:
@@ -197,7 +197,7 @@ class _Study:
 
 
 def _near_best(found: Response, count: int) -> list[float]:
-    """Frequencies between the neighbours of the best one."""
+    """Return frequencies between the neighbours of the best one."""
     rates = [point.rate for point in found.curve]
     k = rates.index(found.best.rate)
     low, high = rates[max(k - 1, 0)], rates[min(k + 1, len(rates) - 1)]
@@ -206,7 +206,7 @@ def _near_best(found: Response, count: int) -> list[float]:
 
 
 def _changed(case: RodCase, name: str, factor: float) -> tuple[float, RodCase]:
-    """Change one number; also tells by how much, where there is no room for all of it."""
+    """Return the changed parameter and the actual factor, which the available room may limit."""
     table, key = _TABLES[name], name.removeprefix("coil_")
     old = getattr(getattr(case, table), key)
     new = old * factor
@@ -243,7 +243,7 @@ def _result(scene: Scene[RodFrequencyScene], found: Response, seconds: float) ->
 
 
 def _checks(table: RodFrequencyScene, found: Response, best: RodCase) -> Iterator[Check]:
-    """Every motion that is refused, the worst of the others, and the best one computed again."""
+    """Yield the checks of failed motions, of the worst others, and of the best one refined."""
     fine: dict[str, Check] = {}
     for number, point in enumerate(dict.fromkeys(found.points)):
         for check in checks_of_motion(point):
@@ -261,15 +261,15 @@ def _warnings(found: Response) -> Iterator[str]:
     known = [point for point in found.curve if not point.reason]
     unsure = [p.rate for p in known if p.error > max(0.1 * abs(p.velocity), 1e-3)]
     for rates, text in (
-        (unsure, "the motion is irregular at {}: its mean is not known to a tenth"),
-        ([p.rate for p in known if not p.settled], "the motion has not settled at {}"),
+        (unsure, "the motion is irregular at {}: the error of its mean exceeds a tenth"),
+        ([p.rate for p in known if not p.settled], "the mean has not converged at {}"),
     ):
         if rates:
             listed = ", ".join(f"{rate:g}" for rate in rates)
-            yield text.format(f"{listed} switches a second") + "; write a longer course.duration"
+            yield text.format(f"{listed} switches per second") + "; write a longer course.duration"
 
 
-# -- what the result holds -------------------------------------------------------------------------
+# -- contents of the result ------------------------------------------------------------------------
 
 
 def _scalars(table: RodFrequencyScene, found: Response) -> dict[str, Any]:
@@ -303,7 +303,7 @@ def _scalars(table: RodFrequencyScene, found: Response) -> dict[str, Any]:
 
 
 def _rolloff(found: Response, first: RodPoint) -> float | None:
-    """First frequency whose velocity is well below the first slope, against the field."""
+    """Return the first frequency with a velocity far below the initial slope, against the field."""
     if first.direction != -1:
         return None
     least = _ROLLED * first.velocity / first.rate
@@ -312,7 +312,7 @@ def _rolloff(found: Response, first: RodPoint) -> float | None:
 
 
 def _eigenfrequencies(case: RodCase) -> dict[str, list[float]]:
-    """Of the whole rod, free and pinned at its ends, and of one pitch of it, in Hz."""
+    """Return those of the rod, free and with pinned ends, and of one pitch of it, in Hz."""
     rod = case.rod
     whole, part = (
         channel_rod(one, case.channel.diameter, case.channel.friction)
@@ -347,7 +347,7 @@ def _pattern(found: Response) -> dict[str, Any]:
 
 
 def _largest_change(found: Response, rate: float) -> str | None:
-    """Number whose change moves the velocity most; None where no move is beyond its error."""
+    """Return the parameter with the largest effect on the velocity, None if all are in error."""
     base = found.changed["none", 1.0, rate][1]
     moves = {
         name: abs(point.velocity - base.velocity)
@@ -377,7 +377,7 @@ def _variables(table: RodFrequencyScene, found: Response) -> dict[str, np.ndarra
 
 
 def _changes(own: SensitivityTable, found: Response) -> dict[str, Any]:
-    """Motions with changed numbers, over parameter, factor and rate, and without changes."""
+    """Return motions with changed parameters, by parameter, factor and rate, and unchanged ones."""
     shape = (len(own.parameters), len(own.factors), len(own.rates))
     rows = [
         found.changed[name, factor, rate]

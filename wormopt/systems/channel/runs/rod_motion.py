@@ -1,4 +1,4 @@
-"""Scenes of kind ``rod-motion``: how a magnetisable rod crawls in a channel, step by step."""
+"""Runs of kind ``rod-motion``: simulation of a magnetisable rod that crawls in a channel."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _Again = tuple[str, float, RodPoint]
 
 
 def run(scene: Scene[RodMotionScene], report: Report) -> Result:
-    """Follow the rod, and again with other steps and meshes.
+    """Simulate the rod, and again with other steps and meshes.
 
-    Status "failed": energy not balanced, walls entered too far, or velocity depends on steps
-    or mesh. Raises SolveError if states are no longer numbers, or Interrupted.
+    Status "failed" if energy is not balanced, walls are penetrated too far, or the velocity depends
+    on steps or mesh. Raises SolveError if states are not finite, or Interrupted.
     """
     table, begin = scene.table, perf_counter()
     case = RodCase(
@@ -46,14 +46,14 @@ def run(scene: Scene[RodMotionScene], report: Report) -> Result:
             report(f"again with {kind} {value:g}", None)
             again.append((kind, value, follow(other).point))
     except KeyboardInterrupt:
-        reason = "interrupted before the motion was computed again with other steps and meshes"
+        reason = "interrupted before the motion was repeated with other steps and meshes"
         partial = _result(scene, case, course, again, perf_counter() - begin)
         raise Interrupted(partial.failed(reason)) from None
     return _result(scene, case, course, again, perf_counter() - begin)
 
 
 def _others(case: RodCase, table: ConvergenceTable) -> Iterator[tuple[str, float, RodCase]]:
-    """Motions to compare with: the same but for the step, or the mesh."""
+    """Yield motions for comparison, with another step or mesh."""
     for share in table.steps:
         yield "step", share, finer(case, share=share)
     for elements in table.elements:
@@ -129,7 +129,7 @@ def _scalars(case: RodCase, course: RodCourse, again: list[_Again]) -> dict[str,
 
 
 def _histories(course: RodCourse) -> dict[str, np.ndarray]:
-    """The way of the rod, and what has been done on it, at not too many times."""
+    """Return the displacement of the rod, and the works on it, at a limited number of times."""
     steps = course.steps
     kept = np.unique(np.linspace(0, len(steps.time) - 1, _SAMPLES).astype(int))
     works = {f"work_{name.removesuffix('_power')}": done[kept] for name, done in steps.work.items()}
@@ -137,7 +137,7 @@ def _histories(course: RodCourse) -> dict[str, np.ndarray]:
 
 
 def _frames(case: RodCase, course: RodCourse) -> dict[str, np.ndarray]:
-    """Shapes over the last two repeats of the pattern, forces on the walls, coils that are on."""
+    """Return shapes over the last two repeats of the pattern, wall forces, and active coils."""
     blocks, steps = case.blocks, course.steps
     since = max(steps.time[-1] - 2 * case.cycle, 0.0)
     kept = np.searchsorted(steps.time, np.linspace(since, steps.time[-1], _FRAMES))
@@ -173,12 +173,12 @@ def _convergence(again: list[_Again]) -> dict[str, np.ndarray]:
 def _warnings(case: RodCase, point: RodPoint) -> Iterator[str]:
     if point.error > 0.1 * abs(point.velocity):
         yield (
-            f"the mean velocity is known to {point.error:.2g} m/s only; write a longer "
+            f"the error of the mean velocity is {point.error:.2g} m/s; write a longer "
             "course.duration"
         )
     if not point.settled:
         yield (
-            "the mean velocity of the first half differs from that of the second: the motion has "
-            "not settled; write a larger course.settle or a longer course.duration"
+            "the mean velocity of the first half differs from that of the second, so it has not "
+            "converged; write a larger course.settle or a longer course.duration"
         )
     yield from case.warnings()

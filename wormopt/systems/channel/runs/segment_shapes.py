@@ -1,6 +1,6 @@
-"""Scenes of kind ``segment-shapes``: a segment between two coils, assumed, exact, and of a rod.
+"""Runs of kind ``segment-shapes``: a segment between two coils, assumed, exact, and of a rod.
 
-What is told and drawn of one `SegmentShape` is told of all of them, in the order of `run`.
+Results and plots treat every `SegmentShape` alike, in the order of `run`.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from wormopt.systems.channel.segments import (
 )
 
 _ASSUMED = {
-    "sine, beam, line": "centre lines (33), (34), (35), not computed from forces",
+    "sine, beam, line": "centre lines (eqs 33-35 of Zimmermann et al.), not computed from forces",
     "point_contact": "elastica; the walls push across the channel only, and nothing pulls along it",
-    "sleeve": "elastica; its length between the walls is free, and its bending energy the least",
+    "sleeve": "elastica; its length between the walls is free, and its bending energy is the least",
     "elastica": "inextensible and thin; the field acts at the walls only; theta = 0 there",
     "cross-section": "solid and round for forces and energies, I = pi d_w^4 / 64",
 }
@@ -49,8 +49,8 @@ _ASSUMED = {
 def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
     """Compare shapes of a segment.
 
-    Status "failed" where two routes to an elastica differ. Raises SolveError if there is no
-    elastica under an assumption, or it is not resolved.
+    Status "failed" if two routes to an elastica disagree. Raises SolveError if there is no
+    elastica under an assumption, or if it is not resolved.
     """
     table, begin = scene.table, time.perf_counter()
     worm = body_of(table.worm)
@@ -141,7 +141,7 @@ def _times(values: list[float | None], factor: float | None) -> list[float | Non
 
 
 def _closest(shapes: list[SegmentShape], apart: np.ndarray) -> dict[str, Any]:
-    """For each exact shape the assumed one whose largest distance is the least."""
+    """Return for each exact shape the assumed one with the least largest distance."""
     assumed = [k for k, shape in enumerate(shapes) if not shape.exact]
     exact = [k for k, shape in enumerate(shapes) if shape.exact]
     best = {e: min(assumed, key=lambda k, e=e: apart[e, k, 0]) for e in exact if shapes[e].spans}
@@ -198,7 +198,7 @@ def _scalars_of_rod(
 
 
 def _variables_of_rod(rod: RodAtRest | None, sweep: Sweep | None) -> dict[str, np.ndarray]:
-    """Places of the nodes and the forces on them, the lower wall at y = 0."""
+    """Return positions of the nodes and the forces on them, with the lower wall at y = 0."""
     if rod is None:
         return {}
     x, y, angle = rod.rest.places.reshape(3, -1)
@@ -224,7 +224,7 @@ def _warnings_of_rod(rod: RodAtRest | None, table: SegmentShapesScene) -> Iterat
     if rod is None:
         if table.rod is not None:
             yield (
-                "rod: left out, since the modulus of this body is not known; write "
+                "rod: not computed, because the modulus of this body is unknown; write "
                 "worm.youngs_modulus"
             )
         return
@@ -245,12 +245,12 @@ def _warnings(worm: ChannelWorm, shapes: list[SegmentShape]) -> Iterator[str]:
         strain = (shape.curvature or 0.0) * worm.body / 2
         if strain >= 1:
             yield Unchecked(
-                f"{shape.name}: at the walls the body is bent more sharply than it is thick and "
-                "would run into itself"
+                f"{shape.name}: at the walls the radius of curvature is at most half the "
+                "thickness, so the body would penetrate itself"
             )
         elif shape.exact and strain > SMALL_STRAIN:
             yield (
-                f"{shape.name}: at the walls the surface of the body is strained by {strain:.2g}; "
-                f"its law is that of small strain, and above {SMALL_STRAIN:g} its forces are a "
-                "guess"
+                f"{shape.name}: at the walls the surface strain of the body is {strain:.2g}; "
+                f"the law is for small strain, and above {SMALL_STRAIN:g} its forces are "
+                "uncertain"
             )

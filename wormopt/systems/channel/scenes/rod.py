@@ -32,28 +32,28 @@ Fractions = Annotated[
 ASSUMED_COILS = {
     "assumed_coil_inner": ("length", "inner radius of the windings"),
     "assumed_coil_outer": ("length", "outer radius of the windings"),
-    "assumed_coil_length": ("length", "of the windings"),
-    "assumed_coil_clearance": ("length", "from wall to winding"),
-    "assumed_ampere_turns": ("ampere_turns", "of a coil that is on"),
+    "assumed_coil_length": ("length", "length of the windings"),
+    "assumed_coil_clearance": ("length", "distance from wall to winding"),
+    "assumed_ampere_turns": ("ampere_turns", "ampere-turns of an active coil"),
 }
-"""Scalars: numbers that are not published for the experiments, those of coils."""
+"""Scalars: parameters of coils that are not published for the experiments."""
 ASSUMED = {
-    "assumed_density": ("density", "of the worm"),
-    "assumed_damping_time": ("time", "of the worm"),
-    "assumed_susceptibility": ("1", "of the worm"),
-    "assumed_friction": ("1", "on the walls"),
-    "assumed_skin": ("length", "thickness of the skin of a capsule; unknown where it is solid"),
-    "assumed_skin_modulus": ("stress", "Young's modulus of the skin; unknown where it is solid"),
+    "assumed_density": ("density", "density of the worm"),
+    "assumed_damping_time": ("time", "damping time of the worm"),
+    "assumed_susceptibility": ("1", "susceptibility of the worm"),
+    "assumed_friction": ("1", "friction on the walls"),
+    "assumed_skin": ("length", "thickness of a capsule's skin; unknown for a solid worm"),
+    "assumed_skin_modulus": ("stress", "Young's modulus of the skin; unknown for a solid worm"),
 } | ASSUMED_COILS
 
 
 class WormTable(Table, frozen=True, kw_only=True):
     """The worm: a round rod of soft magnetisable rubber, or a skin filled with magnetic fluid."""
 
-    length: Annotated[Positive, says("length", "at least a pitch of the coils")] = 48e-3
-    diameter: Annotated[Positive, says("length", "thinner than the channel")] = 4e-3
+    length: Annotated[Positive, says("length", "length, at least a pitch of the coils")] = 48e-3
+    diameter: Annotated[Positive, says("length", "diameter, below that of the channel")] = 4e-3
     youngs_modulus: Annotated[Positive, says("stress", "Young's modulus")] = 5e4
-    poisson_ratio: Annotated[Poisson, says("1", "0.5 of rubber, which keeps its volume")] = 0.5
+    poisson_ratio: Annotated[Poisson, says("1", "Poisson's ratio, 0.5 for constant volume")] = 0.5
     density: Annotated[Positive, says("density", "*assumed*")] = 2500.0
     damping_time: Annotated[Positive, says("time", "viscosity over Young's modulus, *assumed*")] = (
         1e-3
@@ -65,9 +65,9 @@ class WormTable(Table, frozen=True, kw_only=True):
         Positive | None,
         says(
             "length",
-            "thickness of the skin of a capsule filled with magnetic fluid, *assumed*: "
-            "`youngs_modulus` is then the skin's, `susceptibility` the fluid's, `density` that of "
-            "the whole; solid if left out",
+            "thickness of the skin of a capsule filled with magnetic fluid, *assumed*; "
+            "`youngs_modulus` is then that of the skin, `susceptibility` that of the fluid, "
+            "`density` that of the whole; a solid worm if left out",
         ),
     ] = None
 
@@ -88,66 +88,60 @@ class WindingTable(Table, frozen=True, kw_only=True):
     outer: Annotated[
         Positive, says("length", "outer radius, at most the pitch of the coils, *assumed*")
     ] = 9e-3
-    length: Annotated[Positive, says("length", "of the winding along the axis, *assumed*")] = 20e-3
+    length: Annotated[Positive, says("length", "axial length of the winding, *assumed*")] = 20e-3
     clearance: Annotated[
-        Positive, says("length", "from the inner side of the wall to the winding, *assumed*")
+        Positive, says("length", "distance from the wall's inner side to the winding, *assumed*")
     ] = 1e-3
-    ampere_turns: Annotated[Positive, says("ampere_turns", "of a coil that is on, *assumed*")] = (
-        4600.0
-    )
+    ampere_turns: Annotated[Positive, says("ampere_turns", "of an active coil, *assumed*")] = 4600.0
 
     @property
     def assumed(self) -> dict[str, float]:
-        """Scalars: these numbers, so that results show them."""
+        """Return these parameters as scalars, so that results list them."""
         sizes = ("inner", "outer", "length", "clearance")
         found = {f"assumed_coil_{name}": getattr(self, name) for name in sizes}
         return found | {"assumed_ampere_turns": self.ampere_turns}
 
 
 class ZigzagTable(WindingTable, frozen=True, kw_only=True):
-    """A row of equal coils on both sides of the channel by turns, their axes across it."""
+    """A row of equal coils, alternating between both sides of the channel, with axes across it."""
 
     pitch: Annotated[
         Positive,
-        says("length", "distance of neighbours along the channel; they lie on both sides by turns"),
+        says("length", "distance of neighbours, which lie on alternate sides, along the channel"),
     ] = 10e-3
 
     def faults(self) -> Iterator[Fault]:
-        """Yield what cannot be built."""
+        """Yield rows that cannot be built."""
         if self.inner >= self.outer:
             yield (
                 "coils.inner",
-                f"{self.inner:g} is not below coils.outer = {self.outer:g}; write the smaller "
-                "radius here",
+                f"{self.inner:g} is not below coils.outer = {self.outer:g}; write a radius below "
+                "coils.outer",
             )
         if self.outer > self.pitch:
             yield (
                 "coils.outer",
-                f"{self.outer:g} is above coils.pitch = {self.pitch:g}: coils of one side, two "
+                f"{self.outer:g} is above coils.pitch = {self.pitch:g}, so coils of one side, two "
                 f"pitches apart, overlap; write at most {self.pitch:g}",
             )
 
 
 class PatternTable(Table, frozen=True, kw_only=True):
-    """How the coils are switched."""
+    """Switching pattern of the coils."""
 
-    every: Annotated[
-        Coils, says("count", "the pattern repeats after so many coils along the row")
-    ] = 7
+    every: Annotated[Coils, says("count", "number of coils after which the pattern repeats")] = 7
     duration: Annotated[
         Duration,
         says(
             "count",
-            "how long a coil stays on, in switches: so many are on at a time, on average; 2.5 "
-            "lets two and three be on by turns",
+            "time that a coil stays on, in switches; also the mean number of coils on at a time. "
+            "With 2.5, two and three coils alternate",
         ),
     ] = 3.0
-    shift: Annotated[
-        Shift, says("count", "by how much every second switch comes late, in switches")
-    ] = 0.0
+    shift: Annotated[Shift, says("count", "delay of every second switch, in switches")] = 0.0
 
     def faults(self) -> Iterator[Fault]:
-        """Yield what does not fit into the pattern."""
+        """Yield faults of the pattern."""
         most = self.duration + abs(self.shift) + 1
         if most > self.every:
             yield (
@@ -164,35 +158,31 @@ class MeshTable(Table, frozen=True, kw_only=True):
     degree: Annotated[Degree, says("count", "degree of their polynomials")] = 2
     step: Annotated[
         Positive | None,
-        says("time", "longest time step; 0.8 of the longest stable one if left out"),
+        says("time", "longest time step; 0.8 of the longest stable step if left out"),
     ] = None
     field_tolerance: Annotated[
         Share,
-        says(
-            "share", "terms of the field's series below this share of the largest one are left out"
-        ),
+        says("share", "terms of the field's series below this share of the largest are left out"),
     ] = 1e-3
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
-    """How long the worm is followed."""
+    """Duration of the simulation."""
 
-    cycles: Annotated[Cycles, says("count", "repeats of the pattern in time, at least")] = 8
-    duration: Annotated[Positive, says("time", "at least")] = 1.2
-    settle: Annotated[
-        Share, says("share", "of the time, at the beginning, that does not count")
-    ] = 0.25
+    cycles: Annotated[Cycles, says("count", "least number of repeats of the pattern in time")] = 8
+    duration: Annotated[Positive, says("time", "least duration")] = 1.2
+    settle: Annotated[Share, says("share", "initial share of the time that means leave out")] = 0.25
 
 
 class RodScene(SIScene, frozen=True, kw_only=True):
     """A magnetisable rod in a channel."""
 
-    worm: Annotated[WormTable, says("", "what moves")] = WormTable()
+    worm: Annotated[WormTable, says("", "the worm")] = WormTable()
     channel: Annotated[ChannelTable, says("", "where")] = ChannelTable()
-    coils: Annotated[ZigzagTable, says("", "what moves it")] = ZigzagTable()
+    coils: Annotated[ZigzagTable, says("", "the coils")] = ZigzagTable()
     switching: Annotated[PatternTable, says("", "how")]
-    mesh: Annotated[MeshTable, says("", "elements and steps")] = MeshTable()
-    course: Annotated[CourseTable, says("", "how long")] = CourseTable()
+    mesh: Annotated[MeshTable, says("", "finite elements and time steps")] = MeshTable()
+    course: Annotated[CourseTable, says("", "duration")] = CourseTable()
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -202,7 +192,7 @@ class RodScene(SIScene, frozen=True, kw_only=True):
         if worm.skin and 2 * worm.skin > worm.diameter:
             yield (
                 "worm.skin",
-                f"{worm.skin:g} is above the radius of the body; write at most "
+                f"{worm.skin:g} exceeds the radius of the body; write at most "
                 f"{worm.diameter / 2:g}",
             )
         if worm.diameter >= channel.diameter:
@@ -215,7 +205,7 @@ class RodScene(SIScene, frozen=True, kw_only=True):
             yield (
                 "worm.length",
                 f"a body of {worm.length:g} m is shorter than the distance of the coils, "
-                f"{coils.pitch:g} m: no segment forms; write at least coils.pitch",
+                f"{coils.pitch:g} m, so no segment forms; write at least coils.pitch",
             )
         if worm.length / mesh.elements > coils.pitch / 2:
             least = int(-(-2 * worm.length // coils.pitch))
@@ -228,33 +218,33 @@ class RodScene(SIScene, frozen=True, kw_only=True):
 
 
 class SwitchingTable(PatternTable, frozen=True, kw_only=True):
-    """How fast and how the coils are switched."""
+    """Switching pattern of the coils, and its rate."""
 
     rate: Annotated[
         Positive,
         says(
             "rate",
-            "switches a second, the chapter's *n*; the field travels one pitch in 1/`rate`",
+            "*n*, switches per second; the field travels one pitch in 1/`rate`",
         ),
     ]
 
     @property
     def pattern(self) -> PatternTable:
-        """The pattern, whatever its rate."""
+        """Return the pattern without its rate."""
         return PatternTable(every=self.every, duration=self.duration, shift=self.shift)
 
 
 class ConvergenceTable(Table, frozen=True, kw_only=True):
-    """Other meshes and steps, to see what they change."""
+    """Other meshes and steps, to test convergence."""
 
     elements: Annotated[Levels, says("count", "other numbers of elements")] = (24,)
-    steps: Annotated[Fractions, says("share", "of the time step")] = (0.5,)
+    steps: Annotated[Fractions, says("share", "other time steps, as shares of the step")] = (0.5,)
     accepted: Annotated[
         Share,
         says(
             "share",
-            "largest change of the mean velocity by any of these that is accepted, beyond the "
-            "errors of both and over that velocity (over a hundredth of the field's, if that is "
+            "accepted change of the mean velocity with any of these, beyond the errors of both and "
+            "relative to that velocity (to a hundredth of the field's, if that is "
             "more)",
         ),
     ] = 0.1
@@ -263,84 +253,86 @@ class ConvergenceTable(Table, frozen=True, kw_only=True):
 class RodMotionScene(RodScene, frozen=True, kw_only=True):
     """A magnetisable rod in a channel, moved by coils that are switched in turn.
 
-    A worm of soft magnetisable rubber between two walls, and coils beside them that are switched
-    in turn. Theory: [theory-channel.md](../theory-channel.md#3-rod-in-the-channel). One motion of
-    the rod, step by step: how fast it crawls and where to, shapes, forces on the walls, where the
-    work of the field goes. It is computed again with other steps and meshes. Only
-    `units = "SI"`. Numbers marked *assumed* are not published for the experiments; every result
-    shows them as scalars `assumed_…`.
+    A worm of soft magnetisable rubber lies between two walls, with coils beside them. The scene
+    simulates one motion of the rod: velocity and direction, shapes, wall forces, and the balance of
+    work. It repeats the simulation with other steps and meshes. Theory:
+    [theory-channel.md](../theory-channel.md#3-rod-in-the-channel). Only `units = "SI"`. Parameters
+    marked *assumed* are not published for the experiments in K. Zimmermann et al., "Worm-like
+    Locomotion Systems (WLLS)", 2007. Every result lists them as scalars `assumed_…`.
 
-    `frame` are times in the last two repeats of the pattern. The status is `failed` where the
-    balance of energy is off by more than 1 %, walls are entered by more than 5 % of the room, or
-    the mean velocity changes too much with step or mesh, or is not known well enough to tell
-    (errors above half of it).
+    `frame` are times in the last two repeats of the pattern. The status is `failed` if the energy
+    balance has an error above 1 %, or walls are penetrated by more than 5 % of the room. It is also
+    `failed` if the mean velocity changes too much with step or mesh, or its error is above half of
+    it.
     """
 
     scalars: ClassVar = {
-        "velocity_mean": ("speed", "mean velocity after settling, positive with the field"),
+        "velocity_mean": ("speed", "mean velocity after `course.settle`, positive with the field"),
         "velocity_error": (
             "speed",
             "half the width of its 95 % interval, by means over batches of whole repeats",
         ),
         "direction": (
             "1",
-            "−1 against the travel of the field, 1 with it, 0 where the interval holds both",
+            "−1 against the travel of the field, 1 with it, 0 if the interval contains both",
         ),
         "velocity_per_frequency": ("length", "`velocity_mean` over `rate`"),
-        "field_speed": ("speed", "of the field"),
-        "rate": ("rate", "of the field"),
+        "field_speed": ("speed", "speed of the travelling field"),
+        "rate": ("rate", "switches per second"),
         "arc_length": (
             "length",
-            "of the rod from coil to coil of a block just before the coils change, mean; unknown "
-            "where it never lay over a block",
+            "mean length of the rod from coil to coil of a block just before the coils change; "
+            "unknown if it never lay over a block",
         ),
         "pressed_max": ("force", "largest force of a wall on a node"),
-        "pressed_mean": ("force", "mean of the sum over all nodes"),
-        "penetration_max": ("length", "deepest into a wall: one step's way"),
+        "pressed_mean": ("force", "mean of the sum of wall forces over all nodes"),
+        "penetration_max": ("length", "largest depth in a wall: the displacement of one step"),
         "energy_error": (
-            "share", "largest error of the balance of energy, over the work of the field",
+            "share", "largest error of the energy balance, over the work of the field",
         ),
         "field_error": (
             "share", "largest error of the series of *H*², over the largest *H*²",
         ),
-        "field_work": ("energy", "done on the rod by the field, by the end"),
-        "friction_work": ("energy", "likewise by friction"),
-        "damping_work": ("energy", "likewise by the material's damping"),
-        "wall_work": ("energy", "likewise by impacts"),
-        "step_count": ("count", "time steps"),
+        "field_work": ("energy", "work of the field on the rod, at the end"),
+        "friction_work": ("energy", "work of friction"),
+        "damping_work": ("energy", "work of the material's damping"),
+        "wall_work": ("energy", "work of impacts"),
+        "step_count": ("count", "number of time steps"),
         "velocity_again": (
-            "speed", "with each of `convergence.steps`, then of `convergence.elements`",
+            "speed", "mean velocity for each of `convergence.steps`, then `convergence.elements`",
         ),
     } | ASSUMED  # fmt: skip
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
-        "centre": ("length", ("time",), "mean place of the rod"),
-        "work_load": ("energy", ("time",), "done by the field"),
-        "work_damping": ("energy", ("time",), "done by the material's damping"),
-        "work_friction": ("energy", ("time",), "done by friction"),
-        "work_walls": ("energy", ("time",), "done by impacts"),
+        "centre": ("length", ("time",), "mean position of the rod"),
+        "work_load": ("energy", ("time",), "work of the field"),
+        "work_damping": ("energy", ("time",), "work of the material's damping"),
+        "work_friction": ("energy", ("time",), "work of friction"),
+        "work_walls": ("energy", ("time",), "work of impacts"),
         "frame": ("time", ("frame",), "time of a shape"),
         "rod_x": ("length", ("frame", "node"), "x of the nodes"),
         "rod_y": ("length", ("frame", "node"), "y of the nodes"),
         "rod_angle": ("rad", ("frame", "node"), "angle of the nodes"),
         "pressed_upper": ("force", ("frame", "node"), "force on the upper wall"),
         "pressed_lower": ("force", ("frame", "node"), "force on the lower wall"),
-        "first_coil": ("count", ("frame",), "first coil of a block that is on"),
-        "coils_on": ("count", ("frame",), "coils of a block"),
+        "first_coil": ("count", ("frame",), "first coil of an active block"),
+        "coils_on": ("count", ("frame",), "number of coils in the block"),
         "step_again": ("share", ("step_again",), "step"),
         "velocity_by_step": ("speed", ("step_again",), "mean velocity"),
-        "error_by_step": ("speed", ("step_again",), "its error"),
+        "error_by_step": ("speed", ("step_again",), "error of the mean velocity"),
         "elements_again": ("count", ("elements_again",), "elements"),
         "velocity_by_elements": ("speed", ("elements_again",), "mean velocity"),
-        "error_by_elements": ("speed", ("elements_again",), "its error"),
+        "error_by_elements": ("speed", ("elements_again",), "error of the mean velocity"),
     }
 
     kind: Literal["rod-motion"]
     want: Annotated[
         tuple[Literal["rod_motion", "animation"], ...],
-        says("", "`rod_motion`: shapes, way, where the work goes; `animation`: a GIF"),
+        says(
+            "", "`rod_motion`: shapes, displacement, works; `animation`: the moving rod, as a GIF"
+        ),
     ] = ()
-    switching: Annotated[SwitchingTable, says("", "how fast and how")]
-    convergence: Annotated[ConvergenceTable, says("", "what is computed again, more finely")] = (
+    switching: Annotated[SwitchingTable, says("", "switching pattern and rate")]
+    convergence: Annotated[ConvergenceTable, says("", "other meshes and steps")] = (
         ConvergenceTable()
     )

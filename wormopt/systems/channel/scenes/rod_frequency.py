@@ -1,4 +1,4 @@
-"""Scenes of kind "rod-frequency": how fast a magnetisable rod crawls, over the frequency."""
+"""Scenes of kind "rod-frequency": velocity of a magnetisable rod over the frequency."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ Speed = Annotated[float, Meta(ge=0, le=1e3, description="a number from 0 to 1000
 
 
 class SensitivityTable(Table, frozen=True, kw_only=True):
-    """Which numbers are changed, one at a time, to see what the velocity hangs on."""
+    """Parameters changed one at a time, to find those the velocity depends on."""
 
     parameters: Annotated[
         tuple[Doubtful, ...],
         Meta(min_length=1),
-        says("", "numbers of the worm, the channel and the coils"),
+        says("", "parameters of the worm, the channel and the coils"),
     ] = (
         "youngs_modulus",
         "density",
@@ -60,45 +60,49 @@ class SensitivityTable(Table, frozen=True, kw_only=True):
         Factors,
         says(
             "share",
-            "by which each of them is changed; coils that would overlap get all of their pitch",
+            "factors of the change; coils that would overlap are limited to their pitch",
         ),
     ] = (0.5, 2.0)
-    rates: Annotated[Rates, says("rate", "switches a second at which")] = (20.0, 100.0, 500.0)
+    rates: Annotated[Rates, says("rate", "switches per second of these runs")] = (
+        20.0,
+        100.0,
+        500.0,
+    )
 
 
 class SearchTable(Table, frozen=True, kw_only=True):
-    """How the best frequency and the best pattern are sought."""
+    """Options of the search for the best frequency and pattern."""
 
     refine: Annotated[
-        Count, says("count", "frequencies tried between the neighbours of the best one")
+        Count, says("count", "number of frequencies tried between the neighbours of the best one")
     ] = 8
     rounds: Annotated[
         Rounds,
         says(
             "count",
-            "rounds of a compass search for a pattern, over frequency, `duration` and `shift`; 0 "
+            "rounds of a compass search for a pattern over frequency, `duration` and `shift`; 0 "
             "for none",
         ),
     ] = 4
 
 
 class MeasuredTable(Table, frozen=True, kw_only=True):
-    """A measured point that the picture shows."""
+    """A measured point shown in the plot."""
 
-    rate: Annotated[Positive, says("rate", "switches a second")]
+    rate: Annotated[Positive, says("rate", "switches per second")]
     velocity: Annotated[
-        Speed, says("speed", "against the travel of the field; 0 where the body did not move")
+        Speed, says("speed", "velocity against the travel of the field; 0 if the body stood still")
     ]
-    text: Annotated[Title, says("", "what the picture says of it")]
+    text: Annotated[Title, says("", "label in the plot")]
 
 
 def _motions(name: str) -> dict[str, tuple[str, tuple[str, ...], str]]:
-    """Variables of motions over the frequency."""
+    """Return variables of motions over the frequency."""
     return {
-        f"{name}_rate": ("rate", (name,), "switches a second"),
+        f"{name}_rate": ("rate", (name,), "switches per second"),
         f"{name}_velocity": ("speed", (name,), "mean velocity"),
-        f"{name}_error": ("speed", (name,), "half of its 95 % interval"),
-        f"{name}_arc_length": ("length", (name,), "of a segment"),
+        f"{name}_error": ("speed", (name,), "half the width of its 95 % interval"),
+        f"{name}_arc_length": ("length", (name,), "length of a segment"),
     }
 
 
@@ -106,85 +110,85 @@ _CHANGED = ("parameter", "factor", "sensitive_rate")
 
 
 class RodFrequencyScene(RodScene, frozen=True, kw_only=True):
-    """Velocity of a magnetisable rod over the frequency at which its coils are switched.
+    """Velocity of a magnetisable rod over the switching frequency of its coils.
 
-    The mean velocity over the frequency of switching, beside the natural frequencies of the rod;
-    the best frequency, the best pattern of switching, and which of the assumed numbers the answer
-    hangs on. The rod is that of kind [`rod-motion`](rod-motion.md). Theory:
+    The scene computes the mean velocity over the frequency, with the natural frequencies of the
+    rod. It finds the best frequency, the best switching pattern, and the assumed parameters on
+    which the velocity depends most. The rod is that of kind [`rod-motion`](rod-motion.md). Theory:
     [theory-channel.md](../theory-channel.md#4-velocity-against-frequency). Only `units = "SI"`.
-    Numbers marked *assumed* are not published for the experiments; every result shows them as
+    Parameters marked *assumed* are not published for the experiments. Every result lists them as
     scalars `assumed_…`.
 
-    Motions run side by side on all cores, and each is kept as soon as it is done: a run that was
-    stopped goes on where it was, with other `rates` too. Until the run has ended they lie in
-    `checkpoints/rods-…` of the user's cache folder (`~/.cache/wormopt` on Linux); a version of the
-    code that computes otherwise starts anew. A motion that is lost fails the result and is named.
+    Motions run in parallel on all cores. Each is saved when it ends, so a stopped run resumes, also
+    with other `rates`. Until the run ends they are in `checkpoints/rods-…` of the user's cache
+    folder (`~/.cache/wormopt` on Linux). A version of the code that computes differently starts
+    again. The status is `failed` if a motion fails; the report names it.
     """
 
     scalars: ClassVar = {
-        "velocity_mean": ("speed", "over `rates`, positive with the field"),
-        "velocity_error": ("speed", "over `rates`, half the width of its 95 % interval"),
+        "velocity_mean": ("speed", "velocities over `rates`, positive with the field"),
+        "velocity_error": ("speed", "over `rates`, half the width of the 95 % interval"),
         "direction": (
-            "1", "over `rates`: −1 against the travel of the field, 1 with it, 0 where not sure",
+            "1", "over `rates`: −1 against the travel of the field, 1 with it, 0 if not certain",
         ),
-        "frequency_best": ("rate", "fastest against the field, `refine` included"),
-        "velocity_best": ("speed", "its velocity"),
+        "frequency_best": ("rate", "frequency of the highest velocity against the field"),
+        "velocity_best": ("speed", "velocity at `frequency_best`"),
         "velocity_best_error": ("speed", "half the width of its 95 % interval"),
         "velocity_per_frequency_slow": (
             "length", "velocity over frequency at the lowest of `rates`",
         ),
         "velocity_per_frequency_32": (
-            "length", "by (32) for the shapes sine, beam, line; negative, against the field",
+            "length", "by eq. 32 (WLLS) for sine, beam, line; negative: against the field",
         ),
-        "arc_length_slow": ("length", "of a segment at the lowest of `rates`"),
-        "energy_error": ("share", "largest of all motions, as for `rod-motion`"),
+        "arc_length_slow": ("length", "length of a segment at the lowest of `rates`"),
+        "energy_error": ("share", "largest `energy_error` of all motions, see `rod-motion`"),
         "rolloff_frequency": (
             "rate",
-            "first of `rates` at which the velocity is below half of what the lowest of them "
-            "promises; unknown if there is none, or the rod does not go against the field there",
+            "first of `rates` with a velocity below half of that extrapolated from the lowest; "
+            "unknown if there is none, or if the rod does not move against the field there",
         ),
         "standstill_frequencies": (
             "rate",
-            "those of `rates` at which the velocity, its error added, is below 2 % of the best "
-            "and its direction not sure",
+            "those of `rates` with a velocity, including its error, below 2 % of the best, and "
+            "with uncertain direction",
         ),
-        "forward_frequencies": ("rate", "those at which the rod goes with the field"),
+        "forward_frequencies": ("rate", "those of `rates` at which the rod moves with the field"),
         "eigenfrequencies": (
-            "rate", "Hz; first four of the free rod, without walls and damping",
+            "rate", "in Hz; first four of the free rod, without walls and damping",
         ),
-        "eigenfrequencies_pinned": ("rate", "Hz; with both ends held across the channel"),
-        "eigenfrequencies_segment": ("rate", "Hz; of a rod of one pitch held so"),
-        "pattern_rate": ("rate", "best pattern found by the compass search, a local one"),
-        "pattern_duration": ("count", "of it"),
-        "pattern_shift": ("count", "of it"),
+        "eigenfrequencies_pinned": ("rate", "in Hz; with both ends held across the channel"),
+        "eigenfrequencies_segment": ("rate", "in Hz; of a rod of one pitch with held ends"),
+        "pattern_rate": ("rate", "frequency of the best pattern, a local optimum"),
+        "pattern_duration": ("count", "`duration` of the best pattern"),
+        "pattern_shift": ("count", "`shift` of the best pattern"),
         "pattern_velocity": (
             "speed",
-            "its velocity; a pattern counts as better only beyond the errors of both",
+            "velocity of the best pattern; it counts as better only beyond the errors of both",
         ),
         "pattern_velocity_error": ("speed", "half the width of its 95 % interval"),
         "pattern_gain": (
             "share",
-            "gain over the first pattern at `frequency_best`, unknown where that does not go "
+            "gain over the first pattern at `frequency_best`; unknown if that does not move "
             "against the field",
         ),
-        "sensitive_rates": ("rate", "as given"),
+        "sensitive_rates": ("rate", "`sensitivity.rates`"),
         "sensitive_to": (
             "1",
-            "number whose change moves the velocity most, at each of these rates; unknown where "
-            "no change is beyond its error",
+            "parameter with the largest effect on the velocity, at each of these rates; unknown if "
+            "no effect is beyond its error",
         ),
     } | ASSUMED  # fmt: skip
     variables: ClassVar = (
         _motions("curve")
         | _motions("refined")
         | {
-            "sensitive_rate": ("rate", ("sensitive_rate",), "switches a second"),
-            "changed_velocity": ("speed", _CHANGED, "velocity of the mean motion"),
-            "changed_error": ("speed", _CHANGED, "error of the mean motion"),
-            "changed_factor": ("share", _CHANGED, "by what the number was changed"),
-            "unchanged_velocity": ("speed", ("sensitive_rate",), "velocity of the mean motion"),
-            "unchanged_error": ("speed", ("sensitive_rate",), "error of the mean motion"),
-            "centre_rate": ("rate", ("centre",), "switches a second"),
+            "sensitive_rate": ("rate", ("sensitive_rate",), "switches per second"),
+            "changed_velocity": ("speed", _CHANGED, "mean velocity with the changed parameter"),
+            "changed_error": ("speed", _CHANGED, "error of this velocity"),
+            "changed_factor": ("share", _CHANGED, "factor of the change"),
+            "unchanged_velocity": ("speed", ("sensitive_rate",), "mean velocity without changes"),
+            "unchanged_error": ("speed", ("sensitive_rate",), "error of this velocity"),
+            "centre_rate": ("rate", ("centre",), "switches per second"),
             "centre_duration": ("count", ("centre",), "duration in switches"),
             "centre_shift": ("count", ("centre",), "shift in switches"),
             "centre_velocity": ("speed", ("centre",), "mean velocity"),
@@ -194,34 +198,32 @@ class RodFrequencyScene(RodScene, frozen=True, kw_only=True):
     kind: Literal["rod-frequency"]
     want: Annotated[
         tuple[Literal["rod_frequency"], ...],
-        says("", "`rod_frequency`: velocity over frequency, and what it hangs on"),
+        says("", "`rod_frequency`: velocity over frequency, and its sensitivities"),
     ] = ()
-    rates: Annotated[Rates, says("rate", "switches a second, ascending")]
+    rates: Annotated[Rates, says("rate", "switches per second, ascending")]
     switching: Annotated[PatternTable, says("", "how")] = PatternTable()
-    course: Annotated[CourseTable, says("", "how long; 3 s if there is no such table")] = (
+    course: Annotated[CourseTable, says("", "duration; 3 s if there is no such table")] = (
         CourseTable(duration=3.0)
     )
     sensitivity: Annotated[
         SensitivityTable | None,
-        says("", "what the velocity hangs on; left out if there is no such table"),
+        says("", "sensitivity of the velocity; not computed if left out"),
     ] = None
     search: Annotated[
-        SearchTable | None, says("", "what is best; left out if there is no such table")
+        SearchTable | None, says("", "search for the optimum; not run if left out")
     ] = None
     accepted: Annotated[
         Share,
         says(
             "share",
-            "largest change of the best velocity on a mesh of half as many elements more and by "
-            "half the step, beyond the errors of both and over that velocity, that is accepted",
+            "accepted relative change of the best velocity with 1.5 times the elements and with "
+            "half the step, beyond the errors of both",
         ),
     ] = 0.1
-    measured: Annotated[
-        tuple[MeasuredTable, ...], says("", "marks in the picture, a list of tables")
-    ] = ()
+    measured: Annotated[tuple[MeasuredTable, ...], says("", "measured points in the plot")] = ()
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults(folder)
         if list(self.rates) != sorted(set(self.rates)):
-            yield "rates", "must ascend, each standing once; write them in order"
+            yield "rates", "the rates do not ascend; write them in order, each once"

@@ -1,1 +1,1 @@
-"""Pictures of coils and materials."""
+"""Plots of coils and materials."""

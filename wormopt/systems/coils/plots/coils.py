@@ -1,4 +1,4 @@
-"""Pictures of rows of coils: their travelling field, and currents for a wave of a film."""
+"""Plots of rows of coils: their travelling field, and currents for a wave of a film."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _FIELD = label("field $H$", "kA m-1")
 
 
 def travelling_field(result: Result) -> Figure:
-    """Field along the row over time, at some instants, and in the frame of the wave.
+    """Plot the field along the row over time, at a few times, and in the frame of the wave.
 
-    Places in mm; in the frame of the wave, mean and range of H² over the places.
+    Positions in mm; in the frame of the wave, mean and range of H² over the positions.
     """
     drawn = sheet(7.1, 6.6, 6.0)
     spread, still, frame = drawn.subplots(3, height_ratios=(4, 3, 3))
@@ -49,7 +49,7 @@ def travelling_field(result: Result) -> Figure:
     for place in 1e3 * result["coil_place"].values:
         still.axvline(place, ymax=0.04, color=GREY, linewidth=1)
     still.set_ylim(0, 1.1 * max(float(field.max()), 1e-12))
-    still.set_xlabel("place $x$ (mm)")
+    still.set_xlabel("position $x$ (mm)")
     still.set_ylabel(_FIELD)
     _profile(frame, result, first=-np.pi)
     entries = [*still.get_lines()[: len(steps)], line("coil", GREY, "none", marker="|")]
@@ -60,15 +60,15 @@ def travelling_field(result: Result) -> Figure:
         fact(result, "wave_speed", "speed of the wave"),
         fact(result, "field_max", "largest field", "kA m-1"),
         fact(result, "ripple", unit="%"),
-        fact(result, "first_harmonic_share", "in the first harmonic", "%"),
+        fact(result, "first_harmonic_share", "share of first harmonic", "%"),
     )
     return drawn
 
 
 def row_currents(result: Result) -> Figure:
-    """H² wanted and found in the frame of the wave, and the currents of a few neighbours.
+    """Plot wanted and computed H² in the frame of the wave, and currents of a few neighbours.
 
-    H² found is drawn with its mean and its range over the places.
+    The computed H² has its mean and its range over the positions.
     """
     drawn = sheet(7.1, 4.6, 5.0)
     above, below = drawn.subplots(2, 1)
@@ -92,7 +92,7 @@ def row_currents(result: Result) -> Figure:
     legend(below, [*below.get_legend_handles_labels()[0], *told])
     tell(
         drawn,
-        fact(result, "field_residual", "field missed by", "%"),
+        fact(result, "field_residual", "residual of the field", "%"),
         fact(result, "ripple", unit="%"),
         fact(result, "H0", "mean field $H_0$", "kA m-1"),
         fact(result, "currents_max", "largest current"),
@@ -102,16 +102,16 @@ def row_currents(result: Result) -> Figure:
 
 
 def _profile(axes: Axes, result: Result, first: float = 0.0) -> None:
-    """H² over one wave from a phase on: its mean over the places, and its range."""
+    """Draw H² over one wave from a phase on: mean and range over the positions."""
     phase = np.mod(result["phase"].values - first, 2 * np.pi) + first
     order = np.argsort(phase)
     low, high, mean = (
         1e-6 * result[f"square_{name}"].values[order] for name in ("low", "high", "mean")
     )
     phase = phase[order] / np.pi
-    axes.plot(phase, mean, color=LINKS[0], label="mean over the places")
+    axes.plot(phase, mean, color=LINKS[0], label="mean over the row")
     axes.fill_between(phase, low, high, color=LINKS[0], alpha=0.2, linewidth=0,
-                      label="range over the places")  # fmt: skip
+                      label="range over the row")  # fmt: skip
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     axes.set_xlabel(r"phase $\xi = \omega t - k x$ ($\pi$ rad)")

@@ -1,4 +1,4 @@
-"""Picture of designed currents: what a coil carries, and how the float goes with them."""
+"""Plot of designed currents: the waveform of a coil, and the motion of the float."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from wormopt.result import Result
 
 _SORTS = ("", "mean_field_", "block_")
 _NAMES = ("design", "best by the mean field", "best block")
-_AROUND = 2.0  # what is shown on each side of the float, in its lengths
+_AROUND = 2.0  # lengths of the float shown on each side of it
 
 
 def coil_design(result: Result) -> Figure:
-    """Courses of a coil, ways of the float, currents over coil and time, the film at one time."""
+    """Plot waveforms, paths of the float, currents over coil and time, and the film."""
     drawn = sheet(7.1, 7.4, 8.4)
     shape = drawn.add_gridspec(3, 2, height_ratios=(3, 3.4, 1.3))
     _courses(drawn.add_subplot(shape[0, 0]), result)
@@ -44,20 +44,20 @@ def coil_design(result: Result) -> Figure:
         fact(result, "mean_field_speed", "mean field", "mm s-1"),
         fact(result, "block_speed", "block", "mm s-1"),
         fact(result, "power", "power", "W"),
-        fact(result, "over_mean_field", "better than the mean field by", "%"),
-        fact(result, "over_block", "than the block by", "%"),
-        fact(result, "neighbour_gain", "best neighbour better by", "%"),
+        fact(result, "over_mean_field", "gain over mean field", "%"),
+        fact(result, "over_block", "gain over block", "%"),
+        fact(result, "neighbour_gain", "gain of best neighbour", "%"),
     )
     return drawn
 
 
 def _ramps(result: Result) -> bool:
-    """Whether currents change steadily: then they have a slope."""
+    """Return whether currents change continuously, so that they have a slope."""
     return result.scalars["slew_max"].value is not None
 
 
 def _courses(axes: Axes, result: Result) -> None:
-    """Course of a coil over its steps; each has as many values a step."""
+    """Draw the waveform of a coil over its steps, with the same number of values per step."""
     per_step = len(result["pattern"].values) / result.scalars["repeat"].value
     for sort, colour, dashes in zip(_SORTS, LINKS, DASHES, strict=False):
         values = result[f"{sort}pattern"].values
@@ -77,17 +77,17 @@ def _ways(axes: Axes, result: Result) -> None:
         place = result["float_position" if not sort else f"{sort}position"].values
         axes.plot(time, 1e3 * place, color=colour, linestyle=dashes)
     axes.set_xlabel(label("time $t$", result["time"].unit))
-    axes.set_ylabel("place of the float (mm)")
+    axes.set_ylabel("position of the float (mm)")
 
 
 def _currents(drawn: Figure, axes: Axes, result: Result) -> None:
-    """Currents of the design over place and time, with the float's way."""
+    """Draw the currents of the design over position and time, with the float's path."""
     t, places = result["time"].values, 1e3 * result["coil_place"].values
     current = result["current"].values
     half = (places[1] - places[0]) / 2
     edges = np.append(places - half, places[-1] + half)
     most = float(np.abs(current).max())
-    # means of currents that jump are none that flow
+    # the mean of currents that jump never flows
     between = (current[:-1] + current[1:]) / 2 if _ramps(result) else current[:-1]
     shown = axes.pcolormesh(
         t, edges, between.T, cmap="RdBu_r", vmin=-most, vmax=most, shading="flat", rasterized=True
@@ -101,12 +101,12 @@ def _currents(drawn: Figure, axes: Axes, result: Result) -> None:
     )  # fmt: skip
     axes.grid(visible=False)
     axes.set_xlabel(label("time $t$", result["time"].unit))
-    axes.set_ylabel("place $x$ (mm)")
+    axes.set_ylabel("position $x$ (mm)")
     drawn.colorbar(shown, ax=axes, label="ampere-turns (A)", pad=0.01)
 
 
 def _film(axes: Axes, result: Result) -> None:
-    """The film and the float, to scale, at three quarters of the time."""
+    """Draw film and float, to scale, at three quarters of the time."""
     k = 3 * (len(result["time"].values) - 1) // 4
     x, h = 1e3 * result["x"].values, 1e3 * result["thickness"].values[k]
     X = 1e3 * float(result["float_position"].values[k])
@@ -118,7 +118,7 @@ def _film(axes: Axes, result: Result) -> None:
     axes.set(xlim=(X - _AROUND * length, X + _AROUND * length), ylim=(0, 1.2 * h.max() + thick))
     axes.set_aspect("equal")
     axes.grid(visible=False)
-    axes.set_xlabel("place $x$ (mm)")
+    axes.set_xlabel("position $x$ (mm)")
     axes.set_ylabel("$z$ (mm)")
     axes.set_title(
         f"film and float with the design at {result['time'].values[k]:.3g} s, to scale",

@@ -1,4 +1,4 @@
-"""Pictures of films over rows of coils."""
+"""Plots of films over rows of coils."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _SNAPSHOTS = 4
-_FRAMES, _AROUND = 5, 2.0  # times of a float, what is shown on each side of it in its lengths
+_FRAMES, _AROUND = 5, 2.0  # number of times shown, and lengths of the float shown beside it
 
 
 def coil_film(result: Result) -> Figure:
-    """Thickness over place and time, at some times, and the flow then.
+    """Plot thickness over position and time, and thickness and flow at a few times.
 
-    The thickness is stretched against the place; ticks below are the coils.
+    The thickness is stretched relative to the position; ticks below are the coils.
     """
     drawn = sheet(7.1, 6.8, 6.2)
     spread, still, flow = drawn.subplots(3, height_ratios=(4, 3, 2.4), sharex=True)
@@ -54,30 +54,30 @@ def coil_film(result: Result) -> Figure:
     still.set_ylim(bottom=0)
     still.set_ylabel("thickness $h$ (mm)")
     flow.set_ylabel(label("flow $Q$", "mm2 s-1"))
-    flow.set_xlabel("place $x$ (mm)")
+    flow.set_xlabel("position $x$ (mm)")
     flow.margins(x=0)
     entries = [*still.get_lines()[: len(kept)], line("coil", GREY, "none", marker="|")]
     legend_below(drawn, entries)
     tell(
         drawn,
         told_of_row(result),
-        fact(result, "wave_speed", "coils switched at", "mm s-1"),
-        fact(result, "carried_per_switch", "carried a switch", "mm2"),
+        fact(result, "wave_speed", "wave speed", "mm s-1"),
+        fact(result, "carried_per_switch", "carried per switch", "mm2"),
         fact(result, "thickness_max", "thickest", "mm"),
         fact(result, "thickness_min", "thinnest", "mm"),
-        fact(result, "grid_error", "error of the grid", "%"),
+        fact(result, "grid_error", "grid error", "%"),
     )
     return drawn
 
 
 def told_of_row(result: Result) -> str:
-    """Say of which row of coils a picture is: no rig with all of its numbers is published."""
+    """Return the assumed row of a plot: no rig with all of these values is published."""
     count, pitch = len(result["coil_place"].values), 1e3 * result.attributes["pitch"]
     return f"row assumed: {count} coils {number(pitch)} mm apart"
 
 
 def cargo(result: Result) -> Figure:
-    """Draw the float on the film at some times, to scale, and its path over that of the coils."""
+    """Plot the float on the film at a few times, to scale, and its path over the coils'."""
     t, x = result["time"].values, 1e3 * result["x"].values
     h, X = 1e3 * result["thickness"].values, 1e3 * result["float_position"].values
     length, thick = (1e3 * result.attributes["float"][name] for name in ("length", "thickness"))
@@ -97,18 +97,16 @@ def cargo(result: Result) -> Figure:
         axes.set_aspect("equal")
         axes.grid(visible=False)
         axes.set_title(f"{t[k]:.3g} s", loc="left", fontsize="small")
-    frames[0].set_title(
-        "height to scale; strokes: coils that are on", loc="right", fontsize="small"
-    )
-    frames[-1].set_xlabel("place $x$ (mm)")
+    frames[0].set_title("height to scale; strokes: active coils", loc="right", fontsize="small")
+    frames[-1].set_xlabel("position $x$ (mm)")
     _path(path, result, t, X, places, on)
     tell(
         drawn,
         fact(result, "float_speed", "mean speed", "mm s-1"),
-        fact(result, "wave_speed", "coils switched at", "mm s-1"),
-        fact(result, "float_captured", "keeps up", "%"),
+        fact(result, "wave_speed", "wave speed", "mm s-1"),
+        fact(result, "float_captured", "keeps up in", "%"),
         fact(result, "draught", "draught", "mm"),
-        fact(result, "energy_error", "energy open by", "%"),
+        fact(result, "energy_error", "energy error", "%"),
     )
     return drawn
 
@@ -120,8 +118,8 @@ def _path(
     edges = np.concatenate([places - half, places[-1:] + half])
     axes.pcolormesh(edges, t, on[:-1], cmap="Greys", vmax=4, shading="flat", rasterized=True)
     axes.plot(X, t, color=MASSES[0], label="middle of the float")
-    axes.fill_betweenx([], [], color="0.75", label="coils that are on")
+    axes.fill_betweenx([], [], color="0.75", label="active coils")
     axes.grid(visible=False)
-    axes.set_xlabel("place $x$ (mm)")
+    axes.set_xlabel("position $x$ (mm)")
     axes.set_ylabel(label("time $t$", result["time"].unit))
     axes.legend(loc="upper left")

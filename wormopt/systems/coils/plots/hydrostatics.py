@@ -1,4 +1,4 @@
-"""Pictures of magnetic fluids at rest, and of the membranes that hold them."""
+"""Plots of magnetic fluids at rest, and of their membranes."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _WINDING = "#D9A066"
 
 
 def coil_pressure(result: Result) -> Figure:
-    """Induction around the coil, surface of the fluid, pressure on the bottom: figure 25.
+    """Plot induction around the coil, surface, and bottom pressure: figure 25 of the WLLS chapter.
 
-    Coil and field at one scale above; the surface, its height stretched, in the middle.
+    Coil and field have one scale above; the surface, in the middle, has a stretched height.
     """
     drawn = sheet(7.1, 7.0, 6.2)
     top, middle, bottom = drawn.subplots(
@@ -45,14 +45,14 @@ def coil_pressure(result: Result) -> Figure:
     bottom.axhline(still, color=GREY, linewidth=1, linestyle=DASHES[1], label="without field")
     bottom.set_ylim(bottom=0)
     bottom.set_ylabel(label("pressure on\nthe bottom", result["pressure"].unit))
-    bottom.set_xlabel("place $x$ (mm)")
+    bottom.set_xlabel("position $x$ (mm)")
     bottom.margins(x=0)
     for axes in (top, middle):
         axes.tick_params(labelbottom=False)
     entries = [
         Patch(facecolor=_WINDING, edgecolor="black", label="winding"),
         line("surface of the fluid", RED),
-        line("lines of the field", "#404040", width=0.6),
+        line("field lines", "#404040", width=0.6),
         *bottom.get_lines(),
     ]
     legend_below(drawn, entries)
@@ -60,8 +60,8 @@ def coil_pressure(result: Result) -> Figure:
         drawn,
         fact(result, "ampere_turns", "ampere-turns"),
         fact(result, "field_bottom_max", "largest field at the bottom", "kA m-1"),
-        fact(result, "surface_rise_max", "surface rises by", "mm"),
-        fact(result, "surface_drop_max", "drops by", "mm"),
+        fact(result, "surface_rise_max", "rise of the surface", "mm"),
+        fact(result, "surface_drop_max", "drop", "mm"),
         fact(result, "pressure_max", "largest pressure"),
         fact(result, "stated_pressure", "stated"),
     )
@@ -69,7 +69,7 @@ def coil_pressure(result: Result) -> Figure:
 
 
 def _field(drawn: Figure, axes: Axes, result: Result) -> None:
-    """Lines and size of the induction, the winding, the surface."""
+    """Draw lines and magnitude of the induction, the winding, and the surface."""
     x, z = 1e3 * result["map_x"].values, 1e3 * result["map_z"].values
     Bx, Bz = result["induction_x"].values, result["induction_z"].values
     size = 1e3 * np.hypot(Bx, Bz)
@@ -96,7 +96,7 @@ def _field(drawn: Figure, axes: Axes, result: Result) -> None:
 
 
 def _surface(drawn: Figure, axes: Axes, result: Result) -> None:
-    """Pressure in the fluid below its surface."""
+    """Draw the pressure in the fluid below its surface."""
     x = np.broadcast_to(1e3 * result["inside_x"].values, result["inside_z"].values.shape)
     image = axes.pcolormesh(
         x, 1e3 * result["inside_z"].values, result["inside_pressure"].values, cmap="viridis",
@@ -110,9 +110,9 @@ def _surface(drawn: Figure, axes: Axes, result: Result) -> None:
 
 
 def membrane(result: Result) -> Figure:
-    """Strain against loss of fluid over all thicknesses, and both over the thickness.
+    """Plot strain over loss of fluid for all thicknesses, and remaining pressure over thickness.
 
-    Front on the left, dashed beyond a limit; pressure left for the ground on the right.
+    The front is dashed beyond a limit.
     """
     drawn = sheet(7.1, 3.2, 5.4)
     left, right = drawn.subplots(*((2, 1) if narrow() else (1, 2)))
@@ -140,7 +140,7 @@ def membrane(result: Result) -> Figure:
     left.set_ylabel("strain by the pressure (%)")
     right.set_xscale("log")
     right.set_xlabel("thickness $h_m$ (mm)")
-    right.set_ylabel(label("pressure left\nfor the ground", "Pa"))
+    right.set_ylabel(label("remaining pressure\non the ground", "Pa"))
     right.axhline(0, color="black", linewidth=0.8)
     legend_below(drawn)
     limited = str(needed(result, "limited_by")).replace("_", " ")

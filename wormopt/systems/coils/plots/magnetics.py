@@ -1,4 +1,4 @@
-"""Pictures of magnetic materials, and of the pair they drive."""
+"""Plots of magnetic materials, and of the pair they drive."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from wormopt.result import Result
 
 
 def stress_strain(result: Result) -> Figure:
-    """Stress against strain (%), with the field and without: the chapter's figure 12.
+    """Plot stress over strain (%), with field and without: figure 12 of Zimmermann et al. 2007.
 
-    Shaded where strains are no longer small.
+    Strains that are no longer small are shaded.
     """
     drawn = sheet(7.1, 4.2, 3.2)
     axes = drawn.subplots()
@@ -60,7 +60,7 @@ def stress_strain(result: Result) -> Figure:
 
 
 def _mark(axes: Axes, result: Result, percent: np.ndarray) -> None:
-    """Point out u0 and what is beyond small strains."""
+    """Mark u0 and the range beyond small strains."""
     u0, small = 100 * needed(result, "u0"), 100 * needed(result, "small_strain")
     if percent[0] <= u0 <= percent[-1] and u0:
         axes.plot(u0, 0.0, marker="o", color=LINKS[0], clip_on=False, zorder=3)
@@ -76,9 +76,9 @@ def _mark(axes: Axes, result: Result, percent: np.ndarray) -> None:
 
 
 def velocity(result: Result) -> Figure:
-    """Velocity of the pair over time, exactly and on average: the chapter's figure 13.
+    """Plot velocity of the pair over time, exact and averaged: figure 13 of Zimmermann et al. 2007.
 
-    The whole time above; below, the last periods of the field, in which it is steady.
+    The whole time is above; below are the last periods of the field, in which it is steady.
     """
     drawn = sheet(7.1, 5.2, 4.8)
     whole, late = drawn.subplots(2, 1, height_ratios=(3, 2))
@@ -89,7 +89,7 @@ def velocity(result: Result) -> Figure:
     _averages(late, result, (t >= close[0]) & (t <= close[-1]))
     for axes in (whole, late):
         axes.axhline(_steady(result), color=RED, linewidth=0.8, linestyle=(0, (1, 2)),
-                     label="steady by the average")  # fmt: skip
+                     label="steady, by averaging")  # fmt: skip
         axes.margins(x=0)
         axes.set_ylabel(label("velocity $V$", result["velocity"].unit))
     stated = scalar(result, "velocity_stated")
@@ -100,7 +100,7 @@ def velocity(result: Result) -> Figure:
     end = _ending(result)
     tell(
         drawn,
-        fact(result, f"velocity_steady{end}", "steady velocity by the average"),
+        fact(result, f"velocity_steady{end}", "steady velocity by averaging"),
         fact(result, f"velocity_exact_mean{end}", "exactly"),
     )
     legend_below(drawn)
@@ -120,7 +120,7 @@ def _averages(axes: Axes, result: Result, shown: np.ndarray) -> None:
 
 
 def _ending(result: Result) -> str:
-    """Of the names of scalars in the units of the picture."""
+    """Return the suffix of names of scalars in the units of the plot."""
     return "_si" if "velocity_steady_si" in result.scalars else ""
 
 
@@ -129,9 +129,9 @@ def _steady(result: Result) -> float:
 
 
 def resonance(result: Result) -> Figure:
-    """Steady velocity and amplitude of the pair over the detuning of its field.
+    """Plot steady velocity and amplitude of the pair over the detuning of its field.
 
-    Logarithmic axes where all are of one sign; unstable states dashed, folds marked.
+    Axes are logarithmic if all values have one sign; unstable states are dashed, folds marked.
     """
     drawn = sheet(7.1, 5.0, 4.8)
     above, below = drawn.subplots(2, 1, sharex=True)
@@ -163,8 +163,8 @@ def resonance(result: Result) -> Figure:
     tell(
         drawn,
         fact(result, "eps", r"small parameter $\varepsilon$"),
-        fact(result, "averaging_error", "the average is off by"),
-        fact(result, "averaging_error_second", "to second order by"),
+        fact(result, "averaging_error", "error of averaging"),
+        fact(result, "averaging_error_second", "to second order"),
         fact(result, "confirmed", "points confirmed"),
     )
     legend_below(drawn)
@@ -172,12 +172,12 @@ def resonance(result: Result) -> Figure:
 
 
 def _branches(axes: Axes, result: Result, values: np.ndarray) -> None:
-    """Each branch as a line, dashed where it is not stable."""
+    """Draw each branch as a line, dashed where it is unstable."""
     detuning, stable = result["curve_detuning"].values, result["curve_stable"].values
     labelled: set[bool] = set()
     for branch in np.unique(result["curve_branch"].values):
         own = result["curve_branch"].values == branch
-        for kind, dashes, text in ((1, "-", "average"), (0, DASHES[2], "average, not stable")):
+        for kind, dashes, text in ((1, "-", "average"), (0, DASHES[2], "average, unstable")):
             shown = np.where(stable[own] == kind, values[own], np.nan)
             if np.isnan(shown).all():
                 continue

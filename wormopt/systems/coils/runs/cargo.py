@@ -1,4 +1,4 @@
-"""What a float on a film over switched coils did: numbers, checks and warnings of its own."""
+"""Scalars, checks and warnings of a float on a film over switched coils."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.scenes.coil_film import CargoTable, CoilFilmScene, CoilFilmTable
 
 ACCEPTED = {"float on half the cells": 0.1, "energy": 0.01, "momentum": 0.1}
-"""Largest values, over the float's length, what is dissipated, and the largest force on it."""
-_KEEPS_UP = 0.9  # of a pitch, in a switch
-_AFLOAT = 0.01  # of the depth
-_HEAVY = 0.5  # draught over depth from which on it is told
+"""Accepted errors over the float's length, the dissipation, and its largest force."""
+_KEEPS_UP = 0.9  # share of a pitch moved per switch
+_AFLOAT = 0.01  # share of the depth
+_HEAVY = 0.5  # draught over depth from which a warning is given
 
 
 def float_of(table: CargoTable, layer: Layer) -> Float:
-    """Make the float of a scene, no stiffer than what counts as rigid."""
+    """Return the float of a scene, with its stiffness limited to that of a rigid float."""
     return Float(
         table.length,
         table.density * table.thickness * table.length,
@@ -35,7 +35,7 @@ def _stiffness(table: CargoTable) -> float:
 
 
 def scalars_of(layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory) -> dict[str, Any]:
-    """Numbers of a float's motion; `rough` is that on half the cells."""
+    """Return scalars of a float's motion; `rough` is the motion on half the cells."""
     X, h = motion["position"][0], motion["thickness"]
     work, lost, energy = (motion[name][0] for name in ("field_work", "dissipated", "energy"))
     push, pressed, shear = (motion[name][0] for name in ("push", "pressed", "shear"))
@@ -58,7 +58,7 @@ def scalars_of(layer: Layer, cargo: Float, motion: Trajectory, rough: Trajectory
 
 
 def captured(table: CoilFilmScene, X: np.ndarray) -> float:
-    """Share of the switches, after the first pattern, over which the float keeps up."""
+    """Return the share of switches, after the first pattern, over which the float keeps up."""
     ways = np.diff(X[:: table.course.samples])[table.switching.on :]
     return float(np.mean(ways >= _KEEPS_UP * table.coils.pitch)) if ways.size else 0.0
 
@@ -70,20 +70,20 @@ def _bend(x: np.ndarray, z: np.ndarray) -> float:
 
 
 def checks_of(scalars: dict[str, Any], cargo: Float, layer: Layer) -> Iterator[Check]:
-    """Checks of a float's motion."""
+    """Yield checks of a float's motion."""
     off = 3 * scalars["float_grid_error"] / cargo.length
     yield Check(
         "float on half the cells", off, ACCEPTED["float on half the cells"],
-        f"half the cells change where the float ends by {off:.2g} of its length; raise grid.cells",
+        f"half the cells change the float's end by {off:.2g} of its length; raise grid.cells",
     )  # fmt: skip
     yield Check(
         "energy", scalars["energy_error"], ACCEPTED["energy"],
-        f"the balance of energy is open by {scalars['energy_error']:.2g} of what is dissipated; "
+        f"energy is not balanced; the error is {scalars['energy_error']:.2g} of the dissipation; "
         "lower grid.tolerance",
     )  # fmt: skip
     yield Check(
         "momentum", scalars["momentum_error"], ACCEPTED["momentum"],
-        f"the film bears {scalars['momentum_error']:.2g} less or more than it pushes the float; "
+        f"the forces on film and float differ by {scalars['momentum_error']:.2g}; "
         "raise grid.cells or cargo.edge",
     )  # fmt: skip
     clear = scalars["float_clearance"] / layer.depth
@@ -97,17 +97,17 @@ def checks_of(scalars: dict[str, Any], cargo: Float, layer: Layer) -> Iterator[C
 def warnings_of(
     table: CargoTable, film: CoilFilmTable, cargo: Float, scalars: dict[str, Any]
 ) -> Iterator[str]:
-    """What is assumed of a float, and near its limits."""
+    """Yield assumptions about a float, and warnings near its limits."""
     yield (
-        "the float spans the trough from side to side, lies on the film with all of its underside, "
-        "and its vertical inertia is left out"
+        "the float spans the trough from side to side, its whole underside lies on the film, and "
+        "its vertical inertia is neglected"
     )
     share = scalars["draught"] / film.depth
     if share > _HEAVY:
         yield left_out(share, f"the float presses the film down by {share:.2g} of its depth")
     if _stiffness(table) > cargo.stiffness:
         yield (
-            "the float counts as rigid: a heap as high as the film is deep would bend it by less "
-            "than a hundredth of the depth, and it is computed as of cargo.modulus = "
+            "the float counts as rigid: a load as high as the film's depth would bend it by less "
+            "than a hundredth of the depth, and it is computed with cargo.modulus = "
             f"{12 * cargo.stiffness / table.thickness**3:.2g} Pa"
         )

@@ -1,4 +1,4 @@
-"""Scenes of kind ``coil-design``: design currents, and hold them against blocks and mean field."""
+"""Runs of kind ``coil-design``: design currents, and compare them with blocks and mean field."""
 
 from __future__ import annotations
 
@@ -36,34 +36,34 @@ ACCEPTED = {
     "limits": 1 + 1e-9,
     "neighbours": 0.05,
 }
-"""Places over the float's length, volume over itself, currents over limits, share of the aim."""
+"""Accepted errors over the float's length, the volume, current limits, and the objective."""
 SORTS = ("design", "block", "wave")
-"""Whose best are held against each other."""
-_FINE = 1e-4  # tolerance by which candidates are told apart on the fine grid
-# Shares of their rates at which those from the coarse grid are tried on the fine one, where floats
-# are lost at other rates.
+"""Sorts of currents whose best ones are compared."""
+_FINE = 1e-4  # tolerance on the fine grid that distinguishes candidates
+# Factors on the rates from the coarse grid that are also tried on the fine grid, because it loses
+# floats at other rates.
 _RATES = (1.03, 1.0, 0.97, 0.93, 0.88, 0.82)
-_MARGIN = 1.02  # over the speed wanted, while searching
+_MARGIN = 1.02  # over the required speed, during the search
 _NEIGHBOUR = 0.05
 _ADVICE = "raise film.top, grid.cells or fluid.viscosity, or lower coils.ampere_turns"
 
 
 @dataclass(frozen=True, eq=False)
 class Contest:
-    """The design, and the best of each sort of rival, on the fine grid."""
+    """The design and the best rival of each sort, on the fine grid."""
 
     design: Judged
     block: Judged
     wave: Judged
-    tuned: list[Judged]  # all rivals, on the grid of the search
+    tuned: list[Judged]  # all rivals, on the search grid
     searches: list[Found]
 
 
 def run(scene: Scene[CoilDesignScene], report: Report) -> Result:
-    """Tune the rivals, search, and follow the best of each through the full simulation.
+    """Tune the rivals, search, and simulate the best of each sort in full.
 
-    Status "failed" where routes differ, limits are broken or the design is beaten. Raises
-    SceneError if a winding is too near, SolveError if no rival carries anything.
+    Status "failed" if routes differ, limits are violated or a rival is better. Raises SceneError if
+    a winding is too near, SolveError if no rival carries the float.
     """
     table, begin = scene.table, time.perf_counter()
     task, workers = task_of(scene), Workers()
@@ -94,11 +94,11 @@ def run(scene: Scene[CoilDesignScene], report: Report) -> Result:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Motions by the verb `simulate`."""
+    """Motions from `simulate`."""
 
-    motions: dict[str, Trajectory]  # of each sort's best
+    motions: dict[str, Trajectory]  # of the best of each sort
     rough: Trajectory  # the design on half the cells
-    close: Trajectory  # there, with smaller steps
+    close: Trajectory  # the same with smaller steps
 
 
 def _followed(
@@ -118,7 +118,7 @@ def _followed(
 def _off(
     scene: Scene[CoilDesignScene], task: Task, contest: Contest, found: Followed, workers: Workers
 ) -> dict[str, float]:
-    """How far the design is off by other routes, over its limits, and behind its neighbours."""
+    """Return errors against other routes, excess of limits, and the best neighbour's gain."""
     pattern, motion, length = (
         contest.design.pattern,
         found.motions["design"],
@@ -138,7 +138,7 @@ def _off(
 
 
 def task_of(scene: Scene[CoilDesignScene]) -> Task:
-    """Make the task of a scene, on the grid of its search."""
+    """Return the task of a scene, on the grid of its search."""
     table = scene.table
     row = row_of(table.coils)
     layer = layer_of(table, row, table.search.cells)
@@ -157,7 +157,7 @@ def task_of(scene: Scene[CoilDesignScene]) -> Task:
 
 
 def design(scene: Scene[CoilDesignScene], task: Task, workers: Workers, report: Report) -> Contest:
-    """Tune the rivals, search from the best, and choose each sort's best on the fine grid."""
+    """Tune the rivals, search from the best, and choose the best of each sort on the fine grid."""
     table, wanted = scene.table, task.speed
     sought = task if wanted is None else replace(task, speed=_MARGIN * wanted)
     report("blocks and waves", 0.0)
@@ -166,7 +166,7 @@ def design(scene: Scene[CoilDesignScene], task: Task, workers: Workers, report: 
     except ArgumentError as error:
         raise SceneError(scene.name, [("film.ground", str(error))]) from None
     if {one.name for one in tuned if np.isfinite(one.speed)} != {"block", "wave"}:
-        reason = "no block of coils, or no wave of the mean field, can be followed to the end"
+        reason = "no block of coils, or no mean-field wave, can be simulated to the end"
         raise SolveError(reason, _ADVICE, code="not_solved")
     one = table.search
     budget = Budget(one.starts, one.generations, one.size, one.seed)
@@ -177,13 +177,13 @@ def design(scene: Scene[CoilDesignScene], task: Task, workers: Workers, report: 
     fine = replace(task, rides=_finer(scene, task))
     judged = list(workers.map(fine.judge, jobs))
     block, wave = (best(each for each in judged if each.name == sort) for sort in SORTS[1:])
-    # blocks and waves are patterns too: one that nothing betters here is what was sought
+    # blocks and waves are patterns too: if nothing improves on one, it is the design
     winner = replace(best(judged), name="design")
     return Contest(winner, block, wave, tuned, searches)
 
 
 def _finer(scene: Scene[CoilDesignScene], task: Task) -> Rides:
-    """Rides on the fine grid."""
+    """Return rides on the fine grid."""
     layer = layer_of(scene.table, task.rides.row, scene.table.grid.cells)
     return replace(task.rides, layer=layer, tolerance=_FINE)
 
@@ -196,7 +196,7 @@ def _follow(
     tolerance: float,
     report: Report,
 ) -> Trajectory:
-    """Follow film and float by the verb `simulate`."""
+    """Simulate film and float with `simulate`."""
     rides, table = task.rides, scene.table
     layer = layer_of(table, rides.row, per_pitch)
     setup = Setup(
@@ -216,13 +216,13 @@ def _speed(motion: Trajectory, begin: int = 0) -> float:
 
 
 def _gain(task: Task, here: Judged, other: Judged) -> float:
-    """Share by which another is better, of the speed, or of all power."""
+    """Return the relative gain of another pattern, in speed or in power."""
     gain = max(other.value - here.value, 0.0)
     return float(gain / here.speed if task.seek == "speed" else gain)
 
 
 def _limits(scene: Scene[CoilDesignScene], pattern: Pattern) -> float:
-    """Largest of current and slope over their limits: of the Gait's pieces, at all times."""
+    """Return the largest current and slope over their limits, from all pieces of the Gait."""
     table = scene.table
     course = pattern.course(table.coils.count)
     lengths = np.diff(course.breaks)[:, None]
@@ -261,7 +261,7 @@ def _scalars(
 
 
 def _over(task: Task, speed: dict[str, float], power: dict[str, float], sort: str) -> float | None:
-    """Share by which the design is better; unknown over one that is too slow."""
+    """Return the relative gain of the design; unknown against a rival that is too slow."""
     if task.seek == "speed":
         return speed["design"] / speed[sort] - 1
     assert task.speed is not None
@@ -289,14 +289,13 @@ def _variables(task: Task, contest: Contest, motions: dict[str, Trajectory]) -> 
 
 def _checks(task: Task, scalars: dict[str, Any], off: dict[str, float]) -> Iterator[Check]:
     advice = {
-        "smaller steps": "smaller steps change where the float ends by {:.2g} of its length; lower "
+        "smaller steps": "smaller steps change the float's end by {:.2g} of its length; lower "
         "grid.tolerance",
-        "second integrator": "SciPy's Radau has the float end elsewhere, by {:.2g} of its length; "
+        "second integrator": "with SciPy's Radau the float ends {:.2g} of its length elsewhere; "
         "lower grid.tolerance",
         "volume": "{:.2g} of the volume is lost",
         "limits": "currents reach {:.4g} of a limit",
-        "neighbours": "a pattern next to the one found is better by {:.2g}; raise "
-        "search.generations",
+        "neighbours": "a neighbouring pattern is better by {:.2g}; raise search.generations",
     }
     for name, accepted in ACCEPTED.items():
         value = float(off[name])
@@ -311,7 +310,7 @@ def _checks(task: Task, scalars: dict[str, Any], off: dict[str, float]) -> Itera
     high = scalars["thickness_max"]
     yield Check(
         "top", high, task.rides.top,
-        f"the film is {high:.3g} m thick somewhere, above film.top times film.depth; raise "
+        f"the film reaches a thickness of {high:.3g} m, above film.top times film.depth; raise "
         "film.top",
     )  # fmt: skip
 
@@ -342,10 +341,10 @@ def _warnings(
     yield from cargo.warnings_of(table.cargo, table.film, body, scalars)
     wall = (table.coils.count - 1) * table.coils.pitch + table.film.overhang
     if table.cargo.start + scalars["float_travel"] > wall - table.cargo.length:
-        yield "the float comes near to the wall, which stops it: write more coils, or less time"
+        yield "the wall stops the float near it; write more coils, or a shorter course.time"
     for sort in (contest.block, contest.wave):
         if sort.pattern is contest.design.pattern:
-            yield f"no search has bettered the best {sort.name}: it is the design"
+            yield f"no search improved on the best {sort.name}, so this is the design"
     ends = [one.end.value for one in contest.searches]
     if len(ends) > 1 and abs(ends[0] - ends[-1]) > 0.01 * abs(ends[0]):
         yield "searches from different starts ended in different optima"

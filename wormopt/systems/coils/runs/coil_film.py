@@ -1,4 +1,4 @@
-"""Scenes of kind ``coil-film``: a film over a row of coils, followed from switch to switch."""
+"""Runs of kind ``coil-film``: a film over a row of coils, simulated from switch to switch."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from wormopt.systems.coils.scenes.coil_design import CoilDesignScene
 from wormopt.systems.coils.scenes.coil_film import CoilFilmScene
 
 ACCEPTED = {"half the cells": 0.1, "smaller steps": 1e-3, "volume": 1e-10, "field": 1e-6}
-"""Largest values, over the depth, the volume and the largest field, for a trusted result."""
-_SMALL = 0.1  # shares of what is left out that are told
+"""Accepted errors over the depth, the volume and the largest field."""
+_SMALL = 0.1  # share of a neglected effect from which it is reported
 _STEPS = 200_000
 _ADVICE = "lower switching.ampere_turns, or raise film.top, grid.cells or fluid.viscosity"
-_SPOTS = 7  # places and times at which fields are compared
+_SPOTS = 7  # number of places and times at which fields are compared
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What a scene says, as objects."""
+    """Objects of a scene."""
 
     layer: Layer
     row: CoilRow
@@ -51,18 +51,18 @@ class Setup:
     top: float  # m
     own_field: bool
     cargo: Float | None
-    start: float  # of the float, m
+    start: float  # initial position of the float, m
     end: float  # s
     times: np.ndarray  # s
 
     def field(self) -> RowField:
-        """Field of the row over the film."""
+        """Return the field of the row over the film."""
         return row_field(self.row, self.layer, self.ground, self.top)
 
     def follow(self, tolerance: float, report: Report) -> Trajectory:
-        """Follow the film from flat, in its cells.
+        """Simulate the film from flat, in its cells.
 
-        A SolveError or Interrupted has the motion until then.
+        A SolveError or Interrupted has the motion so far.
         """
         film = coil_film(
             self.layer, self.row, ground=self.ground, top=self.top, own_field=self.own_field,
@@ -76,15 +76,15 @@ class Setup:
                 tolerance=Tolerance(tolerance, tolerance, max_steps=_STEPS),
             )  # fmt: skip
         except SolveError as error:
-            reason = f"the film cannot be followed to the end: {error.reason}"
+            reason = f"the film cannot be simulated to the end: {error.reason}"
             raise SolveError(reason, _ADVICE, error.partial, error.code) from None
 
 
 def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
-    """Follow the film; then on half the cells, and with smaller steps.
+    """Simulate the film, then on half the cells, and with smaller steps.
 
-    Status "failed" where these differ, or the film leaves the heights that were looked for. Raises
-    SceneError if a winding is too near, SolveError if the film cannot be followed to the end.
+    Status "failed" if these differ, or if the film leaves the resolved heights. Raises SceneError
+    if a winding is too near, SolveError if the film cannot be simulated to the end.
     """
     table, begin = scene.table, time.perf_counter()
     setup = setup_of(scene)
@@ -143,7 +143,7 @@ def run(scene: Scene[CoilFilmScene], report: Report) -> Result:
 
 
 def _attributes(table: CoilFilmScene) -> dict[str, Any]:
-    """Sizes that pictures draw to scale."""
+    """Return sizes that plots draw to scale."""
     row = {"pitch": table.coils.pitch}
     if table.cargo is None:
         return row
@@ -156,7 +156,7 @@ def _partial(scene: Scene[CoilFilmScene], setup: Setup, motion: Trajectory) -> R
 
 
 def _followed(scene: Scene[CoilFilmScene], setup: Setup, report: Report) -> Trajectory:
-    """Motion of the film; what there is of it is kept where it cannot be followed to the end."""
+    """Return the motion of the film; a failed motion is kept up to where it ends."""
     try:
         return setup.follow(scene.table.grid.tolerance, report)
     except SolveError as error:
@@ -167,7 +167,7 @@ def _followed(scene: Scene[CoilFilmScene], setup: Setup, report: Report) -> Traj
 
 
 def _variables(setup: Setup, motion: Trajectory) -> dict[str, Any]:
-    """Arrays of a motion."""
+    """Return arrays of a motion."""
     layer = setup.layer
     found = {
         "time": motion.time,
@@ -185,7 +185,7 @@ def _variables(setup: Setup, motion: Trajectory) -> dict[str, Any]:
 
 
 def layer_of(table: CoilFilmScene | CoilDesignScene, row: CoilRow, per_pitch: int) -> Layer:
-    """Make the film of a scene, its cells even so that half as many fit."""
+    """Return the film of a scene, with an even number of cells so that half as many fit."""
     magnet, film = table.fluid, table.film
     law: Linear | Langevin = Linear(magnet.chi)
     if magnet.saturation is not None:
@@ -197,7 +197,7 @@ def layer_of(table: CoilFilmScene | CoilDesignScene, row: CoilRow, per_pitch: in
 
 
 def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
-    """Make film, row and course of a scene."""
+    """Return film, row and waveform of a scene."""
     table = scene.table
     film, switching, row = table.film, table.switching, row_of(table.coils)
     layer = layer_of(table, row, table.grid.cells)
@@ -215,13 +215,13 @@ def setup_of(scene: Scene[CoilFilmScene]) -> Setup:
 
 
 def _currents(setup: Setup, count: int) -> np.ndarray:
-    """Currents of the steps that occur, shape (coils, steps); `count` at most."""
+    """Return the currents of the steps that occur, shape (coils, steps); `count` at most."""
     steps = np.linspace(0, setup.course.pieces - 1, min(count, setup.course.pieces)).astype(int)
     return np.hstack([setup.course.on_piece(k, np.zeros(1)) for k in steps.tolist()])
 
 
 def _field_error(setup: Setup, field: RowField, h: np.ndarray) -> float:
-    """Largest difference of the film's field from the row's, over the largest, at a few times."""
+    """Return the largest difference of the film's field to the row's at a few times, relative."""
     worst, largest = 0.0, 1e-300
     for k, currents in enumerate(_currents(setup, _SPOTS).T):
         z = h[(k * len(h)) // _SPOTS]
@@ -232,7 +232,7 @@ def _field_error(setup: Setup, field: RowField, h: np.ndarray) -> float:
 
 
 def _inside(setup: Setup, field: RowField, h: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Field across and along the surface, inside, at all times; (times, cells), A/m."""
+    """Return the field across and along the surface, inside, at all times; (times, cells), A/m."""
     currents = setup.course(np.mod(setup.times, setup.course.period))
     slopes = np.gradient(h, setup.layer.step, axis=1)
     parts = [
@@ -244,10 +244,10 @@ def _inside(setup: Setup, field: RowField, h: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _left_out(setup: Setup, h: np.ndarray, inside: tuple[np.ndarray, np.ndarray]) -> float:
-    """Stiffness by the field of ripples, over that by weight and surface tension, at its most.
+    """Return the largest stiffness by the field of ripples, over weight and surface tension.
 
-    The field across takes stiffness, the more the thicker the film; that along adds, the more
-    the thinner. So each by itself bounds both together.
+    The field across reduces stiffness, more for a thicker film. The field along adds stiffness,
+    more for a thinner film. Each one by itself therefore bounds both together.
     """
     fluid = setup.layer.fluid
     across, along = (float(np.abs(part).max()) for part in inside)
@@ -255,11 +255,11 @@ def _left_out(setup: Setup, h: np.ndarray, inside: tuple[np.ndarray, np.ndarray]
     taken = field_stiffness(fluid, h.max(), waves, across)
     added = -field_stiffness(fluid, h.min(), waves, 0.0, along)
     restoring = fluid.weight + fluid.surface_tension * waves**2
-    return abs(float(np.max(np.maximum(taken, added) / restoring)))  # 0.0, not -0.0, of none
+    return abs(float(np.max(np.maximum(taken, added) / restoring)))  # 0.0, not -0.0
 
 
 def _normal_field_number(setup: Setup, field: RowField) -> float:
-    """That of the strongest field across the flat film."""
+    """Return the normal-field number of the strongest field across the flat film."""
     layer, flat = setup.layer, np.full(setup.layer.cells, setup.layer.depth)
     across = [
         inside_field(layer.fluid, field(flat, now), 0.0 * flat, own_field=True)[2]
@@ -296,21 +296,21 @@ def _checks(found: dict[str, float], scalars: dict[str, Any], setup: Setup) -> I
         "smaller steps": "smaller steps change the film by {:.2g} of its depth; lower "
         "grid.tolerance",
         "volume": "{:.2g} of the volume is lost",
-        "field": "the field is off by {:.2g} at the surface; move the coils away from the film",
+        "field": "the field at the surface has an error of {:.2g}; move the coils from the film",
     }
     for name, accepted in ACCEPTED.items():
         yield Check(name, found[name], accepted, advice[name].format(found[name]))
     highest = scalars["thickness_max"]
     yield Check(
         "top", highest, setup.top,
-        f"the film is {highest:.3g} m thick somewhere, above film.top times film.depth = "
+        f"the film reaches a thickness of {highest:.3g} m, above film.top times film.depth = "
         f"{setup.top:.3g} m, up to which the field is resolved; raise film.top",
     )  # fmt: skip
     number = scalars["normal_field_number"]
     yield Check(
         "flat surface", number, 1.0,
-        f"the field across the film takes {number:.2g} of weight and surface tension: its surface "
-        "breaks up into peaks, which are not computed; lower switching.ampere_turns",
+        f"the field across the film cancels {number:.2g} of weight and surface tension: its "
+        "surface forms peaks, which are not computed; lower switching.ampere_turns",
     )  # fmt: skip
 
 
@@ -320,10 +320,10 @@ def _warnings(table: CoilFilmScene, scalars: dict[str, Any]) -> Iterator[str]:
         table.coils, table.coils.ampere_turns if amount is None else amount
     )
     told = {
-        "slope_max": "slopes of the surface reach {:.2g}, which lubrication takes for small",
-        "inertia": "inertia is left out; its share reaches {:.2g}",
-        "own_field_left_out": "ripples of the surface bend the field, which is left out; by first "
-        "harmonics it is up to {:.2g} of weight and surface tension",
+        "slope_max": "slopes of the surface reach {:.2g}; lubrication assumes small slopes",
+        "inertia": "inertia is neglected; its share reaches {:.2g}",
+        "own_field_left_out": "the neglected effect of surface ripples on the field is, by first "
+        "harmonics, up to {:.2g} of weight and surface tension",
     }
     for name, words in told.items():
         if scalars[name] > _SMALL:

@@ -1,4 +1,4 @@
-"""Scenes of kind ``coil-inverse``: currents of a row of coils for the field that a wave needs."""
+"""Runs of kind ``coil-inverse``: currents of a row of coils for the field that a wave needs."""
 
 from __future__ import annotations
 
@@ -30,45 +30,45 @@ from wormopt.systems.coils.scenes.coil_rows import CoilInverseScene
 from wormopt.systems.film import CarriedFilm, CosineWave, Fluid, carried_film
 from wormopt.systems.shared.optimum import refused
 
-# The grid of the check is so many times finer, in places and in phases.
+# Refinement of the check's grid, in places and in phases.
 _FINER = 4
 _POINTS, _SAMPLES = 3, 201
-# Starts whose residuals differ by more have ended in different optima.
+# Difference of residuals above which starts count as different optima.
 _SPREAD = 1e-3
 _VIOLATION = 1e-7
-# Largest residual of Newton's method with which a film counts as found.
+# Largest residual of Newton's method of a converged film.
 _SOLVED = 1e-6
-# Residuals of the field from which on it is little like the wanted one, and worse than none.
+# Residuals above which the field differs much from the wanted one, or is worse than a constant.
 _POOR, _WORSE = 0.5, 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class CurrentsFound:
-    """What a scene of kind ``coil-inverse`` leads to."""
+    """Results of a scene of kind ``coil-inverse``."""
 
     row: CoilRow
     fluid: Fluid  # the film
-    wave: CosineWave  # wanted of the film
-    target: TravellingTarget  # field the wave needs
+    wave: CosineWave  # wanted wave of the film
+    target: TravellingTarget  # field needed for the wave
     fit: RowFit  # currents found
-    profile: MovingProfile  # field that results, on a finer grid
+    profile: MovingProfile  # resulting field, on a finer grid
 
     @property
     def pressure(self) -> np.ndarray:
-        """(mu - 1) H² / (8 pi) of the mean in the frame of the wave, in units of the film's P."""
+        """Return (mu - 1) H² / (8 pi) of the mean in the wave's frame, in units of the film's P."""
         return self.profile.mean / _square_unit(self.fluid)
 
     @property
     def wanted(self) -> np.ndarray:
-        """H² wanted at the phases of the profile, in A²/m²."""
+        """Return the wanted H² at the phases of the profile, in A²/m²."""
         return self.fit.square - self.target.function(self.profile.xi)
 
 
 def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
-    """Find currents, look at the field that results, and check it by a second route.
+    """Find currents, evaluate the resulting field, and check it by a second route.
 
-    Status "failed" where quadrature finds another field, or a bound is broken. Raises
-    SceneError if the given field is below the least needed, SolveError if no start succeeds.
+    Status "failed" if quadrature finds another field, or a bound is violated. Raises SceneError if
+    the given field is below the least needed, SolveError if no start succeeds.
     """
     table, begin = scene.table, time.perf_counter()
     try:
@@ -118,7 +118,7 @@ def run(scene: Scene[CoilInverseScene], report: Report) -> Result:
 
 
 def find_currents(scene: Scene[CoilInverseScene], report: Report) -> CurrentsFound:
-    """Currents of a scene and the field as the film meets it, without a `Result`.
+    """Return the currents of a scene and the field in the film, without a `Result`.
 
     `CurrentsFound.pressure` has the field, its profile the ripple. Raises SceneError if the
     given field is below the least needed, SolveError if no start succeeds.
@@ -134,7 +134,7 @@ def find_currents(scene: Scene[CoilInverseScene], report: Report) -> CurrentsFou
         target = _target(fluid, wave, table.wave.field)
     except ArgumentError as error:
         raise SceneError(
-            scene.name, [("wave.field", f"{error}; write that at least, or leave it out")]
+            scene.name, [("wave.field", f"{error}; write at least that, or leave it out")]
         ) from None
     search, z = table.search, table.line.height
     fit = fit_currents(
@@ -162,7 +162,7 @@ def find_currents(scene: Scene[CoilInverseScene], report: Report) -> CurrentsFou
 
 
 def _square_unit(fluid: Fluid) -> float:
-    """H² that acts with the pressure P, in A²/m²."""
+    """Return H² with the pressure P, in A²/m²."""
     return float(fluid.field(1.0)) ** 2
 
 
@@ -178,7 +178,7 @@ def _target(fluid: Fluid, wave: CosineWave, field: float | None) -> TravellingTa
 
 
 def _recheck(found: CurrentsFound, z: float) -> dict[str, Any]:
-    """H² at a few places and times by quadrature of Biot and Savart's law."""
+    """Return H² at a few places and times by quadrature of the Biot-Savart law."""
     share = (np.arange(_POINTS) * 0.6180339887 + 0.1) % 1.0
     places = found.profile.places
     x = places[0] + (places[-1] - places[0]) * share
@@ -204,7 +204,7 @@ def _slew(found: CurrentsFound) -> float:
 
 
 def _excess(found: CurrentsFound, table: CoilInverseScene) -> float:
-    """Largest violation of bounds by the course itself, over the bound."""
+    """Return the largest violation of bounds by the waveform itself, over the bound."""
     ends = found.fit.course(found.fit.course.breaks[:-1])
     excess = np.max(np.abs(ends)) / table.coils.ampere_turns - 1
     if table.limits.slew is not None:
@@ -263,8 +263,8 @@ def _warnings(found: CurrentsFound, table: CoilInverseScene) -> Iterator[str]:
     yield from warnings_of_coils(table.coils, largest)
     if largest > limit * (1 - 1e-6):
         yield (
-            f"currents are at the {limit:g} ampere-turns that the coils carry; the field would be "
-            "nearer to what is wanted with more, or for a wave that needs less"
+            f"currents are at the limit of {limit:g} ampere-turns of the coils; a higher limit, or "
+            "a wave that needs less field, reduces the residual"
         )
     solved = [start["residual"] for start in fit.starts if isinstance(start["residual"], float)]
     if max(solved) > min(solved) * (1 + _SPREAD):
@@ -279,13 +279,13 @@ def _warnings(found: CurrentsFound, table: CoilInverseScene) -> Iterator[str]:
 
 
 def _poor(residual: float) -> Iterator[str]:
-    remedy = "more ampere-turns, a smaller wave or other coils would come nearer"
+    remedy = "write more ampere-turns, a smaller wave or other coils to reduce it"
     if not residual < _WORSE:
         yield (
             f"the field is worse than a constant field: field_residual is {residual:.3g}; " + remedy
         )
     elif residual > _POOR:
-        yield f"the field is little like the one wanted: field_residual is {residual:.3g}; {remedy}"
+        yield f"the field is far from the wanted one: field_residual is {residual:.3g}; {remedy}"
 
 
 def _film_warnings(
@@ -293,18 +293,18 @@ def _film_warnings(
 ) -> Iterator[str]:
     if film is None and residual is not None:
         yield (
-            f"the film that results is unknown: Newton's method left a residual of {residual:.2g}, "
-            f"where {_SOLVED:g} is accepted"
+            f"the resulting film is unknown: Newton's method left a residual of {residual:.2g}, "
+            f"but {_SOLVED:g} is accepted"
         )
         return
     if film is None:
-        yield "no steady film was found near the wave under the field that results"
+        yield "no steady film was found near the wave under the resulting field"
         return
     if film.growth > 0:
-        yield f"the film that results is unstable: deviations grow at the rate {film.growth:.3g}"
+        yield f"the resulting film is unstable: deviations grow at the rate {film.growth:.3g}"
     if film.distance > 0.5 * found.wave.delta:
         yield (
-            f"the film that results differs from the wave by {film.distance:.3g} of the mean "
-            f"thickness, where the wave's amplitude is {found.wave.delta:g}"
+            f"the resulting film differs from the wave by {film.distance:.3g} of the mean "
+            f"thickness; the wave's amplitude is {found.wave.delta:g}"
         )
-    yield "the film is that of the mean field in the wave's frame; the field's ripple is left out"
+    yield "the film is computed with the mean field in the wave's frame; its ripple is neglected"

@@ -1,4 +1,4 @@
-"""Scenes of kind ``coil-pressure``: surface and pressure of a magnetic fluid at a coil."""
+"""Runs of kind ``coil-pressure``: surface and pressure of a magnetic fluid at a coil."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ from wormopt.systems.coils.rested import Rested, field_of_pressure
 from wormopt.systems.coils.scenes.hydrostatics import CoilPressureScene
 
 ACCEPTED = {"defect": 1e-4, "volume_error": 1e-9, "force_imbalance": 1e-6, "field_error": 1e-7}
-"""Largest values of what the trust report holds, for a result that is trusted."""
+"""Accepted values of the trust report."""
 _DEMAGNETISED = 0.1
-_STRONG = 10.0  # tesla; more than any magnet in a laboratory but for the largest
-# The field's quadrature is off by exp(-2 _DIGITS) of it at the nearest point.
+_STRONG = 10.0  # tesla; above all but the largest laboratory magnets
+# The error of the field's quadrature is exp(-2 _DIGITS) of it at the nearest point.
 _DIGITS = 10.0
-# Of the gap under a coil above, so much may be filled: the field is resolved that far.
+# Share of the gap under a coil above that may be filled; the field is resolved up to it.
 _FILLED = 0.75
 _UNRESOLVED = 1e-3
-# Points along the bottom, up the fluid, and of the map around coil and fluid.
+# Number of points along the bottom, up the fluid, and of the map around coil and fluid.
 _ALONG, _DEEP, _WIDE, _HIGH = 401, 13, 97, 61
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What a scene says, as objects."""
+    """Objects of a scene."""
 
     fluid: Fluid
-    placed: Placed  # the coil and where it is
+    placed: Placed  # the coil and its place
     profile: Profile  # the surface, with the current as its load
     ceiling: float  # height up to which the field is resolved, m; infinite over a coil
 
 
 def run(scene: Scene[CoilPressureScene], report: Report) -> Result:
-    """Raise the current from 0; give surface, pressure and field at its full value.
+    """Raise the current from 0; return surface, pressure and field at its full value.
 
-    Status "failed" where checks do not hold. Raises SceneError if the coil cannot be, and
-    SolveError, naming the current reached, if the surface does not rest at the full one.
+    Status "failed" if a check fails. Raises SceneError if the coil is impossible, and SolveError,
+    with the current reached, if no surface rests at the full current.
     """
     table, begin = scene.table, time.perf_counter()
     setup = setup_of(scene)
@@ -71,7 +71,7 @@ def run(scene: Scene[CoilPressureScene], report: Report) -> Result:
 
 
 def setup_of(scene: Scene[CoilPressureScene]) -> Setup:
-    """Make fluid, coil and surface of a scene; SceneError if the coil cannot be."""
+    """Return fluid, coil and surface of a scene; raises SceneError if the coil is impossible."""
     table = scene.table
     magnet, layer, winding = table.fluid, table.layer, table.coil
     law: Linear | Langevin = Linear(magnet.chi)
@@ -134,7 +134,7 @@ def _result(scene: Scene[CoilPressureScene], rested: Rested, timings: dict[str, 
 def _checks(facts: dict[str, Any]) -> Iterator[Check]:
     for key, accepted in ACCEPTED.items():
         name, found = key.replace("_", " "), facts[key]
-        yield Check(name, found, accepted, f"{name} is {found:.2g}, where {accepted:g} is accepted")
+        yield Check(name, found, accepted, f"{name} is {found:.2g}; {accepted:g} is accepted")
     growth = facts["growth_rate"]
     yield Check("growth rate", growth, 0.0, "the surface is not stable", passed=growth < 0)
 
@@ -142,20 +142,20 @@ def _checks(facts: dict[str, Any]) -> Iterator[Check]:
 def _warnings(rested: Rested, table: CoilPressureScene, demagnetised: float) -> Iterator[str]:
     if demagnetised > _DEMAGNETISED:
         yield (
-            f"the field of the coil is taken as if there were no fluid; by the estimate of a flat "
-            f"layer the fluid weakens its pull on the surface by up to {demagnetised:.0%}"
+            f"the field of the coil is computed as without fluid; by the estimate of a flat layer "
+            f"the fluid reduces its pull on the surface by up to {demagnetised:.0%}"
         )
     stated = table.stated_pressure
     if stated is not None:
         needed = MU0 * field_of_pressure(rested.fluid, stated)
         if needed > _STRONG:
             yield (
-                f"stated_pressure = {stated:g} Pa would take a field of {needed:.3g} T in this "
-                "fluid, far beyond that of any coil; check its unit"
+                f"stated_pressure = {stated:g} Pa would need a field of {needed:.3g} T in this "
+                "fluid, far above that of any coil; check its unit"
             )
 
 
-# -- what the result holds -------------------------------------------------------------------------
+# -- contents of the result ------------------------------------------------------------------------
 
 
 def _scalars(rested: Rested, table: CoilPressureScene, x: np.ndarray) -> dict[str, Any]:
@@ -191,7 +191,7 @@ def _scalars(rested: Rested, table: CoilPressureScene, x: np.ndarray) -> dict[st
 
 
 def _along(rested: Rested, table: CoilPressureScene, x: np.ndarray) -> dict[str, np.ndarray]:
-    """What is at the bottom and at the surface, and the branch of surfaces over the current."""
+    """Return arrays at the bottom and the surface, and the branch of surfaces over the current."""
     h, flat, path = rested.surface(x), np.zeros_like(x), rested.settled.path
     return {
         "x": x,
@@ -206,7 +206,7 @@ def _along(rested: Rested, table: CoilPressureScene, x: np.ndarray) -> dict[str,
 
 
 def _inside(rested: Rested, x: np.ndarray) -> dict[str, np.ndarray]:
-    """Pressure in the fluid at equal shares of its height."""
+    """Return the pressure in the fluid at equal shares of its height."""
     share = np.linspace(0, 1, _DEEP)
     z = share[:, None] * rested.surface(x)
     p = rested.pressure(np.broadcast_to(x, z.shape), z)
@@ -214,7 +214,7 @@ def _inside(rested: Rested, x: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _around(rested: Rested, along: np.ndarray) -> dict[str, np.ndarray]:
-    """Induction on a grid that holds coil and fluid; not a number in the winding."""
+    """Return the induction on a grid around coil and fluid; not a number in the winding."""
     placed, coil = rested.placed, rested.placed.coil
     size = coil.length / 2 if placed.axis == "vertical" else coil.outer
     top = float(np.max(rested.surface(along)))
@@ -231,55 +231,55 @@ def _around(rested: Rested, along: np.ndarray) -> dict[str, np.ndarray]:
     return {"map_x": x, "map_z": z, "induction_x": B[0], "induction_z": B[1]}
 
 
-# -- where the surface does not rest ---------------------------------------------------------------
+# -- surfaces that do not rest ---------------------------------------------------------------------
 
 
 def _rounded_down(number: float, digits: int = 3) -> str:
-    """A number, 0 or above, of a few digits that is not above a given one."""
+    """Return a number >= 0 as text of a few digits, rounded down."""
     with localcontext(rounding=ROUND_FLOOR):
         return f"{float(f'{Decimal(number):.{digits}g}'):g}"
 
 
 def _why(table: CoilPressureScene, setup: Setup, settled: Settled) -> tuple[str, str, str]:
-    """Reason, suggestion and code of a surface that does not rest at the full current."""
+    """Return reason, suggestion and code of a surface that does not rest at the full current."""
     stop = settled.stop
     if stop is None:
         return (
             f"a polynomial of degree {settled.equations.n} does not resolve the surface: its last "
             f"coefficients are {settled.equations.tail(settled.y):.2g} of the thickness",
-            "raise surface.degree or surface.tolerance, or take a narrower tank",
+            "write a larger surface.degree or surface.tolerance, or a smaller layer.width",
             "unresolved",
         )
     current = stop.load * table.coil.ampere_turns
     unsure = not stop.uncertainty <= _UNRESOLVED * stop.load
     at = f"{'about ' if unsure else ''}{current:.{3 if unsure else 6}g} ampere-turns"
-    below = "take a fluid and a layer of more usual numbers"
+    below = "write usual values of fluid and layer"
     if current > 0:
         below = f"write coil.ampere_turns below {_rounded_down(current)}"
     x = np.linspace(*settled.equations.profile.ends, 801)
     steep = float(np.abs(settled.equations.at(settled.y, x, 1)).max())
     words = {
         "fold": (
-            f"there is no surface at rest near the layer beyond {at}, where the branch folds: "
-            "the field's pull grows faster with height than weight and surface tension do",
+            f"no surface near the layer rests above {at}, where the branch folds: the "
+            "field's pull grows faster with height than weight and surface tension do",
             f"{below}, or move the coil away",
         ),
         "unstable": (
-            f"the surface loses its stability at {at} and gives way sideways",
+            f"the surface becomes unstable at {at} and moves sideways",
             f"{below}, or move the coil away",
         ),
         "floor": (
             f"the layer runs dry at {at}, at x = {stop.x:.3g} m: the coil draws the fluid off",
-            f"{below}, or take a thicker layer",
+            f"{below}, or a larger layer.thickness",
         ),
         "ceiling": (
             f"at {at} the fluid rises to {setup.ceiling:.3g} m at x = {stop.x:.3g} m, three "
-            "quarters of the way to the coil, and is about to touch it",
+            "quarters of the gap to the coil, and is about to touch it",
             f"{below}, or a larger coil.distance",
         ),
         "lost": (
-            f"the surface cannot be followed beyond {at}; its largest slope is {steep:.2g} there, "
-            "and where it is to overhang there is no height over x",
+            f"the surface cannot be continued beyond {at}; its largest slope is {steep:.2g} there, "
+            "and an overhanging surface has no height over x",
             f"{below}, or raise surface.degree",
         ),
     }

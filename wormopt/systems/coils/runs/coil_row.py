@@ -1,6 +1,6 @@
-"""Scenes of kind ``coil-row``: the field of a row of coils that are switched in turn.
+"""Runs of kind ``coil-row``: the field of a row of coils that are switched in turn.
 
-Also what scenes of kind ``coil-inverse`` share with it.
+Also functions shared with kind ``coil-inverse``.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from wormopt.scene.scene import Scene
 from wormopt.systems.coils.scenes.coil_rows import CoilRowScene, CoilsTable, LineTable, RowScene
 
 ACCEPTED = 1e-8
-"""Largest relative difference of fields by formula and by quadrature that is accepted."""
-# What copper carries for long without cooling, in A/m².
+"""Accepted relative difference of fields by formula and by quadrature."""
+# Current density that copper carries for long without cooling, in A/m².
 _DENSITY = 5e6
 _PER_PITCH, _PHASES_PER_STEP, _MOST_PHASES = 16, 16, 1024
 _WAVELENGTH_POINTS = 256
@@ -35,9 +35,9 @@ _CHECKED = 3
 
 
 def run(scene: Scene[CoilRowScene], report: Report) -> Result:
-    """Field along the row over time, and how evenly it travels.
+    """Return the field along the row over time, and how uniformly it travels.
 
-    Status "failed" where the field found by quadrature is another one.
+    Status "failed" if quadrature finds another field.
     """
     table = scene.table
     row, course, amount = row_of(table.coils), _course(table), _ampere_turns(table)
@@ -88,8 +88,8 @@ def run(scene: Scene[CoilRowScene], report: Report) -> Result:
                 "field by quadrature",
                 error,
                 ACCEPTED,
-                f"the field found by quadrature differs by {error:.2g} of the largest, where "
-                f"{ACCEPTED:g} is accepted; the line is too near to a winding",
+                f"the field by quadrature differs by {error:.2g} of the largest; {ACCEPTED:g} is "
+                "accepted; write a line farther from the windings",
             )
         ],
         facts={"recheck": {"error": error, "accepted": ACCEPTED, "points": _CHECKED}},
@@ -99,16 +99,16 @@ def run(scene: Scene[CoilRowScene], report: Report) -> Result:
 
 
 def row_of(table: CoilsTable) -> CoilRow:
-    """Make the row of a scene."""
+    """Return the row of a scene."""
     coil = Coil(table.inner, table.outer, table.length, table.ampere_turns)
     return CoilRow(coil, table.count, table.pitch, table.axis, table.gap)
 
 
 def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
-    """Places along the row, in m, far from its ends and evenly over whole pitches.
+    """Return positions along the row, in m, far from its ends and evenly over whole pitches.
 
-    One more in all than `per_pitch` gives, so that no two lie alike towards their nearest
-    coil and all together are even over a pitch too.
+    There is one position more than `per_pitch` gives, so that no two have the same place relative
+    to their nearest coil, and all together are evenly spaced over a pitch too.
     """
     pitches = row.count - 1 - 2 * line.margin
     count = pitches * per_pitch + 1
@@ -116,7 +116,7 @@ def interior(row: CoilRow, line: LineTable, per_pitch: int) -> np.ndarray:
 
 
 def sizes(table: RowScene) -> dict[str, Any]:
-    """Scalars: sizes of the row, most of them assumptions of the scene."""
+    """Return scalars: sizes of the row, most of them assumptions of the scene."""
     coils = table.coils
     section = coils.length * (coils.outer - coils.inner)
     return {
@@ -133,7 +133,7 @@ def sizes(table: RowScene) -> dict[str, Any]:
 
 
 def in_the_frame(profile: MovingProfile) -> dict[str, np.ndarray]:
-    """Variables: H² over the phase of the wave."""
+    """Return arrays of H² over the phase of the wave."""
     return {
         "phase": profile.xi,
         "square_mean": profile.mean,
@@ -143,7 +143,7 @@ def in_the_frame(profile: MovingProfile) -> dict[str, np.ndarray]:
 
 
 def warnings_of_coils(table: CoilsTable, largest: float) -> Iterator[str]:
-    """Yield what the formulas neglect of coils at `largest` ampere-turns."""
+    """Yield warnings about effects the formulas neglect at `largest` ampere-turns."""
     density = largest / (table.length * (table.outer - table.inner))
     if density > _DENSITY:
         yield (
@@ -153,7 +153,7 @@ def warnings_of_coils(table: CoilsTable, largest: float) -> Iterator[str]:
 
 
 def _ampere_turns(table: CoilRowScene) -> float:
-    """Of a coil that is on."""
+    """Return the ampere-turns of an active coil."""
     given = table.switching.ampere_turns
     return table.coils.ampere_turns if given is None else given
 
@@ -170,7 +170,7 @@ def _course(table: CoilRowScene) -> Gait:
 
 
 def _shares(row: CoilRow, course: Gait, wavelength: float, z: float, on: int) -> np.ndarray:
-    """Harmonics of H along one wavelength about the middle, a block being there."""
+    """Return harmonics of H along one wavelength about the middle, with a block there."""
     middle = (row.count - 1) // 2
     step = (middle - (on - 1) // 2) % course.pieces
     centre = row.pitch * (middle + (0.5 if on % 2 == 0 else 0.0))
@@ -180,9 +180,9 @@ def _shares(row: CoilRow, course: Gait, wavelength: float, z: float, on: int) ->
 
 
 def _error(row: CoilRow, course: Gait, z: float) -> float:
-    """Largest difference of the field from that by quadrature, over the largest.
+    """Return the largest difference of the field to that by quadrature, over the largest field.
 
-    At points that are nothing special.
+    The points are arbitrary.
     """
     share = (np.arange(_CHECKED) * 0.6180339887) % 1.0
     x = row.pitch * (row.count - 1) * share

@@ -1,4 +1,4 @@
-"""Scenes of kind ``material``: what a magneto-elastic composite does in a field."""
+"""Runs of kind ``material``: a magneto-elastic composite in a field."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from wormopt.scene.scene import Scene
 from wormopt.systems.coils.scenes.material import MaterialScene, SampleTable
 
 _POINTS = 201
-# The material found again from u0 and E_eff may differ by so much of mu_r - 1 and of eta.
+# Accepted errors of the material identified again from u0 and E_eff, over mu_r - 1 and eta.
 _FOUND_AGAIN = 1e-9
 
 
@@ -33,16 +33,16 @@ class MaterialFound:
     """The material of a scene."""
 
     material: MagnetoElastic  # given, or identified
-    facts: dict[str, Any]  # how it was identified, or found again from its own u0 and E_eff
+    facts: dict[str, Any]  # its identification, or that from its own u0 and E_eff
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
 def run(scene: Scene[MaterialScene], report: Report) -> Result:
-    """Strain, modulus and lines of stress over strain, with the field and without.
+    """Return strain, modulus and stress-strain lines with and without field.
 
-    Status "failed" where the material is not found again from its strain and modulus. Raises
-    SceneError like `material_of`.
+    Status "failed" if strain and modulus do not identify the same material. Raises SceneError as
+    `material_of` does.
     """
     table, begin = scene.table, time.perf_counter()
     report("identifying" if table.material.measured else "evaluating", None)
@@ -68,10 +68,10 @@ def run(scene: Scene[MaterialScene], report: Report) -> Result:
 
 
 def material_of(scene: Scene[MaterialScene]) -> MaterialFound:
-    """Make the material of a scene, or identify it.
+    """Return the material of a scene, given or identified.
 
-    Raises SceneError if the formulas do not hold in the field, or no material has what was
-    measured.
+    Raises SceneError if the formulas do not hold in the field, or no material reproduces the
+    measurements.
     """
     table = scene.table.material
     try:
@@ -104,7 +104,7 @@ def _root(root: Root) -> dict[str, Any]:
 
 
 def _found_again(material: MagnetoElastic, field: float) -> MaterialFound:
-    """Identify a given material from its own u0 and E_eff."""
+    """Identify a given material again from its own u0 and E_eff."""
     if not field:
         return MaterialFound(material, {"recheck": None})
     u0, modulus = material.field_strain(field), material.youngs_modulus(field)
@@ -117,8 +117,8 @@ def _found_again(material: MagnetoElastic, field: float) -> MaterialFound:
         abs((again.mu_r - 1) / (material.mu_r - 1) - 1), abs(again.lame_eta / material.lame_eta - 1)
     )
     advice = (
-        f"from its own u0 and E_eff the material is found again with an error of {error:.2g}, "
-        f"where {_FOUND_AGAIN:g} is accepted"
+        f"identified again from its own u0 and E_eff the material has an error of {error:.2g}; "
+        f"{_FOUND_AGAIN:g} is accepted"
     )
     residual = forward_residual(again.mu_r, again.lame_eta, u0, modulus, field)
     recheck = {"error": error, "accepted": _FOUND_AGAIN, "residual": residual}
@@ -152,7 +152,7 @@ def _scalars(material: MagnetoElastic, field: float, sample: SampleTable | None)
 
 
 def _validity(material: MagnetoElastic, field: float, strain: np.ndarray) -> dict[str, Any]:
-    """Numbers behind the assumptions of the formulas."""
+    """Return values behind the assumptions of the formulas."""
     ratio = material.lame_lambda / material.lame_eta if material.lame_lambda else "unknown"
     return {
         "must_be_positive": 1 + 2 * material.softening(field) / 3,

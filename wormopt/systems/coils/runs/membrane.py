@@ -1,4 +1,4 @@
-"""Scenes of kind ``membrane``: the thickness between actuation and loss of fluid."""
+"""Runs of kind ``membrane``: the thickness between actuation and loss of fluid."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from wormopt.shown import enough
 from wormopt.systems.coils.membrane import Choice, Membrane
 from wormopt.systems.coils.scenes.hydrostatics import MembraneScene
 
-_THIN = 0.1  # wall over radius up to which the stress counts as even over the wall
-# Logarithms of thicknesses are found to this; limits may be off by as much of themselves.
+_THIN = 0.1  # wall over radius up to which the stress counts as uniform over the wall
+# Tolerance of logarithms of thicknesses; limits may be exceeded by the same relative amount.
 _ACCEPTED = 1e-7
 _FREE = (-80.0, 80.0)
 _ASSUMED = {
@@ -32,8 +32,8 @@ _ASSUMED = {
 def run(scene: Scene[MembraneScene], report: Report) -> Result:
     """Find the best thickness, and the front of strain and loss.
 
-    Status "failed" where the best thickness is not that of its strictest limit. Raises
-    SolveError if no thickness meets all limits; it says what each asks for.
+    Status "failed" if the best thickness is not that of its strictest limit. Raises SolveError if
+    no thickness meets all limits; the message gives the thickness each needs.
     """
     table, begin = scene.table, time.perf_counter()
     tube, fluid = table.membrane, table.fluid
@@ -63,7 +63,7 @@ def run(scene: Scene[MembraneScene], report: Report) -> Result:
                 "thickness in closed form",
                 error,
                 _ACCEPTED,
-                f"the best thickness is off by {error:.2g} from where the limits begin to hold",
+                f"the best thickness differs by {error:.2g} from the strictest limit's",
             ),
         ],
         facts={
@@ -81,25 +81,25 @@ def run(scene: Scene[MembraneScene], report: Report) -> Result:
 
 
 def _conflict(table: MembraneScene, single: dict[str, float], strictest: str) -> tuple[str, str]:
-    """What to say where no thickness meets all limits, and what to suggest."""
+    """Return reason and suggestion if no thickness meets all limits."""
     keys = {"loss": "loss_max", "stress": "membrane.stress_max", "strain": "membrane.strain_max"}
     needed = {name: enough(size, 3, _ACCEPTED / 2) for name, size in single.items()}
     asks = ", ".join(f"{keys[name]} for {size:g} m" for name, size in needed.items())
     reason = (
-        f"no thickness up to {table.thickness[1]:g} m meets all limits; at least, they ask: {asks}"
+        f"no thickness up to {table.thickness[1]:g} m meets all limits; each needs at least: {asks}"
     )
     suggestion = f"raise {keys[strictest]}"
     if needed[strictest] < table.membrane.radius:
         suggestion += f", or thickness[1] to {needed[strictest]:g}"
     if strictest == "loss":
-        suggestion += ", or take a shorter lifetime"
+        suggestion += ", or write a shorter lifetime"
     return reason, suggestion
 
 
 def _front(
     choice: Choice, table: MembraneScene, span: tuple[float, float], report: Report
 ) -> dict[str, np.ndarray]:
-    """Most strain for each allowed loss, from what the thinnest loses to what the thickest does."""
+    """Return the largest strain for each allowed loss, from the thinnest to the thickest wall."""
     most, least = (choice.measures(size)["loss"] for size in table.thickness)
     found = []
     for k, allowed in enumerate(np.geomspace(least, most, table.points)):
@@ -135,17 +135,17 @@ def _warnings(choice: Choice, best: float) -> Iterator[str]:
     membrane = choice.membrane
     strain = membrane.strain(best)
     if strain > SMALL_STRAIN * (1 + _ACCEPTED):
-        text = f"a strain of {strain:.2g} is not small; above {SMALL_STRAIN:g} the law is a guess"
+        text = f"a strain of {strain:.2g} is not small; above {SMALL_STRAIN:g} the law is uncertain"
         yield left_out(strain, text)
     if best > _THIN * membrane.radius:
         yield left_out(
             best / membrane.radius,
-            f"the wall is {best / membrane.radius:.2g} of the radius; above {_THIN:g} the stress "
-            "is not even over it, and the membrane not thin",
+            f"the wall is {best / membrane.radius:.2g} of the radius; above {_THIN:g} the membrane "
+            "is not thin, and its stress is not uniform over the wall",
         )
     left = membrane.contact_pressure(best)
     if left <= 0:
         yield (
-            "at contact_strain the membrane holds all of the pressure: nothing is left to push "
+            "at contact_strain the membrane carries the whole pressure: none is left to push "
             "against the ground"
         )

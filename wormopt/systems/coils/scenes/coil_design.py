@@ -30,59 +30,59 @@ Fill = Annotated[float, Meta(gt=0, le=1, description="a number above 0 and at mo
 
 
 class CopperTable(Table, frozen=True, kw_only=True):
-    """What the windings are made of: power is its resistance times the current's square."""
+    """Material of the windings; power is their resistance times the squared current."""
 
     resistivity: Annotated[
-        Positive, says("resistivity", "of the wire; assumed: copper at 20 °C")
+        Positive, says("resistivity", "resistivity of the wire; assumed: copper at 20 °C")
     ] = 1.72e-8
-    fill: Annotated[Fill, says("share", "of the winding's section that is wire; assumed")] = 0.6
+    fill: Annotated[Fill, says("share", "share of wire in the winding's section; assumed")] = 0.6
 
 
 class CarryAimTable(Table, frozen=True, kw_only=True):
-    """What currents are wanted for.
+    """Objective of the currents.
 
-    Refused: a speed with `seek = "speed"`, none with `"power"`.
+    A speed is refused with `seek = "speed"` and required with `seek = "power"`.
     """
 
     seek: Annotated[
         Literal["speed", "power"],
-        says("", "the float as fast as can be; or as fast as `speed` says, with least power"),
+        says("", "`speed`: the fastest float; `power`: least power at the given `speed`"),
     ] = "speed"
     speed: Annotated[
-        Positive | None, says("speed", 'that the float shall have, for `seek = "power"`')
+        Positive | None, says("speed", 'required speed of the float, for `seek = "power"`')
     ] = None
 
     def faults(self) -> Iterator[Fault]:
-        """Yield a fault if the speed is missing, or one too many."""
+        """Yield a fault if the speed is missing, or given where it has no use."""
         if self.seek == "power" and self.speed is None:
-            yield "aim.speed", 'seek = "power" needs the speed that the float shall have: write it'
+            yield "aim.speed", 'missing; seek = "power" needs the speed of the float'
         if self.seek == "speed" and self.speed is not None:
-            yield "aim.speed", 'nothing is kept to with seek = "speed": leave it out'
+            yield "aim.speed", 'has no use with seek = "speed"; leave it out'
 
 
 class PatternTable(Table, frozen=True, kw_only=True):
-    """Which currents are looked at: one course for all coils, each a step later than the last.
+    """Waveforms to search: one for all coils, delayed by one step from coil to coil.
 
-    Refused: a slew with currents that jump, rates in the wrong order.
+    A slew limit with currents that jump is refused, as are rates in the wrong order.
     """
 
     form: Annotated[
         Literal["ramps", "steps"],
-        says("", "currents change linearly from value to value, or hold each and jump"),
+        says("", "`ramps`: currents change linearly between values; `steps`: they jump"),
     ] = "ramps"
-    per_step: Annotated[PerStep, says("count", "values of a course in a step")] = 2
+    per_step: Annotated[PerStep, says("count", "number of values of the waveform per step")] = 2
     repeats: Annotated[
         tuple[Repeat, ...],
-        says("count", "after how many coils a pattern may repeat; each is tried"),
+        says("count", "numbers of coils after which the pattern may repeat; each is tried"),
     ] = (5, 6, 8)
-    rate: Annotated[Pair, says("rate", "least and most steps a second")]
+    rate: Annotated[Pair, says("rate", "least and largest number of steps per second")]
     slew: Annotated[
         Positive | None,
-        says("ampere_turn_rate", "largest change of a coil's ampere-turns; any if left out"),
+        says("ampere_turn_rate", "largest rate of a coil's ampere-turns; unlimited if left out"),
     ] = None
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
-        """Yield what cannot be."""
+        """Yield patterns that do not fit the row or its waveform."""
         yield from wrong_order("pattern.rate", self.rate, may_be_equal=False)
         if not self.repeats or max(self.repeats) > coils.count:
             yield (
@@ -94,67 +94,69 @@ class PatternTable(Table, frozen=True, kw_only=True):
 
 
 class DesignTimeTable(Table, frozen=True, kw_only=True):
-    """How long the float is carried."""
+    """Duration for which the float is carried."""
 
-    time: Annotated[Positive, says("time", "over which the mean speed is taken, from a flat film")]
-    samples: Annotated[Samples, says("count", "states kept")] = 121
+    time: Annotated[Positive, says("time", "duration of the mean speed, starting from a flat film")]
+    samples: Annotated[Samples, says("count", "number of states kept")] = 121
 
 
 class DesignSearchTable(Table, frozen=True, kw_only=True):
-    """How long currents are sought, and on which grid."""
+    """Effort and grid of the search."""
 
     starts: Annotated[
-        Starts, says("count", "best block and best wave of the mean field, then the next best")
+        Starts, says("count", "number of starts: best block, best mean-field wave, then next best")
     ] = 2
-    generations: Annotated[Generations, says("count", "of the evolution from each start")] = 25
-    size: Annotated[Size, says("count", "patterns in a generation")] = 12
-    cells: Annotated[Coarse, says("count", "cells per pitch while searching")] = 4
-    seed: Annotated[Seed, says("", "the same seed gives the same search")] = 0
+    generations: Annotated[Generations, says("count", "generations of evolution per start")] = 25
+    size: Annotated[Size, says("count", "number of patterns in a generation")] = 12
+    cells: Annotated[Coarse, says("count", "cells per pitch during the search")] = 4
+    seed: Annotated[Seed, says("", "seed; equal seeds give equal searches")] = 0
 
 
 class CoilDesignScene(SIScene, frozen=True, kw_only=True):
     """Currents of a row of coils that carry a float on a film fastest, or with least power.
 
-    Film, float and row of kind [`coil-film`](coil-film.md) in full, the currents free: all coils
-    have one course, each a step later than its neighbour, and every value of it is sought, and the
-    rate. Held against the best plain blocks and the best currents by the mean field, tuned by the
-    same simulation. Theory, and what is not known:
-    [theory-film.md](../theory-film.md#57-currents-that-carry-it-best). `units` must be `"SI"`.
+    Film, float and row are those of kind [`coil-film`](coil-film.md), with the currents as
+    unknowns. All coils have the same waveform, delayed by one step from coil to coil. The search
+    varies every value of the waveform and the rate. The design is compared with the best plain
+    blocks and the best mean-field currents, tuned with the same simulation. Theory and open
+    questions: [theory-film.md](../theory-film.md#57-currents-that-carry-it-best). `units` must be
+    `"SI"`.
 
-    The trust report: checks `half the cells`, `smaller steps` (change of the float's speed),
-    `second integrator` (SciPy's Radau on the same equations), `limits` (of the currents at all
-    times), `neighbours` (share by which a pattern is better of which one value is changed by a
-    twentieth of the limit, or the rate by a twentieth, on the grid of the search), those of a float
-    as for `coil-film`; `searches` (each start and what it led to), `rivals`. The optimum is local;
-    where no search betters the best block or wave, that is the design, with a warning.
+    The trust report has the checks `half the cells`, `smaller steps` (change of the float's speed),
+    `second integrator` (SciPy's Radau on the same equations), and `limits` (of the currents at all
+    times). `neighbours` is the gain of the best pattern with one value changed by a twentieth of
+    the limit, or the rate by a twentieth, on the search grid. Checks of a float are as in
+    `coil-film`. The report also has `searches` (each start and its result) and `rivals`. The
+    optimum is local. If no search improves on the best block or wave, that is the design, with a
+    warning.
     """
 
     scalars: ClassVar = {
-        "float_speed": ("speed", "mean speed of the float with the currents found"),
+        "float_speed": ("speed", "mean speed of the float with the designed currents"),
         "late_speed": ("speed", "the same over the second half of the time"),
-        "mean_field_speed": ("speed", "with the best currents by the mean field"),
-        "block_speed": ("speed", "with the best plain block"),
-        "over_mean_field": ("share", "by which the design is better; of power, if that is sought"),
-        "over_block": ("share", "the same over the best block"),
-        "power": ("power", "mean, of all coils"),
-        "mean_field_power": ("power", "mean, with the best currents by the mean field"),
-        "block_power": ("power", "mean, with the best block"),
-        "resistance": ("resistance", "of a place of the row over the square of the turns"),
-        "rate": ("rate", "steps a second"),
-        "repeat": ("count", "coils after which the pattern repeats"),
-        "wave_speed": ("speed", "pitch times steps a second"),
-        "currents_max": ("ampere_turns", "largest of a coil, at all times"),
-        "slew_max": ("ampere_turn_rate", "largest slope of a current; unknown where it jumps"),
+        "mean_field_speed": ("speed", "mean speed with the best mean-field currents"),
+        "block_speed": ("speed", "mean speed with the best plain block"),
+        "over_mean_field": ("share", "relative gain in speed, or in power if that is minimised"),
+        "over_block": ("share", "the same relative gain over the best block"),
+        "power": ("power", "mean power of all coils"),
+        "mean_field_power": ("power", "mean power of the best mean-field currents"),
+        "block_power": ("power", "mean power of the best block"),
+        "resistance": ("resistance", "resistance of one place of the row per squared turns"),
+        "rate": ("rate", "steps per second"),
+        "repeat": ("count", "number of coils after which the pattern repeats"),
+        "wave_speed": ("speed", "pitch times steps per second"),
+        "currents_max": ("ampere_turns", "largest current of a coil at any time"),
+        "slew_max": ("ampere_turn_rate", "largest slope of a current; unknown if it jumps"),
         "thickness_max": ("length", "largest thickness of the film"),
         "thickness_min": ("length", "least thickness"),
-        "draught": ("length", "of the float where nothing moves: mass over density and length"),
-        "float_travel": ("length", "way of the float"),
-        "float_bend": ("length", "largest departure of its underside from a straight line"),
-        "float_clearance": ("length", "least thickness of the film below it"),
-        "float_grid_error": ("length", "of its end place, estimated from half as many cells"),
-        "energy_error": ("share", "of the work, over what is dissipated"),
-        "momentum_error": ("share", "of the push, over the largest forces on the float"),
-        "neighbour_gain": ("share", "by which the best neighbour is better"),
+        "draught": ("length", "static draught of the float: mass over density and length"),
+        "float_travel": ("length", "displacement of the float"),
+        "float_bend": ("length", "largest deviation of its underside from a straight line"),
+        "float_clearance": ("length", "least thickness of the film below the float"),
+        "float_grid_error": ("length", "error of its end place, estimated from half the cells"),
+        "energy_error": ("share", "error of the work balance, relative to the dissipation"),
+        "momentum_error": ("share", "error of the push, relative to the float's largest forces"),
+        "neighbour_gain": ("share", "relative gain of the best neighbouring pattern"),
     }  # fmt: skip
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
@@ -162,14 +164,14 @@ class CoilDesignScene(SIScene, frozen=True, kw_only=True):
         "thickness": ("length", ("time", "x"), "thickness of the film"),
         "coil_place": ("length", ("coil",), "place of the coil"),
         "current": ("ampere_turns", ("time", "coil"), "ampere-turns"),
-        "float_position": ("length", ("time",), "place of the float's middle"),
-        "pattern": ("ampere_turns", ("value",), "course of a coil: values over a period"),
+        "float_position": ("length", ("time",), "position of the float's middle"),
+        "pattern": ("ampere_turns", ("value",), "waveform of a coil: values over a period"),
         "mean_field_pattern": ("ampere_turns", ("mean_field_value",), "the same by the mean field"),
         "block_pattern": ("ampere_turns", ("block_value",), "the same of the best block"),
         "mean_field_time": ("time", ("mean_field_time",), "time"),
-        "mean_field_position": ("length", ("mean_field_time",), "place of the float's middle"),
+        "mean_field_position": ("length", ("mean_field_time",), "position of the float's middle"),
         "block_time": ("time", ("block_time",), "time"),
-        "block_position": ("length", ("block_time",), "place of the float's middle"),
+        "block_position": ("length", ("block_time",), "position of the float's middle"),
     }
     headline: ClassVar = (
         "float_speed", "over_mean_field", "over_block", "power", "neighbour_gain",
@@ -178,10 +180,10 @@ class CoilDesignScene(SIScene, frozen=True, kw_only=True):
     kind: Literal["coil-design"]
     want: Annotated[
         tuple[Literal["coil_design"], ...],
-        says("", "`coil_design`: the courses of a coil, the float's ways, currents and film"),
+        says("", "`coil_design`: waveforms, paths of the float, currents and film"),
     ] = ()
-    aim: Annotated[CarryAimTable, says("", "what is sought")] = field(default_factory=CarryAimTable)
-    pattern: Annotated[PatternTable, says("", "which currents")]
+    aim: Annotated[CarryAimTable, says("", "objective")] = field(default_factory=CarryAimTable)
+    pattern: Annotated[PatternTable, says("", "waveforms to search")]
     coils: Annotated[CoilsTable, says("", "the row; `ampere_turns` is the limit")] = field(
         default_factory=CoilsTable
     )
@@ -189,14 +191,14 @@ class CoilDesignScene(SIScene, frozen=True, kw_only=True):
     fluid: Annotated[ViscousFluidTable, says("", "the fluid")]
     film: Annotated[CoilFilmTable, says("", "the film")]
     cargo: Annotated[CargoTable, says("", "the float")]
-    course: Annotated[DesignTimeTable, says("", "how far")]
-    search: Annotated[DesignSearchTable, says("", "how long it is sought")] = field(
+    course: Annotated[DesignTimeTable, says("", "duration")]
+    search: Annotated[DesignSearchTable, says("", "effort and grid of the search")] = field(
         default_factory=DesignSearchTable
     )
-    grid: Annotated[CellsTable, says("", "how finely it is checked")] = field(
+    grid: Annotated[CellsTable, says("", "grid of the final simulation")] = field(
         default_factory=CellsTable
     )
-    gravity: Annotated[Positive, says("acceleration", "of the fall")] = 9.80665
+    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = 9.80665
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

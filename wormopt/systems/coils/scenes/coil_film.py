@@ -18,8 +18,8 @@ Cells = Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 6
 Switches = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Samples = Annotated[int, Meta(ge=1, le=64, description="a whole number from 1 to 64")]
 Top = Annotated[float, Meta(gt=1, le=20, description="a number above 1 and at most 20")]
-_LIGHTEST = 1e-9  # of a float over the film's mass: lighter ones take steps without number
-_FARTHEST = 100  # pitches from the last coil to a wall: further out nothing moves
+_LIGHTEST = 1e-9  # least mass of a float over the film's: lighter ones need too many steps
+_FARTHEST = 100  # largest distance from the last coil to a wall, in pitches
 Tolerance = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
 
 
@@ -32,7 +32,8 @@ class ViscousFluidTable(FluidTable, frozen=True, kw_only=True):
 class CoilFilmTable(Table, frozen=True, kw_only=True):
     """The film, in a trough with upright walls along the row.
 
-    Refused: a winding where the film may be, walls more than 100 pitches from the last coils.
+    A film that may reach a winding is refused, as are walls more than 100 pitches from the last
+    coils.
     """
 
     depth: Annotated[Positive, says("length", "thickness without field")]
@@ -41,17 +42,17 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
         says("length", "height of the ground above the middle of the coils, or of the gap"),
     ]
     overhang: Annotated[
-        Positive, says("length", "from the middles of the last coils to the walls")
+        Positive, says("length", "distance from the last coils' middles to the walls")
     ] = 20e-3
     top: Annotated[
-        Top, says("share", "greatest thickness over `depth` that may occur; more is a failure")
+        Top, says("share", "largest thickness over `depth` accepted; more is a failure")
     ] = 4.0
     own_field: Annotated[
-        bool, says("", "whether the fluid weakens the field across it, as a flat layer does")
+        bool, says("", "whether the fluid reduces the field across it, as in a flat layer")
     ] = True
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
-        """Yield a fault if a winding is where the film may be, or the film is too long."""
+        """Yield a fault if the film may reach a winding, or is too long."""
         farthest = _FARTHEST * coils.pitch
         if self.overhang > farthest:
             yield (
@@ -61,149 +62,150 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
             )
         low, high = coils.taken
         bottom, top = self.ground, self.ground + self.top * self.depth
-        # the row is alike above its middle and below it
+        # the row is symmetric about its middle height
         nearest = 0.0 if bottom <= 0 <= top else min(abs(bottom), abs(top))
         if low <= high and nearest <= high and max(abs(bottom), abs(top)) >= low:
             yield (
                 "film.ground",
-                f"{self.ground:g}: a coil inside the fluid, which may reach from there to {top:g} "
-                f"(film.top times film.depth higher); windings take {low:g} to {high:g} from the "
-                f"middle: write a ground above {high:g}",
+                f"{self.ground:g} puts a coil inside the fluid, which may reach from there to "
+                f"{top:g} (by film.top times film.depth); windings reach from {low:g} to {high:g} "
+                f"from the middle; write a ground above {high:g}",
             )
 
 
 class CargoTable(Table, frozen=True, kw_only=True):
-    """A float on the film, as wide as the trough: a plate of one material, that does not magnetise.
+    """A float on the film, as wide as the trough: a non-magnetic plate of one material.
 
-    Its stiffness tapers to its tips, half of `edge` beyond `length` on each side. Plates that bend
-    by next to nothing count as rigid alike. Refused: a start where the float is not between the
-    walls, next to no mass, more than any film bears.
+    Its stiffness tapers to its tips over half of `edge` beyond `length` on each side. Plates with
+    negligible bending count as rigid. A start with the float outside the walls is refused, as are
+    almost no mass and a mass above what the film carries.
     """
 
-    length: Annotated[Positive, says("length", "along the row")]
-    thickness: Annotated[Positive, says("length", "of the plate")]
-    density: Annotated[Positive, says("density", "of the plate")]
+    length: Annotated[Positive, says("length", "length along the row")]
+    thickness: Annotated[Positive, says("length", "thickness of the plate")]
+    density: Annotated[Positive, says("density", "density of the plate")]
     modulus: Annotated[
-        Positive, says("stress", "Young's: the plate resists bending by modulus thickness³ / 12")
+        Positive, says("stress", "Young's modulus; bending stiffness is modulus thickness³ / 12")
     ] = 1e9
-    start: Annotated[Finite, says("length", "place of its middle, the first coil being at 0")] = 0.0
+    start: Annotated[Finite, says("length", "initial position of its middle; coil 0 is at 0")] = 0.0
     edge: Annotated[
         Positive | None,
-        says("length", "over which its ends fade, assumed; two thirds of its length by default"),
+        says("length", "length of its tapered ends, assumed; two thirds of `length` if left out"),
     ] = None
 
     def faults(
         self, coils: CoilsTable, film: CoilFilmTable, fluid: FluidTable, gravity: float
     ) -> Iterator[Fault]:
-        """Yield faults of a float that the film does not bear, has no mass, or too long ends."""
-        # what it displaces at the most, and the pull of upright menisci at its ends
+        """Yield faults of a float that the film cannot carry, without mass, or with long ends."""
+        # largest displaced fluid, and the pull of upright menisci at its ends
         borne = fluid.density * film.top * film.depth
         borne += 2 * fluid.surface_tension / (gravity * self.length)
         if self.density * self.thickness > borne:
             yield (
                 "cargo.thickness",
-                f"{self.thickness:g}: so heavy a float lies on the ground, however the film rises "
-                f"beside it (to film.top times film.depth); write {borne / self.density:.2g} at "
-                "most, or a smaller cargo.density",
+                f"{self.thickness:g}: this float is so heavy that it lies on the ground, for any "
+                f"height of the film (up to film.top times film.depth); write at most "
+                f"{borne / self.density:.2g}, or a smaller cargo.density",
             )
         lightest = _LIGHTEST * fluid.density * film.depth / self.thickness
         if self.density < lightest:
             yield (
                 "cargo.density",
                 f"{self.density:g}: the float has less than a billionth of the film's mass; write "
-                f"{lightest:g} at least, or a larger cargo.thickness",
+                f"at least {lightest:g}, or a larger cargo.thickness",
             )
         low = -film.overhang + self.length / 2
         high = (coils.count - 1) * coils.pitch + film.overhang - self.length / 2
         if not low <= self.start <= high:
             yield (
                 "cargo.start",
-                f"{self.start:g}: a float {self.length:g} long is not between the walls there; "
+                f"{self.start:g}: a float of length {self.length:g} is not between the walls; "
                 + (f"write {low:g} to {high:g}" if low <= high else "write a smaller cargo.length"),
             )
         if self.edge is not None and self.edge > self.length:
             yield (
                 "cargo.edge",
-                f"{self.edge:g}: longer than the float; write {self.length:g} at most",
+                f"{self.edge:g} exceeds the length of the float; write {self.length:g} at most",
             )
 
 
 class SwitchedTimeTable(Table, frozen=True, kw_only=True):
-    """How long the film is followed."""
+    """Duration of the simulation."""
 
-    switches: Annotated[Switches, says("count", "steps of switching, the first from a flat film")]
-    samples: Annotated[Samples, says("count", "states kept in each step")] = 4
+    switches: Annotated[Switches, says("count", "switching steps, the first from a flat film")]
+    samples: Annotated[Samples, says("count", "number of states kept in each step")] = 4
 
 
 class CellsTable(Table, frozen=True, kw_only=True):
-    """How finely it is computed."""
+    """Resolution in space and time."""
 
-    cells: Annotated[Cells, says("count", "cells per pitch; checked against half as many")] = 12
-    tolerance: Annotated[Tolerance, says("share", "error of a step in time")] = 1e-5
+    cells: Annotated[Cells, says("count", "cells per pitch; compared with half as many")] = 12
+    tolerance: Annotated[Tolerance, says("share", "relative tolerance of a time step")] = 1e-5
 
 
 class CoilFilmScene(SIScene, frozen=True, kw_only=True):
-    """A film of magnetic fluid that a row of coils moves, switched in turn.
+    """A film of magnetic fluid moved by a row of coils that are switched in turn.
 
-    Thin-film flow with weight, surface tension, viscosity and the field of all coils at the
-    surface, ripple and ends included, followed in time from a flat film. Theory and assumptions:
-    [theory-film.md](../theory-film.md#5-a-film-over-switched-coils). `units` must be `"SI"`.
+    The thin-film equation has weight, surface tension, viscosity, and the field of all coils at the
+    surface, with its ripple and the ends of the row. The simulation starts from a flat film. Theory
+    and assumptions: [theory-film.md](../theory-film.md#5-a-film-over-switched-coils). `units` must
+    be `"SI"`.
 
-    The trust report: checks `half the cells` (largest difference of the end state from that on
-    half as many cells, over the depth; about a third of it is the error on all of them), `smaller
-    steps` (the same for a tenth of the tolerance), `volume`, `top`, `field` (at the surface,
-    against the row's own formula), `flat surface` (the normal-field instability); `warnings`
-    (what lubrication and the flat layer's field leave out).
+    The trust report has the check `half the cells`: the largest difference of the end state to
+    that on half the cells, over the depth. About a third of it is the error on all cells. Further
+    checks are `smaller steps` (the same for a tenth of the tolerance), `volume`, `top`, `field` (at
+    the surface, against the row's own formula), and `flat surface` (normal-field instability).
+    `warnings` report effects that lubrication and the flat layer's field neglect.
     """
 
     scalars: ClassVar = {
         "carried": ("area", "fluid that passed the middle of the row, per width"),
-        "carried_per_switch": ("area", "the same in the mean of the switches"),
+        "carried_per_switch": ("area", "the same per switch, on average"),
         "thickness_max": ("length", "largest thickness"),
         "thickness_min": ("length", "least thickness"),
         "slope_max": ("1", "largest \\|*h*′\\|"),
-        "wave_speed": ("speed", "pitch times switches a second"),
+        "wave_speed": ("speed", "pitch times switches per second"),
         "relaxation_time": (
-            "time", "in which a ripple of a flat film dies out that is as long as a block of coils",
+            "time", "decay time of a ripple of a flat film as long as a block of coils",
         ),
         "capillary_length": ("length", "√(γ/ρ*g*)"),
         "normal_field_number": (
             "share",
-            "most of weight and surface tension that a field across a flat film takes; above 1 it "
-            "breaks up into peaks (Rosensweig)",
+            "largest share of weight and surface tension that the field across a flat film "
+            "cancels; above 1 the film forms peaks (Rosensweig)",
         ),
         "own_field_left_out": (
             "share",
-            "change of the field by the film's own ripples, which is left out: bound of the "
-            "share of weight and surface tension that it takes or adds, by first harmonics",
+            "neglected change of the field by the film's ripples: bound, by first harmonics, of "
+            "its share of weight and surface tension",
         ),
-        "inertia": ("share", "ε*Re*, which is left out: ρ × flow × slope over the viscosity"),
-        "grid_error": ("share", "of the end state, estimated from half as many cells"),
-        "step_error": ("share", "of the end state, by a tenth of the tolerance"),
-        "volume_error": ("share", "largest change of the volume"),
-        "draught": ("length", "of the float where nothing moves: mass over density and length"),
-        "float_travel": ("length", "way of the float"),
-        "float_speed": ("speed", "the same over the time"),
+        "inertia": ("share", "neglected inertia ε*Re*: ρ × flow × slope over the viscosity"),
+        "grid_error": ("share", "error of the end state, estimated from half the cells"),
+        "step_error": ("share", "change of the end state at a tenth of the tolerance"),
+        "volume_error": ("share", "largest relative change of the volume"),
+        "draught": ("length", "static draught of the float: mass over density and length"),
+        "float_travel": ("length", "displacement of the float"),
+        "float_speed": ("speed", "mean speed of the float"),
         "float_captured": (
             "share",
-            "of the switches after the first few in which it keeps up with the coils: comes on "
-            "by at least nine tenths of a pitch",
+            "share of switches, after the first few, in which it keeps up with the coils: moves by "
+            "at least nine tenths of a pitch",
         ),
-        "float_bend": ("length", "largest departure of its underside from a straight line"),
-        "float_clearance": ("length", "least thickness of the film below it"),
-        "float_grid_error": ("length", "of its end place, estimated from half as many cells"),
-        "energy_error": ("share", "of the work, over what is dissipated"),
-        "momentum_error": ("share", "of the push, over the largest forces on the float"),
+        "float_bend": ("length", "largest deviation of its underside from a straight line"),
+        "float_clearance": ("length", "least thickness of the film below the float"),
+        "float_grid_error": ("length", "error of its end place, estimated from half the cells"),
+        "energy_error": ("share", "error of the work balance, relative to the dissipation"),
+        "momentum_error": ("share", "error of the push, relative to the float's largest forces"),
     }  # fmt: skip
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
-        "x": ("length", ("x",), "place along the row"),
-        "face": ("length", ("face",), "place between two cells"),
+        "x": ("length", ("x",), "position along the row"),
+        "face": ("length", ("face",), "position of the face between two cells"),
         "thickness": ("length", ("time", "x"), "thickness of the film"),
         "flow": ("flow_per_width", ("time", "face"), "flow to the right"),
-        "coil_place": ("length", ("coil",), "place of the coil"),
+        "coil_place": ("length", ("coil",), "position of the coil"),
         "current": ("ampere_turns", ("time", "coil"), "ampere-turns"),
-        "float_position": ("length", ("time",), "place of the float's middle"),
+        "float_position": ("length", ("time",), "position of the float's middle"),
         "float_velocity": ("speed", ("time",), "velocity of the float"),
     }
     headline: ClassVar = (
@@ -215,18 +217,18 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
         tuple[Literal["coil_film", "cargo"], ...],
         says(
             "",
-            "`coil_film`: surface over place and time, at some times, and the flow; `cargo`: the "
-            "float on the film at some times, to scale, and its path",
+            "`coil_film`: surface over place and time, at a few times, and the flow; `cargo`: the "
+            "float on the film at a few times, to scale, and its path",
         ),
     ] = ()
     coils: Annotated[CoilsTable, says("", "the row")] = field(default_factory=CoilsTable)
-    switching: Annotated[SwitchingTable, says("", "which coils are on when")]
+    switching: Annotated[SwitchingTable, says("", "sequence of active coils")]
     fluid: Annotated[ViscousFluidTable, says("", "the fluid")]
     film: Annotated[CoilFilmTable, says("", "the film")]
     cargo: Annotated[CargoTable | None, says("", "a float on the film")] = None
-    course: Annotated[SwitchedTimeTable, says("", "how long it is followed")]
-    grid: Annotated[CellsTable, says("", "how finely")] = field(default_factory=CellsTable)
-    gravity: Annotated[Positive, says("acceleration", "of the fall")] = 9.80665
+    course: Annotated[SwitchedTimeTable, says("", "duration")]
+    grid: Annotated[CellsTable, says("", "resolution")] = field(default_factory=CellsTable)
+    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = 9.80665
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -239,4 +241,4 @@ class CoilFilmScene(SIScene, frozen=True, kw_only=True):
             if self.cargo:
                 yield from self.cargo.faults(self.coils, self.film, self.fluid, self.gravity)
         if self.cargo is None and "cargo" in self.want:
-            yield "want", 'the picture "cargo" needs a float: write a table [cargo]'
+            yield "want", 'the plot "cargo" needs a float; write a table [cargo]'

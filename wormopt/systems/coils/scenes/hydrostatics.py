@@ -1,4 +1,4 @@
-"""Scenes of kinds "coil-pressure" and "membrane": magnetic fluid at rest, and what holds it."""
+"""Scenes of kinds "coil-pressure" and "membrane": magnetic fluid at rest, and its membrane."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ class FluidTable(Table, frozen=True, kw_only=True):
     """A magnetic fluid."""
 
     chi: Annotated[Positive, says("1", "susceptibility; with `saturation`, the initial one")]
-    density: Annotated[Positive, says("density", "of the fluid")] = 1200.0
-    surface_tension: Annotated[Positive, says("surface_tension", "of the fluid")] = 0.03
+    density: Annotated[Positive, says("density", "density of the fluid")] = 1200.0
+    surface_tension: Annotated[Positive, says("surface_tension", "surface tension")] = 0.03
     saturation: Annotated[
         Positive | None,
         says(
             "magnetic_field",
-            "saturation magnetisation, for Langevin's law; magnetisation is linear in the field "
-            "if left out",
+            "saturation magnetisation, for Langevin's law; if left out, magnetisation is linear in "
+            "the field",
         ),
     ] = None
 
 
 class LayerTable(Table, frozen=True, kw_only=True):
-    """The tank, a long trough across the plane that is computed, and how full it is."""
+    """The tank, a long trough across the computed plane, and its filling."""
 
-    thickness: Annotated[Positive, says("length", "of the layer without field")]
-    width: Annotated[Positive, says("length", "of the tank; the coil is in the middle")]
+    thickness: Annotated[Positive, says("length", "thickness of the layer without field")]
+    width: Annotated[Positive, says("length", "width of the tank; the coil is in its middle")]
     walls: Annotated[
         Literal["upright", "pinned"],
-        says("", "the surface meets the walls at a right angle, or at the height without field"),
+        says("", "condition at the walls: a right angle, or the height without field"),
     ] = "upright"
 
 
@@ -49,54 +49,57 @@ class CoilTable(Table, frozen=True, kw_only=True):
     """The coil, without iron."""
 
     ampere_turns: Annotated[NonNegative, says("current", "current times turns")] = 3000.0
-    inner_radius: Annotated[Positive, says("length", "of the winding")] = 5e-3
-    outer_radius: Annotated[Positive, says("length", "of the winding")] = 15e-3
-    length: Annotated[Positive, says("length", "of the winding")] = 20e-3
+    inner_radius: Annotated[Positive, says("length", "inner radius of the winding")] = 5e-3
+    outer_radius: Annotated[Positive, says("length", "outer radius of the winding")] = 15e-3
+    length: Annotated[Positive, says("length", "length of the winding")] = 20e-3
     distance: Annotated[
         Positive,
         says(
             "length",
-            "from the bottom of the layer to the nearest point of the coil; above "
+            "distance from the bottom of the layer to the nearest point of the coil; above "
             "`layer.thickness` for a coil above",
         ),
     ] = 2e-3
-    side: Annotated[Literal["below", "above"], says("", "where the coil is")] = "below"
+    side: Annotated[Literal["below", "above"], says("", "side of the layer with the coil")] = (
+        "below"
+    )
     axis: Annotated[
         Literal["vertical", "along"],
-        says("", "direction of its axis: up, or along the width of the tank"),
+        says("", "direction of the coil's axis: up, or along the width of the tank"),
     ] = "vertical"
 
 
 class ResolutionTable(Table, frozen=True, kw_only=True):
-    """How finely the surface is described."""
+    """Resolution of the surface."""
 
     tolerance: Annotated[
         Resolution,
-        says("share", "largest of the last coefficients of its polynomial, over the thickness"),
+        says("share", "largest of the polynomial's last coefficients, over the thickness"),
     ] = 1e-7
-    degree: Annotated[Degree, says("count", "largest degree of that polynomial")] = 256
+    degree: Annotated[Degree, says("count", "largest degree of the polynomial")] = 256
 
 
 class CoilPressureScene(SIScene, frozen=True, kw_only=True):
     """Shape and pressure of a layer of magnetic fluid at a coil.
 
-    A layer of magnetic fluid at rest in a tank, over or under one coil: shape of its surface,
-    pressure on the bottom and inside, field. The current is raised from 0; where the surface does
-    not rest at the full current, the result says at which it no longer does (exit code 3). Theory
-    and assumptions: [theory-hydrostatics.md](../theory-hydrostatics.md). Only `units = "SI"`.
+    The layer rests in a tank over or under one coil. The scene computes the shape of its surface,
+    the pressure on the bottom and inside, and the field. The current is raised from 0. If no
+    surface rests at the full current, the result states the current at which rest ends (exit
+    code 3). Theory and assumptions: [theory-hydrostatics.md](../theory-hydrostatics.md). Only
+    `units = "SI"`.
 
-    The trust report: `degree` and `tail` (last coefficients), `defect` (balance between the
-    points, over the thickness), `volume_error`, `force_imbalance` (forces on the fluid, over its
-    weight), `field_error`, what is `accepted` of these, `growth_rate` (of the slowest deviation;
-    must be below 0), `demagnetisation`, `warnings`.
+    The trust report has `degree` and `tail` (last coefficients), `defect` (error of the balance
+    between the points, over the thickness), `volume_error`, `force_imbalance` (of the fluid, over
+    its weight), `field_error`, the `accepted` values of these, `growth_rate` (of the slowest
+    deviation; must be below 0), `demagnetisation`, and `warnings`.
     """
 
     scalars: ClassVar = {
         "pressure_max": ("stress", "highest pressure on the bottom"),
-        "pressure_change_max": ("stress", "the same less `pressure_without_field`"),
-        "pressure_without_field": ("stress", "on the bottom"),
-        "surface_rise_max": ("length", "highest point against the layer without field"),
-        "surface_drop_max": ("length", "lowest point against the layer without field"),
+        "pressure_change_max": ("stress", "`pressure_max` less `pressure_without_field`"),
+        "pressure_without_field": ("stress", "pressure on the bottom without field"),
+        "surface_rise_max": ("length", "highest point, relative to the layer without field"),
+        "surface_drop_max": ("length", "lowest point, relative to the layer without field"),
         "slope_max": ("1", "largest \\|*h*′\\|"),
         "field_bottom_max": ("magnetic_field", "largest *H* at the bottom"),
         "field_surface_max": ("magnetic_field", "largest *H* at the surface"),
@@ -106,28 +109,28 @@ class CoilPressureScene(SIScene, frozen=True, kw_only=True):
         ),
         "magnetic_force": (
             "force_per_length",
-            "of the field on the fluid, upwards, per depth of the trough",
+            "upward force of the field on the fluid, per depth of the trough",
         ),
         "capillary_length": ("length", "√(γ/ρ*g*)"),
-        "volume_error": ("share", "volume by quadrature against that of the layer"),
-        "demagnetisation": ("share", "estimate of what is neglected; above 0.1 a warning"),
-        "ampere_turns": ("current", "at which the surface shown rests"),
-        "stated_pressure": ("stress", "as given"),
+        "volume_error": ("share", "relative difference of the volume by quadrature to the layer's"),
+        "demagnetisation": ("share", "estimate of the neglected effect; a warning above 0.1"),
+        "ampere_turns": ("current", "ampere-turns at which the shown surface rests"),
+        "stated_pressure": ("stress", "`stated_pressure` of the scene"),
         "pressure_over_stated": ("share", "`pressure_change_max` over `stated_pressure`"),
-        "field_for_stated": ("magnetic_field", "field that has this pressure in the fluid"),
-        "induction_for_stated": ("induction", "μ<sub>0</sub> times it"),
+        "field_for_stated": ("magnetic_field", "field with this pressure in the fluid"),
+        "induction_for_stated": ("induction", "μ<sub>0</sub> times this field"),
     }
     variables: ClassVar = {
-        "x": ("length", ("x",), "place along the bottom"),
+        "x": ("length", ("x",), "position along the bottom"),
         "surface": ("length", ("x",), "height of the surface"),
         "pressure": ("stress", ("x",), "pressure on the bottom"),
         "field_bottom": ("magnetic_field", ("x",), "H at the bottom"),
         "field_surface": ("magnetic_field", ("x",), "H at the surface"),
         "share": ("share", ("share",), "height over that of the surface"),
-        "inside_x": ("length", ("inside_x",), "place along the bottom"),
+        "inside_x": ("length", ("inside_x",), "position along the bottom"),
         "inside_z": ("length", ("share", "inside_x"), "height"),
         "inside_pressure": ("stress", ("share", "inside_x"), "pressure in the fluid"),
-        "map_x": ("length", ("map_x",), "place along the bottom"),
+        "map_x": ("length", ("map_x",), "position along the bottom"),
         "map_z": ("length", ("map_z",), "height"),
         # around coil and fluid; not a number in the winding
         "induction_x": ("induction", ("map_z", "map_x"), "induction along x"),
@@ -140,20 +143,16 @@ class CoilPressureScene(SIScene, frozen=True, kw_only=True):
     kind: Literal["coil-pressure"]
     want: Annotated[
         tuple[Literal["coil_pressure"], ...],
-        says("", "`coil_pressure`: figure 25; induction, which is unknown in the winding"),
+        says("", "`coil_pressure`: figure 25 of Zimmermann et al.; no induction in the winding"),
     ] = ()
     fluid: Annotated[FluidTable, says("", "the fluid")]
-    layer: Annotated[LayerTable, says("", "the tank")]
+    layer: Annotated[LayerTable, says("", "the tank and its layer")]
     coil: Annotated[CoilTable, says("", "the coil")] = CoilTable()
-    surface: Annotated[ResolutionTable, says("", "how finely the surface is described")] = (
-        ResolutionTable()
-    )
-    gravity: Annotated[Positive, says("acceleration", "of the fall")] = 9.80665
+    surface: Annotated[ResolutionTable, says("", "resolution of the surface")] = ResolutionTable()
+    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = 9.80665
     stated_pressure: Annotated[
         Positive | None,
-        says(
-            "stress", "a change of pressure, stated or measured, to compare with; none if left out"
-        ),
+        says("stress", "stated or measured change of pressure for comparison; none if left out"),
     ] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -164,97 +163,100 @@ class CoilPressureScene(SIScene, frozen=True, kw_only=True):
             yield (
                 "coil.inner_radius",
                 f"{coil.inner_radius:g} is not below coil.outer_radius = {coil.outer_radius:g}; "
-                "the winding lies between them",
+                "write a radius below coil.outer_radius",
             )
         if coil.side == "above" and coil.distance <= layer.thickness:
             yield (
                 "coil.distance",
-                f"the coil lies inside the fluid: {coil.distance:g} m above the bottom of a layer "
-                f"{layer.thickness:g} m thick; write more than layer.thickness",
+                f"the coil lies inside the fluid, {coil.distance:g} m above the bottom of a layer "
+                f"of {layer.thickness:g} m; write more than layer.thickness",
             )
 
 
 class TubeTable(Table, frozen=True, kw_only=True):
     """The membrane, a tube."""
 
-    radius: Annotated[Positive, says("length", "of the tube")] = 4e-3
-    youngs_modulus: Annotated[Positive, says("stress", "of the membrane")] = 5e5
+    radius: Annotated[Positive, says("length", "radius of the tube")] = 4e-3
+    youngs_modulus: Annotated[Positive, says("stress", "Young's modulus of the membrane")] = 5e5
     diffusivity: Annotated[
-        Positive, says("diffusivity", "of the carrier liquid in the membrane")
+        Positive, says("diffusivity", "diffusivity of the carrier liquid in the membrane")
     ] = 1e-11
     concentration_drop: Annotated[
-        Positive, says("density", "of that liquid, from the inner to the outer face")
+        Positive,
+        says("density", "difference of that liquid's density from the inner to the outer face"),
     ] = 0.15
     stress_max: Annotated[Positive, says("stress", "hoop stress at the full pressure")] = 5e4
     strain_max: Annotated[Positive, says("share", "strain at the full pressure")] = 0.1
 
 
 class FillingTable(Table, frozen=True, kw_only=True):
-    """The fluid in it."""
+    """The fluid in the membrane."""
 
-    pressure: Annotated[Positive, says("stress", "by the magnetic field, above that outside")]
-    density: Annotated[Positive, says("density", "of the fluid")] = 1200.0
+    pressure: Annotated[Positive, says("stress", "magnetic pressure, above the pressure outside")]
+    density: Annotated[Positive, says("density", "density of the fluid")] = 1200.0
 
 
 class MembraneScene(SIScene, frozen=True, kw_only=True):
-    """The best thickness of a membrane, between actuation and loss of fluid.
+    """The best thickness of a membrane, a compromise between actuation and loss of fluid.
 
-    How thick the skin of a worm filled with magnetic fluid should be: thin for strain and force,
-    thick to keep the fluid. The best thickness within limits, and the front of strain and loss.
-    Theory: [theory-hydrostatics.md](../theory-hydrostatics.md#2-the-membrane). Only
+    The skin of a worm filled with magnetic fluid should be thin for large strain and force, but
+    thick to keep the fluid. The scene computes the best thickness within limits, and the Pareto
+    front of strain and loss. Theory:
+    [theory-hydrostatics.md](../theory-hydrostatics.md#2-the-membrane). Only
     `units = "SI"`.
 
-    The trust report names its `assumptions`, among them that the tube's ends are free, and has
-    `violation` of limits, `recheck_error` (against a closed form), `accepted`,
-    `warnings`: strains that are not small, a wall above a tenth of the radius, nothing left to
-    push. Exit code 3 where no thickness meets all limits, with what each of them asks for.
+    The trust report names its `assumptions`, among them that the tube's ends are free. It has
+    `violation` of limits, `recheck_error` (against a closed form), `accepted`, and `warnings`:
+    strains that are not small, a wall above a tenth of the radius, no pressure left to push. The
+    exit code is 3 if no thickness meets all limits; the message gives the need of each limit.
     """
 
     scalars: ClassVar = {
-        "thickness_best": ("length", "with the most strain within all limits"),
+        "thickness_best": ("length", "thickness with the largest strain within all limits"),
         "limited_by": (
             "1",
-            "`loss`, `stress`, `strain`, or `thickness` where the thinnest that can be made will "
-            "do",
+            "limit that determines it: `loss`, `stress`, `strain`, or `thickness` if the thinnest "
+            "allowed meets all limits",
         ),
-        "thickness_for_loss": ("length", "least thickness for this limit alone"),
-        "thickness_for_stress": ("length", "likewise"),
-        "thickness_for_strain": ("length", "likewise"),
-        "strain": ("share", "at the best thickness"),
-        "stress": ("stress", "likewise"),
-        "loss_share": ("share", "likewise"),
-        "loss_rate": ("mass_rate_per_length", "at the beginning"),
-        "contact_pressure": ("stress", "left to push against the channel"),
-        "bending_stiffness": ("bending_stiffness", "of the tube as a beam"),
-        "lifetime": ("time", "as given"),
-        "loss_max": ("share", "as given"),
-        "stress_max": ("stress", "as given"),
-        "strain_max": ("share", "as given"),
+        "thickness_for_loss": ("length", "least thickness for `loss_max` alone"),
+        "thickness_for_stress": ("length", "least thickness for `membrane.stress_max` alone"),
+        "thickness_for_strain": ("length", "least thickness for `membrane.strain_max` alone"),
+        "strain": ("share", "strain at the best thickness"),
+        "stress": ("stress", "hoop stress at the best thickness"),
+        "loss_share": ("share", "share of fluid lost within the lifetime at the best thickness"),
+        "loss_rate": ("mass_rate_per_length", "initial rate of loss"),
+        "contact_pressure": ("stress", "pressure left to push against the channel"),
+        "bending_stiffness": ("bending_stiffness", "bending stiffness of the tube as a beam"),
+        "lifetime": ("time", "`lifetime` of the scene"),
+        "loss_max": ("share", "`loss_max` of the scene"),
+        "stress_max": ("stress", "`membrane.stress_max`"),
+        "strain_max": ("share", "`membrane.strain_max`"),
     }
     variables: ClassVar = {
         "front_thickness": ("length", ("point",), "thickness"),
         "front_loss": ("share", ("point",), "share of the fluid lost within the lifetime"),
         "front_strain": ("share", ("point",), "strain"),
         "front_contact_pressure": ("stress", ("point",), "pressure on the ground"),
-        "front_within": ("count", ("point",), "whether all limits hold"),
+        "front_within": ("count", ("point",), "1 if all limits hold, else 0"),
     }
 
     kind: Literal["membrane"]
     want: Annotated[
         tuple[Literal["membrane"], ...],
-        says("", "`membrane`: strain over loss, and the pressure that is left over thickness"),
+        says("", "`membrane`: strain over loss, and remaining pressure over thickness"),
     ] = ()
     membrane: Annotated[TubeTable, says("", "the membrane")] = TubeTable()
     fluid: Annotated[FillingTable, says("", "the fluid")]
-    lifetime: Annotated[Positive, says("time", "how long the fluid must last")]
-    loss_max: Annotated[Share, says("share", "largest share of it lost in that time")] = 0.1
+    lifetime: Annotated[Positive, says("time", "required lifetime of the fluid")]
+    loss_max: Annotated[Share, says("share", "largest share of fluid lost in that time")] = 0.1
     thickness: Annotated[
-        Pair, says("length", "what can be made; the largest below `membrane.radius`")
+        Pair,
+        says("length", "least and largest thickness that can be made, below `membrane.radius`"),
     ] = (2e-5, 2e-3)
     contact_strain: Annotated[
-        NonNegative, says("share", "at which the worm touches the ground or its channel")
+        NonNegative, says("share", "strain at which the worm touches the ground or its channel")
     ] = 0.02
-    points: Annotated[Count, says("count", "of the front")] = 41
+    points: Annotated[Count, says("count", "number of points of the front")] = 41
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

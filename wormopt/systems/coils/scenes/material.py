@@ -1,4 +1,4 @@
-"""Scenes of kind "material": an elastic composite in a field. The base of scenes in SI units."""
+"""Scenes of kind "material": an elastic composite in a field. Also the base of SI scenes."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _EITHER = "write mu_r and lame_eta, or u0 and youngs_modulus_eff"
 
 
 class SIScene(SceneTable, frozen=True, kw_only=True):
-    """A scene whose numbers are in SI units."""
+    """A scene whose values are in SI units."""
 
     why_si: ClassVar = (
-        'the permeability of vacuum has units: write units = "SI", with A/m, Pa and m'
+        'the permeability of vacuum has units; write units = "SI", with A/m, Pa and m'
     )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -44,9 +44,9 @@ class SIScene(SceneTable, frozen=True, kw_only=True):
 
 
 class MaterialTable(Table, frozen=True, kw_only=True):
-    """The material, by what it is or by what was measured in the field.
+    """The material, by its parameters or by measurements in the field.
 
-    Refused: both ways of telling the material, or half of one; measurements with `field` 0.
+    Both descriptions together are refused, as is half of one, and measurements with `field` 0.
     """
 
     field: Annotated[NonNegative, says("magnetic_field", "*H*, across the bar")]
@@ -57,31 +57,31 @@ class MaterialTable(Table, frozen=True, kw_only=True):
         Positive | None, says("stress", "second Lamé coefficient *η* (shear modulus)")
     ] = None
     u0: Annotated[
-        Positive | None, says("share", "instead of these two: strain by the field alone,")
+        Positive | None, says("share", "measured strain by the field alone, instead of these two")
     ] = None
     youngs_modulus_eff: Annotated[
         Positive | None,
         says(
             "stress",
-            "and Young's modulus in the field, from which `mu_r` and `lame_eta` are identified",
+            "measured Young's modulus in the field; with `u0` it identifies `mu_r` and `lame_eta`",
         ),
     ] = None
     lame_lambda: Annotated[
         Positive | None,
         says(
             "stress",
-            "first Lamé coefficient *λ*, unknown if left out; enters no formula, but with it "
-            "*λ* ≫ *η* is checked",
+            "first Lamé coefficient *λ*, unknown if left out; used only to check the assumption "
+            "*λ* ≫ *η*",
         ),
     ] = None
 
     @property
     def measured(self) -> bool:
-        """Whether the material is to be identified from what was measured."""
+        """Return whether measurements identify the material."""
         return self.u0 is not None
 
     def faults(self) -> Iterator[Fault]:
-        """Yield a fault unless the material is given in exactly one way, and completely."""
+        """Yield a fault unless the material is given completely in exactly one way."""
         given, measured = (
             [name for name in names if getattr(self, name) is not None]
             for names in (_GIVEN, _MEASURED)
@@ -89,82 +89,83 @@ class MaterialTable(Table, frozen=True, kw_only=True):
         if given and measured:
             yield "material", f"{', '.join(given + measured)}: {_EITHER}, not both"
         elif not given and not measured:
-            yield "material", f"says no material; {_EITHER}"
+            yield "material", f"is not given; {_EITHER}"
         else:
             names, others = (_GIVEN, _MEASURED) if given else (_MEASURED, _GIVEN)
             for name in sorted(set(names) - set(given + measured)):
                 yield f"material.{name}", f"missing; write it, or {' and '.join(others)} instead"
         if measured and not self.field:
-            yield "material.field", "0; u0 and youngs_modulus_eff are measured in a field above 0"
+            yield "material.field", "is 0, but u0 and youngs_modulus_eff need a field above 0"
 
 
 class SampleTable(Table, frozen=True, kw_only=True):
     """A bar of the material."""
 
-    length: Annotated[Positive, says("length", "without load and field")]
+    length: Annotated[Positive, says("length", "length without load and field")]
     area: Annotated[Positive, says("area", "cross section")]
 
 
 class MaterialScene(SIScene, frozen=True, kw_only=True):
-    """What a material does in a field: its strain, its modulus, its line of stress over strain.
+    """Strain, modulus and stress-strain line of a magneto-elastic material in a field.
 
-    An elastic composite with a magnetic fluid in it, in a field across it: by how much it
-    lengthens, how stiff it is, and its line of stress over strain with the field and without. The
-    material is given, or identified from what was measured; there is exactly one for any
-    measurement. Theory: [theory-magnetics.md](../theory-magnetics.md#1-material). `units` must be
-    `"SI"`.
+    An elastic composite with a magnetic fluid is in a field across it. The scene computes its
+    elongation, its modulus, and its stress-strain lines with and without field. The material is
+    given by its parameters, or identified from measurements; for any measurement exactly one
+    material exists. Theory: [theory-magnetics.md](../theory-magnetics.md#1-material). `units` must
+    be `"SI"`.
 
-    Refused besides (exit code 2): a field in which 1 + 2*G*/3 is not positive, with the field and
-    the permeability that would be allowed; measurements that no material has to twelve digits.
+    A field in which 1 + 2*G*/3 is not positive is refused (exit code 2); the message gives the
+    allowed field and permeability. Measurements that no material reproduces to twelve digits are
+    refused too.
 
-    The trust report has `identification` (`residual`: largest relative difference of
-    *u*<sub>0</sub> and *E*<sub>eff</sub>, computed from what was identified, from what was
-    measured; `roots`: every root, with a verdict) or, of a given material, `recheck` (it is
-    identified again from its own *u*<sub>0</sub> and *E*<sub>eff</sub>; unknown without field);
-    `validity` (the numbers behind the assumptions: `must_be_positive` 1 + 2*G*/3, `field_share` of
-    the largest field, `lame_ratio` *λ*/*η*, `largest_strain`); `warnings`.
+    For an identified material the trust report has `identification`. Its `residual` is the largest
+    relative difference of computed and measured *u*<sub>0</sub> and *E*<sub>eff</sub>; its `roots`
+    lists every root with a verdict. For a given material the report has `recheck`: the material is
+    identified again from its own *u*<sub>0</sub> and *E*<sub>eff</sub> (unknown without field).
+    `validity` has the values behind the assumptions: `must_be_positive` 1 + 2*G*/3, `field_share`
+    of the largest field, `lame_ratio` *λ*/*η*, `largest_strain`. `warnings` complete the report.
     """
 
     scalars: ClassVar = {
         "field": ("magnetic_field", "*H*"),
         "u0": ("share", "strain by the field alone"),
         "youngs_modulus_eff": ("stress", "Young's modulus in the field"),
-        "youngs_modulus": ("stress", "without it, 3*η*"),
-        "modulus_change": ("share", "by how much of itself the field changes it, never upward"),
+        "youngs_modulus": ("stress", "Young's modulus without field, 3*η*"),
+        "modulus_change": ("share", "relative change of the modulus by the field, never positive"),
         "permeability": ("1", "*μ*<sub>r</sub>"),
         "lame_eta": ("stress", "*η*"),
-        "lame_lambda": ("stress", "*λ*, unknown where it is not given"),
-        "poisson_ratio": ("1", "*λ*/(2(*λ* + *η*)), unknown likewise"),
+        "lame_lambda": ("stress", "*λ*, unknown if not given"),
+        "poisson_ratio": ("1", "*λ*/(2(*λ* + *η*)), unknown if *λ* is not given"),
         "softening": ("1", "*G*, between −3/2 and 0"),
-        "largest_field": ("magnetic_field", "below it the formulas hold"),
+        "largest_field": ("magnetic_field", "field below which the formulas hold"),
         "small_strain": ("share", "largest strain that counts as small"),
         "stiffness": (
             "stiffness",
             "*E*<sub>eff</sub> *S*<sub>0</sub>/*l*<sub>0</sub>, with `[sample]`",
         ),
-        "stiffness_without_field": ("stiffness", "3*η S*<sub>0</sub>/*l*<sub>0</sub>, likewise"),
+        "stiffness_without_field": ("stiffness", "3*η S*<sub>0</sub>/*l*<sub>0</sub>, the same"),
     }
     variables: ClassVar = {
         "strain": ("share", ("strain",), "strain along the bar"),
-        "stress_with_field": ("stress", ("strain",), "with field"),
-        "stress_without_field": ("stress", ("strain",), "without"),
+        "stress_with_field": ("stress", ("strain",), "stress with field"),
+        "stress_without_field": ("stress", ("strain",), "stress without field"),
     }
 
     kind: Literal["material"]
     want: Annotated[
         tuple[Literal["stress_strain"], ...],
-        says("", "`stress_strain`: the chapter's figure 12"),
+        says("", "`stress_strain`: figure 12 of Zimmermann et al. 2007 (WLLS)"),
     ] = ()
     material: Annotated[MaterialTable, says("", "the material and the field")]
     sample: Annotated[
-        SampleTable | None, says("", "a bar of which to tell the stiffness; none if left out")
+        SampleTable | None, says("", "a bar whose stiffness is computed; none if left out")
     ] = None
     strain: Annotated[
         Range | None,
         says(
             "share",
-            "range of the lines, above −1; from 0 to 0.1, or to past *u*<sub>0</sub> where that "
-            "is more, if left out",
+            "range of the lines, above −1; if left out, from 0 to 0.1 or beyond *u*<sub>0</sub>, "
+            "whichever is more",
         ),
     ] = None
 

@@ -1,1 +1,1 @@
-"""Pictures of peristaltic worms."""
+"""Plots of peristaltic worms."""

@@ -1,4 +1,4 @@
-"""Picture of a worm that anchors in its tube: the body over a cycle, its advance; it moves."""
+"""Plots of a worm that anchors in its tube: body over a cycle, advance, animation."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from wormopt.systems.peristaltic.plots.parts import THIN, draw_segment, rows_at
 
 _PERIODS, _FRAMES_PER_PERIOD = 2, 48
 FRAMES = _PERIODS * _FRAMES_PER_PERIOD
-# Of the length a short segment is drawn with: what a stroke takes; half the thickness of a ring,
-# of a worm at rest and of its tube. A true worm changes too little to be seen.
+# Relative to the drawn length of a short segment: drawn stroke; half the thickness of a ring, of a
+# worm at rest and of its tube. Real changes are too small to be seen.
 _STROKE, _RING, _THIN, _WIDE = 0.45, 0.165, 0.22, 0.36
 _ANCHORED, _FREE = LINKS[0], THIN
 
 
 def peristalsis(result: Result) -> Figure:
-    """The body in its tube as each phase begins, with its anchors; advance against the ceiling.
+    """Plot the body in its tube at the start of each phase, its anchors, and its advance.
 
-    Needs ``time``, ``length``, ``radius``, ``anchored``, ``position`` and the wave's. Changes of
-    length and thickness are drawn larger than they are.
+    Needs ``time``, ``length``, ``radius``, ``anchored``, ``position`` and the wave. Changes
+    of length and thickness are enlarged.
     """
     begins = np.arange(0, len(result["time"].values), 2)
     tall = 0.5 * (len(begins) + 1)
@@ -52,18 +52,18 @@ def peristalsis(result: Result) -> Figure:
     tell(
         drawn,
         fact(result, "speed", "mean speed", "mm s-1"),
-        fact(result, "ceiling", "no gait is faster than", "mm s-1"),
-        fact(result, "wave_speed", "the wave", "mm s-1"),
-        fact(result, "stroke", "a stroke is", "mm"),
+        fact(result, "ceiling", "upper bound", "mm s-1"),
+        fact(result, "wave_speed", "wave", "mm s-1"),
+        fact(result, "stroke", "stroke", "mm"),
     )
     entries = [Patch(color=_ANCHORED, label="anchored on the wall"),
-               Patch(color=_FREE, label="moves, off the wall")]  # fmt: skip
+               Patch(color=_FREE, label="moving, off the wall")]  # fmt: skip
     legend_below(drawn, entries)
     return drawn
 
 
 def _draw_way(axes: Axes, result: Result) -> None:
-    """Position of the head in the gait, in the wave, and what no gait exceeds."""
+    """Draw the position of the head in the gait and in the wave, and the bound of all gaits."""
     period, unit = needed(result, "period"), result["position"].unit
     scale, unit = (1e3, "mm") if unit == "m" else (1.0, unit)
     _repeated(axes, result["time"].values, scale * result["position"].values[0], period,
@@ -75,14 +75,14 @@ def _draw_way(axes: Axes, result: Result) -> None:
               linewidth=0.9, label="bound on the mean")  # fmt: skip
     axes.set_xlim(0, end)
     axes.set_xlabel(label("time $t$", result["time"].unit))
-    axes.set_ylabel(label("way of the head", unit))
+    axes.set_ylabel(label("position of the head", unit))
     legend(axes)
 
 
 def _repeated(
     axes: Axes, time: np.ndarray, way: np.ndarray, period: float, **style: object
 ) -> None:
-    """Draw a motion cycle after cycle for the periods shown."""
+    """Draw a motion cycle by cycle for the periods shown."""
     turns = np.arange(np.ceil(_PERIODS * period / time[-1] - 1e-9))
     advance = way[-1] - way[0]
     axes.plot(
@@ -93,7 +93,7 @@ def _repeated(
 
 
 def _drawn_rings(result: Result, t: float) -> np.ndarray:
-    """Where rings are drawn at time t, in lengths of a short segment."""
+    """Return the drawn positions of rings at time t, in lengths of a short segment."""
     shortest, stroke = needed(result, "shortest"), needed(result, "stroke")
     turn, t = divmod(t, needed(result, "period"))
     head = rows_at(result, "position", t)[0] + turn * needed(result, "advance")
@@ -102,7 +102,7 @@ def _drawn_rings(result: Result, t: float) -> np.ndarray:
 
 
 def _draw_body(axes: Axes, result: Result, row: float, t: float, at: int) -> None:
-    """Draw the worm at time t; `at` is the sample whose anchors hold then."""
+    """Draw the worm at time t; `at` is the sample with the anchors of that time."""
     rings = _drawn_rings(result, t)
     thin, wide = needed(result, "worm_radius"), needed(result, "tube_radius")
     radii = (rows_at(result, "radius", t % needed(result, "period")) - thin) / (wide - thin)
@@ -119,18 +119,18 @@ def _draw_body(axes: Axes, result: Result, row: float, t: float, at: int) -> Non
 
 
 def _stage(axes: Axes, result: Result, rows: int, periods: int) -> None:
-    """Room for the worm on its way, and no scale where changes are drawn larger."""
+    """Set limits for the worm and its path, without a scale where changes are enlarged."""
     rings = np.array([_drawn_rings(result, t) for t in result["time"].values[:-1]])
     advance = needed(result, "advance") * _STROKE / needed(result, "stroke")
     axes.set_xlim(rings.min() - 0.2, rings[:, 0].max() + (periods - 1) * advance + 0.2)
     axes.set_ylim(-rows + 0.5, 0.5)
     axes.set_xticks([])
     axes.grid(visible=False)
-    axes.set_xlabel("forward → (changes drawn larger)")
+    axes.set_xlabel("forward → (changes enlarged)")
 
 
 def first_frame(result: Result) -> Figure:
-    """The worm in its tube as the animation begins, for `pose` to change."""
+    """Plot the worm in its tube at the start of the animation, for `pose` to change."""
     drawn = sheet(7.1, 1.5, 1.2)
     drawn.subplots()
     pose(drawn, result, 0)

@@ -1,4 +1,4 @@
-"""The body of a peristaltic worm as it swells and thins: snapshots over a period, and animated."""
+"""Plots of a peristaltic worm as it swells and thins: snapshots over a period, animation."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from wormopt.systems.peristaltic.plots.parts import (
 
 _SNAPSHOTS, _PERIODS, _FRAMES_PER_PERIOD = 9, 3, 40
 FRAMES = _PERIODS * _FRAMES_PER_PERIOD
-# Largest radius of all over the usual length of a segment, and of rings over that of a segment.
+# Largest radius over the usual length of a segment, and radius of rings over that of a segment.
 _THICK, _WAIST = 0.45, 0.72
 
 
 def body(result: Result) -> Figure:
-    """The worm at equal times of a period, from top to bottom; its path dotted.
+    """Plot the worm at equal times of a period, from top to bottom; its path dotted.
 
     Segments keep their volume: short ones are thick. Orange edges: the coil is on.
     """
@@ -47,12 +47,16 @@ def body(result: Result) -> Figure:
     axes.set_ylabel("time over period")
     axes.set_xlabel(label("position $x$, head to the right", result["position"].unit))
     axes.grid(visible=False)
-    tell(drawn, fact(result, "distance", "way in a period"), fact(result, "speed", "mean velocity"))
+    tell(
+        drawn,
+        fact(result, "distance", "displacement per period"),
+        fact(result, "speed", "mean velocity"),
+    )
     return drawn
 
 
 def first_frame(result: Result) -> Figure:
-    """The worm on its ground as the animation begins, for `pose` to change."""
+    """Plot the worm on its ground at the start of the animation, for `pose` to change."""
     drawn = sheet(7.1, 1.7, 1.3)
     axes, scale = drawn.subplots(), _Scale(result)
     places = result["position"].values
@@ -82,7 +86,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 
 class _Scale:
-    """Sizes that all pictures of one motion share."""
+    """Sizes shared by all frames of one motion."""
 
     def __init__(self, result: Result) -> None:
         lengths = result["length"].values
@@ -91,11 +95,11 @@ class _Scale:
         self.thick = _THICK * self.usual * self.radius(self.shortest)
 
     def radius(self, length: float) -> float:
-        """Radius over the usual one at which the volume is kept."""
+        """Return the radius relative to the usual one, at constant volume."""
         return float(np.sqrt(self.usual / length))
 
     def shade(self, length: float) -> tuple[float, ...]:
-        """Colour by length."""
+        """Return the colour for a length."""
         return shade((self.longest - length) / max(self.longest - self.shortest, 1e-300))
 
 
@@ -104,7 +108,7 @@ def _rings(result: Result, t: np.ndarray | float) -> np.ndarray:
 
 
 def _coils(result: Result, t: float) -> np.ndarray:
-    """Which coils are on at a time, (N,)."""
+    """Return which coils (N,) are on at a time."""
     if "coil" not in result:
         return np.zeros(len(result["length"].values), bool)
     time = result["instant"].values
@@ -113,7 +117,7 @@ def _coils(result: Result, t: float) -> np.ndarray:
 
 
 def _draw(axes: Axes, rings: np.ndarray, middle: float, scale: _Scale, on: np.ndarray) -> None:
-    """One worm."""
+    """Draw one worm."""
     thick = _THICK * scale.usual
     for (front, rear), lit in zip(pairwise(rings), on, strict=True):
         length = front - rear

@@ -1,4 +1,4 @@
-"""The best gait of a worm on drag beside the best small one."""
+"""Plot of the best gait of a worm on drag, with the best small gait."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wormopt.result import Result
 
 
 def drag_gait(result: Result) -> Figure:
-    """Lengths of all segments over a period, dashed those of the best small gait; velocity."""
+    """Plot lengths of all segments over a period, the best small gait dashed, and velocity."""
     drawn = sheet(7.1, 4.2, 4.6)
     top, below = drawn.subplots(2, sharex=True, height_ratios=(2, 1))
     time, lengths = result["instant"].values, result["length"].values
@@ -44,7 +44,7 @@ def drag_gait(result: Result) -> Figure:
     below.margins(x=0)
     tell(
         drawn,
-        fact(result, "distance", "way in a period"),
+        fact(result, "distance", "displacement per period"),
         fact(result, "distance_small", "by small strains"),
         fact(result, "segments_per_wave"),
     )

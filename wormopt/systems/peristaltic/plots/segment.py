@@ -1,4 +1,4 @@
-"""Pictures of one segment of a peristaltic worm."""
+"""Plots of one segment of a peristaltic worm."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from wormopt.result import Result
 from wormopt.systems.peristaltic.plots.parts import ON, THIN, without_heights
 
 _WALL = "#8C8C8C"
-# Largest swelling in the picture over the radius.
+# Largest drawn swelling over the radius.
 _SHOWN = 0.3
 
 
 def segment(result: Result) -> Figure:
-    """The segment without field, in its coil, against its load, in its tube; as a balloon.
+    """Plot the segment without field, in its coil, against its load, in its tube, and inflated.
 
-    Swellings are drawn larger than they are, by the number that is said; coils in brown.
+    Swellings are enlarged by the factor stated in the plot. Coils are brown.
     """
     length, radius = needed(result, "length"), needed(result, "radius")
     states = _states(result)
@@ -63,19 +63,19 @@ def segment(result: Result) -> Figure:
     for axes in rows[:-1]:
         axes.spines["bottom"].set_visible(False)
         axes.tick_params(bottom=False)
-    rows[-1].set_xlabel("place $z$ along the axis (mm)")
+    rows[-1].set_xlabel("axial position $z$ (mm)")
     legend_below(
         drawn,
         [
             Patch(facecolor=THIN, edgecolor="black", label="segment"),
-            Patch(facecolor=ON, label="coil, with current"),
+            Patch(facecolor=ON, label="coil with current"),
             Patch(facecolor="white", edgecolor=ON, label="without"),
             *([line("tube", _WALL, width=2.5)] if tube else []),
         ],
     )
     tell(
         drawn,
-        f"swellings drawn {factor:g} times as large",
+        f"swellings enlarged {factor:g} times",
         fact(result, "stroke", unit="%"),
         fact(result, "normal_force", "normal force on the tube", "mN"),
         fact(result, "holding", "holds", "mN"),
@@ -85,7 +85,7 @@ def segment(result: Result) -> Figure:
 
 
 def _states(result: Result) -> list[tuple[str, float, float]]:
-    """Words, stretch and radius of each state that is drawn as a cylinder."""
+    """Return title, stretch and radius of each state that is drawn as a cylinder."""
     radius, stretch = needed(result, "radius"), needed(result, "stretch")
     states = [("without field", 1.0), ("in its coil", stretch)]
     if needed(result, "load"):
@@ -98,7 +98,7 @@ def _states(result: Result) -> list[tuple[str, float, float]]:
 
 
 def _round(number: float) -> float:
-    """Largest of 1, 2, 5, 10, ... up to a number; 1 at least."""
+    """Return the largest of 1, 2, 5, 10, ... up to a number, at least 1."""
     power = 10.0 ** np.floor(np.log10(max(number, 1.0)))
     return float(power * max(step for step in (1, 2, 5) if step * power <= max(number, 1.0)))
 
@@ -110,7 +110,7 @@ def _outline(axes: Axes, x: np.ndarray, radius: np.ndarray) -> None:
 
 
 def _coil(axes: Axes, result: Result, *, lit: bool) -> None:
-    """The coil above and below: the ideal one's field, or the real winding."""
+    """Draw the coil above and below: the field of the ideal coil, or the real winding."""
     length, radius = 1e3 * needed(result, "length"), 1e3 * needed(result, "radius")
     wound = scalar(result, "winding_length")
     half = 500 * wound if wound else needed(result, "coil_share") * length / 2
@@ -123,15 +123,15 @@ def _coil(axes: Axes, result: Result, *, lit: bool) -> None:
 
 
 def _balloon(axes: Axes, result: Result) -> None:
-    """The true membrane under its given pressure, its swelling as it is."""
+    """Draw the true membrane under its given pressure, with its swelling to scale."""
     place, radius = (1e3 * result[f"membrane_{name}"].values for name in ("place", "radius"))
     _outline(axes, np.concatenate([-place[::-1], place]), np.concatenate([radius[::-1], radius]))
     pressure = needed(result, "inflation_pressure")
-    axes.set_title(f"not sealed, under a pressure of {pressure:g} Pa: swelling as it is")
+    axes.set_title(f"not sealed, at a pressure of {pressure:g} Pa: swelling to scale")
 
 
 def stroke(result: Result) -> Figure:
-    """Strokes over the pressure of the coil, and the forces on the ends over the stretch."""
+    """Plot strokes over the coil's pressure, and forces on the ends over the stretch."""
     drawn = sheet(7.1, 3.3, 5.6)
     left, right = drawn.subplots(*((2, 1) if narrow() else (1, 2)))
     pressure = result["pressure"].values
@@ -171,6 +171,6 @@ def stroke(result: Result) -> Figure:
         drawn,
         fact(result, "stroke", "free stroke", "%"),
         fact(result, "loading", "pressure over $Gh/R$"),
-        fact(result, "winding_share", "winding like an ideal coil of the share"),
+        fact(result, "winding_share", "share of the equivalent ideal coil"),
     )
     return drawn

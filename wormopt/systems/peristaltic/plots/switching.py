@@ -1,4 +1,4 @@
-"""Coils that are switched at their best times, and what lengths and velocity make of it."""
+"""Plot of optimal switching times, with lengths and velocity."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from wormopt.result import Result
 
 
 def switching(result: Result) -> Figure:
-    """When each coil is on, lengths of all segments, and velocity over a period.
+    """Plot when each coil is on, the lengths of all segments, and the velocity over a period.
 
-    A bar is black within while its segment rests on the wall.
+    The inside of a bar is black while its segment rests on the wall.
     """
     drawn = sheet(7.1, 5.0, 5.2)
     coils, middle, below = drawn.subplots(3, sharex=True, height_ratios=(1, 2, 1))
@@ -56,7 +56,7 @@ def switching(result: Result) -> Figure:
     tell(
         drawn,
         fact(result, "speed", "mean velocity"),
-        fact(result, "energy_per_distance", "coils take"),
+        fact(result, "energy_per_distance", "energy per distance"),
         fact(result, "time", "period"),
     )
     drawn.align_ylabels()

@@ -1,4 +1,4 @@
-"""Pictures of a peristaltic worm: its body as it swells and thins, its way, where energy goes."""
+"""Plots of a peristaltic worm: its body as it swells and thins, its path, and its energies."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _WORKS = (
 
 
 def worm(result: Result) -> Figure:
-    """The body just before each switch of the last cycle, in its coils and its tube."""
+    """Plot the body just before each switch of the last cycle, in its coils and its tube."""
     chosen = _snapshots(result)
     lanes = 3.9e3 * needed(result, "radius")
     reach = _reach(result, chosen)
@@ -64,21 +64,21 @@ def worm(result: Result) -> Figure:
     legend_below(drawn, _entries(result))
     tell(
         drawn,
-        f"deformation and way drawn {number(_times(result))} times too large",
-        fact(result, "advance", "advance in a cycle", "mm"),
-        fact(result, "slip", "slip in a cycle", "mm"),
+        f"deformation and displacement enlarged {number(_times(result))} times",
+        fact(result, "advance", "advance per cycle", "mm"),
+        fact(result, "slip", "slip per cycle", "mm"),
     )
     return drawn
 
 
 def course(result: Result) -> Figure:
-    """Way of the rings, forces of the wall or lengths, and where the work of the coils goes."""
+    """Plot positions of the rings, forces of the wall or lengths, and the balance of works."""
     drawn = sheet(7.1, 5.6, 7.6)
     way, middle, work = drawn.subplots(3, sharex=True)
     time, x = result["time"].values, result["position"].values
     for ring, colour in zip(x, shades(MASSES, len(x)), strict=True):
         way.plot(time, 1e3 * (ring - ring[0]), color=colour, linewidth=1)
-    way.set_ylabel("way of the rings\n(mm)")
+    way.set_ylabel("position of rings\n(mm)")
     legend(way, handles("ring", len(x), worm=False))
     pressed = result["normal_force"].values
     walled = pressed.max() > 0
@@ -100,15 +100,15 @@ def course(result: Result) -> Figure:
     tell(
         drawn,
         fact(result, "speed", "mean speed", "mm s-1"),
-        fact(result, "advance_share", "of ideal anchors", "%"),
+        fact(result, "advance_share", "share of ideal advance", "%"),
         fact(result, "holding_reserve", "holding reserve", "%"),
-        fact(result, "energy_error", "energy missing"),
+        fact(result, "energy_error", "energy error"),
     )
     return drawn
 
 
 def first_frame(result: Result) -> Figure:
-    """First frame of the animation: the worm in its coils, to be changed by `pose`."""
+    """Plot the worm in its coils at the start of the animation, for `pose` to change."""
     drawn = sheet(7.1, 2.1, 1.6)
     drawn.subplots()
     pose(drawn, result, 0)
@@ -124,8 +124,8 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
     _body(axes, result, int(chosen[frame]), 0.0, reach)
     _frame(axes, reach, (-half, half))
     axes.set_title(
-        f"$t$ = {result['time'].values[chosen[frame]]:.2f} s; deformation and way "
-        f"{number(_times(result))} times too large"
+        f"$t$ = {result['time'].values[chosen[frame]]:.2f} s; deformation and displacement "
+        f"enlarged {number(_times(result))} times"
     )
 
 
@@ -133,27 +133,27 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 
 def _snapshots(result: Result) -> np.ndarray:
-    """Samples of the last cycle, just before each switch or at equal times."""
+    """Return samples of the last cycle, just before each switch or at equal times."""
     steps = needed(result, "steps")
     count = steps if steps > 1 else _SNAPSHOTS
     return _instants(result, 20 * count + 1, cycles=1)[19::20]
 
 
 def _instants(result: Result, count: int, *, cycles: int) -> np.ndarray:
-    """Samples at equal times over the last cycles."""
+    """Return samples at equal times over the last cycles."""
     time = result["time"].values
     since = max(time[-1] - cycles * needed(result, "period"), time[0])
     return np.searchsorted(time, np.linspace(since, time[-1], count) - 1e-9 * time[-1])
 
 
 def _times(result: Result) -> float:
-    """By how much deformation and way are drawn too large: to a quarter of the radius."""
+    """Return the factor that enlarges deformation and displacement: to a quarter of the radius."""
     radii = result["stretch"].values ** -0.5 - 1
     return float(f"{max(0.25 / max(np.abs(radii).max(), 1e-6), 1.0):.0e}")
 
 
 def _places(result: Result) -> np.ndarray:
-    """Drawn places of the rings (rings, times), in mm."""
+    """Return the drawn positions of the rings (rings, times), in mm."""
     x, times = result["position"].values, _times(result)
     return 1e3 * (x[:, :1] + times * (x - x[:, :1]))
 
@@ -166,7 +166,7 @@ def _reach(result: Result, instants: np.ndarray) -> tuple[float, float]:
 def _body(
     axes: Axes, result: Result, instant: int, height: float, reach: tuple[float, float]
 ) -> None:
-    """Segments, coils, anchors and tube at one instant, the axis at a height in mm."""
+    """Draw segments, coils, anchors and tube at one instant, with the axis at a height in mm."""
     times, radius = _times(result), 1e3 * needed(result, "radius")
     x, stretch = _places(result)[:, instant], result["stretch"].values[:, instant]
     radii = radius * (1 + times * (stretch**-0.5 - 1))
@@ -191,7 +191,7 @@ def _body(
 
 
 def _anchors(axes: Axes, result: Result, instant: int, x: np.ndarray, base: float) -> None:
-    """Marks below what rests: full where the wall presses on it, empty where weight alone does."""
+    """Mark resting contacts below: filled if the wall presses, empty if only weight does."""
     resting = result["resting"].values[:, instant] > 0
     pressed = result["normal_force"].values[:, instant] > 0
     spots = (x[:-1] + x[1:]) / 2
@@ -207,7 +207,7 @@ def _frame(axes: Axes, reach: tuple[float, float], heights: tuple[float, float])
     axes.set_ylim(heights)
     axes.set_aspect("equal", adjustable="box")
     without_heights(axes)
-    axes.set_xlabel(label("place $x$, as drawn", "mm"))
+    axes.set_xlabel(label("drawn position $x$", "mm"))
 
 
 def _entries(result: Result) -> list[Artist]:
@@ -218,5 +218,5 @@ def _entries(result: Result) -> list[Artist]:
     ]
     light = line("rests by its weight", RED, "none", marker="^")
     light.set_markerfacecolor("white")
-    pressed = line("rests pressed to the wall", RED, "none", marker="^")
+    pressed = line("rests, pressed to the wall", RED, "none", marker="^")
     return [*found, *([pressed] if result.attributes["tube"] else []), light]

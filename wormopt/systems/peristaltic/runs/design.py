@@ -1,4 +1,4 @@
-"""Scenes of kind ``peristaltic-design``: the fastest anchored gait, its bound and its reserves."""
+"""Runs of kind ``peristaltic-design``: the fastest anchored gait, its bound and its reserves."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from wormopt.systems.peristaltic.anchored.gait import AnchoredGait, anchored_wav
 from wormopt.systems.peristaltic.anchored.quasi_static import slip
 from wormopt.systems.peristaltic.scenes.design import PeristalticDesignScene
 
-# Of strokes and rates, what rounding may do to a gait; of the speed, what to a bound.
+# Accepted round-off of a gait, relative to strokes and rates; of a bound, relative to the speed.
 _ROUNDING, _SOLVED = 1e-8, 1e-6
-# Gaps from here on are warned of.
+# Gap above which a warning is given.
 _WIDE = 0.01
 _ASSUMED = {
     "segments": "sealed cylinders: radius R sqrt(L/l), and no change of length by uniform pressure",
     "anchors": "clamped: a segment rests with both of its rings, and only while it is shortest",
     "rates": "lengths follow the coils at any rate within the limits; no inertia, no creep",
-    "drag": "dry, the same of every segment that moves, whichever way",
+    "drag": "dry, the same for every moving segment, in both directions",
 }
 
 
 def run(scene: Scene[PeristalticDesignScene], report: Report) -> Result:
-    """Design the fastest gait; status "failed" where it does not keep to its limits."""
+    """Design the fastest gait; status "failed" if it violates its limits."""
     table, begin = scene.table, time.perf_counter()
     limits = _limits(scene)
     found = fastest(limits, table.search.phases, table.search.time_limit, report)
@@ -51,7 +51,7 @@ def run(scene: Scene[PeristalticDesignScene], report: Report) -> Result:
 
 
 def _limits(scene: Scene[PeristalticDesignScene]) -> AnchorLimits:
-    """What the gait must keep to; raises SceneError where too few segments can hold."""
+    """Return the limits of the gait; raises SceneError if too few segments can hold."""
     table = scene.table
     worm, limits, tube = table.worm, table.limits, table.tube
     try:
@@ -110,7 +110,7 @@ def _scalars(
 def _signals(
     table: PeristalticDesignScene, gait: AnchoredGait, shortest: float
 ) -> dict[str, np.ndarray]:
-    """Both ends of every phase that lasts; between them all but the radius is linear."""
+    """Return both ends of every phase; between them all signals but the radius are linear."""
     begin, kept = np.concatenate([[0.0], np.cumsum(gait.durations)]), gait.lasting
     length = shortest + gait.lengths
     behind = np.concatenate([[0.0], np.cumsum(length[0])])
@@ -142,10 +142,10 @@ def _of_wave(wave: AnchoredGait) -> dict[str, np.ndarray]:
 def _checks(
     table: PeristalticDesignScene, limits: AnchorLimits, found: Fastest, wave: AnchoredGait
 ) -> Iterator[Check]:
-    """What the gait must keep to, found from its lengths and ways alone."""
+    """Yield the checks of the gait, computed from its lengths and displacements alone."""
     gait, unit = found.gait, limits.stroke
     course, moves = gait.faults() / unit
-    yield Check("lengths against ways", course, _ROUNDING, "lengths do not follow from the ways")
+    yield Check("lengths against ways", course, _ROUNDING, "lengths and ring positions disagree")
     yield Check("anchors", moves, _ROUNDING, "an anchored segment moves, or is not short")
     missing = max(0.0, 1 - float(gait.clearances().min()) / limits.clearance)
     yield Check("clearance", missing, _ROUNDING, "a flight is nearer to the wall than allowed")
@@ -156,7 +156,7 @@ def _checks(
     slipped = slip(gait, table.tube.hold, table.worm.drag, table.worm.load) / unit
     yield Check("slides", slipped, _ROUNDING, "the anchors slip")
     above = max(0.0, gait.speed / min(found.ceiling, found.bound) - 1)
-    yield Check("over the bound", above, _SOLVED, "the gait beats its bound; please report this")
+    yield Check("over the bound", above, _SOLVED, "the gait exceeds its bound; please report this")
     below = max(0.0, wave.speed / gait.speed - 1)
     yield Check("below the wave", below, _SOLVED, "the wave is faster; please report this scene")
 
@@ -165,29 +165,29 @@ def _certificate(limits: AnchorLimits, found: Fastest) -> dict[str, str]:
     every = found.gait.speed >= found.ceiling * (1 - _SOLVED)
     phases = "any number of" if every else f"at most {found.phases}"
     proof = (
-        "the mode program, in spite of rounding"
+        "the mode program, rigorous under round-off"
         if every
         else f"branch and bound over orders of anchors ({found.nodes} nodes), to 1e-6"
     )
     kept = f"with {limits.anchors} or more segments anchored at any time"
-    return {"holds_for": f"gaits of {phases} phases a cycle {kept}", "proof": proof}
+    return {"holds_for": f"gaits of {phases} phases per cycle {kept}", "proof": proof}
 
 
 def _warnings(table: PeristalticDesignScene, found: Fastest) -> Iterator[str]:
     if found.gap > _WIDE:
         yield (
-            f"a gait could be faster by {found.gap:.2g} of the speed: give search.time_limit more "
-            "seconds, or search.phases fewer phases"
+            f"the gait may be up to {found.gap:.2g} of the speed below the optimum; write a larger "
+            "search.time_limit, or fewer search.phases"
         )
     reserves = found.gait.reserves(table.tube.hold, table.worm.drag, table.worm.load)
-    if np.any(reserves < 1 + _ROUNDING):  # NaN where a phase lasts no time
+    if np.any(reserves < 1 + _ROUNDING):  # NaN for phases of no duration
         yield (
-            "anchors hold just what they must in some phase: reserve_min is 1, and any disturbance "
+            "in some phase the anchors have no reserve: reserve_min is 1, and any disturbance "
             "makes them slip; write a larger limits.reserve"
         )
     push, most = float(found.gait.pushes(table.worm.drag).max()), table.worm.push
     if most is not None and push > most:
         yield (
-            f"a growing segment must push {push:.4g}, more than worm.push = {most:g}: "
-            "limits.anchors = more would leave fewer to push"
+            f"a growing segment must push {push:.4g}, more than worm.push = {most:g}; write more "
+            "limits.anchors, which leaves fewer segments to push"
         )

@@ -1,4 +1,4 @@
-"""Scenes of kind ``peristaltic-drag``: the best gait of a worm on linear drag."""
+"""Runs of kind ``peristaltic-drag``: the best gait of a worm on linear drag."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ from wormopt.systems.shared.optimum import (
     warnings_of_optimum,
 )
 
-# By how much both ways to the best gait may differ.
+# Accepted relative difference of both routes to the best gait.
 _AGREED = 1e-7
 _INSTANTS = 512
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PeristalticDragScene], report: Report) -> Result:
-    """Find the best gait; "failed" where its simulation or the second way end elsewhere.
+    """Find the best gait; status "failed" if its simulation or the second route disagrees.
 
-    Raises SolveError if none is found.
+    Raises SolveError if no gait is found.
     """
     table, begin = scene.table, time.perf_counter()
     aim, given = _aim(table), table.mesh
@@ -92,26 +92,26 @@ def _aim(table: PeristalticDragScene) -> DragAim:
 
 
 def _again(motion: Motion, aim: DragAim) -> tuple[Stationary | None, str]:
-    """The gait by its equations, or why not."""
+    """Return the gait by its Euler-Lagrange equations, and the method or why there is none."""
     if touches(motion, aim):
         return None, "none: a segment reaches a limit of its length"
     if aim.mean is None:
-        return None, "none: without a mean length the gait may swing about any"
+        return None, "none: without a mean length the mean of the lengths is not determined"
     try:
-        return stationary(motion, aim), "equations of Euler and Lagrange, by Newton's method"
+        return stationary(motion, aim), "Euler-Lagrange equations, by Newton's method"
     except SolveError as error:
         return None, f"failed: {error.reason}"
 
 
 def _checks(motion: Motion, again: Stationary | None, reason: str) -> Iterator[Check]:
-    """What tells whether the gait is the best one near by."""
+    """Yield checks that the gait is a local optimum."""
     if again is not None:
         off = abs(again.way / _way(motion) - 1)
-        advice = f"by the equations of Euler and Lagrange the way is {again.way:.9g}"
+        advice = f"by the Euler-Lagrange equations the displacement is {again.way:.9g}"
         yield Check("equations of Euler and Lagrange", off, _AGREED, advice)
     elif reason.startswith("failed"):
         advice = (
-            "the equations of Euler and Lagrange were not solved: "
+            "the Euler-Lagrange equations were not solved: "
             f"{reason.removeprefix('failed: ')}; write a drag.exponent farther from 0, or less "
             "effort"
         )
@@ -146,7 +146,7 @@ def _scalars(motion: Motion, aim: DragAim, again: Stationary | None) -> dict[str
 
 
 def _integral(motion: Motion, name: str) -> float:
-    """Integral of an output over the motion, by the points of its mesh."""
+    """Return the integral of an output over the motion, by the points of its mesh."""
     arcs, points = motion.arcs, motion.mesh.collocation
     t = motion.breaks[:-1] + np.multiply.outer(points.tau, arcs.duration)
     values = motion.output(name, t.ravel()).reshape(t.shape)
@@ -176,7 +176,7 @@ def _variables(motion: Motion, aim: DragAim) -> dict[str, np.ndarray]:
 
 
 def _small_lengths(motion: Motion, aim: DragAim, t: np.ndarray) -> np.ndarray:
-    """Lengths (N, m) of the best small gait, as far on as the gait found is at its start."""
+    """Return lengths (N, m) of the best small gait, in phase with the gait found at its start."""
     even = np.arange(_INSTANTS) / _INSTANTS * aim.period
     found = np.fft.rfft(motion.output("lengths", even), axis=1)[:, 1]
     small = aim.small[0]
@@ -189,11 +189,11 @@ def _warnings(
 ) -> Iterator[str]:
     yield from warnings_of_optimum(best, table.mesh.tolerance)
     if reason.startswith("none"):
-        yield f"no second way to this gait: {reason.removeprefix('none: ')}"
+        yield f"no second route to this gait: {reason.removeprefix('none: ')}"
     if touches(best.motion, aim) and table.limits.length is None:
         yield (
-            f"a segment shortens to {SHORTEST:g} of its usual length, where it is held: write "
+            f"a segment reaches the least length, {SHORTEST:g} of its usual length; write "
             "limits.length, or a smaller effort"
         )
     if len(aim.small) > 1:
-        yield ("a local optimum; search.starts tries gaits with more waves on the body too")
+        yield ("a local optimum; write more search.starts to try more waves on the body")

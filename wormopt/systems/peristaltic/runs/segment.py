@@ -1,4 +1,4 @@
-"""Scenes of kind ``peristaltic-segment``: strokes, limits and hold of one segment."""
+"""Runs of kind ``peristaltic-segment``: strokes, limits and hold of one segment."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ from wormopt.systems.peristaltic.segment.segment import Segment, Tube
 from wormopt.systems.peristaltic.segment.wound import WoundSegment
 
 _ACCEPTED = 1e-9
-_NONE = 1e-9  # a share to spare below is none
+_NONE = 1e-9  # a reserve below this share counts as none
 _ASSUMED = {
-    "sealed": "no fluid leaves or enters the segment, so that an even pressure does nothing to it; "
+    "sealed": "no fluid leaves or enters the segment, so uniform pressure does not deform it; "
     "only [inflation] lets fluid in",
-    "ideal coil": "the field of [coil] is even over a share of the segment and 0 at its ends; "
+    "ideal coil": "the field of [coil] is uniform over a share of the segment and 0 at its ends; "
     "[winding] has the field on the axis of a real coil, which the fluid does not change",
     "cylinder": "the segment stays a cylinder, its ends as wide as its middle; barrel_radius and "
-    "[inflation] say what rings at the ends change",
-    "no wrinkles": "the wall bears the pressure along the axis that a sealed cylinder has when it "
-    "shortens; a shell of so thin a wall buckles at a stroke of about 2 h / (3 R)",
-    "caps": "the pull of the field across the ends, chi times the pressure there, is left out",
+    "[inflation] show the effect of rings at the ends",
+    "no wrinkles": "the wall carries the axial compression that a sealed cylinder has when it "
+    "shortens; a shell with so thin a wall buckles at a stroke of about 2 h / (3 R)",
+    "caps": "the pull of the field across the ends, chi times the pressure there, is neglected",
     "rubber": "incompressible, without creep, hysteresis or bending stiffness of the wall",
 }
 
 _NO_SHAPE = (
-    "the true membrane is left out: at so small a pressure it bends at its rings only, too sharply "
-    "to be resolved, and is a cylinder elsewhere"
+    "the true membrane is not computed: at this small pressure it bends only at its rings, too "
+    "sharply to be resolved, and is a cylinder elsewhere"
 )
 
 
 def run(scene: Scene[SegmentScene], report: Report) -> Result:
-    """Find strokes, hold and limits; status "failed" where the energy says otherwise.
+    """Compute strokes, hold and limits; status "failed" if the energy disagrees.
 
     Raises SceneError for a pressure above the limit of inflation, a load without friction, and
     rubber that is too soft.
@@ -94,7 +94,7 @@ def run(scene: Scene[SegmentScene], report: Report) -> Result:
 
 
 def _sizes(table: SegmentScene) -> dict[str, Any]:
-    """What pictures draw beside the numbers found; lengths in m."""
+    """Return sizes that plots need beside the results; lengths in m."""
     part, winding, tube = table.segment, table.winding, table.tube
     sizes = {"length": part.length, "radius": part.radius, "coil_share": table.coil.share}
     sizes |= {"coil_pressure": table.coil.pressure, "load": table.load}
@@ -108,7 +108,7 @@ def _sizes(table: SegmentScene) -> dict[str, Any]:
 
 
 def _strokes(segment: Segment, table: SegmentScene) -> dict[str, Any]:
-    """What the coil does to a segment by itself."""
+    """Return the effect of the coil on a free segment."""
     pressure, load = table.coil.pressure, table.load
     stretch = segment.stretch_at(pressure)
     longest, loaded = segment.stretch_at(0.0, -load), segment.stretch_at(pressure, load)
@@ -129,7 +129,7 @@ def _strokes(segment: Segment, table: SegmentScene) -> dict[str, Any]:
 
 
 def _hold(scene: Scene[SegmentScene], segment: Segment, tube: Tube) -> dict[str, Any]:
-    """What a segment that fills its tube does there."""
+    """Return the forces of a segment that fills its tube."""
     table = scene.table
     pressure, load = table.coil.pressure, table.load
     stretch = tube.stretch_at_contact(segment)
@@ -137,7 +137,7 @@ def _hold(scene: Scene[SegmentScene], segment: Segment, tube: Tube) -> dict[str,
     unit = segment.coil_pull(stretch, 1.0)
     free, loaded = (max(tube.normal_force(segment, pressure, pull), 0.0) for pull in (0.0, load))
     if load and not tube.friction:
-        asks = f"write at least {load / loaded:.3g}" if loaded else "without a normal force none do"
+        asks = f"write at least {load / loaded:.3g}" if loaded else "there is no normal force"
         raise SceneError(
             scene.name, [("tube.friction", f"no friction holds no load of {load:g} N; {asks}")]
         )
@@ -175,7 +175,7 @@ def _real(wound: WoundSegment, table: SegmentScene) -> dict[str, Any]:
 
 
 def _inflation(scene: Scene[SegmentScene], segment: Segment) -> dict[str, Any]:
-    """A cylinder, and one with fibres, under a given pressure."""
+    """Return shapes of a cylinder, and of one with fibres, under a given pressure."""
     given, a = scene.table.inflation, segment.neo_hookean
     assert given
     limit, unit = limit_of_inflation(a), 1 / segment.loading(1.0)
@@ -184,7 +184,7 @@ def _inflation(scene: Scene[SegmentScene], segment: Segment) -> dict[str, Any]:
         _, hoop, stretch = inflated(segment.loading(given.pressure), a)
     except ArgumentError:
         most = largest_loading(a) * unit
-        what = "the limit of inflation" if limit else f"what swells it {WIDEST:g}-fold"
+        what = "the limit of inflation" if limit else f"the pressure that swells it {WIDEST:g}-fold"
         message = f"{given.pressure:g} Pa is above {what}; write at most {most:.6g}"
         raise SceneError(scene.name, [("inflation.pressure", message)]) from None
     found |= {"inflated_hoop": hoop, "inflated_stretch": stretch}
@@ -202,7 +202,7 @@ def _inflation(scene: Scene[SegmentScene], segment: Segment) -> dict[str, Any]:
 
 
 def _true_shape(segment: Segment, pressure: float) -> Balloon | None:
-    """The true membrane; None where it bends too sharply to be resolved."""
+    """Return the true membrane, or None if it bends too sharply to be resolved."""
     slenderness, loading = segment.length / segment.radius, segment.loading(pressure)
     try:
         return balloon(slenderness, loading=loading, neo_hookean=segment.neo_hookean)
@@ -228,7 +228,7 @@ def _meridian(segment: Segment, shape: Balloon) -> dict[str, np.ndarray]:
 
 
 def _curves(segment: Segment, table: SegmentScene) -> dict[str, np.ndarray]:
-    """Strokes up to twice the pressure, forces over the stretch."""
+    """Return strokes up to twice the pressure, and forces over the stretch."""
     most = 2 * table.coil.pressure or segment.shear_modulus * segment.wall / segment.radius
     pressures = np.linspace(0.0, most, table.points)
     longest = segment.stretch_at(0.0, -table.load)
@@ -260,7 +260,7 @@ def _field(wound: WoundSegment, table: SegmentScene) -> dict[str, np.ndarray]:
 
 
 def _least_energy(segment: Segment, pressure: float, stretch: float) -> Check:
-    """Compare a stretch at rest with that of the least energy."""
+    """Compare an equilibrium stretch with that of the least energy."""
 
     def energy(stretch: np.ndarray) -> np.ndarray:
         return (segment.energy(stretch) + segment.magnetic_energy(stretch, pressure))[None]
@@ -269,12 +269,12 @@ def _least_energy(segment: Segment, pressure: float, stretch: float) -> Check:
     series = resolve(energy, low, 1.1 * stretch)
     rests = np.array([low, *series.derivative().roots(0)])
     error = abs(rests[np.argmin(series(rests)[0])] - stretch)
-    advice = f"the stretch is {error:.2g} off that of the least energy"
+    advice = f"the stretch differs by {error:.2g} from that of the least energy"
     return Check("stretch of the least energy", error, _ACCEPTED, advice)
 
 
 def _wall_work(segment: Segment, tube: Tube, pressure: float) -> Check:
-    """Compare the normal force with less the derivative of the energy by the tube's radius."""
+    """Compare the normal force with minus the derivative of the energy by the tube's radius."""
 
     def energy(radius: np.ndarray) -> np.ndarray:
         stretch = (segment.radius / radius) ** 2
@@ -287,12 +287,12 @@ def _wall_work(segment: Segment, tube: Tube, pressure: float) -> Check:
     work = -float(series.derivative()(np.array([tube.radius]))[0, 0])
     size = abs(work) + 2 * segment.length / tube.radius * segment.stiffness
     error = abs(work - tube.normal_force(segment, pressure)) / size
-    advice = f"the normal force is {error:.2g} off the work of the wall"
+    advice = f"the normal force differs by {error:.2g} from the derivative of the energy"
     return Check("work of the wall", error, _ACCEPTED, advice)
 
 
 def _first_integral(segment: Segment, shape: Balloon) -> Check:
-    """Spread of the true membrane's first integral w - lam_1 w_1 along the meridian."""
+    """Return the spread of the membrane's first integral w - lam_1 w_1 along the meridian."""
     radius, _, stretch, _, _ = shape.solution.at(np.linspace(0.0, 1.0, len(shape.radius)))
     w = density(stretch, radius, segment.neo_hookean)
     along, _ = slopes(stretch, radius, segment.neo_hookean)
@@ -304,29 +304,29 @@ def _first_integral(segment: Segment, shape: Balloon) -> Check:
 def _warnings(segment: Segment, table: SegmentScene, found: dict[str, Any]) -> Iterator[str]:
     pressure = table.coil.pressure
     if table.tube and not found["moves"]:
-        yield f"it will not move: {_why(table, found)}"
+        yield f"the segment will not move: {_why(table, found)}"
     if table.tube and found["moves"] and _spare(table, found) <= _NONE:
         yield (
-            "it moves with nothing to spare: the wall just holds load and drag, or the rubber just "
-            "pushes against the drag"
+            "the segment moves without any reserve: the wall just holds load and drag, or the "
+            "rubber just overcomes the drag"
         )
     if 0 < pressure < found["head"]:
         yield Unchecked(
-            f"the weight of the fluid presses with {found['head']:.3g} Pa over the segment's "
-            f"width, more than the field with {pressure:.3g} Pa: it sags"
+            f"the weight of the fluid makes a pressure of {found['head']:.3g} Pa over its "
+            f"width, more than the {pressure:.3g} Pa of the field: the segment sags"
         )
     if found["stretch"] == segment.coil_share:
-        yield "the coil pulls the segment wholly into its even field, where it pulls no more"
+        yield "the coil pulls the whole segment into its uniform field, where its pull ends"
 
 
 def _spare(table: SegmentScene, found: dict[str, Any]) -> float:
-    """Least share of hold and push that is not used up."""
+    """Return the least unused share of hold and push."""
     hold, push = found["holding_loaded"], found["return_force"]
     return min(1 - (table.load + found["drag"]) / hold, 1 - found["drag"] / push)
 
 
 def _why(table: SegmentScene, found: dict[str, Any]) -> str:
-    """What keeps a segment from moving, with the numbers that would do."""
+    """Return why a segment does not move, with values that suffice."""
     if not found["normal_force"]:
         asks = [f"coil.share below {found['stretch_contact']:.4g}"]
         if found["pressure_to_wall"]:
@@ -334,15 +334,15 @@ def _why(table: SegmentScene, found: dict[str, Any]) -> str:
         if found["modulus_to_wall"]:
             asks.append(f"segment.shear_modulus = {found['modulus_to_wall']:.4g}")
         return (
-            f"it swells by {1e6 * found['swelling']:.3g} µm of {1e6 * found['gap']:.3g} µm to the "
-            f"wall; that takes {', or '.join(asks)}"
+            f"it swells by {1e6 * found['swelling']:.3g} µm of the {1e6 * found['gap']:.3g} µm to "
+            f"the wall; write {', or '.join(asks)}"
         )
     needed = table.load + found["drag"]
     if not needed:
         return "without friction nothing holds; write a tube.friction above 0"
     if found["holding_loaded"] < needed:
         return (
-            f"the wall holds {1e3 * found['holding_loaded']:.3g} mN of load and drag, "
+            f"the wall holds {1e3 * found['holding_loaded']:.3g} mN, less than load and drag, "
             f"{1e3 * needed:.3g} mN"
         )
     return (

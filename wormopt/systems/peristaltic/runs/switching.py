@@ -1,4 +1,4 @@
-"""Scenes of kind ``peristaltic-switching``: when to switch coils that are on or off."""
+"""Runs of kind ``peristaltic-switching``: optimal times of coils that are on or off."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ from wormopt.systems.shared.optimum import (
     warnings_of_optimum,
 )
 
-# By how much both ways to the way in a period may differ.
+# Accepted relative difference of both routes to the displacement per period.
 _AGREED = 1e-8
-# Periods that are used well take so many time constants for each segment at most.
+# Useful periods have at most this number of time constants per segment.
 _USED = 3.0
-# A limit so nearly reached is.
+# A limit approached within this share counts as reached.
 _REACHED = 1e-6
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PeristalticSwitchingScene], report: Report) -> Result:
-    """Find the best order and times; "failed" where simulation or closed form say otherwise.
+    """Find the best order and times; status "failed" if simulation or closed form disagrees.
 
     Raises SolveError if none are found.
     """
@@ -79,7 +79,7 @@ def run(scene: Scene[PeristalticSwitchingScene], report: Report) -> Result:
         checks=[*_checks(worm, aim, order, durations, best)],
         facts={
             "search": {"orders_tried": found.tried, "all_orders": found.complete},
-            "assumptions": ["each coil goes on once in a period, and off once"],
+            "assumptions": ["each coil goes on once and off once per period"],
         },
         warnings=_warnings(table, limits, best, found),
         timings={
@@ -92,7 +92,7 @@ def run(scene: Scene[PeristalticSwitchingScene], report: Report) -> Result:
 
 
 def worm_of(table: PeristalticSwitchingScene) -> SwitchedWorm:
-    """The worm on its ground."""
+    """Return the worm on its ground."""
     worm, ground = table.worm, table.ground
     return SwitchedWorm(
         worm.segments,
@@ -113,24 +113,24 @@ def _limits(table: PeristalticSwitchingScene) -> SwitchLimits:
 def _checks(
     worm: SwitchedWorm, aim: Aim, order: np.ndarray, durations: np.ndarray, best: Optimum
 ) -> Iterator[Check]:
-    """What the times found are worth by closed arcs; in a tube, what coils alone do in them."""
+    """Yield checks of the times by closed arcs, and in a tube by a walk of the coils."""
     found = SwitchingProgram(worm, len(durations), aim).at(order, durations)
     worth = found.worth / worm.speed
-    advice = f"by arcs in closed form the objective is {-worth:.9g}; {_remedy(worm)}"
+    advice = f"by closed-form arcs the objective is {-worth:.9g}; {_remedy(worm)}"
     yield Check("arcs in closed form", abs(worth / best.objective + 1), _AGREED, advice)
     if worm.ground.contact is None:
         return
     walked = walk(worm, order != OFF, durations, found.start)
     wrong = max(abs(walked.way - found.way), walked.slip) / found.way
     advice = (
-        f"by the coils alone the way is {walked.way:.9g}, with a slip of {walked.slip:.3g}; "
+        f"by the coils alone the displacement is {walked.way:.9g}, the slip {walked.slip:.3g}; "
         f"{_remedy(worm)}"
     )
     yield Check("walk by the coils alone", max(wrong, walked.loose / found.period), _AGREED, advice)
 
 
 def _remedy(worm: SwitchedWorm) -> str:
-    """What to write where the best times are not determined well enough."""
+    """Return what to write if the best times are not determined well enough."""
     slow = max(worm.tau_on, worm.tau_off)
     return (
         f"write limits.period within [{slow:g}, {_USED * worm.segments * slow:g}], where lengths "
@@ -186,8 +186,8 @@ def _warnings(
     yield from warnings_of_optimum(best, table.mesh.tolerance)
     if not found.complete:
         yield (
-            f"{found.tried} orders of switching were tried, not all; search.starts and search.seed "
-            "try others"
+            f"{found.tried} orders of switching were tried, not all; write another search.starts "
+            "or search.seed to try others"
         )
     low, high = limits.period
     if low < high and best.motion.duration > high * (1 - _REACHED):

@@ -1,4 +1,4 @@
-"""Scenes of kind ``peristaltic-worm``: a worm of membrane segments, on the ground or in a tube."""
+"""Runs of kind ``peristaltic-worm``: a worm of membrane segments, on the ground or in a tube."""
 
 from __future__ import annotations
 
@@ -39,29 +39,29 @@ from wormopt.systems.peristaltic.scenes.worm import (
 from wormopt.systems.peristaltic.segment.segment import Segment, Tube
 from wormopt.systems.shared.signals import event_arrays
 
-_SAMPLES = 160  # of a cycle, at least
-# What is accepted of energies, of the second route's end over the longest way, and of what a
-# quarter of its step leaves of that difference (a quarter at first order), unless that is noise:
-# without damping single sticks and slips that fall into one step or the next are as much.
+_SAMPLES = 160  # least number of samples per cycle
+# Accepted errors of energies, of the second route's end over the longest path, and the accepted
+# part of that at a quarter of its step (a quarter at first order), unless that is noise: without
+# damping, single sticks and slips that fall into one step or the next cause as much.
 _ENERGY, _AGREED, _ORDER, _NOISE = 1e-6, 0.01, 0.5, 1e-4
-_NONE = 1e-9  # a reserve below is none
+_NONE = 1e-9  # a reserve below this counts as none
 _ASSUMED = (
-    "segments are sealed: fluid is not exchanged",
-    "membranes are thin and incompressible, segments cylinders of one radius at a time",
-    "the field is even within a coil and 0 at the segment's ends",
-    "a dashpot along each segment stands for all that is viscous",
+    "segments are sealed: no fluid is exchanged",
+    "membranes are thin and incompressible; segments are cylinders",
+    "the field is uniform within a coil and 0 at the segment's ends",
+    "a dashpot along each segment represents all viscous losses",
 )
 
 
 @dataclass(frozen=True, eq=False)
 class WormCase:
-    """What a scene describes."""
+    """Model of a scene."""
 
     table: PeristalticWormScene
 
     @cached_property
     def segment(self) -> Segment:
-        """One segment."""
+        """Return one segment."""
         worm = self.table.worm
         return Segment(
             worm.length, worm.radius, worm.wall, worm.shear_modulus, self.table.coils.share,
@@ -70,7 +70,7 @@ class WormCase:
 
     @cached_property
     def body(self) -> Body:
-        """All segments."""
+        """Return all segments."""
         worm, coils = self.table.worm, self.table.coils
         return Body(
             [self.segment] * worm.segments, worm.mass, worm.damping, coils.mu_r,
@@ -79,7 +79,7 @@ class WormCase:
 
     @property
     def ground(self) -> Ground:
-        """What it crawls on."""
+        """Return the ground."""
         ground = self.table.ground
         if isinstance(ground, DryTable):
             return DryGround(ground.forward, ground.backward)
@@ -89,7 +89,7 @@ class WormCase:
 
     @cached_property
     def course(self) -> Gait:
-        """Currents of one cycle."""
+        """Return the currents of one cycle."""
         wave, n, size = self.table.wave, self.table.worm.segments, self.table.coils.current
         ahead = wave.direction == "retrograde"
         if isinstance(wave, SwitchedWave):
@@ -98,17 +98,17 @@ class WormCase:
 
     @property
     def samples(self) -> int:
-        """Samples of a cycle: as many in each piece of it."""
+        """Return the number of samples per cycle, the same in each piece of it."""
         return self.course.pieces * -(-_SAMPLES // self.course.pieces)
 
     @cached_property
     def free_stretch(self) -> float:
-        """Stretch of a segment whose coil is on, without any load."""
+        """Return the stretch of a segment whose coil is on, without load."""
         return self.segment.stretch_at(self.table.coils.pressure)
 
     @property
     def stroke(self) -> float:
-        """Shortening of a segment by its coil, in a tube until it fills it."""
+        """Return the shortening of a segment by its coil; in a tube, until it fills it."""
         ground, short = self.ground, self.free_stretch
         if isinstance(ground, Bed):
             short = max(short, ground.tube.stretch_at_contact(self.segment))
@@ -116,24 +116,24 @@ class WormCase:
 
     @property
     def advance_ideal(self) -> float | None:
-        """Advance of a cycle with ideal anchors."""
+        """Return the advance per cycle with ideal anchors."""
         wave, n = self.table.wave, self.table.worm.segments
         return (n - wave.on) * self.stroke if isinstance(wave, SwitchedWave) else None
 
     @property
     def anchors(self) -> Anchors | None:
-        """Segments that are to hold on."""
+        """Return the segments intended to anchor."""
         wave = self.table.wave
         known = isinstance(wave, SwitchedWave) and wave.on > 1
         known &= not isinstance(self.table.ground, DragTable)
         return Anchors(self.course, self.samples) if known else None
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PeristalticWormScene], report: Report) -> Result:
-    """Follow the worm, then again by steps that know no events.
+    """Simulate the worm, then again by time stepping without events.
 
-    Raises SolveError if the motion could not be followed, or Interrupted.
+    Raises SolveError if the motion cannot be followed, or Interrupted.
     """
     case, settings, begin = WormCase(scene.table), scene.table.course, perf_counter()
     model = peristaltic_worm(case.body, case.ground, scene.table.anchoring)
@@ -151,7 +151,7 @@ def run(scene: Scene[PeristalticWormScene], report: Report) -> Result:
         second = second_route(model, case.course, motion, settings.moreau_step, report)
     except (SolveError, Interrupted) as error:
         if isinstance(error, Interrupted):
-            reason = "interrupted before the second route came to its end"
+            reason = "interrupted before the second route was finished"
             raise Interrupted(_result(scene, case, motion, None, {}).failed(reason)) from None
         second = None
     timings = {"motion": moved - begin, "recheck": perf_counter() - moved}
@@ -261,22 +261,22 @@ def _resting(motion: Trajectory) -> np.ndarray:
 def _checks(case: WormCase, scalars: dict[str, Any], second: SecondRoute | None) -> Iterator[Check]:
     yield Check(
         "energy balance", scalars["energy_error"], _ENERGY,
-        "the balance of energy is not closed; write a smaller course.tolerance",
+        "energy is not balanced; write a smaller course.tolerance",
     )  # fmt: skip
-    ends = "ends elsewhere" if second else "comes to no end"
+    ends = "ends elsewhere" if second else "does not finish"
     advice = f"the second route (Moreau-Jean) {ends}; write a smaller course.moreau_step"
     yield Check("second route", second and second.fine, _AGREED, advice)
     yield Check(
         "second route, order",
         second and second.fine / max(second.coarse, _NOISE),
         _ORDER,
-        "the second route does not come nearer at its order; write a smaller course.moreau_step",
+        "the second route does not converge at its order; write a smaller course.moreau_step",
     )
     yield Check(
         "coil over length",
         case.segment.coil_share / scalars["stretch_min"],
         1.0,
-        "a coil pulled its segment into itself, where it pulls no more: not modelled; write a "
+        "a coil pulled its segment into itself, which the model does not cover; write a "
         "smaller coils.current",
     )
 
@@ -285,22 +285,22 @@ def _warnings(case: WormCase, scalars: dict[str, Any]) -> Iterator[str]:
     ground, worm, advance = case.ground, case.table.worm, scalars["advance"]
     if advance * worm.load < 0 and abs(advance) > worm.segments * case.stroke:
         yield (
-            f"the load of {worm.load:g} N takes the worm {abs(advance):.3g} m along in a cycle, "
-            "farther than all of its strokes together; write a smaller worm.load"
+            f"the load of {worm.load:g} N drags the worm {abs(advance):.3g} m per cycle, more than "
+            "the sum of all strokes; write a smaller worm.load"
         )
     head, pressure = 2 * worm.density * worm.gravity * worm.radius, case.table.coils.pressure
     if 0 < pressure < head:
         yield Unchecked(
-            f"the weight of the fluid presses with {head:.3g} Pa over a segment's width, more than "
-            f"the field with {pressure:.3g} Pa: segments sag, and are no cylinders"
+            f"the weight of the fluid makes a pressure of {head:.3g} Pa over a segment's width, "
+            f"more than the {pressure:.3g} Pa of the field: segments sag and are no cylinders"
         )
     reserve = scalars["holding_reserve"]
     if reserve is not None and reserve < _NONE:
         more = "ground.forward and ground.backward"
         more = "ground.friction or coils.current" if isinstance(ground, Bed) else more
         yield (
-            "anchors have nothing to spare: holding_reserve is 0, and segments that are to hold "
-            f"slide back by {scalars['slip']:.3g} m in a cycle; write larger {more}, or a smaller "
+            "anchors have no reserve: holding_reserve is 0, and segments intended to hold slide "
+            f"back by {scalars['slip']:.3g} m per cycle; write larger {more}, or a smaller "
             "worm.load"
         )
     if not isinstance(ground, Bed):
@@ -308,7 +308,7 @@ def _warnings(case: WormCase, scalars: dict[str, Any]) -> Iterator[str]:
     least = ground.tube.stretch_at_contact(case.segment)
     if case.free_stretch >= least:
         yield (
-            f"segments never reach the wall: a coil shortens one to {case.free_stretch:.5g} of its "
-            f"length, {least:.5g} fills the tube: nothing anchors, and the worm will not move as "
-            "one in a tube; write a larger coils.current, or a softer or thinner wall"
+            f"segments never reach the wall: a coil shortens them to {case.free_stretch:.5g} of "
+            f"their length, but only {least:.5g} fills the tube, so nothing anchors; write a "
+            "larger coils.current, or a softer or thinner wall"
         )

@@ -18,7 +18,7 @@ from wormopt.scene.types import (
     says,
 )
 
-# Sizes that differ by so little are the same.
+# Relative difference below which sizes count as equal.
 _ROUNDING = 1e-9
 Segments = Annotated[int, Meta(ge=3, le=12, description="a whole number from 3 to 12")]
 Phases = Annotated[int, Meta(ge=3, le=16, description="a whole number from 3 to 16")]
@@ -30,16 +30,16 @@ Reserve = Annotated[float, Meta(ge=1, le=1e6, description="a number of at least 
 
 
 class AnchoringWormTable(Table, frozen=True, kw_only=True):
-    """The worm: sealed segments that grow thick where they are short."""
+    """The worm: sealed segments that thicken as they shorten."""
 
     segments: Annotated[Segments, says("count", "number of segments *N*")]
-    length: Annotated[Positive, says("length", "*L* of a segment at rest, its longest")]
-    radius: Annotated[Positive, says("length", "*R* of a segment at rest, its least")]
-    drag: Annotated[NonNegative, says("force", "of each segment that moves")]
-    load: Annotated[NonNegative, says("force", "on the worm, against its advance")] = 0.0
+    length: Annotated[Positive, says("length", "rest length *L* of a segment, its longest")]
+    radius: Annotated[Positive, says("length", "rest radius *R* of a segment, its least")]
+    drag: Annotated[NonNegative, says("force", "dry drag of each moving segment")]
+    load: Annotated[NonNegative, says("force", "load against the advance of the worm")] = 0.0
     push: Annotated[
         Positive | None,
-        says("force", "that a segment pushes with as it grows; without it nothing is warned of"),
+        says("force", "push available from a growing segment; not checked if left out"),
     ] = None
 
 
@@ -48,90 +48,90 @@ class TubeTable(Table, frozen=True, kw_only=True):
 
     radius: Annotated[Positive, says("length", "inner radius, above that of the worm")]
     friction: Annotated[Positive, says("1", "coefficient of dry friction on its wall")]
-    wall_force: Annotated[Positive, says("force", "normal force of an anchored segment, all round")]
+    wall_force: Annotated[Positive, says("force", "total normal force of an anchored segment")]
 
     @property
     def hold(self) -> float:
-        """Friction of an anchored segment."""
+        """Return the friction limit of an anchored segment."""
         return self.friction * self.wall_force
 
 
 class AnchorLimitsTable(Table, frozen=True, kw_only=True):
-    """What the gait must keep to."""
+    """Limits of the gait."""
 
-    rate: Annotated[Rate, says("speed", "largest rate of a length, the same of both if one")]
+    rate: Annotated[Rate, says("speed", "largest rate of a length; one value holds for both")]
     clearance: Annotated[
-        Positive, says("length", "between the wall and a segment that moves, see above")
+        Positive, says("length", "least clearance of a moving segment from the wall, see above")
     ]
-    reserve: Annotated[Reserve, says("1", "anchors hold so many times what they must at least")] = (
-        1.0
-    )
+    reserve: Annotated[
+        Reserve, says("1", "least ratio of friction limit to force on the anchors")
+    ] = 1.0
     anchors: Annotated[
         Anchors | None,
-        says("count", "anchored at any time, at least; as many as must hold if left out"),
+        says("count", "least number of anchored segments; the least that holds if left out"),
     ] = None
 
 
 class OrderSearchTable(Table, frozen=True, kw_only=True):
-    """How the order of anchors is sought, and what is proven."""
+    """Options of the search for the order of anchors, and of the proof."""
 
     phases: Annotated[
-        Phases, says("count", "a cycle has at most so many; the bound speaks of those")
+        Phases, says("count", "largest number of phases in a cycle; the bound is for these gaits")
     ] = 6
-    time_limit: Annotated[Positive, says("s", "seconds after which the bound stands as it is")] = (
+    time_limit: Annotated[Positive, says("s", "time after which the proof of the bound stops")] = (
         50.0
     )
 
 
 class PeristalticDesignScene(SceneTable, frozen=True, kw_only=True):
-    """The fastest gait of a peristaltic worm that anchors in a tube, and proof of it.
+    """The fastest gait of a peristaltic worm that anchors in a tube, with a certified bound.
 
     A segment is sealed: at length *l* its radius is *R*√(*L*/*l*). At *L*(*R*/*R*_t)² it touches
-    the wall; it is anchored, and rests, while it is as short as that. A segment that is anchored
-    neither before nor after the end of a phase has the clearance there: each flight from rest to
-    rest has a phase in which it lifts and one in which it lands. So many segments are anchored at
-    any time that *k μ N*_w ≥ reserve × (load + drag × (*N* − *k*)). Explained in
-    [theory-peristaltic.md](../theory-peristaltic.md#3-anchored-gaits).
+    the wall. It is anchored, and rests, while it has this length. A segment that is anchored
+    neither before nor after the end of a phase has the clearance there. Each flight from rest to
+    rest therefore has a phase in which the segment lifts and one in which it lands. The number *k*
+    of anchored segments satisfies *k μ N*_w ≥ reserve × (load + drag × (*N* − *k*)) at any time.
+    See [theory-peristaltic.md](../theory-peristaltic.md#3-anchored-gaits).
 
-    Refused: a worm as thick as its tube, or with no room for the clearance; a wall force that would
-    need more than *N* − 2 anchors, with the one that would do.
+    A worm as thick as its tube is refused, as is a clearance without room. A wall force that needs
+    more than *N* − 2 anchors is refused; the message gives the least force that suffices.
 
-    The trust report has `checks`: of the gait's lengths against ways of the rings, anchored
-    segments that move or are long, clearance of flights, rates, slides by the quasi-static motion
-    of least dissipation with the friction given, speed over the ceiling and below the waves.
-    `facts`: what the certificate speaks of, assumptions. Warned of: a gap above 1 %; a push of the
-    foremost growing segment above `worm.push`.
+    The trust report has `checks` of the gait's lengths against the displacements of the rings,
+    anchored segments that move or are long, clearance of flights, and rates. Further checks cover
+    slips in the quasi-static motion of least dissipation, and speed against the ceiling and the
+    waves. `facts` state the scope of the certificate and the assumptions. Warnings report a gap
+    above 1 % and a push of the foremost growing segment above `worm.push`.
     """
 
     scalars: ClassVar = {
         "speed": ("speed", "mean speed of the designed gait"),
-        "advance": ("length", "per cycle"),
-        "period": ("time", "of a cycle"),
-        "ceiling": ("speed", "no gait is faster, by rates and number of anchors alone"),
-        "bound": ("speed", "no gait of at most `search.phases` phases is faster"),
-        "gap_certified": ("1", "by which share the gait could be faster at most"),
+        "advance": ("length", "advance per cycle"),
+        "period": ("time", "duration of a cycle"),
+        "ceiling": ("speed", "upper bound for every gait, from rates and number of anchors alone"),
+        "bound": ("speed", "upper bound for gaits of at most `search.phases` phases"),
+        "gap_certified": ("1", "largest relative increase in speed that is still possible"),
         "wave_speed": (
             "speed",
-            "of the fastest wave of (*N* − *m*) *D* a cycle that holds as well",
+            "speed of the fastest wave with advance (*N* − *m*) *D* per cycle that also holds",
         ),
-        "wave_short": ("count", "its short segments *m*"),
-        "gain": ("1", "speed over that of the wave"),
-        "anchors": ("count", "anchored at any time, at least: *k*"),
-        "hold": ("force", "of an anchored segment, *μ N*_w"),
+        "wave_short": ("count", "number of short segments *m* in the wave"),
+        "gain": ("1", "speed divided by that of the wave"),
+        "anchors": ("count", "least number *k* of anchored segments at any time"),
+        "hold": ("force", "friction limit of an anchored segment, *μ N*_w"),
         "reserve_min": ("1", "least holding reserve of all phases"),
-        "push_max": ("force", "drag that the foremost growing segment pushes, largest"),
-        "shortest": ("length", "of a segment at the wall"),
+        "push_max": ("force", "largest drag that the foremost growing segment pushes"),
+        "shortest": ("length", "length of a segment at the wall"),
         "stroke": ("length", "longest less shortest length, *D*"),
-        "lift": ("length", "by which a segment with the clearance is longer than the shortest"),
-        "clearance_min": ("length", "from the wall, least of the largest of all flights"),
-        "rate_limit": ("speed", "of contraction and extension"),
+        "lift": ("length", "length of a segment with the clearance less the shortest length"),
+        "clearance_min": ("length", "least over all flights of the largest distance from the wall"),
+        "rate_limit": ("speed", "largest rates of contraction and extension"),
         "order": ("1", "anchored segments of each phase"),
-        "durations": ("time", "of the phases"),
-        "reserves": ("1", "holding reserve of each phase, unknown where it lasts no time"),
-        "n_phases": ("count", "phases that last"),
-        "nodes": ("count", "of the trees of branch and bound"),
-        "worm_radius": ("length", "as given"),
-        "tube_radius": ("length", "as given"),
+        "durations": ("time", "durations of the phases"),
+        "reserves": ("1", "holding reserve of each phase; unknown for phases of no duration"),
+        "n_phases": ("count", "number of phases with a duration above 0"),
+        "nodes": ("count", "number of nodes of branch and bound"),
+        "worm_radius": ("length", "`worm.radius`"),
+        "tube_radius": ("length", "`tube.radius`"),
     }
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
@@ -148,30 +148,30 @@ class PeristalticDesignScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["peristalsis", "animation"], ...],
         says(
             "",
-            "`peristalsis`: the body in its tube over a cycle, and its advance against the "
-            "ceiling; `animation`: it moves",
+            "`peristalsis`: the body in its tube over a cycle, and its advance with the "
+            "ceiling; `animation`: the moving body",
         ),
     ] = ()
     worm: Annotated[AnchoringWormTable, says("", "the worm")]
     tube: Annotated[TubeTable, says("", "the tube")]
-    limits: Annotated[AnchorLimitsTable, says("", "what the gait must keep to")]
-    search: Annotated[OrderSearchTable, says("", "how it is sought")] = field(
+    limits: Annotated[AnchorLimitsTable, says("", "limits of the gait")]
+    search: Annotated[OrderSearchTable, says("", "options of the search")] = field(
         default_factory=OrderSearchTable
     )
 
     @property
     def rates(self) -> tuple[float, float]:
-        """Largest rates of contraction and extension."""
+        """Return the largest rates of contraction and extension."""
         rate = self.limits.rate
         contraction, extension = rate if isinstance(rate, tuple) else (rate, rate)
         return contraction, extension
 
     def length_of(self, radius: float) -> float:
-        """Length at which a segment has a radius."""
+        """Return the length at which a segment has a radius."""
         return self.worm.length * (self.worm.radius / radius) ** 2
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows."""
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         worm, room = self.worm, self.tube.radius - self.worm.radius
         if room <= 0:
@@ -183,7 +183,7 @@ class PeristalticDesignScene(SceneTable, frozen=True, kw_only=True):
         elif self.limits.clearance > room * (1 + _ROUNDING):
             yield (
                 "limits.clearance",
-                f"{self.limits.clearance:g} is more than the room {room:g} between worm and tube; "
+                f"{self.limits.clearance:g} exceeds the room {room:g} between worm and tube; "
                 "write at most that",
             )
         most = worm.segments - 2

@@ -1,4 +1,4 @@
-"""Scenes of kind "peristaltic-switching": when to switch coils that are on or off."""
+"""Scenes of kind "peristaltic-switching": optimal times of coils that are on or off."""
 
 from __future__ import annotations
 
@@ -23,88 +23,88 @@ from wormopt.scene.types import (
 )
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
-# Fewer segments than the kind of scene without switches takes: orders grow with (2 N - 1)!
+# Fewer segments than for other kinds, because the number of orders grows with (2 N - 1)!
 Coils = Annotated[int, Meta(ge=2, le=10, description="a whole number from 2 to 10")]
-# Beyond these the best times are not determined: for each segment a period takes so many of the
-# longer time constant at most, both differ by such a factor at most, and in periods of a smaller
-# part of the longer one lengths hardly change.
+# Limits beyond which the best times are not determined: longest period per segment over the longer
+# time constant, largest ratio of both time constants, and shortest period over the longer time
+# constant, below which lengths hardly change.
 _LONGEST_PER_SEGMENT, _LARGEST_RATIO, _SHORTEST = 12.0, 30.0, 1e-4
 Share = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most 1")]
 
 
 class SwitchedWormTable(Table, frozen=True, kw_only=True):
-    """Segments that relax to one length in the field of their coil, to another without it."""
+    """Segments that relax to one length with their coil on, and to another with it off."""
 
-    segments: Annotated[Coils, says("count", "number of segments, and of coils")]
-    length_on: Annotated[Positive, says("length", "of a segment whose coil stays on")]
-    length_off: Annotated[Positive, says("length", "of a segment whose coil stays off")]
+    segments: Annotated[Coils, says("count", "number of segments and of coils")]
+    length_on: Annotated[Positive, says("length", "length of a segment whose coil stays on")]
+    length_off: Annotated[Positive, says("length", "length of a segment whose coil stays off")]
     time_on: Annotated[Positive, says("time", "time constant while the coil is on")] = 1.0
     time_off: Annotated[
-        Positive | None, says("time", "and while it is off; the same if left out")
+        Positive | None, says("time", "time constant while the coil is off; `time_on` if left out")
     ] = None
-    power: Annotated[Positive, says("power", "that a coil takes while it is on")] = 1.0
+    power: Annotated[Positive, says("power", "power of a coil that is on")] = 1.0
 
 
 class DragGround(Table, frozen=True, kw_only=True, tag_field="kind", tag="drag"):
-    """Linear drag on each segment, as (*l*/*L*)<sup>*a*</sup>."""
+    """Linear drag on each segment, proportional to (*l*/*L*)<sup>*a*</sup>."""
 
     exponent: Annotated[
         Finite,
-        says("1", "*a*: 1 for drag by present length, below 0 where thick segments grip"),
+        says("1", "exponent *a*: 1 for drag per present length, below 0 if thick segments grip"),
     ]
 
 
 class TubeGround(Table, frozen=True, kw_only=True, tag_field="kind", tag="tube"):
-    """A tube: a segment that is as short as `contact` rests on the wall until its coil is off."""
+    """A tube: a segment as short as `contact` rests on the wall until its coil goes off."""
 
     contact: Annotated[
         Positive,
-        says("length", "at which a segment touches the wall, between `length_on` and `length_off`"),
+        says("length", "length at which a segment touches, from `length_on` to `length_off`"),
     ]
 
 
 class SwitchLimitsTable(Table, frozen=True, kw_only=True):
-    """What times of switching must keep to."""
+    """Limits of the switching times."""
 
     period: Annotated[Pair, says("time", "[shortest, longest] period")]
-    duty: Annotated[Share, says("share", "most of the period that a coil is on")] = 1.0
+    duty: Annotated[Share, says("share", "largest share of the period that a coil is on")] = 1.0
     dwell: Annotated[
         NonNegative, says("time", "shortest time that a coil stays on, and that it stays off")
     ] = 0.0
     together: Annotated[
         Annotated[int, Meta(ge=1, description="a whole number, 1 or above")] | None,
-        says("count", "most coils on at a time; all if left out"),
+        says("count", "largest number of coils on at a time; all if left out"),
     ] = None
 
 
 class SwitchAimTable(Table, frozen=True, kw_only=True):
-    """What switching is to be good at; one of `maximise` and `minimise`."""
+    """Objective of the switching; one of `maximise` and `minimise`."""
 
-    maximise: Annotated[Literal["speed"] | None, says("", "the mean speed")] = None
+    maximise: Annotated[Literal["speed"] | None, says("", "mean speed")] = None
     minimise: Annotated[
-        Literal["energy_per_distance"] | None, says("", "power of the coils, by distance")
+        Literal["energy_per_distance"] | None, says("", "energy of the coils per distance")
     ] = None
-    speed: Annotated[Positive | None, says("speed", "least mean speed, with `minimise` only")] = (
+    speed: Annotated[Positive | None, says("speed", "least mean speed, only with `minimise`")] = (
         None
     )
 
 
 class SwitchSearchTable(Table, frozen=True, kw_only=True):
-    """Where to begin; worms of up to three segments have all orders tried."""
+    """Starting points of the search; with up to three segments all orders are tried."""
 
     starts: Annotated[
         int,
         Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "orders from which to search, the best of waves and of random ones"),
+        says("count", "initial orders, the best of waves and of random orders"),
     ] = 8
-    seed: Annotated[Seed, says("", "of the random orders")] = 0
+    seed: Annotated[Seed, says("", "seed of the random orders")] = 0
 
 
 class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
-    """The best order and times of switching, each coil on once in a period.
+    """The best order and times of switching, with each coil on once in a period.
 
-    Lengths relax, *l*′ = (target − *l*)/*τ*, so that all arcs between switches are known in closed
-    form. The best order is searched for with these; its times are then optimised anew, as phases of
+    Lengths relax by *l*′ = (target − *l*)/*τ*, so all arcs between switches are known in closed
+    form. The search for the best order uses these. The times are then optimised again as phases of
     free duration. See [theory](../theory-peristaltic.md#5-switching).
 
     `timings_s`: `search`, `build` and `solve` (of the phases' programs), `optimise`, `recheck`.
@@ -113,35 +113,35 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
     headline: ClassVar = ("speed", "energy_per_distance", "time", "on_time", "on_start")
     scalars: ClassVar = {
         "speed": ("speed", "mean speed"),
-        "energy_per_distance": ("energy_per_distance", "that the coils take"),
-        "distance": ("length", "way in a period"),
-        "on_time": ("time", "how long each coil is on in a period"),
-        "on_start": ("time", "when each coil goes on, coil 0 at 0"),
-        "duty": ("share", "largest part of the period that a coil is on"),
-        "together": ("count", "most coils on at a time"),
+        "energy_per_distance": ("energy_per_distance", "energy of the coils per distance"),
+        "distance": ("length", "displacement per period"),
+        "on_time": ("time", "time that each coil is on in a period"),
+        "on_start": ("time", "time at which each coil goes on; coil 0 at 0"),
+        "duty": ("share", "largest share of the period that a coil is on"),
+        "together": ("count", "largest number of coils on at a time"),
         "coil_states": (
             "count",
-            "states of all coils arc by arc: 1 on, 2 on with its segment at rest on the wall",
+            "states of all coils, arc by arc: 1 on, 2 on with its segment at rest on the wall",
         ),
-        "orders_tried": ("count", "orders of which the best times were looked for"),
+        "orders_tried": ("count", "number of orders whose times were optimised"),
         "length_min": ("length", "least length of a segment"),
         "length_max": ("length", "largest"),
         **OPTIMUM,
         "objective": (
             "1",
-            "what was minimised: negative `speed`, or negative way by time that coils are on, over "
-            "the stroke of a segment by the sum of both time constants",
+            "minimised value: negative `speed`, or negative displacement per time that coils are "
+            "on, scaled by the stroke of a segment over the sum of both time constants",
         ),
-        "input_rms": ("share", "root of the mean of the number of coils on"),
+        "input_rms": ("share", "root of the mean number of coils on"),
         "input_peak": ("share", "1"),
         "time": ("time", "period"),
     }
     variables: ClassVar = INSTANT | {
         "length": ("length", ("segment", "instant"), "length of the segment"),
-        "coil": ("share", ("segment", "instant"), "whether its coil is on"),
-        "anchored": ("share", ("segment", "instant"), "whether the segment rests on the wall"),
+        "coil": ("share", ("segment", "instant"), "1 while the coil is on, else 0"),
+        "anchored": ("share", ("segment", "instant"), "1 while the segment rests on the wall"),
         "position": ("length", ("ring", "instant"), "position of the ring"),
-        "velocity": ("speed", ("instant",), "velocity of the mean of all centres"),
+        "velocity": ("speed", ("instant",), "velocity of the mean of all segment centres"),
     }
 
     kind: Literal["peristaltic-switching"]
@@ -149,22 +149,22 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["switching", "body", "animation"], ...],
         says(
             "",
-            "`switching`: coils, lengths and velocity over a period; `body`: the worm as it swells "
-            "and thins, from top to bottom; `animation`: the same, moving",
+            "`switching`: coils, lengths and velocity over a period; `body`: the worm over a "
+            "period, from top to bottom; `animation`: the moving worm",
         ),
     ] = ()
     worm: Annotated[SwitchedWormTable, says("", "the worm")]
     ground: Annotated[
         DragGround | TubeGround, says("", 'the ground, with `kind = "drag"` or `kind = "tube"`')
     ]
-    limits: Annotated[SwitchLimitsTable, says("", "what times of switching must keep to")]
-    aim: Annotated[SwitchAimTable, says("", "what it is to be good at")]
-    search: Annotated[SwitchSearchTable, says("", "where to begin")] = field(
+    limits: Annotated[SwitchLimitsTable, says("", "limits of the switching times")]
+    aim: Annotated[SwitchAimTable, says("", "objective")]
+    search: Annotated[SwitchSearchTable, says("", "starting points of the search")] = field(
         default_factory=SwitchSearchTable
     )
     mesh: Annotated[
         MeshTable,
-        says("", "how finely a phase is resolved; 2 arcs of degree 8 at Legendre's points"),
+        says("", "discretisation of a phase; 2 arcs of degree 8 at Legendre points"),
     ] = field(default_factory=lambda: MeshTable(arcs=2, degree=8, scheme="legendre"))
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -172,7 +172,7 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from wrong_order("limits.period", self.limits.period, may_be_equal=True)
         if self.worm.length_on == self.worm.length_off:
-            yield "worm.length_on", "is length_off: coils change nothing; write another length"
+            yield "worm.length_on", "equals length_off, so coils have no effect; write another"
         yield from self._faults_of_ground()
         yield from self._faults_of_times()
         yield from self._faults_of_limits()
@@ -184,7 +184,7 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
             if ground.exponent == 0:
                 yield (
                     "ground.exponent",
-                    "with drag that does not hang on length nothing goes anywhere; write 1.0, or "
+                    "if drag does not depend on length there is no net displacement; write 1.0, or "
                     "-1.0 for thick segments that grip",
                 )
             return
@@ -192,13 +192,13 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
             yield (
                 "ground.contact",
                 f"is not between worm.length_on and worm.length_off: write a number above "
-                f"{worm.length_on:g} and below {worm.length_off:g}, length_off the larger",
+                f"{worm.length_on:g} and below {worm.length_off:g}, with the larger length_off",
             )
         if worm.segments < 3:
-            yield "worm.segments", "two that are anchored in turn go nowhere in a tube; write 3"
+            yield "worm.segments", "two alternating anchors have no net displacement; write 3"
 
     def _faults_of_times(self) -> Iterator[Fault]:
-        """Yield what lets lengths rest, or all but rest, whenever coils are switched."""
+        """Yield times at which lengths rest or hardly change, whenever coils are switched."""
         worm, limits = self.worm, self.limits
         on, off = worm.time_on, worm.time_on if worm.time_off is None else worm.time_off
         slow, fast = max(on, off), min(on, off)
@@ -206,8 +206,8 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
             key = "worm.time_on" if on < off else "worm.time_off"
             yield (
                 key,
-                f"is a part of {fast / slow:.3g} of the other time constant; lengths that relax so "
-                f"fast are not resolved: write at least {slow / _LARGEST_RATIO:.4g}",
+                f"is {fast / slow:.3g} of the other time constant, and such fast relaxation is not "
+                f"resolved; write at least {slow / _LARGEST_RATIO:.4g}",
             )
             return
         longest = _LONGEST_PER_SEGMENT * worm.segments * slow
@@ -219,14 +219,14 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
                 shortest = "a shortest period of " if key == "limits.period" else ""
                 yield (
                     key,
-                    f"lengths with a time constant of {slow:g} rest long before so long a period "
-                    "ends, and nothing hangs on when coils are switched; write "
+                    f"the period is too long: with a time constant of {slow:g} lengths rest long "
+                    "before it ends, and switching times have no effect; write "
                     f"{shortest}at most {most:.4g}",
                 )
         if limits.period[1] < _SHORTEST * slow:
             yield (
                 "limits.period",
-                f"lengths with a time constant of {slow:g} hardly change in so short a period; "
+                f"the period is too short: with a time constant of {slow:g} lengths hardly change; "
                 f"write a longest period of at least {_SHORTEST * slow:g}, better {slow:g}",
             )
 
@@ -235,14 +235,14 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
         if 2 * limits.dwell > limits.period[1]:
             yield (
                 "limits.dwell",
-                f"a coil that is on and off for {limits.dwell:g} each needs longer than the "
-                f"longest period; write at most {limits.period[1] / 2:g}",
+                f"{limits.dwell:g} on and {limits.dwell:g} off exceed the longest period; write at "
+                f"most {limits.period[1] / 2:g}",
             )
         elif limits.dwell > limits.duty * limits.period[1]:
             yield (
                 "limits.duty",
-                f"{limits.dwell:g} on is more than this part of the longest period; write at least "
-                f"{limits.dwell / limits.period[1]:.3g}",
+                f"limits.dwell = {limits.dwell:g} exceeds this share of the longest period; write "
+                f"at least {limits.dwell / limits.period[1]:.3g}",
             )
         if limits.together is not None and limits.together > self.worm.segments:
             yield "limits.together", f"there are only {self.worm.segments} coils; leave it out"
@@ -250,6 +250,6 @@ class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
     def _faults_of_aim(self) -> Iterator[Fault]:
         aim = self.aim
         if (aim.maximise is None) == (aim.minimise is None):
-            yield "aim", 'exactly one of maximise = "speed" and minimise must be given'
+            yield "aim", 'exactly one of maximise = "speed" and minimise is required'
         if aim.speed is not None and aim.minimise is None:
-            yield "aim.speed", 'is for minimise = "energy_per_distance"; leave it out'
+            yield "aim.speed", 'needs minimise = "energy_per_distance"; leave it out'

@@ -1,4 +1,4 @@
-"""Scenes of kind "peristaltic-worm": a worm of membrane segments, simulated."""
+"""Scenes of kind "peristaltic-worm": simulation of a worm of membrane segments."""
 
 from __future__ import annotations
 
@@ -25,39 +25,39 @@ _MU0 = 4e-7 * math.pi
 
 
 class WormTable(SegmentTable, frozen=True, kw_only=True):
-    """The worm: sealed membrane cylinders full of magnetic fluid, one behind the other."""
+    """The worm: a row of sealed membrane cylinders full of magnetic fluid."""
 
-    segments: Annotated[Segments, says("count", "*N*; segment 0 is the head")]
+    segments: Annotated[Segments, says("count", "number of segments *N*; segment 0 is the head")]
     density: Annotated[
-        Positive, says("density", "of all that is in a segment's volume π*R*²*L*, *assumed*")
+        Positive, says("density", "mean density of a segment, in its volume π*R*²*L*, *assumed*")
     ]
     damping: Annotated[
-        NonNegative, says("drag", "of the dashpot along each segment (Kelvin-Voigt), *assumed*")
+        NonNegative, says("drag", "damping along each segment (Kelvin-Voigt), *assumed*")
     ]
-    load: Annotated[Finite, says("force", "against forward motion, on the whole worm")] = 0.0
-    gravity: Annotated[Positive, says("acceleration", "by which it weighs on the ground")] = GRAVITY
+    load: Annotated[Finite, says("force", "load on the whole worm against forward motion")] = 0.0
+    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = GRAVITY
 
     @property
     def mass(self) -> float:
-        """Mass of a segment."""
+        """Return the mass of a segment."""
         return self.density * math.pi * self.radius**2 * self.length
 
 
 class CoilTable(Table, frozen=True, kw_only=True):
-    """One coil about each segment, and the fluid in it."""
+    """One coil around each segment, and the fluid in it."""
 
-    current: Annotated[Positive, says("current", "of a coil that is on")]
+    current: Annotated[Positive, says("current", "current of a coil that is on")]
     field_per_current: Annotated[
-        Positive, says("field_per_current", "magnetic field in the fluid by current, *assumed*")
+        Positive, says("field_per_current", "magnetic field in the fluid per current, *assumed*")
     ]
     mu_r: Annotated[Permeability, says("1", "relative permeability of the fluid")]
     share: Annotated[
-        Share, says("share", "*c*, part of the segment's length that lies in the field, *assumed*")
+        Share, says("share", "share *c* of the segment's length in the field, *assumed*")
     ] = 0.5
 
     @property
     def pressure(self) -> float:
-        """Magnetic pressure in the field of a coil that is on."""
+        """Return the magnetic pressure in the field of a coil that is on."""
         return _MU0 * (self.mu_r - 1) * (self.field_per_current * self.current) ** 2 / 2
 
 
@@ -66,10 +66,10 @@ _DIRECTION = says("", "`retrograde`: the wave runs from head to tail; `direct`: 
 
 
 class SwitchedWave(Table, frozen=True, kw_only=True, tag_field="kind", tag="switched"):
-    """Coils are on or off: a block of coils that are on goes on by one segment each step."""
+    """Coils are on or off; the block of coils that are on moves by one segment each step."""
 
-    on: Annotated[Segments, says("count", "*m*, coils that are on at a time")]
-    step: Annotated[Positive, says("time", "how long until the block goes on")]
+    on: Annotated[Segments, says("count", "number *m* of coils on at a time")]
+    step: Annotated[Positive, says("time", "time until the block moves by one segment")]
     direction: Annotated[Direction, _DIRECTION] = "retrograde"
 
 
@@ -77,12 +77,14 @@ class HarmonicWave(Table, frozen=True, kw_only=True, tag_field="kind", tag="harm
     """Currents *I* (1 + cos(2π *t*/*T* − 2π *q j*/*N*))/2 in segment *j*."""
 
     period: Annotated[Positive, says("time", "*T*")]
-    waves: Annotated[Share, says("1", "*q*/*N*, periods by which a segment lags behind the last")]
+    waves: Annotated[
+        Share, says("1", "phase lag *q*/*N* between neighbouring segments, in periods")
+    ]
     direction: Annotated[Direction, _DIRECTION] = "retrograde"
 
 
 class DryTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="dry"):
-    """Open ground with dry friction on the weight."""
+    """Open ground with dry friction by weight."""
 
     forward: Annotated[NonNegative, says("1", "coefficient against sliding forward")]
     backward: Annotated[NonNegative, says("1", "coefficient against sliding backward")]
@@ -91,116 +93,119 @@ class DryTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="dry"):
 class DragTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="drag"):
     """Open ground with drag *c*<sub>0</sub> (*l*/*L*)<sup>*a*</sup> at the segments' middles."""
 
-    coefficient: Annotated[Positive, says("drag", "*c*<sub>0</sub> of a segment")]
+    coefficient: Annotated[Positive, says("drag", "drag *c*<sub>0</sub> of a segment")]
     exponent: Annotated[
-        Finite, says("1", "*a*: above 0 long segments hold on, below 0 short ones, at 0 none")
+        Finite,
+        says(
+            "1", "exponent *a*: if positive long segments grip, if negative short ones, at 0 none"
+        ),
     ]
 
 
 class TubeTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="tube"):
-    """A straight tube: segments that swell press on its wall and hold on to it."""
+    """A straight tube: swollen segments press on its wall and grip it."""
 
     radius: Annotated[Positive, says("length", "*R*<sub>t</sub>, above that of the worm")]
     friction: Annotated[
-        NonNegative, says("1", "coefficient of dry friction, of weight and of pressing")
+        NonNegative, says("1", "coefficient of dry friction, for weight and wall pressure")
     ]
     bedding: Annotated[
         Positive,
-        says("bedding", "*k*<sub>w</sub>, pressure by which the wall gives way, *assumed*"),
+        says("bedding", "*k*<sub>w</sub>, wall pressure per depth, *assumed*"),
     ]
 
 
 class SettingTable(Table, frozen=True, kw_only=True):
-    """How long the worm is followed, and how exactly."""
+    """Duration and accuracy of the simulation."""
 
-    cycles: Annotated[Cycles, says("count", "cycles of the wave")] = 6
+    cycles: Annotated[Cycles, says("count", "number of cycles of the wave")] = 6
     settle: Annotated[
         Annotated[int, Meta(ge=0, le=999, description="a whole number from 0 to 999")],
-        says("count", "first cycles, which do not count"),
+        says("count", "number of first cycles that means leave out"),
     ] = 2
     tolerance: Annotated[
         Annotated[float, Meta(ge=1e-13, le=1e-4, description="a number from 1e-13 to 1e-4")],
-        says("share", "relative error of a step"),
+        says("share", "relative tolerance of a step"),
     ] = 1e-10
     moreau_step: Annotated[
         Positive | None,
         says(
             "time",
-            "longer step of the second route, which goes by a quarter of it too; a twentieth of "
-            "the shortest vibration's time over 2π if left out",
+            "longer step of the second route, which also uses a quarter of it; if left out, a "
+            "twentieth of the shortest vibration's period over 2π",
         ),
     ] = None
 
 
 class PeristalticWormScene(SIScene, frozen=True, kw_only=True):
-    """A worm of membrane segments with coils, on the ground or in a tube, simulated with events.
+    """A worm of membrane segments with coils on the ground or in a tube, simulated with events.
 
-    Coils that are on shorten their segments, which swell; a wave of them moves the worm. Rest and
-    sliding are decided exactly. Theory:
-    [theory-peristaltic.md](../theory-peristaltic.md#2-the-chain). The motion is computed again by
-    steps of Moreau and Jean, which know no events. Only `units = "SI"`. Numbers marked *assumed*
-    are not the chapter's. Status `failed`: energy is not balanced, the second route disagrees, or
-    a coil pulls its segment into itself.
+    Coils that are on shorten their segments, which swell. A wave of active coils moves the worm.
+    Rest and sliding are resolved exactly. Theory:
+    [theory-peristaltic.md](../theory-peristaltic.md#2-the-chain). Moreau-Jean time stepping, which
+    uses no events, computes the motion again. Only `units = "SI"`. Parameters marked *assumed* are
+    not from Zimmermann et al. 2007 (WLLS, see the theory page). The status is `failed` if
+    energy is not balanced, the second route disagrees, or a coil pulls its segment into itself.
 
     `frame` are times in the last two cycles.
     """
 
     scalars: ClassVar = {
-        "advance": ("length", "way of the centre of mass in a cycle, mean after settling"),
+        "advance": ("length", "displacement of the mass centre per cycle, mean after `settle`"),
         "advance_ideal": (
             "length",
-            "(*N* − *m*) *D*, of ideal anchors; unknown for harmonic currents",
+            "(*N* − *m*) *D*, advance with ideal anchors; unknown for harmonic currents",
         ),
-        "advance_share": ("share", "`advance` over `advance_ideal`"),
-        "speed": ("speed", "mean speed after settling"),
+        "advance_share": ("share", "`advance` divided by `advance_ideal`"),
+        "speed": ("speed", "mean speed after `course.settle` cycles"),
         "against_wave": ("1", "1: moves against its wave; −1: with it; 0: not at all"),
         "stroke": (
             "length",
-            "*D*: a segment's shortening by its coil without load, or until it fills the tube",
+            "*D*: shortening of a segment by its coil without load, or until it fills the tube",
         ),
         "slip": (
             "length",
-            "way back, in a cycle, of the segments that a step leaves short: at best 0",
+            "backward slip per cycle of the segments that a step leaves short: at best 0",
         ),
         "holding_reserve": (
             "share",
-            "least part of the friction of those segments that is not used up; 0 where they slide",
+            "least unused share of the friction of those segments; 0 if they slide",
         ),
         "coil_duty": ("share", "mean of the coils' squared currents over `coils.current` squared"),
         "loading": ("1", "*κ* = *p*<sub>m</sub>*R*/(*Gh*)"),
         "loading_share": ("share", "*κ* over that at which a coil pulls its segment into itself"),
         "magnetic_pressure": ("stress", "*p*<sub>m</sub> of a coil that is on"),
-        "weight": ("force", "of a segment"),
+        "weight": ("force", "weight of a segment"),
         "normal_force_max": ("force", "largest force of the wall on a segment"),
-        "wall_depth_max": ("length", "deepest into the wall"),
-        "stretch_min": ("1", "shortest segment, over *L*"),
-        "coil_work": ("energy", "done by the coils"),
-        "damping_work": ("energy", "likewise by the dashpots"),
-        "drag_work": ("energy", "likewise by drag"),
-        "friction_work": ("energy", "likewise by dry friction"),
-        "load_work": ("energy", "likewise by the load"),
-        "energy_error": ("share", "works less the energy gained, over the largest of them"),
-        "moreau_error": ("share", "difference of the second route's end, over the longest way"),
-        "n_events": ("count", "events located: reversals, sticks, releases"),
-        "n_steps": ("count", "steps of the integrator"),
+        "wall_depth_max": ("length", "largest depth of a segment in the wall"),
+        "stretch_min": ("1", "least length of a segment, over *L*"),
+        "coil_work": ("energy", "work of the coils"),
+        "damping_work": ("energy", "work of the dashpots"),
+        "drag_work": ("energy", "work of drag"),
+        "friction_work": ("energy", "work of dry friction"),
+        "load_work": ("energy", "work of the load"),
+        "energy_error": ("share", "works less the energy gained, relative to the largest of them"),
+        "moreau_error": ("share", "difference to the second route's end, over the longest path"),
+        "n_events": ("count", "number of located events: reversals, sticks, releases"),
+        "n_steps": ("count", "number of integrator steps"),
     }
     variables: ClassVar = (
         TIME
         | over(
             {
-                "position": ("length", ("ring",), "place of the ring"),
+                "position": ("length", ("ring",), "position of the ring"),
                 "current": ("current", ("segment",), "current of the coil"),
-                "stretch": ("1", ("segment",), "length over the unstressed one"),
+                "stretch": ("1", ("segment",), "length over unstressed length"),
                 "normal_force": ("force", ("segment",), "force of the wall"),
-                "contact_force": ("force", ("contact",), "force of the ground along it"),
-                "resting": ("count", ("contact",), "1 where the contact rests"),
-                "center": ("length", (), "place of the centre of mass"),
-                "stored": ("energy", (), "kinetic and elastic energy, that of the wall too"),
-                "work_coil": ("energy", (), "done by the coils"),
-                "work_damping": ("energy", (), "done by the dashpots"),
-                "work_drag": ("energy", (), "done by drag"),
-                "work_friction": ("energy", (), "done by dry friction"),
-                "work_load": ("energy", (), "done by the load"),
+                "contact_force": ("force", ("contact",), "tangential force of the ground"),
+                "resting": ("count", ("contact",), "1 while the contact rests, else 0"),
+                "center": ("length", (), "position of the centre of mass"),
+                "stored": ("energy", (), "kinetic and elastic energy, including the wall's"),
+                "work_coil": ("energy", (), "work of the coils"),
+                "work_damping": ("energy", (), "work of the dashpots"),
+                "work_drag": ("energy", (), "work of drag"),
+                "work_friction": ("energy", (), "work of dry friction"),
+                "work_load": ("energy", (), "work of the load"),
             }
         )
         | EVENTS
@@ -212,23 +217,23 @@ class PeristalticWormScene(SIScene, frozen=True, kw_only=True):
         tuple[Literal["worm", "course", "animation"], ...],
         says(
             "",
-            "`worm`: the body as it swells and thins; `course`: places and energies over time; "
-            "`animation`: a GIF",
+            "`worm`: the body over the last cycle; `course`: positions and energies over time; "
+            "`animation`: the moving body, as a GIF",
         ),
     ] = ()
-    worm: Annotated[WormTable, says("", "what moves")]
-    coils: Annotated[CoilTable, says("", "what moves it")]
+    worm: Annotated[WormTable, says("", "the worm")]
+    coils: Annotated[CoilTable, says("", "the coils")]
     wave: Annotated[SwitchedWave | HarmonicWave, says("", "how")]
-    ground: Annotated[DryTable | DragTable | TubeTable, says("", "what it moves on, or in")]
+    ground: Annotated[DryTable | DragTable | TubeTable, says("", "open ground, or a tube")]
     anchoring: Annotated[
         Literal["mid", "clamp"],
         says(
             "",
             "`mid`: friction acts at the middle of a segment; `clamp`: half of it at either end. "
-            "Drag is at the middle",
+            "Drag acts at the middle",
         ),
     ] = "mid"
-    course: Annotated[SettingTable, says("", "how long, and how exactly")] = SettingTable()
+    course: Annotated[SettingTable, says("", "duration and accuracy")] = SettingTable()
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -237,8 +242,8 @@ class PeristalticWormScene(SIScene, frozen=True, kw_only=True):
         if isinstance(self.wave, SwitchedWave) and self.wave.on >= worm.segments:
             yield (
                 "wave.on",
-                f"{self.wave.on} of {worm.segments} coils on leave none to go on to; write at most "
-                f"{worm.segments - 1}",
+                f"{self.wave.on} of {worm.segments} coils on leave none to switch on; write at "
+                f"most {worm.segments - 1}",
             )
         if course.settle >= course.cycles:
             yield "course.settle", f"no cycle is left; write at most {course.cycles - 1}"
@@ -252,13 +257,13 @@ class PeristalticWormScene(SIScene, frozen=True, kw_only=True):
             yield (
                 "coils.current",
                 f"{self.coils.current:g} A make a magnetic pressure of {self.coils.pressure:.4g} "
-                f"Pa: from {most:.4g} Pa on a coil pulls its segment into itself; write less than "
+                f"Pa; from {most:.4g} Pa a coil pulls its segment into itself; write less than "
                 f"{current:.4g}",
             )
 
     @property
     def loading_limit(self) -> float:
-        """P R / (G h) at which a segment is as short as its coil: coil and membrane balance."""
+        """Return P R / (G h) at which coil and membrane balance at the length of the coil."""
         c, a = self.coils.share, self.worm.neo_hookean
         return 2 * c * (c**-2 - c) * (a + (1 - a) / c)
 
@@ -275,6 +280,6 @@ class PeristalticWormScene(SIScene, frozen=True, kw_only=True):
             least = abs(worm.load) / (worm.segments * worm.mass * worm.gravity)
             yield (
                 f"ground.{key}",
-                f"0, and a load of {worm.load:g} N: nothing holds the worm; write {least:.3g} or "
+                f"0, and the load is {worm.load:g} N: nothing holds the worm; write {least:.3g} or "
                 "more",
             )

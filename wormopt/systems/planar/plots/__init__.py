@@ -1,1 +1,1 @@
-"""Pictures of planar worms."""
+"""Plots of planar worms."""

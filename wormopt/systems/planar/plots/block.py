@@ -1,4 +1,4 @@
-"""Picture of a block that slides in the plane and comes to rest."""
+"""Plot of a block that slides in the plane until it stops."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wormopt.result import Result
 
 
 def block(result: Result) -> Figure:
-    """Its way with the velocity along it, both components over time, and the force's ellipse."""
+    """Plot the path with the velocity, its components over time, and the friction ellipse."""
     drawn = sheet(7.1, 5.4, 8.6)
     (way, ellipse), (speed, force) = drawn.subplots(2, 2)
     time, x, y = (result[name].values for name in ("time", "x", "y"))
@@ -51,25 +51,25 @@ def block(result: Result) -> Figure:
         drawn,
         fact(result, "stop_time", "stops at time"),
         fact(result, "distance", "distance"),
-        fact(result, "stop_error", "second route differs by"),
+        fact(result, "stop_error", "difference to second route"),
     )
     return drawn
 
 
 def _draw_ellipse(axes: Axes, result: Result) -> None:
-    """What the ground can hold, and the force over time."""
+    """Draw the limit of friction, and the friction force over time."""
     angle, heading = np.linspace(0, 2 * np.pi, 361), needed(result, "heading")
-    # a force ahead holds against motion back
+    # backward motion is resisted by a forward force
     along = np.cos(angle) * np.where(
         np.cos(angle) > 0, needed(result, "backward"), needed(result, "forward")
     )
     across = needed(result, "sideways") * np.sin(angle)
     c, s = np.cos(heading), np.sin(heading)
     axes.plot(c * along - s * across, s * along + c * across, color=GREY, linestyle=LIMIT,
-              linewidth=0.9, label="what holds")  # fmt: skip
+              linewidth=0.9, label="limit of friction")  # fmt: skip
     fx, fy = result["friction_x"].values, result["friction_y"].values
     slides = result["time"].values < needed(result, "stop_time")
-    axes.plot(fx[slides], fy[slides], color=LINKS[0], linewidth=2, label="while it slides")
+    axes.plot(fx[slides], fy[slides], color=LINKS[0], linewidth=2, label="during the slide")
     axes.plot(fx[-1], fy[-1], "o", color=RED, label="at rest")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(label("friction along $x$", result["friction_x"].unit))

@@ -1,4 +1,4 @@
-"""Bodies in the plane, shared by pictures of what moves there: stage, snapshots, frames.
+"""Bodies in the plane, shared by plots of planar motion: stage, snapshots, frames.
 
 A result has ``time``, places ``x`` and ``y`` (masses, time), whether a mass is ``resting``, and the
 trace ``center_x``, ``center_y``.
@@ -29,14 +29,14 @@ _SNAPSHOTS = 9
 
 
 def course(result: Result, traced: str) -> Figure:
-    """The body at equal times, fainter the longer ago; masses at rest filled; what is traced.
+    """Plot the body at equal times, older ones fainter, resting masses filled, and a trace.
 
-    Both axes have one scale.
+    Both axes have the same scale.
     """
     (left, right), (low, high) = reach(result)
     share = (high - low) / (right - left)
     height = float(np.clip(6.0 * share + 1.3, 2.4, 7.0))
-    entries = len(result["x"].values) + 4  # of the legend, in two columns where it is narrow
+    entries = len(result["x"].values) + 4  # legend entries, in two columns if it is narrow
     drawn = sheet(7.1, height, float(np.clip(3.0 * share + 0.8 + 0.08 * entries, 2.0, 7.0)))
     axes = drawn.subplots()
     stage(axes, result)
@@ -46,7 +46,7 @@ def course(result: Result, traced: str) -> Figure:
     axes.plot(result["center_x"].values, result["center_y"].values, color="black", linewidth=0.9,
               zorder=5)  # fmt: skip
     masses = len(result["x"].values)
-    held = line("ground holds the mass", GREY, "none", marker="o")
+    held = line("mass held by the ground", GREY, "none", marker="o")
     free = line("mass moves", GREY, "none", marker="o")
     free.set_markerfacecolor("white")
     told = [*handles("mass", masses), held, free, line(traced, "black", width=0.9)]
@@ -56,7 +56,7 @@ def course(result: Result, traced: str) -> Figure:
 
 
 def first_frame(result: Result) -> Figure:
-    """The body as the animation begins, for `pose` to change."""
+    """Plot the body at the start of the animation, for `pose` to change."""
     (left, right), (low, high) = reach(result)
     height = float(np.clip(6.2 * (high - low) / (right - left) + 0.8, 1.6, 6.0))
     drawn = sheet(7.1, height, height / 1.8)
@@ -81,7 +81,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 
 def reach(result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Least and largest x and y that are shown."""
+    """Return the least and largest x and y shown."""
     x, y = result["x"].values, result["y"].values
     for each in result.attributes.get("obstacles") or []:
         if each["shape"] == "disc":
@@ -94,7 +94,7 @@ def reach(result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def stage(axes: Axes, result: Result) -> None:
-    """Limits and labels of both axes, which have one scale."""
+    """Set limits and labels of both axes, which have the same scale."""
     across, up = reach(result)
     axes.set_xlim(across)
     axes.set_ylim(up)
@@ -106,7 +106,7 @@ def stage(axes: Axes, result: Result) -> None:
 
 
 def body(axes: Axes, result: Result, t: float, strength: float) -> None:
-    """One body; the sample at `t` or the first after it."""
+    """Draw one body: the sample at `t` or the first after it."""
     k = min(int(np.searchsorted(result["time"].values, t - 1e-12)), len(result["time"].values) - 1)
     x, y = result["x"].values[:, k], result["y"].values[:, k]
     rests = result["resting"].values[:, k] > 0

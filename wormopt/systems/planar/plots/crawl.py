@@ -1,4 +1,4 @@
-"""A body that crawls slowly: over its strokes in the plane, and what acts on it in one."""
+"""Plots of a body that crawls slowly: its strokes in the plane, and the forces in one stroke."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _NO_TURN = 1e-9
 
 
 def crawl(result: Result) -> Figure:
-    """The body at equal times of its strokes, masses at rest filled, trace of its middle."""
+    """Plot the body at equal times of its strokes, resting masses filled, and its mean place."""
     drawn = course(result, "mean of the masses")
     _mark_rests(drawn.axes[0], result)
     turns = abs(scalar(result, "turn") or 0.0) > _NO_TURN
@@ -44,7 +44,7 @@ def crawl(result: Result) -> Figure:
     in_place = "drift" in result.scalars
     tell(
         drawn,
-        fact(result, "distance", "way of the head in a stroke") if not in_place else "",
+        fact(result, "distance", "distance of the head per stroke") if not in_place else "",
         fact(result, "turn", "turn to the left") if turns else "",
         fact(result, "work", "work"),
     )
@@ -52,7 +52,7 @@ def crawl(result: Result) -> Figure:
 
 
 def _mark_rests(axes: Axes, result: Result) -> None:
-    """Where masses rested: filled."""
+    """Fill the markers of resting masses."""
     time, resting = result["time"].values, result["resting"].values > 0
     x, y = result["x"].values, result["y"].values
     for i, colour in enumerate(shades(MASSES, len(x))):
@@ -61,28 +61,28 @@ def _mark_rests(axes: Axes, result: Result) -> None:
 
 
 def forces(result: Result) -> Figure:
-    """Forces of the ground, loads of the actuators, and masses at rest over a stroke."""
+    """Plot ground forces, actuator loads, and resting masses over a stroke."""
     names = [name for name in ("link_force", "joint_torque") if name in result]
     drawn = sheet(7.1, 5.2 + 1.4 * len(names), 9.6)
     panels = drawn.subplots(3 + len(names), sharex=True)
     phase = result["phase"].values
     resting = result["stroke_resting"].values > 0
     for axes, name, words in zip(
-        panels, ("ground_ahead", "ground_left"), ("ahead", "to the left"), strict=False
+        panels, ("ground_ahead", "ground_left"), ("forward", "to the left"), strict=False
     ):
         _draw_forces(axes, phase, result[name].values, resting)
         axes.set_ylabel(_lines(f"ground,\n{words}", result[name].unit))
-    legend(panels[0], [*handles("mass", len(resting)), line("it rests", GREY, width=2.6)])
+    legend(panels[0], [*handles("mass", len(resting)), line("mass rests", GREY, width=2.6)])
     for axes, name in zip(panels[2:], names, strict=False):
         _draw_loads(axes, result, name)
     draw_rests(panels[-1], phase, resting)
     panels[-1].set_xlabel("phase of the stroke")
-    tell(drawn, fact(result, "work", "work of a stroke"), fact(result, "stages", "stages"))
+    tell(drawn, fact(result, "work", "work per stroke"), fact(result, "stages", "stages"))
     return drawn
 
 
 def _draw_forces(axes: Axes, phase: np.ndarray, force: np.ndarray, rests: np.ndarray) -> None:
-    """Thick where the mass rests; corners of a stroke are jumps."""
+    """Draw a force, thick where the mass rests; corners of a stroke are jumps."""
     for row, still, colour in zip(force, rests, shades(MASSES, len(force)), strict=True):
         axes.plot(phase, row, color=colour, linewidth=0.9)
         axes.plot(phase, np.where(still, row, np.nan), color=colour, linewidth=2.6)

@@ -1,4 +1,4 @@
-"""A gait of a body in the plane: the body as it goes, its shape over time, and the stroke."""
+"""Plots of a gait in the plane: the moving body, its shape over time, and the stroke."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ FRAMES = 72
 
 
 def planar_gait(result: Result) -> Figure:
-    """The body at equal times of a cycle, resting masses marked; shape over time; the stroke."""
+    """Plot the body at equal times of a cycle, resting masses, shape over time, and stroke."""
     drawn = sheet(7.1, 5.0, 8.0)
     narrow = drawn.get_figwidth() < 5
     if narrow:
@@ -34,7 +34,7 @@ def planar_gait(result: Result) -> Figure:
     _loop(loop, result)
     entries = [
         line("body, later darker; head dotted", LINKS[0], width=2),
-        line("mean of its masses", RED),
+        line("mean of the masses", RED),
         line("mass at rest", "black", dashes="", marker="s"),
         *(line(f"shape variable {k + 1}", colour) for k, colour in enumerate(colours[:6])),
     ]
@@ -61,7 +61,7 @@ def _plane(plane: Axes, result: Result) -> None:
 
 
 def _loop(loop: Axes, result: Result) -> None:
-    """The stroke by the last two shape variables; by time where there is but one."""
+    """Draw the stroke by the last two shape variables, or over time if there is only one."""
     shape, corner = result["shape"].values, result["corner"].values
     if len(shape) < 2:
         loop.set_visible(False)
@@ -92,7 +92,7 @@ def _facts(result: Result) -> list[str]:
 
 
 def first_frame(result: Result) -> Figure:
-    """The body as the animation begins, for `pose` to change."""
+    """Plot the body at the start of the animation, for `pose` to change."""
     drawn = sheet(7.1, 4.0, 3.0)
     axes = drawn.subplots()
     x, y = result["x"].values, result["y"].values

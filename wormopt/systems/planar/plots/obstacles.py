@@ -1,4 +1,4 @@
-"""Obstacles in pictures of the plane, and capsules."""
+"""Drawings of obstacles and capsules in the plane."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SOLID = "#BDB6AC"
 
 
 def draw_obstacle(axes: Axes, each: Any) -> None:
-    """Draw an obstacle as its table tells it; the limits of the axes stand already."""
+    """Draw an obstacle from its table; the limits of the axes are already set."""
     style = {"facecolor": SOLID, "edgecolor": GREY, "linewidth": 0.6, "zorder": 2}
     if each["shape"] == "disc":
         axes.add_patch(Circle(each["centre"], each["radius"], **style))
@@ -39,7 +39,7 @@ def _size(axes: Axes) -> float:
 
 
 def thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any) -> None:
-    """Bodies (n, m) of links as capsules of a radius in the units of the plane."""
+    """Draw bodies (n, m) of links as capsules, with the radius in units of the plane."""
     usual: dict[str, Any] = {"linewidths": 0.0}
     outlines = [
         _capsule(x[j : j + 2, k], y[j : j + 2, k], radius)
@@ -50,7 +50,7 @@ def thick(axes: Axes, x: np.ndarray, y: np.ndarray, radius: float, **style: Any)
 
 
 def _capsule(x: np.ndarray, y: np.ndarray, radius: float) -> np.ndarray:
-    """Outline (m, 2) of a capsule."""
+    """Return the outline (m, 2) of a capsule."""
     angle = np.arctan2(y[1] - y[0], x[1] - x[0])
     half = np.linspace(-np.pi / 2, np.pi / 2, 13)
     front = angle + half

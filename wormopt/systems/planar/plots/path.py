@@ -1,4 +1,4 @@
-"""Pictures of a path through the plane: obstacles, bodies, what they sweep, the goal."""
+"""Plots of a path through the plane: obstacles, bodies, area swept, goal."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SWEPT, _BODY = "#DCE9F3", "#7FB2D6"
 
 
 def path(result: Result) -> Figure:
-    """Bodies between steps, what they sweep over, way of the head, obstacles, the goal."""
+    """Plot bodies between steps, area swept, path of the head, obstacles, and goal."""
     drawn = _sheet(result)
     axes = drawn.subplots()
     _stage(axes, result)
@@ -45,7 +45,7 @@ def path(result: Result) -> Figure:
     axes.plot(x[pinned], y[pinned], ".", color=MASSES[1], markersize=3, zorder=5)
     entries = [
         Patch(color=_BODY, label="body between steps"),
-        Patch(color=_SWEPT, label="swept over"),
+        Patch(color=_SWEPT, label="area swept"),
         line("head", "black", "-", 0.9),
         Line2D([], [], color=MASSES[1], marker=".", linestyle="", label="pinned"),
         Patch(color=SOLID, label="obstacle"),
@@ -57,13 +57,13 @@ def path(result: Result) -> Figure:
         fact(result, "steps"),
         fact(result, "time"),
         fact(result, "work"),
-        fact(result, "room", "least room"),
+        fact(result, "room", "least clearance"),
     )
     return drawn
 
 
 def first_frame(result: Result) -> Figure:
-    """The body among its obstacles as the animation begins, for `pose` to change."""
+    """Plot the body among its obstacles at the start of the animation, for `pose` to change."""
     drawn = _sheet(result)
     axes = drawn.subplots()
     _stage(axes, result)
@@ -93,7 +93,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 
 def _stage(axes: Axes, result: Result) -> None:
-    """Obstacles, corridor, places on the way, goal; equal axes."""
+    """Draw obstacles, corridor, via points and goal, with equal axes."""
     for each in needed(result, "obstacles"):
         draw_obstacle(axes, each)
     corridor = result.attributes.get("corridor")
@@ -119,7 +119,7 @@ def _stage(axes: Axes, result: Result) -> None:
 
 
 def _window(result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Least and largest x and y that are shown."""
+    """Return the least and largest x and y shown."""
     x, y = _course(result)
     goal = needed(result, "goal")
     margin = 2 * _radius(result) + 0.05 * float(max(np.ptp(x), np.ptp(y)))
@@ -130,7 +130,7 @@ def _window(result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _sheet(result: Result) -> Figure:
-    """A sheet as high as what is shown needs."""
+    """Return a figure with the height that its contents need."""
     (left, right), (low, high) = _window(result)
     ratio = float(np.clip((high - low) / (right - left), 0.2, 1.2))
     return sheet(7.1, 6.4 * ratio + 0.9, 2.6 * ratio + 1.3)
@@ -145,7 +145,7 @@ def _radius(result: Result) -> float:
 
 
 def _stops(result: Result) -> list[int]:
-    """Instants between steps."""
+    """Return the instants between steps."""
     m, steps = result["x"].values.shape[1], len(result["amplitude"].values)
     each = m // max(steps, 1)
     return [*range(0, m, each), m - 1] if steps else [0]

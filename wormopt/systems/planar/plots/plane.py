@@ -1,4 +1,4 @@
-"""Pictures of a body in the plane: where it was over time, what acted on it, and animated."""
+"""Plots of a body in the plane: path, forces and works over time, and animation."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ _WORKS = (
 
 
 def plane(result: Result) -> Figure:
-    """The body at equal times, masses at rest filled, and the trace of its centre of mass."""
+    """Plot the body at equal times, resting masses filled, and the path of its mass centre."""
     drawn = course(result, "centre of mass")
     tell(
         drawn,
-        fact(result, "distance", "way of the centre of mass"),
+        fact(result, "distance", "distance of the centre of mass"),
         fact(result, "turn", "turn to the left"),
     )
     return drawn
 
 
 def forces(result: Result) -> Figure:
-    """Forces of the ground and of the actuators over time, and where their work goes."""
+    """Plot forces of ground and actuators over time, and works."""
     joints = "torque" in result
     drawn = sheet(7.1, 7.2 if joints else 6.0, 8.4)
     panels = drawn.subplots(4 if joints else 3, sharex=True)
@@ -77,7 +77,7 @@ def forces(result: Result) -> Figure:
     panels[-1].set_xlabel(label("time $t$", result["time"].unit))
     legend(panels[-1])
     tell(drawn, fact(result, "actuator_work", "work of the actuators"),
-         fact(result, "energy_error", "energy missing"))  # fmt: skip
+         fact(result, "energy_error", "energy error"))  # fmt: skip
     return drawn
 
 

@@ -1,4 +1,4 @@
-"""Speed of a serpenoid wave by its amplitude, and the wave."""
+"""Plots of the speed of a serpenoid wave over its amplitude, and of the wave."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from wormopt.result import Result
 
 
 def serpenoid(result: Result) -> Figure:
-    """Speed by amplitude, the best one and that of the scene marked; the best wave below."""
+    """Plot speed over amplitude with the best one and that of the scene; the best wave below."""
     drawn = sheet(7.1, 4.2, 4.6)
     below, top = drawn.subplots(2, height_ratios=(1, 2))
     amplitude, speed = result["amplitude"], result["speed_by_amplitude"].values
@@ -27,9 +27,9 @@ def serpenoid(result: Result) -> Figure:
     x, y = np.cumsum(np.cos(psi)) * step, np.cumsum(np.sin(psi)) * step
     below.plot(x / (2 * np.pi), (y - y.mean()) / (2 * np.pi), color=RED, linewidth=2)
     below.set_aspect("equal")
-    below.set_xlabel("best wave: $x$ by body on a wave")
-    below.set_ylabel("$y$, likewise")
+    below.set_xlabel("best wave: $x$ over body length per wave")
+    below.set_ylabel("$y$ over the same")
     below.axhline(0, color=GREY, linewidth=0.6)
     tell(drawn, fact(result, "speed", "speed $V/c$"), fact(result, "amplitude_best", "best α"),
-         fact(result, "speed_best", "there"))  # fmt: skip
+         fact(result, "speed_best", "best $V/c$"))  # fmt: skip
     return drawn

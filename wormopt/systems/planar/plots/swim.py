@@ -1,4 +1,4 @@
-"""A swimmer over a stroke in the plane, its height functions, and it animated."""
+"""Plots of a swimmer over a stroke: body in the plane, height functions, animation."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from wormopt.result import Result
 _SNAPSHOTS = 5
 _STROKES, _FRAMES_PER_STROKE = 4, 36
 FRAMES = _STROKES * _FRAMES_PER_STROKE
-_TWISTS = ("way ahead", "way to the left", "turn")
+_TWISTS = ("displacement forward", "displacement to the left", "turn")
 
 
 def swim(result: Result) -> Figure:
-    """The body at equal times of a stroke, the trace of its centre, and the shape over time."""
+    """Plot the body at equal times of a stroke, the path of its centre, and shape over time."""
     drawn = sheet(7.1, 3.6, 5.4)
     if narrow():
         course, plane = drawn.subplots(2, 1, height_ratios=(2, 3))
@@ -50,7 +50,7 @@ def swim(result: Result) -> Figure:
     course.margins(x=0)
     entries = [
         line("body, later darker; head dotted", LINKS[0], width=2),
-        line("mean of its masses", RED),
+        line("mean of the masses", RED),
         *(line(f"shape variable {k + 1}", colour) for k, colour in enumerate(colours[:4])),
     ]
     legend_below(drawn, entries)
@@ -66,7 +66,7 @@ def _facts(result: Result) -> list[str]:
 
 
 def heights(result: Result) -> Figure:
-    """Curvature of the connection by both shape variables, with the stroke drawn in it."""
+    """Plot the curvature of the connection over both shape variables, with the stroke."""
     drawn = sheet(7.1, 2.6, 7.0)
     shape = result["shape"].values
     s1, s2 = result["height_s1"].values, result["height_s2"].values
@@ -81,19 +81,19 @@ def heights(result: Result) -> Figure:
             "", shape[:, k + 1], shape[:, k], arrowprops={"arrowstyle": "-|>", "color": "black"}
         )
         axes.set_aspect("equal")
-        axes.set_title(f"{name}, by area")
+        axes.set_title(f"{name}, per area")
         axes.set_xlabel(label("$s_1$", result["height_s1"].unit))
         axes.grid(visible=False)
         drawn.colorbar(filled, ax=axes, shrink=0.6, ticks=[-most, 0, most], format="%.2g")
     for axes in panels if narrow() else panels[:1]:
         axes.set_ylabel(label("$s_2$", result["height_s2"].unit))
     frame = str(result.trust.get("frame", ""))
-    tell(drawn, f"in the {frame} frame" if frame else "", fact(result, "distance", "way"))
+    tell(drawn, f"in the {frame} frame" if frame else "", fact(result, "distance", "distance"))
     return drawn
 
 
 def first_frame(result: Result) -> Figure:
-    """The body as the animation begins, for `pose` to change."""
+    """Plot the body at the start of the animation, for `pose` to change."""
     drawn = sheet(7.1, 4.0, 3.0)
     axes = drawn.subplots()
     x, y = _placed(result, np.arange(0, FRAMES, 3))
@@ -122,7 +122,7 @@ def pose(drawn: Figure, result: Result, frame: int) -> None:
 
 
 def _placed(result: Result, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (masses, frames), strokes repeated from the pose at which the last one ends."""
+    """Return places (masses, frames), strokes repeated from the end pose of the last one."""
     time = result["instant"].values
     places = np.stack([result["x"].values, result["y"].values])
     turn, first, last = _motion(places)
@@ -139,7 +139,7 @@ def _placed(result: Result, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _motion(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rigid motion of a stroke: its turn (2, 2), the head before and after (2, 1)."""
+    """Return the rigid motion of a stroke: rotation (2, 2), head before and after (2, 1)."""
     begin, end = places[..., 0], places[..., -1]
     a, b = begin[:, 0] - begin[:, 1], end[:, 0] - end[:, 1]
     c, s = a @ b / (a @ a), (a[0] * b[1] - a[1] * b[0]) / (a @ a)

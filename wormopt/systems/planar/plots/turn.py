@@ -1,4 +1,4 @@
-"""A worm that turns in place: its heading beside the bound, and what rest needs."""
+"""Plots of a worm that turns in place: heading with its bound, and friction needed for rest."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wormopt.result import Result
 
 
 def turning(result: Result) -> Figure:
-    """Heading over time and as fast as the bound allows, masses at rest, and their hold."""
+    """Plot heading and its bound over time, resting masses, and the friction they need."""
     drawn = sheet(7.1, 5.4, 7.6)
     heading, rests, hold = drawn.subplots(3, height_ratios=(3, 1.5, 2))
     time, angle = result["time"].values, result["mean_heading"].values
@@ -40,9 +40,9 @@ def turning(result: Result) -> Figure:
     hold.axhline(1.0, color=GREY, linestyle=LIMIT, linewidth=0.8)
     hold.set_ylim(0, 1.08 * max(1.0, float(result["hold_by_angle"].values.max())))
     hold.set_xlabel(label("angle of the joint $\\phi$ in a swing", result["swing_angle"].unit))
-    hold.set_ylabel("share of hold\nthat rest needs")
+    hold.set_ylabel("share of friction\nneeded for rest")
     hold.margins(x=0)
-    legend(hold, [line("long link", LINKS[0]), line("all of it", GREY, LIMIT, 0.8)])
+    legend(hold, [line("long link", LINKS[0]), line("available", GREY, LIMIT, 0.8)])
     tell(
         drawn,
         fact(result, "heading_rate", "mean rate of the heading"),

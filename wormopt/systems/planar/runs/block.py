@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-block``: a block slides in the plane and comes to rest."""
+"""Runs of kind ``planar-block``: a block slides in the plane until it stops."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from wormopt.systems.planar.runs.ground import ground_of
 from wormopt.systems.planar.scenes.block import PlanarBlockScene, turned
 
 _AGREED, _ENERGY = 1e-8, 1e-9
-_AFTER = 1.1  # so many times the time of the stop is looked at
+_AFTER = 1.1  # simulated time over the time of the stop
 _TOLERANCE = Tolerance(1e-12, 1e-13)
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PlanarBlockScene], report: Report) -> Result:
-    """Find the stop as an event and by quadrature; "failed" if they disagree.
+    """Locate the stop as an event and by quadrature; status "failed" if they disagree.
 
-    Raises SolveError if it does not stop, or the motion cannot be followed.
+    Raises SolveError if the block does not stop or the motion cannot be followed.
     """
     table, clock = scene.table, perf_counter()
     block = table.block
@@ -48,7 +48,7 @@ def run(scene: Scene[PlanarBlockScene], report: Report) -> Result:
         end,
         times=np.linspace(0.0, end, table.samples),
         tolerance=_TOLERANCE,
-        route="radau",  # what it does aside is used up quickly, and then stiff
+        route="radau",  # sideways motion decays quickly, which makes the end stiff
         report=report,
     )
     rests = [event.time for event in motion.events if event.kind == "stick"]
@@ -64,9 +64,9 @@ def run(scene: Scene[PlanarBlockScene], report: Report) -> Result:
         checks=[
             Check(
                 "second route", scalars["stop_error"], _AGREED,
-                "quadrature finds another stop: the result is not to be trusted",
+                "quadrature finds another stop, so the result is not reliable",
             ),
-            Check("energy balance", scalars["energy_error"], _ENERGY, "energies do not balance"),
+            Check("energy balance", scalars["energy_error"], _ENERGY, "energy is not balanced"),
         ],
         facts={
             "route": motion.route,
@@ -85,12 +85,12 @@ def run(scene: Scene[PlanarBlockScene], report: Report) -> Result:
 
 
 def models_of(scene: Scene[PlanarBlockScene]) -> dict[str, Model]:
-    """Make the model that is simulated."""
+    """Return the model that is simulated."""
     return {"": build_block(scene.table)}
 
 
 def build_block(table: PlanarBlockScene) -> Model:
-    """Model of the block: one point, whose inertia only keeps its heading."""
+    """Return the model of the block: one point, whose inertia only keeps its heading."""
     block, speed = table.block, math.hypot(*table.block.velocity)
     force = max(table.ground.forward, table.ground.sideways or 0.0)
     time = block.mass * speed / force

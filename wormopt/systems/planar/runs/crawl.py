@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-crawl``: a stroke of a body that crawls slowly on dry ground."""
+"""Runs of kind ``planar-crawl``: one stroke of a body that crawls slowly on dry ground."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from wormopt.systems.shared.optimum import refused
 _STRAIGHT = 1e-9
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PlanarCrawlScene], report: Report) -> Result:
-    """Follow the stroke; "failed" where another way finds another motion.
+    """Follow the stroke; status "failed" if a second route finds another motion.
 
-    Raises SolveError if the ground cannot hold the load or leaves the motion open.
+    Raises SolveError if the ground cannot hold the load or the motion is not unique.
     """
     table, begin = scene.table, time.perf_counter()
     masses = table.body.links + 1
@@ -58,7 +58,7 @@ def run(scene: Scene[PlanarCrawlScene], report: Report) -> Result:
         ),
         checks=checks_of(errors),
         facts={
-            "second_way": "forces of most resistance by an interior point; even phases",
+            "second_way": "the dual problem by an interior point; quadrature at even phases",
             "dual_violation": violation,
         },
         warnings=_warnings(found),
@@ -69,6 +69,6 @@ def run(scene: Scene[PlanarCrawlScene], report: Report) -> Result:
 def _warnings(found: Crawl) -> Iterator[str]:
     if abs(found.displacement[2]) > _STRAIGHT:
         yield (
-            "the stroke turns the body: its way is that of the head, and repeated strokes lie on "
-            "a circle"
+            "the stroke turns the body: the distance is that of the head, and repeated strokes "
+            "lie on a circle"
         )

@@ -1,4 +1,4 @@
-"""What scenes of slow crawling share: numbers, courses and checks of a crawl."""
+"""Scalars, arrays and checks shared by scenes of slow crawling."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _EVEN_ERROR, _GAUSS_ERROR = 2e-5, 1e-5
 
 
 def way_scalars(crawl: Crawl, period: float, floor: float | None) -> dict[str, Any]:
-    """Where a stroke leads and what it costs; `floor` is known where there is no load."""
+    """Return displacement and cost of a stroke; `floor` is known only without a load."""
     way, turn = float(np.hypot(*crawl.displacement[:2])), float(crawl.displacement[2])
     straight = abs(turn) < _STRAIGHT
     circle = None if straight else circle_of(crawl.displacement)
@@ -47,14 +47,14 @@ def way_scalars(crawl: Crawl, period: float, floor: float | None) -> dict[str, A
 
 
 def size_of(crawl: Crawl) -> float:
-    """Length of the body, to which ways are compared."""
+    """Return the length of the body, the scale of displacements."""
     shapes, _ = crawl.course.stroke.at(np.zeros(1))
     points = np.array(crawl.course.crawler.shape.kinematics(shapes[0])[0])
     return float(np.hypot(*np.diff(points, axis=1)).sum())
 
 
 def recheck(crawl: Crawl, rule: Quadrature) -> tuple[dict[str, float], str]:
-    """The crawl by other ways, along phases: errors, and by how much the dual missed its limits."""
+    """Recompute the crawl by second routes; return errors and the excess of the dual's limits."""
     crawler = crawl.course.crawler
     fine = record(crawl, rule.nodes)
     actuators = float(rule.weights @ (fine.actuators * fine.rates).sum(axis=1))
@@ -62,7 +62,7 @@ def recheck(crawl: Crawl, rule: Quadrature) -> tuple[dict[str, float], str]:
     size, length = max(crawl.work, 1e-300), size_of(crawl)
     seen = record(crawl, (np.arange(_SAMPLED) + 0.4142) / _SAMPLED)
     dual = most_resistance(crawler, seen.shapes, seen.rates)
-    worth = seen.motion.power - seen.motion.twist @ crawler.load  # which is least
+    worth = seen.motion.power - seen.motion.twist @ crawler.load  # this is minimal
     usual = np.maximum(seen.motion.power, 1e-6 * size)
     speeds = np.linalg.norm(seen.motion.velocities, axis=2).max(axis=1)
     off = np.abs(dual.twist - seen.motion.twist) * [1.0, 1.0, length]
@@ -81,7 +81,7 @@ def recheck(crawl: Crawl, rule: Quadrature) -> tuple[dict[str, float], str]:
 
 
 def _unbalanced(seen: Record, load: np.ndarray) -> float:
-    """Largest force or moment that is left, of all there are."""
+    """Return the largest residual force or moment, relative to the largest."""
     forces, points = seen.forces, seen.points
     force = np.abs(forces.sum(axis=1) + load[:2]).max(axis=1)
     size = np.linalg.norm(forces, axis=2).sum(axis=1)
@@ -91,24 +91,24 @@ def _unbalanced(seen: Record, load: np.ndarray) -> float:
 
 
 def checks_of(errors: dict[str, float]) -> Iterator[Check]:
-    """What a crawl must pass."""
-    looked = "write more samples: a stop may have been missed"
+    """Yield the checks of a crawl."""
+    looked = "a stop may have been missed; write more samples"
     yield Check("balance of forces and moments", errors["balance_error"], _BALANCED,
                 "forces of the ground and the load do not balance")  # fmt: skip
     yield Check("work of the actuators", errors["work_error"], _WORKS,
-                f"actuators give other work than the ground takes; {looked}")  # fmt: skip
+                f"work of actuators and ground differ; {looked}")  # fmt: skip
     yield Check("power by forces of most resistance", errors["dual_error"], _DUAL,
-                "an interior point finds another power")  # fmt: skip
+                "the dual problem gives another power")  # fmt: skip
     yield Check("velocity by forces of most resistance", errors["dual_twist_error"], _DUAL_TWIST,
-                "an interior point finds another velocity")  # fmt: skip
+                "the dual problem gives another velocity")  # fmt: skip
     yield Check("displacement by even phases", errors["even_error"], _EVEN_ERROR,
-                f"even phases lead elsewhere; {looked}")  # fmt: skip
+                f"even phases give another displacement; {looked}")  # fmt: skip
     yield Check("displacement by Gauss' rule on fixed phases", errors["gauss_error"], _GAUSS_ERROR,
-                f"another quadrature leads elsewhere; {looked}")  # fmt: skip
+                f"another quadrature gives another displacement; {looked}")  # fmt: skip
 
 
 def instants(crawl: Crawl) -> np.ndarray:
-    """Even phases of a stroke, and those just before and after masses stop and go."""
+    """Return even phases of a stroke, and phases just before and after masses stop and start."""
     inner = crawl.breaks[1:-1]
     return np.unique(np.concatenate([np.linspace(0, 1, _INSTANTS + 1), inner - _BESIDE,
                                      inner + _BESIDE]))  # fmt: skip
@@ -117,7 +117,7 @@ def instants(crawl: Crawl) -> np.ndarray:
 def variables_of(
     crawl: Crawl, rule: Quadrature, times: np.ndarray, pace: np.ndarray, cycles: int
 ) -> dict[str, Any]:
-    """Courses over `cycles` strokes, by phases, and by the times (m,) at which a stroke has them.
+    """Return arrays over `cycles` strokes, by phases, and by times (m,) of these phases.
 
     `pace` (m,) is the rate of the phase in time.
     """

@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-design``: the best gait of a body in the plane."""
+"""Runs of kind ``planar-design``: the best gait of a body in the plane."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from wormopt.systems.planar.design.polygons import Steps
 from wormopt.systems.planar.scenes.design import PlanarDesignScene
 from wormopt.systems.shared.optimum import refused
 
-# By how much both motions may differ, over the way that the shape goes; the limits may be passed.
+# Accepted difference of both motions, over the path of the shape; accepted excess of the limits.
 _AGREED = {True: 3e-4, False: 1e-7}
 _KEPT, _STILL = 1e-9, 1e-6
 _PARTS = 24
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PlanarDesignScene], report: Report) -> Result:
-    """Find the best gait; "failed" where another way to its displacement ends elsewhere.
+    """Find the best gait; status "failed" if a second route ends elsewhere.
 
-    Raises SceneError if what is wanted makes no sense, SolveError if no gait is found.
+    Raises SceneError if the objective is inconsistent, SolveError if no gait is found.
     """
     search, begin = scene.table.search, time.perf_counter()
     try:
         aim = scene.table.planar_aim
-    except ArgumentError as error:  # what no table can see without numerics
+    except ArgumentError as error:  # faults that no table finds without numerics
         raise SceneError(scene.name, [("aim", str(error))]) from None
     try:
         design = design_stroke(aim, starts=search.starts, seed=search.seed, report=report)
@@ -84,7 +84,7 @@ def run(scene: Scene[PlanarDesignScene], report: Report) -> Result:
 
 
 def _elsewhere(design: PlanarDesign) -> float:
-    """How far off another route ends, over the way that the shape goes: fixed instants."""
+    """Return the difference to the end at fixed instants, over the path of the shape."""
     aim, corners = design.aim, design.corners
     steps = Steps(aim.shape, aim.ground, parts=_PARTS, points=6)
     total = steps.sides(corners, aim.closed).total
@@ -97,33 +97,33 @@ def _checks(design: PlanarDesign, off: float) -> Iterator[Check]:
     aim, (low, high) = design.aim, design.aim.ranges.T
     yield Check(
         "motion by another way", off, _AGREED[isinstance(aim.ground, Dry)],
-        f"by the motion at given instants the gait ends {off:.2g} elsewhere",
+        f"at fixed instants the motion ends {off:.2g} elsewhere",
     )  # fmt: skip
     miss = float(np.abs(design.misses).max(initial=0.0))
-    yield Check("what should vanish", miss, CLOSED, f"the aim is missed by {miss:.2g}")
+    yield Check("what should vanish", miss, CLOSED, f"the requirements are missed by {miss:.2g}")
     over = float(np.maximum(low - design.corners, design.corners - high).max())
-    yield Check("limits of the shape", max(0.0, over), _KEPT, "the shape passes its limits")
+    yield Check("limits of the shape", max(0.0, over), _KEPT, "the shape exceeds its limits")
     if aim.limits.half_width is not None:
         over = widest(design) - aim.limits.half_width
-        advice = f"the body is {over:.2g} outside of the passage; write more search.corners"
+        advice = f"the body leaves the passage by {over:.2g}; write more search.corners"
         yield Check("passage", max(0.0, over), _STILL, advice)
     if design.work_bound is not None:
         over = max(0.0, design.work_bound - design.work)
-        yield Check("work above its bound", over, _KEPT * design.work, "less work than can be")
+        yield Check("work above its bound", over, _KEPT * design.work, "work below its lower bound")
     if aim.limits.effort is not None:
         over = max(0.0, design.work - aim.limits.effort)
         limit = _AGREED[True] * aim.limits.effort
-        yield Check("effort", over, limit, f"the gait takes {over:.2g} too much work")
+        yield Check("effort", over, limit, f"the gait exceeds limits.effort by {over:.2g}")
 
 
 def _stroke(design: PlanarDesign) -> str:
-    """The gait as `--set` takes it for scenes that move a stroke."""
+    """Return the gait as `--set` takes it for scenes that move a given stroke."""
     rows = ",".join(f"[{','.join(map(repr, row))}]" for row in design.corners.tolist())
     return f'stroke={{course="polygon",corners=[{rows}]}}'
 
 
 def _warnings(design: PlanarDesign) -> Iterator[str]:
-    yield "a local optimum among strokes of so many corners; search.starts begins at others too"
+    yield "a local optimum at this number of corners; write more search.starts to try others"
     crossed = list(crossings(design.places()[3]))
     if crossed:
         first, second = crossed[0]
@@ -131,8 +131,8 @@ def _warnings(design: PlanarDesign) -> Iterator[str]:
     bound = design.turn_bound
     if bound and design.aim.purpose == "turn" and design.value > bound * (1 + 1e-9):
         yield (
-            "turns faster than two links of which one rests at any instant: changes of length turn "
-            "the body too"
+            "exceeds the bound of two links one of which always rests, because changes of length "
+            "also turn the body"
         )
 
 
@@ -149,7 +149,7 @@ def _variables(design: PlanarDesign) -> dict[str, Any]:
 
 
 def _resting(places: np.ndarray) -> np.ndarray:
-    """Which masses (m, masses) stay where they are up to the next instant."""
+    """Return which masses (m, masses) stay in place until the next instant."""
     ways = np.linalg.norm(np.diff(places, axis=0, append=places[-1:]), axis=-1)
     ways[-1] = ways[-2]
     return (ways < 1e-5 * np.maximum(ways.max(axis=1, keepdims=True), 1e-12)).astype(float)

@@ -1,4 +1,4 @@
-"""Laws of the ground under single masses, as scenes describe them."""
+"""Friction laws under single masses, built from scenes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from wormopt.systems.planar.scenes.ground import (
 
 
 def ground_of(table: MassGround) -> Ground | None:
-    """Law of one mass; None where nothing resists."""
+    """Return the law of one mass, or None if nothing resists."""
     match table:
         case EllipticGround() | UnitGround() | BoxGround():
             ahead, back = table.forward, table.backward or table.forward
             aside = table.sideways or ahead
             if isinstance(table, BoxGround):
                 return Axes(Coulomb(ahead, back), Coulomb(aside, aside))
-            # where all directions are alike both laws are one
+            # with equal resistance in all directions both laws agree
             unit = isinstance(table, UnitGround) and not ahead == back == aside
             return (AnisotropicCoulomb if unit else Elliptic)(ahead, back, aside)
         case ViscousGround():

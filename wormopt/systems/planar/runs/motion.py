@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-motion``: a worm of masses and springs in the plane, simulated."""
+"""Runs of kind ``planar-motion``: simulation of a worm of masses and springs in the plane."""
 
 from __future__ import annotations
 
@@ -40,26 +40,26 @@ from wormopt.systems.shared.proof import (
 from wormopt.systems.shared.settings import tolerance_of, treatment_of
 from wormopt.systems.shared.signals import event_arrays, simulate_whole
 
-_FOLDED = 3.1  # a joint that bends farther is taken to fold
-_CLOSED = 1e-3  # of the usual length: a link that is shorter has closed up
-# Softer obstacles, and by how much the end may then differ: about what is left to rigid ones.
+_FOLDED = 3.1  # a joint angle above this counts as folded
+_CLOSED = 1e-3  # a link shorter than this share of the usual length has closed up
+# Softening of obstacles, and the accepted change of the end: estimates the error to rigid ones.
 _SOFTER, _YIELDING = 0.25, 0.02
-# Pressed against an obstacle that gives way a mass slips as slowly as the forces change, and its
-# direction turns ever faster: what is slower than this share of the usual speed stops. The ways
-# change by far less than by obstacles that give way. Other slow slip may still cost many steps.
+# A mass pressed against a compliant obstacle slips as slowly as the forces change, and its
+# direction turns ever faster. Below this share of the usual speed it stops. The paths change far
+# less by this than by compliant obstacles. Other slow slip may still cost many steps.
 _STOP_AT_OBSTACLES, _STEPS_AT_OBSTACLES = 1e-7, 300_000
-# What is accepted of the second route's end over the longest way, if it goes by steps of first
-# order, and of what a quarter of its step leaves of that (a quarter), unless that is noise:
-# single stops and releases that fall into one step or the next are as much.
+# Accepted error of the second route's end over the longest path if its steps are of first order,
+# and the accepted part of it at a quarter of the step (a quarter), unless that is noise: single
+# stops and releases that fall into one step or the next cause as much.
 _STEPPED, _ORDER, _NOISE = 0.01, 0.5, 1e-6
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
-    """Simulate the worm; "failed" if the second route or the balance of energy disagrees.
+    """Simulate the worm; status "failed" if the second route or the energy balance disagrees.
 
-    Raises SolveError if the motion stops short, Interrupted if the user stops it, both with the
-    motion so far as partial result.
+    Raises SolveError if the motion ends early, Interrupted if the user stops it, both with the
+    motion computed so far as partial result.
     """
     table, clock = scene.table, time.perf_counter()
     plain = build_planar(scene)
@@ -70,7 +70,7 @@ def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
     try:
         second = _recheck(scene, plain, motion, report)
     except KeyboardInterrupt:
-        why = "interrupted before the second route was done"
+        why = "interrupted before the second route was finished"
         raise Interrupted(_unfinished(scene, motion, why)) from None
     check = second and second.check
     scalars = _scalars(scene, motion, second)
@@ -91,14 +91,14 @@ def run(scene: Scene[PlanarMotionScene], report: Report) -> Result:
 
 
 def models_of(scene: Scene[PlanarMotionScene]) -> dict[str, Model]:
-    """Make the model that is simulated."""
+    """Return the model that is simulated."""
     return {"": build_planar(scene)}
 
 
 def _follow(
     scene: Scene[PlanarMotionScene], plain: Model, tolerance: Tolerance, report: Report
 ) -> Trajectory:
-    """Simulate; raises SolveError or Interrupted with a partial Result."""
+    """Simulate the worm; raises SolveError or Interrupted with a partial Result."""
     table = scene.table
     measured = measure_works(plain, _usual_work(table))
     watched = watch_links(measured, _CLOSED * plain.x[0].nominal)
@@ -115,14 +115,14 @@ def _follow(
         partial = _unfinished(scene, error.partial, error.reason)
         advice = error.suggestion
         if table.obstacles and error.code == "too_many_steps":
-            advice = "write a smaller obstacle_stiffness: masses come to rest there too slowly"
+            advice = "masses stop too slowly at obstacles; write a smaller obstacle_stiffness"
         raise SolveError(error.reason, advice, partial, error.code) from None
     except Interrupted as stop:
         why = f"interrupted at t = {stop.partial.end_time:.6g}"
         raise Interrupted(_unfinished(scene, stop.partial, why)) from None
     link = closed_link(motion)
     if link:
-        why = f"{link} closes up at t = {motion.end_time:.6g}: it has no direction any more"
+        why = f"{link} closes up at t = {motion.end_time:.6g} and has no direction there"
         advice = (
             "write less actuation.force, or a larger worm.stiffness, worm.damping or "
             "worm.bending_stiffness"
@@ -132,7 +132,7 @@ def _follow(
 
 
 def _tolerance_of(table: PlanarMotionScene) -> Tolerance:
-    """What the scene asks for, and among obstacles how slow a mass may get."""
+    """Return the tolerance of the scene, with a least speed among obstacles."""
     tolerance = tolerance_of(table.tolerance)
     if not table.obstacles:
         return tolerance
@@ -151,17 +151,17 @@ def _usual_work(table: PlanarMotionScene) -> float:
 
 @dataclass(frozen=True)
 class Recheck:
-    """What another route finds."""
+    """Results of the second route."""
 
     check: CrossCheck
-    stepped: Stepped | None = None  # where it goes by steps
-    wall_error: float | None = None  # where there are obstacles
+    stepped: Stepped | None = None  # if it is time stepping
+    wall_error: float | None = None  # if there are obstacles
 
 
 def _recheck(
     scene: Scene[PlanarMotionScene], model: Model, motion: Trajectory, report: Report
 ) -> Recheck | None:
-    """By steps of Moreau and Jean, which know no events; where they do not fit, by tolerance."""
+    """Repeat the motion by Moreau-Jean steps; where they do not apply, by another integrator."""
     recheck, obstacles = scene.table.tolerance.recheck, scene.table.obstacles
     if not recheck:
         return None
@@ -172,7 +172,7 @@ def _recheck(
         check = cross_check(model, motion, tolerance, recheck=recheck, report=report)
         softness = _softness(scene, motion, tolerance, report) if check and obstacles else None
         return check and Recheck(check, wall_error=softness)
-    name, shared = "steps of Moreau and Jean", "the model"
+    name, shared = "Moreau-Jean time stepping", "the model"
     try:
         found = step_again(stepper, motion, report=report)
     except SolveError as error:
@@ -183,7 +183,7 @@ def _recheck(
 def _softness(
     scene: Scene[PlanarMotionScene], motion: Trajectory, tolerance: Tolerance, report: Report
 ) -> float:
-    """How far the end is from that among softer obstacles, over the longest way of a mass."""
+    """Return the change of the end among softer obstacles, over the longest path of a mass."""
     softer = build_planar(scene, stiffer=_SOFTER)
     treatment = motion.system.treatment
     end = motion.end_time
@@ -249,7 +249,7 @@ def _works(motion: Trajectory) -> dict[str, np.ndarray]:
 
 
 def _pressed(scene: Scene[PlanarMotionScene], motion: Trajectory) -> dict[str, float]:
-    """How obstacles press and give way."""
+    """Return forces and depths at obstacles."""
     if not scene.table.obstacles:
         return {}
     largest = float(motion["wall_force"].max())
@@ -287,7 +287,7 @@ def _signals(motion: Trajectory) -> dict[str, Any]:
 
 
 def _by_mass(rows: np.ndarray, masses: int) -> np.ndarray:
-    """Sums (masses, m) over obstacles of rows (obstacles x masses, m)."""
+    """Sum rows (obstacles x masses, m) over obstacles to (masses, m)."""
     return rows.reshape(-1, masses, rows.shape[1]).sum(axis=0)
 
 
@@ -301,24 +301,24 @@ def _checks(
             "second route, order",
             second.stepped.fine / max(second.stepped.coarse, second.stepped.rounding, _NOISE),
             _ORDER,
-            "the second route does not come nearer at its order; a motion this sensitive is not "
-            "to be trusted",
+            "the second route does not converge at its order; a motion this sensitive is not "
+            "reliable",
         )
     if second and second.wall_error is not None:
         yield Check(
             "obstacles",
             second.wall_error,
             _YIELDING,
-            "the motion hangs on how obstacles give way; write a larger obstacle_stiffness or a "
-            "shorter time.end",
+            "the motion depends on the compliance of obstacles; write a larger obstacle_stiffness "
+            "or a shorter time.end",
         )
     error = scalars["energy_error"]
     yield Check(
         "energy balance", error, accepted_error(tolerance),
-        f"energies do not balance, by {error:.2g} of their size",
+        f"energy is not balanced; the error is {error:.2g}, relative to the works",
     )  # fmt: skip
     yield Check(
         "joints", scalars["angle_max"], _FOLDED,
-        "a joint folds, where its angle is not told from its opposite; write a larger "
+        "a joint folds, where its angle and the opposite angle coincide; write a larger "
         "worm.bending_stiffness or smaller actuation.torque",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-path``: build the library, plan, simulate again, report."""
+"""Runs of kind ``planar-path``: build the library, plan, simulate the plan, report."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ from wormopt.systems.planar.scenes.path import (
     rates_of,
 )
 
-# By how much plan and simulation may differ, of the size of the path; the simulation of crawls is
-# of order 2 where masses stop.
+# Accepted difference of plan and simulation, over the size of the path; the simulation of crawls
+# is of order 2 where masses stop.
 _AGREED, _CRAWLS_AGREED = 1e-7, 2e-5
 _LOOKS = 25  # instants of a step that the result keeps
-_WELL = 1e5  # condition number up to which what holds does so
+_WELL = 1e5  # accepted condition number of the constraints
 
 
 def run(scene: Scene[PlanarPathScene], report: Report) -> Result:
-    """Plan the path; "failed" where its simulation misses the goal or touches something.
+    """Plan the path; status "failed" if its simulation misses the goal or touches an obstacle.
 
-    Raises SolveError if there is no path, or a gait of the library meets a singular shape.
+    Raises SolveError if there is no path, or if a gait of the library meets a singular shape.
     """
     table, begin = scene.table, time.perf_counter()
     library = Library(tuple(_families(table)), table.radius)
@@ -142,7 +142,7 @@ def _obstacle(table: DiscTable | BlockTable | CapsuleTable | WallTable) -> Obsta
 
 
 class _Recheck:
-    """What the simulation finds."""
+    """Results of the simulation."""
 
     def __init__(self, path: PlannedPath, course: Course) -> None:
         task = path.task
@@ -157,7 +157,7 @@ class _Recheck:
 
 
 def _held(path: PlannedPath) -> list[KinematicMotion]:
-    """Motions of the steps that pins and skids determine."""
+    """Return the motions of the steps that pins and skids determine."""
     return [step.motion for step in path.steps if isinstance(step.motion, KinematicMotion)]
 
 
@@ -191,24 +191,24 @@ def _checks(path: PlannedPath, found: _Recheck, table: PlanarPathScene) -> Itera
     yield Check("angle by simulation", found.angle, near.angle, turned)
     size = max(1.0, float(np.abs(path.poses[:, :2]).max()))
     agreed = _AGREED if len(_held(path)) == len(path.steps) else _CRAWLS_AGREED
-    yield Check("plan and simulation", found.apart / size, agreed, "the two ends differ")
-    touch = "in the simulation the body touches what it must not; allow more clearance"
+    yield Check("plan and simulation", found.apart / size, agreed, "plan and simulation differ")
+    touch = "in the simulation the body touches an obstacle; write more course.clearance"
     yield Check("room by simulation", found.room, 0.0, touch, found.room >= 0)
     condition = max((motion.condition for motion in _held(path)), default=1.0)
-    ill = f"what holds is nearly singular: condition number {condition:.3g}"
+    ill = f"the constraints are nearly singular: condition number {condition:.3g}"
     yield Check("condition of what holds", condition, _WELL, ill)
     if table.pin_load is not None:
         load = max((_pin_load(motion, table) for motion in _held(path)), default=0.0)
-        over = f"a pin bears {load:.4g}; allow pin_load = {load:.4g}, or take weaker friction"
+        over = f"a pin carries {load:.4g}; write pin_load = {load:.4g}, or weaker friction"
         yield Check("load of a pin", load, table.pin_load, over)
 
 
 def _told(path: PlannedPath, table: PlanarPathScene) -> str:
     cell = table.search.cell
     return (
-        f"best of the library by {table.search.cost}, but for paths through poses beside a cheaper "
-        f"one within {cell.place:g} and {cell.angle:g} rad ({path.looked.pruned} left out); "
-        "amplitudes then a local optimum that meets the goal"
+        f"best route of the library by {table.search.cost}, except routes through poses within "
+        f"{cell.place:g} and {cell.angle:g} rad of a cheaper one ({path.looked.pruned} left "
+        "out); its amplitudes are a local optimum that meets the goal"
     )
 
 
@@ -229,7 +229,7 @@ def _variables(path: PlannedPath) -> dict[str, Any]:
 
 
 def _course(path: PlannedPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (m, n, 2), pins (m, n) and instants (m,) of the whole path."""
+    """Return places (m, n, 2), pins (m, n) and instants (m,) of the whole path."""
     n, start = len(path.library.rest), path.task.start
     if not path.steps:
         places = start[:2] + rotate(start[2], path.library.rest)
@@ -245,7 +245,7 @@ def _course(path: PlannedPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _at_rest(step: GaitStep, tau: float, n: int) -> np.ndarray:
-    """Which masses do not move just after a phase."""
+    """Return which masses do not move just after a phase."""
     if isinstance(step.motion, KinematicMotion):
         return np.isin(np.arange(n), step.motion.held_at(tau).pins)
     phases = step.motion.phases
@@ -253,7 +253,7 @@ def _at_rest(step: GaitStep, tau: float, n: int) -> np.ndarray:
 
 
 def _drawn(table: PlanarPathScene) -> dict[str, Any]:
-    """What pictures need of the scene."""
+    """Return the parts of the scene that plots need."""
     course = table.course
     return {
         "radius": table.radius,

@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-serpenoid``: speeds of serpenoid waves."""
+"""Runs of kind ``planar-serpenoid``: speeds of serpenoid waves."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from wormopt.systems.planar.scenes.serpenoid import PlanarSerpenoidScene
 from wormopt.systems.planar.serpenoid import best_serpenoid, finite_serpenoid, serpenoid_speed
 
 _AMPLITUDES = np.linspace(0.05, 2.35, 47)
-# The other ways: balances of force to round-off, a minimum of power to its square root.
+# Second routes: force balances are exact to round-off, a minimum of power to its square root.
 _AGREED = {"viscous": 1e-10, "unit": 1e-10, "elliptic": 1e-6}
 
-# Least shortfall of the recoil over the amplitude's square that the other ways look for.
+# Least shortfall of the recoil over the squared amplitude that second routes search.
 _LEAST = 1e-9
 
 
 def run(scene: Scene[PlanarSerpenoidScene], report: Report) -> Result:
-    """Find the speed, the best amplitude, and the speeds of finite worms."""
+    """Compute the speed, the best amplitude, and the speeds of finite worms."""
     table, begin = scene.table, time.perf_counter()
     speed = serpenoid_speed(table.amplitude, table.ratio, table.ground)
     best, most = best_serpenoid(table.ratio, table.ground)
@@ -56,7 +56,7 @@ def run(scene: Scene[PlanarSerpenoidScene], report: Report) -> Result:
         {"amplitude": _AMPLITUDES, "speed_by_amplitude": np.array(curve)},
         checks=[
             Check("speed by another way", off, _AGREED[table.ground],
-                  f"by another way the speed differs by {off:.2g}"),
+                  f"the second route gives a speed that differs by {off:.2g}"),
         ],
         warnings=_warnings(table, turns),
         timings={"infinite": infinite - begin, "finite": time.perf_counter() - infinite},
@@ -67,23 +67,23 @@ def _warnings(table: PlanarSerpenoidScene, turns: float) -> list[str]:
     found = []
     if table.ground == "unit":
         found.append(
-            "the unit law has no principle of a minimum: the speed is a balance of forces, and "
-            "nothing proves it the only one"
+            "the unit law has no minimum principle: the speed satisfies a balance of forces, but "
+            "its uniqueness is not proven"
         )
     if turns > 1e-9:
-        found.append("a finite worm turns in a period: its way hangs on where the wave begins")
+        found.append("a finite worm turns in a period: its speed depends on the initial phase")
     return found
 
 
 def another_speed(alpha: float, ratio: float, ground: str) -> float:
-    """V / c by other means over the wave: of the force, or on elliptic ground by the least power.
+    """Return V / c by a second route: force balance, or least power on elliptic ground.
 
-    Shortfalls y = 1 - w of the recoil, 1 - J0 and 1 - cos are taken over alpha^2, so that small
-    waves are no differences of larger numbers.
+    The shortfalls y = 1 - w of the recoil, 1 - J0 and 1 - cos are divided by alpha^2, so that
+    small waves are no differences of larger numbers.
     """
 
     def mean(value: Callable[[np.ndarray], np.ndarray]) -> float:
-        # tanh-sinh: its points crowd towards 0, where dry friction turns
+        # tanh-sinh: its points cluster near 0, where dry friction changes direction
         return float(tanhsinh(value, 0.0, np.pi / 2, rtol=1e-14).integral) * 2 / np.pi
 
     def parts(u: np.ndarray, y: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -107,10 +107,10 @@ def another_speed(alpha: float, ratio: float, ground: str) -> float:
             across = ratio * np.abs(aside)
             return ahead**2 / (np.hypot(alpha * ahead, across) + across)
 
-        return mean(more) - ratio * crest * y  # that of slip across is linear in y
+        return mean(more) - ratio * crest * y  # the power of slip across is linear in y
 
     bend = mean(lambda u: _bent(alpha * np.sin(u), alpha))
-    ends = np.log(_LEAST), -2 * np.log(alpha)  # of log y: from no recoil to next to none ahead
+    ends = np.log(_LEAST), -2 * np.log(alpha)  # of log y: from no recoil to almost no motion
     if ground == "elliptic":
         found = minimize_scalar(
             lambda z: power(np.exp(z)), bounds=ends, method="bounded", options={"xatol": 1e-10}
@@ -122,5 +122,5 @@ def another_speed(alpha: float, ratio: float, ground: str) -> float:
 
 
 def _bent(psi: np.ndarray, alpha: float) -> np.ndarray:
-    """1 - cos psi over alpha^2."""
+    """Return (1 - cos psi) / alpha^2."""
     return 2 * (np.sin(psi / 2) / alpha) ** 2

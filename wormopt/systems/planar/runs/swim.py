@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-swim``: a stroke on viscous ground, given or the best."""
+"""Runs of kind ``planar-swim``: a given or optimal stroke on viscous ground."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _AGREED, _STEPPED, _STRAIGHT = 1e-7, 1e-8, 1e-5
 _INSTANTS, _GRID = 401, 81
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PlanarSwimScene], report: Report) -> Result:
-    """Find or take the stroke; "failed" where another way to its displacement ends elsewhere.
+    """Compute the given or the best stroke; status "failed" if a second route ends elsewhere.
 
-    Raises SolveError if none is found.
+    Raises SolveError if no stroke is found.
     """
     table, begin = scene.table, time.perf_counter()
     swimmer = _swimmer(table)
@@ -97,9 +97,9 @@ def _searched(scene: Scene[PlanarSwimScene], swimmer: Swimmer, report: Report) -
 def _again(
     table: PlanarSwimScene, swimmer: Swimmer, best: BestStroke | None, done: Swim
 ) -> tuple[float | None, str]:
-    """Efficiency by harmonics, or why not."""
+    """Return the efficiency by harmonics, and the method or why there is none."""
     if best is None or table.search.maximise != "efficiency":
-        return None, "none: no efficiency was searched"
+        return None, "none: no efficiency was optimised"
     if _touches(table, done):
         return None, "none: the stroke reaches a limit of its shape"
     try:
@@ -121,16 +121,16 @@ def _checks(
 ) -> Iterator[Check]:  # fmt: skip
     yield Check(
         "balance of forces, stepped", off, _STEPPED,
-        f"by balances of forces in the plane the stroke ends {off:.2g} elsewhere",
+        f"by stepped force balances in the plane the stroke ends {off:.2g} elsewhere",
     )  # fmt: skip
     if best is not None:
         advice = f"the stroke turns the body by {done.turn:.2g}; write a smaller mesh.tolerance"
         yield Check("no turn", abs(done.turn), _STRAIGHT, advice)
         excess = max(0.0, done.drag * done.distance**2 / done.action - swimmer.ceiling)
-        yield Check("efficiency below its ceiling", excess, 0.0, "efficiency beyond what can be")
+        yield Check("efficiency below its ceiling", excess, 0.0, "efficiency above its upper bound")
     if spectral is not None:
         apart = abs(spectral * done.action / (done.drag * done.distance**2) - 1)
-        advice = f"by harmonics the efficiency is {spectral:.9g}; more arcs (mesh.arcs) may help"
+        advice = f"by harmonics the efficiency is {spectral:.9g}; write more mesh.arcs"
         yield Check("efficiency by harmonics", apart, _AGREED, advice)
     elif reason.startswith("failed"):
         yield Check("efficiency by harmonics", None, _AGREED, reason)
@@ -140,17 +140,18 @@ def _warnings(best: BestStroke | None, done: Swim, reason: str, *, straight: boo
     if best is None:
         if abs(done.turn) > _STRAIGHT:
             yield (
-                "the stroke turns the body: its way hangs on the frame and the start, and repeated "
-                "strokes lie on a circle"
+                "the stroke turns the body: its displacement depends on frame and start, and "
+                "repeated strokes lie on a circle"
             )
         return
-    yield "a local optimum; search.starts begins about other shapes too"
+    yield "a local optimum; write more search.starts to begin near other shapes"
     if reason.startswith("none"):
-        yield f"no second way to this stroke: {reason.removeprefix('none: ')}"
+        yield f"no second route to this stroke: {reason.removeprefix('none: ')}"
     if not straight:
         yield (
-            "a way that limits of the shape hold has corners, which the mesh meets to "
-            f"{best.optimum.defects.max():.1g} of the states' sizes: it may be longer by as much"
+            "where limits of the shape are active the stroke has corners, which the mesh resolves "
+            f"to {best.optimum.defects.max():.1g} of the states' sizes; the distance may be larger "
+            "by as much"
         )
 
 
@@ -176,7 +177,7 @@ def _variables(
 
 
 def _heights(swimmer: Swimmer, frame: Frame, done: Swim) -> dict[str, Any]:
-    """Curvature over a square of angles a little larger than the stroke, links not folded."""
+    """Return the curvature over a square of angles slightly larger than the stroke."""
     low, high = done.shapes.min(axis=0), done.shapes.max(axis=0)
     middle, reach = (low + high) / 2, 1.15 * max(float((high - low).max()) / 2, 0.1)
     reach = min(reach, max(float(np.pi - np.abs(middle).max()) - 1e-3, 0.1))

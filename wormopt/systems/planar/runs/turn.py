@@ -1,4 +1,4 @@
-"""Scenes of kind ``planar-turn``: a worm of two links turns in place."""
+"""Runs of kind ``planar-turn``: a worm of two links turns in place."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _PROMISED, _WITHIN = 1e-8, 1e-9
 _ANGLES = 201
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are checked where it matters
 def run(scene: Scene[PlanarTurnScene], report: Report) -> Result:
-    """Follow the gait; "failed" where it is not the one that conditions of rest promise.
+    """Follow the gait; status "failed" if it differs from that of the conditions of rest.
 
-    Raises SolveError if the ground leaves the motion open.
+    Raises SolveError if the motion is not unique.
     """
     table, begin = scene.table, time.perf_counter()
     gait = table.gait()
@@ -58,7 +58,7 @@ def run(scene: Scene[PlanarTurnScene], report: Report) -> Result:
         _variables(table, gait, found, rule),
         checks=[*_promised(gait, scalars), *checks_of(errors)],
         facts={
-            "second_way": "forces of most resistance by an interior point; even phases",
+            "second_way": "the dual problem by an interior point; quadrature at even phases",
             "dual_violation": violation,
         },
         warnings=_warnings(gait),
@@ -102,9 +102,9 @@ def _angles(gait: TurnInPlace) -> np.ndarray:
 def _promised(gait: TurnInPlace, scalars: dict[str, Any]) -> Iterator[Check]:
     if gait.holds:
         yield Check("turn, work and place promised", scalars["promise_error"], _PROMISED,
-                    "masses do not rest as their conditions promise")  # fmt: skip
+                    "turn, work or drift differ from the conditions of rest")  # fmt: skip
         excess = max(0.0, scalars["heading_rate"] / scalars["heading_rate_bound"] - 1)
-        yield Check("heading below its bound", excess, _WITHIN, "faster than can be")
+        yield Check("heading below its bound", excess, _WITHIN, "the rate exceeds its bound")
 
 
 def _variables(
@@ -129,7 +129,7 @@ def _variables(
 def _warnings(gait: TurnInPlace) -> Iterator[str]:
     if not gait.holds:
         yield (
-            "the ground does not hold the masses that should rest all through the gait: they slip, "
-            "and neither its turn nor the bound is known beforehand; with worm.middle_friction of "
+            "the ground cannot hold the resting masses during the whole gait: they slip, and the "
+            "turn and its bound are not known in advance; with worm.middle_friction of "
             f"{2 * gait.end_friction:g} they rest at any angle"
         )

@@ -1,4 +1,4 @@
-"""Worms of kind ``planar-motion`` as scenes describe them, made into models."""
+"""Models of the worms of kind ``planar-motion``, built from scenes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from wormopt.systems.planar.scenes.standing import Standing, StandingDisc
 
 
 def build_planar(scene: Scene[PlanarMotionScene], *, stiffer: float = 1.0) -> Model:
-    """Model of the worm with what moves it; obstacles may be `stiffer` by a factor.
+    """Return the model of the worm with its actuators; obstacles may be `stiffer` by a factor.
 
     Raises SceneError if a mass starts in an obstacle.
     """
@@ -63,7 +63,7 @@ def build_planar(scene: Scene[PlanarMotionScene], *, stiffer: float = 1.0) -> Mo
 
 
 def _harmonics(table: Swinging, count: int) -> Harmonics:
-    """Course of `count` values; rows that are missing are 0."""
+    """Return the harmonics of `count` values; missing rows are 0."""
     most = max(len(table.cosine), len(table.sine))
     parts = np.zeros((2, most, count))
     for part, rows in zip(parts, (table.cosine, table.sine), strict=True):
@@ -77,7 +77,7 @@ def _turned(angle: float, rows: np.ndarray) -> np.ndarray:
 
 
 def _weights(table: PlanarMotionScene) -> np.ndarray:
-    """Weight of each mass, and of half the rods beside it, down the slope."""
+    """Return the weight of each mass and its half rods along the slope."""
     worm = table.worm
     weight = np.array(per(worm.mass, worm.links + 1))
     if worm.rod_mass is not None:
@@ -88,7 +88,7 @@ def _weights(table: PlanarMotionScene) -> np.ndarray:
 
 
 def _velocities(table: PlanarMotionScene, places: np.ndarray) -> np.ndarray:
-    """Of all masses: one for all, and a turn about the centre of mass."""
+    """Return the velocities of all masses: a common one and a rotation about the mass centre."""
     worm, start = table.worm, table.start
     weight = np.array(per(worm.mass, worm.links + 1))
     if worm.rod_mass is not None:

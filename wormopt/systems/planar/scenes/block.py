@@ -1,4 +1,4 @@
-"""Scenes of kind "planar-block": a block slides in the plane and comes to rest."""
+"""Scenes of kind "planar-block": a block slides in the plane until it stops."""
 
 from __future__ import annotations
 
@@ -22,77 +22,77 @@ _Samples = Annotated[int, Meta(ge=10, le=100_000, description="a whole number fr
 
 
 class BlockTable(Table, frozen=True, kw_only=True):
-    """The block, which does not turn."""
+    """The block. It slides without turning."""
 
-    mass: Annotated[Positive, says("mass", "its mass")]
-    velocity: Annotated[_Vector, says("speed", "with which it is thrown")]
-    heading: Annotated[Finite, says("rad", "direction in which it looks, from *x*")] = 0.0
-    pull: Annotated[_Vector, says("force", "constant force on it")] = (0.0, 0.0)
+    mass: Annotated[Positive, says("mass", "mass of the block")]
+    velocity: Annotated[_Vector, says("speed", "initial velocity")]
+    heading: Annotated[Finite, says("rad", "heading, measured from the *x* axis")] = 0.0
+    pull: Annotated[_Vector, says("force", "constant applied force")] = (0.0, 0.0)
 
 
 class PlanarBlockScene(SceneTable, frozen=True, kw_only=True):
-    """A block is thrown over ground that resists each direction differently: where it stops.
+    """A block slides over ground with direction-dependent dry friction until it stops.
 
-    The stop is located as an event, and found again by a time in which it never comes. Theory:
-    [theory-planar.md](../theory-planar.md). Status `failed`: both disagree, or energy is not
-    balanced.
+    The stop is located as an event. A second route computes it by quadrature in a transformed time
+    in which the stop lies at infinity. Theory: [theory-planar.md](../theory-planar.md). The status
+    is `failed` if the two routes disagree or energy is not balanced.
     """
 
     headline: ClassVar = ("stop_time", "x_stop", "y_stop")
     scalars: ClassVar = {
-        "stop_time": ("time", "when it comes to rest"),
-        "x_stop": ("length", "where, along *x*"),
-        "y_stop": ("length", "where, along *y*"),
-        "distance": ("length", "from start to stop, straight"),
-        "path": ("length", "length of its way"),
-        "last_direction": ("angle", "direction of its velocity just before it stops"),
-        "friction_work": ("energy", "done by friction"),
-        "pull_work": ("energy", "done by the pull"),
-        "energy_error": ("share", "works less the energy gained, over the largest of them"),
-        "stop_error": ("share", "second route: difference of time and place, over their size"),
-        "holding_share": ("share", "part of what holds that the pull takes at rest"),
-        "n_steps": ("count", "steps of the integrator"),
+        "stop_time": ("time", "time at which the block stops"),
+        "x_stop": ("length", "*x* coordinate at which the block stops"),
+        "y_stop": ("length", "*y* coordinate at which the block stops"),
+        "distance": ("length", "straight distance from start to stop"),
+        "path": ("length", "length of the path"),
+        "last_direction": ("angle", "direction of the velocity just before the stop"),
+        "friction_work": ("energy", "work done by friction"),
+        "pull_work": ("energy", "work done by the pull"),
+        "energy_error": ("share", "works less the energy gained, relative to the largest of them"),
+        "stop_error": ("share", "relative difference in stop time and place to the second route"),
+        "holding_share": ("share", "pull relative to the largest force that friction can hold"),
+        "n_steps": ("count", "number of integrator steps"),
     }
     variables: ClassVar = TIME | {
         "x": ("length", ("time",), "place"),
         "y": ("length", ("time",), "place"),
         "x_velocity": ("speed", ("time",), "velocity"),
         "y_velocity": ("speed", ("time",), "velocity"),
-        "friction_x": ("force", ("time",), "force of friction"),
-        "friction_y": ("force", ("time",), "force of friction"),
-        "kinetic_energy": ("energy", ("time",), "kinetic energy"),
+        "friction_x": ("force", ("time",), "friction force along *x*"),
+        "friction_y": ("force", ("time",), "friction force along *y*"),
+        "kinetic_energy": ("energy", ("time",), "kinetic energy of the block"),
     }
 
     kind: Literal["planar-block"]
     want: Annotated[
         tuple[Literal["block"], ...],
-        says("", "`block`: its way in the plane, its velocity, and friction against what holds"),
+        says("", "`block`: path, velocity over time, and friction against its limit"),
     ] = ()
-    block: Annotated[BlockTable, says("", "what slides")]
-    ground: Annotated[EllipticGround | UnitGround, says("", "on what")]
-    samples: Annotated[_Samples, says("count", "instants kept until a little after the stop")] = 601
+    block: Annotated[BlockTable, says("", "the block")]
+    ground: Annotated[EllipticGround | UnitGround, says("", "ground under the block")]
+    samples: Annotated[_Samples, says("count", "samples kept, until shortly after the stop")] = 601
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults(folder)
         if not any(self.block.velocity):
-            yield "block.velocity", "the block is at rest; write a velocity that is not 0"
+            yield "block.velocity", "the block is at rest; write a velocity other than 0"
         share = self.holding_share
         if share >= 1:
             yield (
                 "block.pull",
-                f"takes {share:.4g} times what the ground can hold: the block need not stop; write "
-                "a smaller pull, or more friction",
+                f"is {share:.4g} times the largest force that the ground can hold, so the block "
+                "may never stop; write a smaller pull, or more friction",
             )
 
     @property
     def turned_pull(self) -> tuple[float, float]:
-        """The pull along the heading and to its left."""
+        """Components of the pull along the heading and to its left."""
         return turned(self.block.pull, -self.block.heading)
 
     @property
     def holding_share(self) -> float:
-        """The pull in units of what holds against it."""
+        """Pull relative to the largest force that friction can hold in its direction."""
         ahead, aside = self.turned_pull
         ground = self.ground
         along = ground.forward if ahead > 0 else ground.backward or ground.forward
@@ -100,6 +100,6 @@ class PlanarBlockScene(SceneTable, frozen=True, kw_only=True):
 
 
 def turned(vector: tuple[float, ...], angle: float) -> tuple[float, float]:
-    """A vector turned to the left."""
+    """Rotate a vector to the left by an angle."""
     (x, y), c, s = vector, math.cos(angle), math.sin(angle)
     return c * x - s * y, s * x + c * y

@@ -1,4 +1,4 @@
-"""Scenes of kind "planar-crawl": a stroke of a body that crawls slowly on dry ground."""
+"""Scenes of kind "planar-crawl": one stroke of a body that crawls slowly on dry ground."""
 
 from __future__ import annotations
 
@@ -25,59 +25,78 @@ if TYPE_CHECKING:  # laws are made in runs: checking a scene loads no numerics
     from wormopt.model.planar_friction import Elliptic
 
 CRAWL_VARIABLES: Mapping[str, tuple[str, tuple[str, ...], str]] = {
-    "time": ("time", ("time",), "from the start"),
-    "x": ("length", ("mass", "time"), "places of the masses; at first the head looks along x"),
-    "y": ("length", ("mass", "time"), "and to the left"),
-    "center_x": ("length", ("time",), "mean place of the masses"),
-    "center_y": ("length", ("time",), "and to the left"),
+    "time": ("time", ("time",), "time since the start"),
+    "x": ("length", ("mass", "time"), "*x* of each mass; the head starts with its heading along x"),
+    "y": ("length", ("mass", "time"), "*y* of each mass"),
+    "center_x": ("length", ("time",), "mean *x* of the masses"),
+    "center_y": ("length", ("time",), "mean *y* of the masses"),
     "heading": ("angle", ("time",), "angle of the first link"),
-    "resting": ("1", ("mass", "time"), "1 while a mass rests"),
-    "phase": ("1", ("stroke_time",), "phase of a stroke, from 0 to 1"),
+    "resting": ("1", ("mass", "time"), "1 while the mass rests, else 0"),
+    "phase": ("1", ("stroke_time",), "phase of the stroke, from 0 to 1"),
     "shape": ("1", ("shape_variable", "stroke_time"), "shape variables: lengths, then angles"),
     "head_velocity": (
         "speed",
         ("axis", "stroke_time"),
-        "of the head, along link 0 and to its left",
+        "velocity of the head, along link 0 and to its left",
     ),
-    "tail_velocity": ("speed", ("axis", "stroke_time"), "of the tail, along its link and left"),
-    "ground_ahead": ("force", ("mass", "stroke_time"), "of the ground, along a mass's heading"),
-    "ground_left": ("force", ("mass", "stroke_time"), "and to its left"),
-    "stroke_resting": ("1", ("mass", "stroke_time"), "1 while a mass rests"),
-    "link_force": ("force", ("link", "stroke_time"), "of the actuators of links, which push"),
+    "tail_velocity": (
+        "speed",
+        ("axis", "stroke_time"),
+        "velocity of the tail, along its link, left",
+    ),
+    "ground_ahead": ("force", ("mass", "stroke_time"), "ground force along the mass's heading"),
+    "ground_left": ("force", ("mass", "stroke_time"), "ground force to the left of the heading"),
+    "stroke_resting": ("1", ("mass", "stroke_time"), "1 while the mass rests, else 0"),
+    "link_force": (
+        "force",
+        ("link", "stroke_time"),
+        "force of the link's actuator; positive pushes",
+    ),
     "joint_torque": (
         "energy",
         ("joint", "stroke_time"),
-        "of those of joints, the front to the left",
+        "torque of the joint's actuator; positive turns the front to the left",
     ),
-    "power": ("power", ("stroke_time",), "that the ground takes"),
-    "stage_start": ("1", ("stage",), "phases at which the same masses begin to rest and slide"),
-    "stage_resting": ("1", ("stage", "mass"), "1 for the masses that rest in a stage"),
+    "power": ("power", ("stroke_time",), "power dissipated by friction"),
+    "stage_start": ("1", ("stage",), "phases at which the set of resting masses changes"),
+    "stage_resting": ("1", ("stage", "mass"), "1 for the masses that rest in the stage"),
 }
 CRAWL_SCALARS: Mapping[str, tuple[str, str]] = {
-    "distance": ("length", "way of the head in one stroke; free of it where `turn` is 0"),
-    "displacement": ("length", "[ahead, to the left], in the frame at the start"),
-    "turn": ("angle", "angle by which a stroke turns the body to the left"),
+    "distance": ("length", "distance of the head per stroke; frame-independent if `turn` is 0"),
+    "displacement": ("length", "[forward, to the left], in the frame at the start"),
+    "turn": ("angle", "rotation of the body to the left per stroke"),
     "circle_centre": (
         "length",
-        "of the circle of repeated strokes, [x, y]; unknown without a turn",
+        "centre of the circle of repeated strokes, [x, y]; unknown without a turn",
     ),
-    "circle_radius": ("length", "likewise, for the head"),
-    "speed": ("speed", "`distance` by the period"),
-    "work": ("energy", "that the ground takes in a stroke"),
-    "mean_power": ("power", "`work` by the period"),
-    "work_per_distance": ("force", "unknown where the stroke turns, or goes nowhere"),
+    "circle_radius": ("length", "radius of that circle for the head; unknown without a turn"),
+    "speed": ("speed", "`distance` divided by the period"),
+    "work": ("energy", "work dissipated by friction per stroke"),
+    "mean_power": ("power", "`work` divided by the period"),
+    "work_per_distance": ("force", "unknown if the stroke turns the body or leads nowhere"),
     "work_per_distance_floor": (
         "force",
-        "sum of the masses' least resistances: no stroke without a turn or load takes less",
+        "lower bound of `work_per_distance` for strokes without turn or load: the sum of the "
+        "masses' least resistances",
     ),
-    "stages": ("count", "of a stroke, between which masses stop, go or turn back"),
-    "actuator_work": ("energy", "of the actuators in a stroke, by their loads from the head down"),
-    "balance_error": ("share", "forces and moments left, of those there are"),
-    "work_error": ("share", "`actuator_work` and that of the load less `work`, over it"),
-    "dual_error": ("share", "powers by forces of most resistance, at sampled phases, apart"),
-    "dual_twist_error": ("share", "and velocities of the body, of that of the fastest mass"),
-    "even_error": ("share", "displacement by even phases apart, of the length of the body"),
-    "gauss_error": ("share", "likewise by Gauss' rule on fixed phases and the breaks"),
+    "stages": ("count", "stages per stroke; a mass stops, starts or reverses between two stages"),
+    "actuator_work": ("energy", "work of the actuators per stroke, from their loads"),
+    "balance_error": ("share", "residual of forces and moments, relative to the largest"),
+    "work_error": ("share", "`actuator_work` plus the load's work less `work`, relative to `work`"),
+    "dual_error": ("share", "difference in power to the dual problem, at sampled phases"),
+    "dual_twist_error": (
+        "share",
+        "difference in body velocity to the dual problem, relative to the fastest mass",
+    ),
+    "even_error": (
+        "share",
+        "difference in displacement to a quadrature at even phases, relative to the body length",
+    ),
+    "gauss_error": (
+        "share",
+        "difference in displacement to Gauss' rule between fixed phases and breaks, relative to "
+        "the body length",
+    ),
 }
 
 
@@ -86,60 +105,62 @@ class PerMassGround(Table, frozen=True, kw_only=True):
 
     law: Annotated[
         Literal["elliptic", "unit"],
-        says("", "`elliptic`: the force of an ellipse that takes most power; `unit` is refused"),
+        says("", "friction law; only `elliptic` is accepted, `unit` is refused"),
     ] = "elliptic"
-    forward: Annotated[PerMass, says("force", "*F*<sup>+</sup>, against motion ahead")]
+    forward: Annotated[PerMass, says("force", "*F*<sup>+</sup>, resistance to forward motion")]
     backward: Annotated[
-        PerMass | None, says("force", "*F*<sup>−</sup>, against motion back; as `forward`")
+        PerMass | None,
+        says("force", "*F*<sup>−</sup>, resistance to backward motion; `forward` if left out"),
     ] = None
     sideways: Annotated[
-        PerMass | None, says("force", "*F*<sub>n</sub>, against motion aside; as `forward`")
+        PerMass | None,
+        says("force", "*F*<sub>n</sub>, resistance to sideways motion; `forward` if left out"),
     ] = None
 
     def numbers(self, masses: int) -> list[tuple[float, float, float]]:
-        """Resistances of each mass ahead, back and aside."""
+        """Return the forward, backward and sideways resistance of each mass."""
         given = (self.forward, self.backward or self.forward, self.sideways or self.forward)
         rows = [one if isinstance(one, tuple) else (one,) * masses for one in given]
         return list(zip(*rows, strict=True))
 
     def laws(self, masses: int) -> list[Elliptic]:
-        """The law of each mass."""
+        """Return the friction law of each mass."""
         from wormopt.model.planar_friction import Elliptic
 
         return [Elliptic(*row) for row in self.numbers(masses)]
 
     def faults(self, key: str, masses: int) -> Iterator[Fault]:
-        """Check that lists have a number for each mass, and that the law has a minimum."""
+        """Yield lists of a wrong length and laws without a minimum principle."""
         for name in ("forward", "backward", "sideways"):
             yield from wrong_count(f"{key}.{name}", getattr(self, name), masses, "masses")
         if self.law == "unit":
             yield (
                 f"{key}.law",
-                '"unit" has no principle of least power, and which of its motions a slow body '
-                'takes may be open; write "elliptic"',
+                '"unit" has no principle of least power, so the motion of a slow body may not be '
+                'unique; write "elliptic"',
             )
 
 
 class LoadTable(Table, frozen=True, kw_only=True):
-    """What pulls at the head and turns with the first link."""
+    """Load on the head, which turns with the first link."""
 
-    ahead: Annotated[Finite, says("force", "along the first link")] = 0.0
-    left: Annotated[Finite, says("force", "to its left")] = 0.0
-    moment: Annotated[Finite, says("energy", "to the left")] = 0.0
+    ahead: Annotated[Finite, says("force", "force along the first link")] = 0.0
+    left: Annotated[Finite, says("force", "force to the left of the first link")] = 0.0
+    moment: Annotated[Finite, says("energy", "moment, positive to the left")] = 0.0
 
     @property
     def numbers(self) -> tuple[float, float, float]:
-        """All three."""
+        """Force ahead, force to the left, and moment."""
         return (self.ahead, self.left, self.moment)
 
 
 class PlanarCrawlScene(SceneTable, frozen=True, kw_only=True):
-    """A body crawls so slowly on dry ground that its inertia does not matter: where a stroke leads.
+    """A body crawls on dry ground so slowly that its inertia does not matter.
 
-    At every instant it moves with the velocity of least power; which masses rest and when, follows
-    exactly. See
-    [theory](../theory-planar.md#3-slow-crawling-on-dry-ground). Status
-    `failed`: another way finds another motion, or forces, moments or works are not balanced.
+    At every instant the body moves with the velocity of least power. The phases at which masses
+    stop and start follow exactly. See
+    [theory](../theory-planar.md#3-slow-crawling-on-dry-ground). The status is `failed` if a second
+    route finds another motion, or if forces, moments or works are not balanced.
 
     `timings_s`: `crawl` and `recheck`.
     """
@@ -153,40 +174,43 @@ class PlanarCrawlScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["crawl", "forces", "animation"], ...],
         says(
             "",
-            "`crawl`: the body over `cycles` in the plane; `forces`: of the ground and actuators "
-            "over a stroke, with the masses at rest; `animation`: the body as it goes",
+            "`crawl`: the body over `cycles` in the plane; `forces`: ground and actuator forces "
+            "over a stroke, with the resting masses; `animation`: the moving body",
         ),
     ] = ()
     body: Annotated[BodyTable, says("", "the body")]
-    ground: Annotated[PerMassGround, says("", "the ground; numbers for all masses or each")]
-    stroke: Annotated[StrokeTable, says("", "course of its shape variables")]
-    load: Annotated[LoadTable, says("", "what pulls at it")] = field(default_factory=LoadTable)
+    ground: Annotated[
+        PerMassGround, says("", "the ground; a value for all masses, or one for each")
+    ]
+    stroke: Annotated[StrokeTable, says("", "periodic change of the shape variables")]
+    load: Annotated[LoadTable, says("", "load on the head")] = field(default_factory=LoadTable)
     period: Annotated[
-        Positive, says("time", "of a stroke; way and work do not hang on it, speed and power do")
+        Positive,
+        says("time", "duration of a stroke; distance and work do not depend on it"),
     ] = 1.0
     cycles: Annotated[
         int,
         Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "strokes that are shown"),
+        says("count", "number of strokes shown"),
     ] = 2
     samples: Annotated[
         int,
         Meta(ge=16, le=4096, description="a whole number from 16 to 4096"),
-        says("count", "phases at which changes are looked for at first"),
+        says("count", "initial number of phases at which changes of rest are searched"),
     ] = 128
 
     @property
     def n_s(self) -> int:
-        """Number of shape variables."""
+        """Return the number of shape variables."""
         return (0 if self.body.sizes else self.body.links) + self.body.links - 1
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows."""
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.body.faults("body")
         yield from self.ground.faults("ground", self.body.links + 1)
         if self.n_s == 0:
-            yield "body.links", "one link of fixed length has no shape to change; write 3"
+            yield "body.links", "a single link of fixed length has no shape to change; write 3"
             return
         wrong = list(self.stroke.faults("stroke", self.n_s))
         yield from wrong
@@ -195,13 +219,13 @@ class PlanarCrawlScene(SceneTable, frozen=True, kw_only=True):
 
 
 def _wrong_shapes(table: PlanarCrawlScene) -> Iterator[Fault]:
-    """Faults where lengths may vanish or joints go round."""
+    """Yield faults where a length may vanish or a joint may turn past π."""
     lengths = table.n_s - (table.body.links - 1)
     for k, (low, high) in enumerate(_reach(table.stroke)):
         if k < lengths and low <= 0:
             yield (
                 "stroke",
-                f"link {k + 1} is as short as {low:.3g} in it; write lengths that stay above 0",
+                f"link {k + 1} shrinks to {low:.3g} in the stroke; write lengths that stay above 0",
             )
         elif k >= lengths and max(-low, high) >= math.pi:
             yield (
@@ -209,11 +233,11 @@ def _wrong_shapes(table: PlanarCrawlScene) -> Iterator[Fault]:
                 f"joint {k - lengths + 1} bends by {max(-low, high):.3g}; write angles within ±π",
             )
     if all(high - low < 1e-12 * max(1, high) for low, high in _reach(table.stroke)):
-        yield "stroke", "nothing changes in it; write a mean and other rows than 0, or more corners"
+        yield "stroke", "the shape never changes; write another row than 0, or different corners"
 
 
 def _reach(stroke: StrokeTable) -> list[tuple[float, float]]:
-    """Least and largest value of each shape variable, of harmonics a sample of them."""
+    """Least and largest value of each shape variable; harmonics are sampled."""
     if stroke.__struct_config__.tag == "polygon":
         rows = stroke.corners  # type: ignore[union-attr]
     else:

@@ -23,7 +23,7 @@ from wormopt.scene.types import (
 from wormopt.systems.planar.scenes.swim import ViscousTable
 from wormopt.systems.planar.scenes.tables import BodyTable, GroundTable
 
-if TYPE_CHECKING:  # what tables tell is built in runs: listing scenes loads no numerics
+if TYPE_CHECKING:  # numerics are built in runs, so that listing scenes loads none
     from wormopt.systems.planar.body.shape import Shape
     from wormopt.systems.planar.design.aim import PlanarAim
     from wormopt.systems.planar.design.ground import Ground
@@ -38,108 +38,113 @@ Cycles = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 t
 
 
 class PlanarAimTable(Table, frozen=True, kw_only=True):
-    """What the gait is for."""
+    """Objective of the gait."""
 
     purpose: Annotated[
         Literal["speed", "turn", "work"],
         says(
             "",
-            "`speed`: fastest without net turn; `turn`: largest turn by time; `work`: least work "
-            "to `pose`",
+            "`speed`: highest speed without net turn; `turn`: highest turn rate; `work`: least "
+            "work to reach `pose`",
         ),
     ] = "speed"
     pivot: Annotated[
         int | Literal["any", "centre"],
-        says("", "of `turn`, what is where it was after a cycle: a mass, the masses' centre, any"),
+        says("", "for `turn`: the point that returns after a cycle; a mass, `centre`, or `any`"),
     ] = "any"
     pose: Annotated[
         tuple[Finite, ...] | None,
-        says("", "[*x*, *y*, angle] of the head to reach, in its frame at the start"),
+        says("", "for `work`: [*x*, *y*, angle] of the head to reach, in its frame at the start"),
     ] = None
-    cycles: Annotated[Cycles, says("count", "in which the pose is reached")] = 1
-    closed: Annotated[bool, says("", "whether the shape returns")] = True
-    start: Annotated[
-        tuple[Finite, ...] | None, says("", "shape to begin with; left out, it is free")
-    ] = None
+    cycles: Annotated[Cycles, says("count", "number of cycles in which the pose is reached")] = 1
+    closed: Annotated[bool, says("", "whether the shape must return to its start")] = True
+    start: Annotated[tuple[Finite, ...] | None, says("", "initial shape; free if left out")] = None
     time: Annotated[
-        Positive, says("time", "of a cycle to `pose` on viscous ground, whose work hangs on it")
+        Positive,
+        says("time", "duration of a cycle to `pose` on viscous ground, where work depends on it"),
     ] = 1.0
 
 
 class PlanarLimitsTable(Table, frozen=True, kw_only=True):
-    """What shape, rates, work and room must keep to."""
+    """Limits of shape, rates, work and room."""
 
-    angle: Annotated[Range, says("angle", "least and largest angle of a joint")] = (-2.0, 2.0)
+    angle: Annotated[Range, says("angle", "least and largest joint angle")] = (-2.0, 2.0)
     length: Annotated[
-        Pair | None, says("length", "least and largest of a link; required where lengths vary")
+        Pair | None,
+        says("length", "least and largest link length; required if lengths are shape variables"),
     ] = None
-    angle_rate: Annotated[Positive, says("rate", "largest rate of an angle")] = 1.0
-    length_rate: Annotated[Positive, says("speed", "largest rate of a length")] = 1.0
+    angle_rate: Annotated[Positive, says("rate", "largest rate of a joint angle")] = 1.0
+    length_rate: Annotated[Positive, says("speed", "largest rate of a link length")] = 1.0
     effort: Annotated[
-        Positive | None, says("energy", "most work in a cycle; dry ground only, or `work`")
+        Positive | None,
+        says("energy", "largest work per cycle; for dry ground, or if `aim.purpose` is `work`"),
     ] = None
     half_width: Annotated[
-        Positive | None, says("length", "half the width of a passage along the way")
+        Positive | None, says("length", "half the width of a passage along the displacement")
     ] = None
     radius: Annotated[
-        NonNegative, says("length", "of the links, rods with round ends, in the passage")
+        NonNegative, says("length", "radius of the links, rods with round ends, in the passage")
     ] = 0.0
 
 
 class PlanarSearchTable(Table, frozen=True, kw_only=True):
-    """Where the search begins."""
+    """Starting points of the search."""
 
-    starts: Annotated[Starts, says("count", "strokes by chance to begin with")] = 3
-    seed: Annotated[int, Meta(ge=0), says("count", "of chance")] = 0
-    corners: Annotated[Corners, says("count", "corners of the stroke")] = 8
+    starts: Annotated[Starts, says("count", "number of random initial strokes")] = 3
+    seed: Annotated[int, Meta(ge=0), says("count", "seed of the random numbers")] = 0
+    corners: Annotated[Corners, says("count", "number of corners of the stroke")] = 8
 
 
 class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
-    """The best gait of a body in the plane, moved slowly: fastest, turning, or cheapest.
+    """Design of a gait in slow planar motion: fastest, turning, or with least work.
 
-    The shape goes straight from corner to corner. From strokes by chance, optimal control with ever
-    steeper friction leads to corners, which are made best by the exact motion; what is told is that
-    of the exact motion. A local optimum. See [theory](../theory-planar.md#9-design-of-gaits).
+    The shape changes linearly from corner to corner. From random strokes, optimal control with
+    increasingly steep friction finds the corners. A local search with the exact motion then refines
+    them. All results come from the exact motion, and the optimum is local. See
+    [theory](../theory-planar.md#9-design-of-gaits).
 
     `timings_s`: `search` and `recheck`.
     """
 
     headline: ClassVar = ("speed", "turn_rate", "work_per_distance", "duration")
     scalars: ClassVar = {
-        "displacement": ("length", "[ahead, to the left] of the head in a cycle"),
-        "turn": ("angle", "in a cycle"),
-        "distance": ("length", "way of the head in a cycle"),
-        "duration": ("time", "of a cycle, at the fastest pace"),
-        "speed": ("speed", "`distance` by `duration`"),
-        "turn_rate": ("rate", "`turn` by `duration`"),
-        "work": ("energy", "that the ground takes in a cycle"),
-        "work_per_distance": ("force", "`work` by `distance`"),
+        "displacement": ("length", "displacement of the head per cycle, [forward, to the left]"),
+        "turn": ("angle", "rotation per cycle, positive to the left"),
+        "distance": ("length", "distance of the head per cycle"),
+        "duration": ("time", "duration of a cycle at the highest rates allowed"),
+        "speed": ("speed", "`distance` divided by `duration`"),
+        "turn_rate": ("rate", "`turn` divided by `duration`"),
+        "work": ("energy", "work dissipated by the ground per cycle"),
+        "work_per_distance": ("force", "`work` divided by `distance`"),
         "work_bound": (
             "energy",
-            "no gait that moves the masses so far takes less of dry ground; unknown of viscous",
+            "lower bound of `work` for this displacement on dry ground; unknown on viscous ground",
         ),
-        "work_over_bound": ("1", "`work` by it"),
+        "work_over_bound": ("1", "`work` divided by `work_bound`"),
         "turn_bound": (
             "rate",
-            "largest `turn_rate` of two links of which one rests at any instant; else unknown",
+            "bound of `turn_rate` for two links one of which always rests; else unknown",
         ),
-        "turn_over_bound": ("1", "`turn_rate` by it"),
-        "circle_radius": ("length", "of the circle of repeated cycles; unknown without a turn"),
-        "half_width": ("length", "half the width that the links take along the way"),
-        "starts_found": ("1", "what each start led to"),
-        "miss": ("1", "largest of what should vanish: turn, way of the pivot, way to the pose"),
-        "recheck_error": ("1", "displacement by smoothed friction at given instants"),
+        "turn_over_bound": ("1", "`turn_rate` divided by `turn_bound`"),
+        "circle_radius": (
+            "length",
+            "radius of the circle of repeated cycles; unknown without a turn",
+        ),
+        "half_width": ("length", "half the width that the links need across the displacement"),
+        "starts_found": ("1", "objective reached from each start"),
+        "miss": ("1", "largest residual of the requirements on turn, pivot or pose"),
+        "recheck_error": ("1", "difference in displacement to smoothed friction at fixed instants"),
     }
     variables: ClassVar = {
         "time": ("time", ("instant",), "time"),
         "shape": ("1", ("shape_variable", "instant"), "shape variables: lengths, then angles"),
-        "x": ("length", ("mass", "instant"), "places of the masses, ahead is +x at the start"),
-        "y": ("length", ("mass", "instant"), "and to the left"),
-        "rest": ("1", ("mass", "instant"), "1 where the mass rests"),
+        "x": ("length", ("mass", "instant"), "*x* of each mass; the body starts facing +x"),
+        "y": ("length", ("mass", "instant"), "*y* of each mass"),
+        "rest": ("1", ("mass", "instant"), "1 where the mass rests, else 0"),
         "corner": (
             "1",
             ("corner", "shape_variable"),
-            "corners of the stroke, as `stroke.corners` of `planar-crawl` and `planar-swim`",
+            "corners of the stroke, as in `stroke.corners` of `planar-crawl` and `planar-swim`",
         ),
     }
 
@@ -148,30 +153,30 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["planar_gait", "animation"], ...],
         says(
             "",
-            "`planar_gait`: the body in the plane, its shape over time and the stroke; "
-            "`animation`: the body as it goes",
+            "`planar_gait`: the body in the plane, its shape over time, and the stroke; "
+            "`animation`: the moving body",
         ),
     ] = ()
     body: Annotated[BodyTable, says("", "the body")]
     ground: Annotated[GroundTable | None, says("", "dry ground; this or `viscous`")] = None
     grips: Annotated[
         tuple[Positive, ...] | None,
-        says("1", "by how much more dry ground resists each mass, head first; 1 if left out"),
+        says("1", "factor of each mass on the dry friction, head first; all 1 if left out"),
     ] = None
-    viscous: Annotated[ViscousTable | None, says("", "viscous ground")] = None
-    aim: Annotated[PlanarAimTable, says("", "what the gait is for")] = field(
+    viscous: Annotated[ViscousTable | None, says("", "viscous ground; this or `ground`")] = None
+    aim: Annotated[PlanarAimTable, says("", "objective of the gait")] = field(
         default_factory=PlanarAimTable
     )
-    limits: Annotated[PlanarLimitsTable, says("", "what it must keep to")] = field(
+    limits: Annotated[PlanarLimitsTable, says("", "limits of the gait")] = field(
         default_factory=PlanarLimitsTable
     )
-    search: Annotated[PlanarSearchTable, says("", "where the search begins")] = field(
+    search: Annotated[PlanarSearchTable, says("", "starting points of the search")] = field(
         default_factory=PlanarSearchTable
     )
 
     @property
     def planar_aim(self) -> PlanarAim:
-        """What is wanted; ArgumentError where it makes no sense."""
+        """Return the objective; raises ArgumentError if it is inconsistent."""
         from wormopt.systems.planar.design.aim import PlanarAim, PlanarLimits
 
         given, aim, shape = self.limits, self.aim, self.body.shape()
@@ -211,32 +216,32 @@ class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
         return Dry(tuple(Elliptic(*(grip * number for number in numbers)) for grip in grips))
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows."""
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.body.faults("body")
         yield from self._faults()
 
     def _faults(self) -> Iterator[Fault]:
         if (self.ground is None) == (self.viscous is None):
-            yield "ground", "exactly one of ground and viscous must be given"
+            yield "ground", "exactly one of ground and viscous is required"
         if self.ground is not None and self.ground.law != "elliptic":
             yield (
                 "ground.law",
-                "only elliptic friction has a motion of least power; write elliptic",
+                'only elliptic friction has a motion of least power; write "elliptic"',
             )
         if self.viscous is not None:
             yield from self.viscous.faults("viscous")
             if self.grips is not None:
-                yield "grips", "these are of dry ground; leave them out"
+                yield "grips", "applies to dry ground only; leave it out"
         yield from wrong_count("grips", self.grips, self.body.links + 1, "masses")
         if self.aim.pose is not None and len(self.aim.pose) != 3:
-            yield "aim.pose", "write [x, y, angle]"
+            yield "aim.pose", "missing; write [x, y, angle]"
         for name in ("angle", "length"):
             pair = getattr(self.limits, name)
             if pair is not None:
                 yield from wrong_order(f"limits.{name}", pair, may_be_equal=False)
         if self.body.lengths is None and self.limits.length is None:
-            yield "limits.length", "lengths are shape variables: write [0.5, 1.0], say"
+            yield "limits.length", "missing; lengths are shape variables: write [0.5, 1.0], say"
 
 
 def _pair(numbers: tuple[float, ...]) -> tuple[float, float]:

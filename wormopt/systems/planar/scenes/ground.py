@@ -6,18 +6,20 @@ from typing import Annotated
 
 from wormopt.scene.types import NonNegative, Positive, Table, says
 
-_Forward = Annotated[Positive, says("force", "*F*<sup>+</sup>, against motion ahead")]
+_Forward = Annotated[Positive, says("force", "*F*<sup>+</sup>, resistance to forward motion")]
 _Backward = Annotated[
-    Positive | None, says("force", "*F*<sup>−</sup>, against motion back; as `forward`")
+    Positive | None,
+    says("force", "*F*<sup>−</sup>, resistance to backward motion; `forward` if left out"),
 ]
 _Sideways = Annotated[
-    Positive | None, says("force", "*F*<sub>n</sub>, against motion aside; as `forward`")
+    Positive | None,
+    says("force", "*F*<sub>n</sub>, resistance to sideways motion; `forward` if left out"),
 ]
 _Slides = Annotated[NonNegative, says("force", "dry friction along the heading")]
 
 
 class EllipticGround(Table, frozen=True, kw_only=True, tag_field="law", tag="elliptic"):
-    """Dry ground whose forces fill an ellipse: that which takes most power resists."""
+    """Dry friction with an elliptic set of forces and the law of maximal dissipation."""
 
     forward: _Forward
     backward: _Backward = None
@@ -25,7 +27,7 @@ class EllipticGround(Table, frozen=True, kw_only=True, tag_field="law", tag="ell
 
 
 class UnitGround(Table, frozen=True, kw_only=True, tag_field="law", tag="unit"):
-    """Dry ground that resists by the direction of motion alone; it has no minimum principle."""
+    """Dry friction by the direction of motion alone, without a minimum principle."""
 
     forward: _Forward
     backward: _Backward = None
@@ -33,7 +35,7 @@ class UnitGround(Table, frozen=True, kw_only=True, tag_field="law", tag="unit"):
 
 
 class BoxGround(Table, frozen=True, kw_only=True, tag_field="law", tag="box"):
-    """Dry ground that resists motion along the heading and aside as if each were alone."""
+    """Dry friction along and across the heading, each independent of the other."""
 
     forward: _Forward
     backward: _Backward = None
@@ -43,24 +45,24 @@ class BoxGround(Table, frozen=True, kw_only=True, tag_field="law", tag="box"):
 class ViscousGround(Table, frozen=True, kw_only=True, tag_field="law", tag="viscous"):
     """Linear drag."""
 
-    along: Annotated[NonNegative, says("drag", "*k*<sub>t</sub>, along the heading")]
-    across: Annotated[NonNegative, says("drag", "*k*<sub>n</sub>, across it")]
+    along: Annotated[NonNegative, says("drag", "*k*<sub>t</sub>, drag along the heading")]
+    across: Annotated[NonNegative, says("drag", "*k*<sub>n</sub>, drag across the heading")]
 
 
 class SkidGround(Table, frozen=True, kw_only=True, tag_field="law", tag="skid"):
-    """A skid or a wheel: no motion aside."""
+    """A skid or a wheel: no sideways motion."""
 
     along: _Slides = 0.0
 
 
 class SpikeGround(Table, frozen=True, kw_only=True, tag_field="law", tag="spike"):
-    """A spike: no motion back."""
+    """A spike: no backward motion."""
 
     across: Annotated[NonNegative, says("force", "dry friction across the heading")] = 0.0
 
 
 class SpikedSkidGround(Table, frozen=True, kw_only=True, tag_field="law", tag="spiked_skid"):
-    """A skid with spikes: no motion aside or back."""
+    """A skid with spikes: no sideways and no backward motion."""
 
 
 class PinGround(Table, frozen=True, kw_only=True, tag_field="law", tag="pin"):
@@ -68,7 +70,7 @@ class PinGround(Table, frozen=True, kw_only=True, tag_field="law", tag="pin"):
 
 
 class FreeGround(Table, frozen=True, kw_only=True, tag_field="law", tag="free"):
-    """Nothing resists."""
+    """No resistance."""
 
 
 MassGround = (

@@ -1,4 +1,4 @@
-"""Scenes of kind "planar-path": a path through the plane, put together from steps of gaits."""
+"""Scenes of kind "planar-path": a path through the plane, composed of strokes of gaits."""
 
 from __future__ import annotations
 
@@ -33,62 +33,65 @@ Name = Annotated[str, Meta(min_length=1, max_length=40, description="a short nam
 
 
 class HeldTable(Table, frozen=True, kw_only=True):
-    """What holds the body up to a phase of the stroke."""
+    """Constraints of the body until a phase of the stroke."""
 
-    until: Annotated[Positive, says("share", "phase up to which; 1 for the last")] = 1.0
+    until: Annotated[Positive, says("share", "phase at which they end; 1 for the last")] = 1.0
     pins: Annotated[tuple[Mass, ...], says("", "masses that do not move")] = ()
-    skids: Annotated[tuple[Mass, ...], says("", "masses that move along their heading only")] = ()
+    skids: Annotated[tuple[Mass, ...], says("", "masses that move only along their heading")] = ()
 
 
 class GaitTable(Table, frozen=True, kw_only=True):
-    """A gait: changes of the shape from the one at rest, and what holds meanwhile."""
+    """A gait: changes of the shape from the rest shape, and the constraints meanwhile."""
 
-    name: Annotated[Name, says("", "of the gait")]
+    name: Annotated[Name, says("", "name of the gait")]
     mirrored: Annotated[
-        Name | None, says("", "name of the gait that bends to the other side; left out, none")
+        Name | None, says("", "name of the mirror image of the gait; none if left out")
     ] = None
     changes: Annotated[
         tuple[tuple[Finite, ...], ...],
-        says("", "shapes less that at rest, one after another, at amplitude 1; then back to rest"),
+        says("", "successive shapes less the rest shape, at amplitude 1; then back to rest"),
     ]
     held: Annotated[
         tuple[HeldTable, ...],
-        says("", "what holds, phase by phase; left out, nothing but friction: a slow crawl"),
+        says("", "constraints, phase by phase; if left out, a slow crawl by friction alone"),
     ] = ()
     amplitudes: Annotated[
         tuple[Positive, ...],
         Meta(min_length=1, max_length=20, description="ascending numbers above 0"),
-        says("1", "those that the search uses; in between lie those of the end"),
+        says("1", "amplitudes used by the search; final amplitudes lie within their range"),
     ] = (0.5, 1.0)
 
     def faults(self, key: str, body: BodyTable) -> Iterator[Fault]:
-        """Check rows, phases, and masses."""
+        """Yield faults of rows, phases and masses."""
         masses, variables = body.links + 1, _n_s(body)
         if not self.changes or any(len(row) != variables for row in self.changes):
             yield (
                 f"{key}.changes",
-                f"write rows of {variables} numbers, one for each shape variable",
+                f"has rows of a wrong length; write {variables} numbers, one per shape variable",
             )
         if any(b <= a for a, b in pairwise(self.amplitudes)):
-            yield f"{key}.amplitudes", "they must ascend; write the smallest first"
+            yield f"{key}.amplitudes", "the amplitudes do not ascend; write the smallest first"
         ends = [0.0, *(held.until for held in self.held)]
         if self.held and (ends[-1] != 1.0 or any(b <= a for a, b in pairwise(ends))):
-            yield f"{key}.held", "phases must rise to until = 1.0"
+            yield f"{key}.held", "the phases do not ascend to 1; write the last until = 1.0"
         for j, held in enumerate(self.held):
             who = (*held.pins, *held.skids)
             if who and max(who) >= masses:
                 yield f"{key}.held[{j}]", f"there is no mass {max(who)}; the tail is {masses - 1}"
             elif len(set(who)) < len(who):
-                yield f"{key}.held[{j}]", "a mass stands there twice; a pin needs no skid"
+                yield f"{key}.held[{j}]", "a mass is listed twice; a pin needs no skid"
             elif 2 * len(held.pins) + len(held.skids) < 3:
-                yield f"{key}.held[{j}]", "this leaves the body free; write a pin and a skid"
+                yield (
+                    f"{key}.held[{j}]",
+                    "the body is not fully constrained; write a pin and a skid",
+                )
 
 
 class DiscTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="disc"):
     """A round obstacle."""
 
-    centre: Annotated[Place, says("length", "its centre")]
-    radius: Annotated[Positive, says("length", "its radius")]
+    centre: Annotated[Place, says("length", "centre of the disc")]
+    radius: Annotated[Positive, says("length", "radius of the disc")]
 
 
 class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block"):
@@ -97,12 +100,12 @@ class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block
     corners: Annotated[
         tuple[Place, ...],
         Meta(min_length=3, max_length=100, description="three places or more"),
-        says("length", "its corners in order"),
+        says("length", "corners in order"),
     ]
 
     @property
     def flat(self) -> bool:
-        """Whether it has no area."""
+        """Return whether the polygon has no area."""
         pairs = zip(self.corners, (*self.corners[1:], self.corners[0]), strict=True)
         twice = sum(a[0] * b[1] - a[1] * b[0] for a, b in pairs)
         wide = max(max(row) - min(row) for row in zip(*self.corners, strict=True))
@@ -112,76 +115,76 @@ class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block
 
 
 class WallTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
-    """A straight wall without end: all that lies behind it is closed."""
+    """A straight wall without end: everything behind it is closed."""
 
-    point: Annotated[Place, says("length", "any point of it")]
-    angle: Annotated[Finite, says("angle", "direction of its normal, into the open")]
+    point: Annotated[Place, says("length", "any point of the wall")]
+    angle: Annotated[Finite, says("angle", "direction of the normal, which points into the open")]
 
 
 class CapsuleTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="capsule"):
-    """A rod or a fence: all points near a straight line from one end to the other."""
+    """A rod or a fence: all points within a radius of a straight segment."""
 
-    start: Annotated[Place, says("length", "one end")]
-    end: Annotated[Place, says("length", "the other")]
-    radius: Annotated[NonNegative, says("length", "half its thickness")] = 0.0
+    start: Annotated[Place, says("length", "first end of the segment")]
+    end: Annotated[Place, says("length", "second end of the segment")]
+    radius: Annotated[NonNegative, says("length", "half the thickness")] = 0.0
 
 
 class NearTable(Table, frozen=True, kw_only=True):
-    """How near to a pose."""
+    """Largest distance and angle from a pose."""
 
     place: Annotated[Positive, says("length", "largest distance")]
     angle: Annotated[Positive, says("angle", "largest angle")]
 
 
 class CorridorTable(Table, frozen=True, kw_only=True):
-    """A line which all masses keep near to."""
+    """A line with a strip to both sides that no mass may leave."""
 
     line: Annotated[
         tuple[Place, ...],
         Meta(min_length=2, max_length=200, description="two places or more"),
-        says("length", "its corners in order"),
+        says("length", "corners of the line in order"),
     ]
-    width: Annotated[Positive, says("length", "largest distance to either side")]
+    width: Annotated[Positive, says("length", "largest distance from the line to either side")]
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
-    """From where to where."""
+    """Start, goal and limits of the path."""
 
-    start: Annotated[Pose, says("", "pose of the head: x, y, and angle of the first link")]
-    goal: Annotated[Pose, says("", "pose to reach; the angle holds modulo 2π")]
-    tolerance: Annotated[NearTable, says("", "how near the goal must be met")]
+    start: Annotated[Pose, says("", "initial pose of the head: x, y, and angle of the first link")]
+    goal: Annotated[Pose, says("", "pose to reach; the angle is modulo 2π")]
+    tolerance: Annotated[NearTable, says("", "accepted distance of the end from the goal")]
     via: Annotated[
-        tuple[Place, ...], says("length", "places that the head must come by, in this order")
+        tuple[Place, ...], says("length", "places that the head must pass, in this order")
     ] = ()
-    via_radius: Annotated[Positive, says("length", "how near")] = 0.2
-    corridor: Annotated[CorridorTable | None, says("", "what the masses must stay in")] = None
+    via_radius: Annotated[Positive, says("length", "accepted distance from these places")] = 0.2
+    corridor: Annotated[CorridorTable | None, says("", "strip that no mass may leave")] = None
     clearance: Annotated[NonNegative, says("length", "least distance from obstacles")] = 0.0
 
 
 class PathSearchTable(Table, frozen=True, kw_only=True):
-    """How the search goes about."""
+    """Options of the search."""
 
-    cost: Annotated[Literal["steps", "work", "time"], says("", "what is least")] = "time"
+    cost: Annotated[Literal["steps", "work", "time"], says("", "quantity to minimise")] = "time"
     capture: Annotated[
-        NearTable, says("", "how near the amplitudes of the library must come to the goal")
+        NearTable, says("", "distance to the goal at which the library search ends")
     ] = field(default_factory=lambda: NearTable(place=0.35, angle=0.35))
-    cell: Annotated[NearTable, says("", "cells of poses of which the cheapest alone is kept")] = (
+    cell: Annotated[NearTable, says("", "cell of poses within which only the cheapest is kept")] = (
         field(default_factory=lambda: NearTable(place=0.1, angle=0.1))
     )
     poses: Annotated[
         int,
         Meta(ge=1, le=10_000_000, description="a whole number from 1 to 10 million"),
-        says("count", "after so many the search gives up"),
+        says("count", "largest number of poses searched"),
     ] = 100_000
 
 
 class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
-    """Steps of a few gaits that lead a worm to a pose and past obstacles, at the least cost.
+    """Find strokes of given gaits that lead a worm to a pose, past obstacles, at least cost.
 
-    A worm whose feet are pins or skids moves as its shape tells, one that nothing holds as friction
-    lets a slow crawl. Each stroke is a step: a displacement in the plane, work, time, and what it
-    sweeps over. The best steps of the library are searched, then amplitudes are changed until the
-    pose is met. See
+    Pins and skids determine the motion of a worm by its shape. Without them, friction determines
+    a slow crawl. Each stroke is a step with a displacement in the plane, work, time, and an area
+    swept. A search finds the best steps of the library. Then the amplitudes are optimised until
+    the path meets the pose. See
     [theory](../theory-planar.md#8-paths).
 
     `timings_s`: `library`, `plan` and `recheck`.
@@ -190,85 +193,89 @@ class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
     headline: ClassVar = ("steps", "work", "time", "room", "off_place")
     scalars: ClassVar = {
         "steps": ("count", "number of steps"),
-        "work": ("energy", "what sliding takes in all"),
-        "time": ("time", "as fast as the rates allow"),
-        "cost_searched": ("1", "cost of the steps that the search found, before the polish"),
+        "work": ("energy", "work dissipated by sliding along the path"),
+        "time": ("time", "duration at the highest rates allowed"),
+        "cost_searched": ("1", "cost of the steps from the library, before amplitudes change"),
         "room": (
             "length",
-            "least distance from what must not be touched, less radius and clearance",
+            "least distance from obstacles and the corridor, less radius and clearance",
         ),
-        "room_simulated": ("length", "the same by points along the links of the simulation"),
-        "off_place": ("length", "distance of the end from the goal, by simulation"),
-        "off_angle": ("angle", "angle of the end less that of the goal, by simulation"),
+        "room_simulated": ("length", "the same from points along the links in the simulation"),
+        "off_place": ("length", "distance of the simulated end from the goal"),
+        "off_angle": ("angle", "angle of the simulated end less the angle of the goal"),
         "pin_load": ("force", "largest load of a pin"),
-        "condition": ("1", "largest condition number of what holds"),
-        "poses_looked": ("count", "poses that the search took up"),
-        "routes_polished": ("count", "routes whose amplitudes were changed to meet the goal"),
+        "condition": ("1", "largest condition number of the constraints"),
+        "poses_looked": ("count", "number of poses searched"),
+        "routes_polished": ("count", "number of routes whose amplitudes were optimised"),
     }
     variables: ClassVar = {
         "instant": ("time", ("instant",), "time"),
-        "x": ("length", ("mass", "instant"), "x of the mass"),
-        "y": ("length", ("mass", "instant"), "y of the mass"),
-        "pinned": ("1", ("mass", "instant"), "whether the mass is pinned, or rests in a crawl"),
+        "x": ("length", ("mass", "instant"), "*x* of the mass"),
+        "y": ("length", ("mass", "instant"), "*y* of the mass"),
+        "pinned": ("1", ("mass", "instant"), "1 if the mass is pinned, or rests in a crawl"),
         "amplitude": ("1", ("step",), "amplitude of the step"),
         "step_work": ("energy", ("step",), "work of the step"),
-        "step_time": ("time", ("step",), "time of the step"),
-        "pose_x": ("length", ("stop",), "x of the head between steps"),
-        "pose_y": ("length", ("stop",), "y of the head between steps"),
+        "step_time": ("time", ("step",), "duration of the step"),
+        "pose_x": ("length", ("stop",), "*x* of the head between steps"),
+        "pose_y": ("length", ("stop",), "*y* of the head between steps"),
         "pose_angle": ("angle", ("stop",), "heading between steps"),
     }
 
     kind: Literal["planar-path"]
     want: Annotated[
         tuple[Literal["path", "animation"], ...],
-        says("", "`path`: bodies between steps and what they sweep; `animation`: the same, moving"),
+        says("", "`path`: bodies between steps and the area swept; `animation`: the moving body"),
     ] = ()
     body: Annotated[BodyTable, says("", "the worm")]
     radius: Annotated[NonNegative, says("length", "half the thickness of the body")] = 0.0
     rest: Annotated[
-        tuple[Finite, ...], says("", "shape between steps: lengths, where they vary, then angles")
+        tuple[Finite, ...],
+        says("", "rest shape, between steps: lengths, if they vary, then joint angles"),
     ]
     rates: Annotated[
         Positive | tuple[Positive, ...],
         says("", "largest rates of the shape variables, one for all or one for each"),
     ] = 1.0
-    ground: Annotated[GroundTable, says("", "friction of masses that slide")]
-    pin_load: Annotated[Positive | None, says("force", "what a pin can bear")] = None
+    ground: Annotated[GroundTable, says("", "friction of sliding masses")]
+    pin_load: Annotated[Positive | None, says("force", "largest load that a pin can hold")] = None
     gaits: Annotated[
         tuple[GaitTable, ...],
         Meta(min_length=1, max_length=50, description="one gait or more"),
-        says("", "the library"),
+        says("", "library of gaits"),
     ]
     obstacles: Annotated[
         tuple[DiscTable | BlockTable | CapsuleTable | WallTable, ...],
-        says("", "what must not be touched"),
+        says("", "obstacles that the body may not touch"),
     ] = ()
-    course: Annotated[CourseTable, says("", "from where to where")]
+    course: Annotated[CourseTable, says("", "start, goal and limits of the path")]
     search: Annotated[PathSearchTable, says("", "how")] = field(default_factory=PathSearchTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows."""
+        """Yield faults that no single key shows."""
         yield from super().faults(folder)
         yield from self.body.faults("body")
         variables = _n_s(self.body)
         if len(self.rest) != variables:
-            yield "rest", f"{len(self.rest)} numbers for {variables} shape variables"
+            yield "rest", f"has {len(self.rest)} numbers for {variables} shape variables"
         elif self.body.lengths is None and min(self.rest[: self.body.links]) <= 0:
-            yield "rest", "lengths at rest must be above 0"
+            yield "rest", "a link length is not above 0; write lengths above 0"
         if isinstance(self.rates, tuple) and len(self.rates) != variables:
-            yield "rates", f"{len(self.rates)} numbers for {variables} shape variables"
+            yield "rates", f"has {len(self.rates)} numbers for {variables} shape variables"
         names = [n for gait in self.gaits for n in (gait.name, gait.mirrored) if n]
         if len(set(names)) < len(names):
-            yield "gaits", "two gaits have the same name; write different ones"
+            yield "gaits", "two gaits have the same name; write different names"
         if self.ground.law != "elliptic" and not all(gait.held for gait in self.gaits):
-            yield "ground.law", 'a gait that nothing holds crawls by least power; write "elliptic"'
+            yield "ground.law", 'a gait without pins and skids needs least power; write "elliptic"'
         for j, each in enumerate(self.obstacles):
             if isinstance(each, BlockTable) and each.flat:
                 yield f"obstacles[{j}].corners", "they span no area; for a fence write a capsule"
         for j, gait in enumerate(self.gaits):
             yield from gait.faults(f"gaits[{j}]", self.body)
             if gait.mirrored and any(self.rest[variables - self.body.links + 1 :]):
-                yield f"gaits[{j}].mirrored", "the shape at rest is bent; write a gait of its own"
+                yield (
+                    f"gaits[{j}].mirrored",
+                    "the rest shape is bent; write the mirrored gait as a gait of its own",
+                )
             if len(self.rest) == variables:
                 yield from _too_short(self, f"gaits[{j}]", gait)
 
@@ -278,18 +285,18 @@ def _n_s(body: BodyTable) -> int:
 
 
 def _too_short(scene: PlanarPathScene, key: str, gait: GaitTable) -> Iterator[Fault]:
-    """Find strokes in which a link vanishes or a joint folds over."""
+    """Yield strokes in which a link vanishes or a joint folds over."""
     lengths = scene.body.links if scene.body.lengths is None else 0
     for row in gait.changes:
         shape = [r + max(gait.amplitudes) * d for r, d in zip(scene.rest, row, strict=False)]
         if any(length <= 0 for length in shape[:lengths]):
             yield (
                 f"{key}.changes",
-                "at the largest amplitude a link vanishes; write smaller changes",
+                "a link vanishes at the largest amplitude; write smaller changes",
             )
             return
         if any(abs(angle) >= 3.14159 for angle in shape[lengths:]):
-            yield f"{key}.changes", "at the largest amplitude a joint folds over; bend it less"
+            yield f"{key}.changes", "a joint folds over at the largest amplitude; bend it less"
             return
 
 

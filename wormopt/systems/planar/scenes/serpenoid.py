@@ -1,4 +1,4 @@
-"""Scenes of kind "planar-serpenoid": how fast a wave of bending carries a long worm."""
+"""Scenes of kind "planar-serpenoid": speed of a long worm with a bending wave."""
 
 from __future__ import annotations
 
@@ -18,51 +18,51 @@ Ratio = Annotated[float, Meta(gt=1, le=1e6, description="a number above 1, at mo
 
 
 class PlanarSerpenoidScene(SceneTable, frozen=True, kw_only=True):
-    """Speed of a worm through which a serpenoid wave of bending runs backward.
+    """Speed of a worm with a serpenoid bending wave that travels backward along the body.
 
-    The tangent leans from the way by *α* sin *ks*. Infinite worms on viscous or dry ground, by
-    amplitude; on viscous ground also worms of rods, whose ends recoil. See
-    [theory](../theory-planar.md#6-serpenoid-waves).
+    The tangent angle is *α* sin *ks*. Infinite worms on viscous or dry ground are computed over
+    the amplitude. On viscous ground, worms of finite length, made of rods, are computed too; their
+    ends recoil. See [theory](../theory-planar.md#6-serpenoid-waves).
 
     `timings_s`: `infinite` and `finite`.
     """
 
     headline: ClassVar = ("speed", "speed_over_wave", "amplitude_best", "speed_best")
     scalars: ClassVar = {
-        "speed": ("1", "speed over that of the material along the wave, *V*/*c*"),
-        "speed_over_wave": ("1", "over that of the wave along the way"),
-        "amplitude_best": ("angle", "at which the speed over that of the material is largest"),
-        "speed_best": ("1", "`speed` there"),
+        "speed": ("1", "speed relative to that of the material along the wave, *V*/*c*"),
+        "speed_over_wave": ("1", "speed relative to that of the wave in space"),
+        "amplitude_best": ("angle", "amplitude with the highest *V*/*c*"),
+        "speed_best": ("1", "`speed` at `amplitude_best`"),
         "recheck_error": (
             "share",
-            "difference to the speed found by another way, over speed + *α*²/4",
+            "difference to the speed of a second route, relative to speed + *α*²/4",
         ),
-        "finite_over_wave": ("1", "`speed_over_wave` of worms of so many `waves`, viscous"),
+        "finite_over_wave": ("1", "`speed_over_wave` of finite worms with `waves`, viscous ground"),
     }
     variables: ClassVar = {
-        "amplitude": ("angle", ("amplitude",), "amplitude of the tangent's angle"),
-        "speed_by_amplitude": ("1", ("amplitude",), "speed over that of the material"),
+        "amplitude": ("angle", ("amplitude",), "amplitude of the tangent angle"),
+        "speed_by_amplitude": ("1", ("amplitude",), "speed relative to that of the material"),
     }
 
     kind: Literal["planar-serpenoid"]
     want: Annotated[
         tuple[Literal["serpenoid"], ...],
-        says("", "`serpenoid`: speed by amplitude, and the wave in the plane"),
+        says("", "`serpenoid`: speed over amplitude, and the wave in the plane"),
     ] = ()
-    amplitude: Annotated[Amplitude, says("angle", "*α* of the tangent's angle")]
+    amplitude: Annotated[Amplitude, says("angle", "amplitude *α* of the tangent angle")]
     ratio: Annotated[Ratio, says("1", "resistance across over along: *r*, or *ρ* on dry ground")]
     ground: Annotated[
         Literal["viscous", "elliptic", "unit"],
-        says("", "`viscous`; or dry: `elliptic` takes most power, `unit` goes by direction alone"),
+        says("", "`viscous`, or dry: `elliptic` (maximal dissipation), `unit` (direction alone)"),
     ] = "viscous"
     waves: Annotated[
         tuple[Positive, ...],
-        says("count", "waves on worms of finite length; viscous ground only"),
+        says("count", "numbers of waves on finite worms; viscous ground only"),
     ] = ()
     rods_per_wave: Annotated[
         int,
         Meta(ge=3, le=60, description="a whole number from 3 to 60"),
-        says("count", "rods of these"),
+        says("count", "number of rods per wave on finite worms"),
     ] = 12
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -71,7 +71,7 @@ class PlanarSerpenoidScene(SceneTable, frozen=True, kw_only=True):
         if self.waves and self.ground != "viscous":
             yield (
                 "waves",
-                "worms of finite length are computed on viscous ground only; leave it out",
+                "finite worms are computed on viscous ground only; leave it out",
             )
         for waves in self.waves:
             rods = waves * self.rods_per_wave

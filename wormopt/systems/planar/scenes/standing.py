@@ -1,4 +1,4 @@
-"""Tables of what stands in the plane and pushes masses back."""
+"""Tables of obstacles in the plane that push masses back."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import Annotated
 from wormopt.scene.types import NonNegative, says
 from wormopt.systems.planar.scenes.path import DiscTable, WallTable
 
-_Friction = Annotated[
-    NonNegative, says("1", "coefficient of dry friction on it, where contact is smooth")
-]
+_Friction = Annotated[NonNegative, says("1", "coefficient of dry friction, if contact is smooth")]
 
 
 class StandingDisc(DiscTable, frozen=True, kw_only=True, tag_field="shape", tag="disc"):
@@ -19,7 +17,7 @@ class StandingDisc(DiscTable, frozen=True, kw_only=True, tag_field="shape", tag=
 
 
 class StandingWall(WallTable, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
-    """A straight wall without end: all that lies behind it is closed."""
+    """A straight wall without end: everything behind it is closed."""
 
     friction: _Friction = 0.0
 

@@ -1,4 +1,4 @@
-"""Tables that scenes of planar worms share: the body, the ground, the stroke."""
+"""Tables shared by scenes of planar worms: body, ground and stroke."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msgspec import Meta
 from wormopt.errors import Fault
 from wormopt.scene.types import Finite, Positive, Table, says, wrong_count
 
-if TYPE_CHECKING:  # what tables tell is built in runs: checking a scene loads no numerics
+if TYPE_CHECKING:  # numerics are built in runs, so that checking a scene loads none
     from wormopt.model.planar_friction import PlanarLaw
     from wormopt.systems.planar.body.shape import Shape
     from wormopt.systems.planar.body.strokes import Stroke
@@ -21,33 +21,33 @@ Row = tuple[Finite, ...]
 
 
 class BodyTable(Table, frozen=True, kw_only=True):
-    """The body: links in a chain, head first, with a mass at each end of every link."""
+    """The body: a chain of links, head first, with a mass at each end of every link."""
 
-    links: Annotated[Links, says("count", "*n*; masses 0 (the head) to *n*")]
+    links: Annotated[Links, says("count", "number of links *n*; masses 0 (the head) to *n*")]
     lengths: Annotated[
         Positive | tuple[Positive, ...] | None,
-        says("length", "of the links, or one for all; left out, lengths are shape variables"),
+        says("length", "link lengths, one for each or for all; shape variables if left out"),
     ] = None
     heading: Annotated[
         Heading,
-        says("", "along what an inner mass looks: `bisector`, or the link in `front` or `rear`"),
+        says("", "heading of an inner mass: `bisector`, or along the link in `front` or `rear`"),
     ] = "bisector"
 
     def shape(self) -> Shape:
-        """Its points by its shape variables: lengths, if they vary, then angles of the joints."""
+        """Return the places by the shape variables: lengths, if they vary, then joint angles."""
         from wormopt.systems.planar.body.shape import chain_shape
 
         return chain_shape(self.links, lengths=self.sizes, heading=self.heading)
 
     @property
     def sizes(self) -> tuple[float, ...] | None:
-        """Lengths of all links, None where they vary."""
+        """Return the lengths of all links, or None if they vary."""
         if self.lengths is None or isinstance(self.lengths, tuple):
             return self.lengths
         return (self.lengths,) * self.links
 
     def faults(self, key: str) -> Iterator[Fault]:
-        """Check that there are as many lengths as links."""
+        """Yield a fault if the number of lengths is not the number of links."""
         yield from wrong_count(f"{key}.lengths", self.lengths, self.links, "links")
 
 
@@ -58,20 +58,22 @@ class GroundTable(Table, frozen=True, kw_only=True):
         Literal["elliptic", "unit"],
         says(
             "",
-            "`elliptic`: the force of an ellipse that takes most power; `unit`: resistances by the "
-            "direction of motion alone, without a minimum principle",
+            "`elliptic`: elliptic set of forces with maximal dissipation; `unit`: resistance by "
+            "the direction of motion alone, without a minimum principle",
         ),
     ] = "elliptic"
-    forward: Annotated[Positive, says("force", "*F*<sup>+</sup>, against motion ahead")]
+    forward: Annotated[Positive, says("force", "*F*<sup>+</sup>, resistance to forward motion")]
     backward: Annotated[
-        Positive | None, says("force", "*F*<sup>−</sup>, against motion back; as `forward`")
+        Positive | None,
+        says("force", "*F*<sup>−</sup>, resistance to backward motion; `forward` if left out"),
     ] = None
     sideways: Annotated[
-        Positive | None, says("force", "*F*<sub>n</sub>, against motion aside; as `forward`")
+        Positive | None,
+        says("force", "*F*<sub>n</sub>, resistance to sideways motion; `forward` if left out"),
     ] = None
 
     def friction(self) -> PlanarLaw:
-        """The law of one mass."""
+        """Return the friction law of one mass."""
         from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 
         kinds: dict[str, type[Elliptic] | type[AnisotropicCoulomb]] = {
@@ -83,45 +85,45 @@ class GroundTable(Table, frozen=True, kw_only=True):
 
 
 class HarmonicStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="harmonic"):
-    """Shape variables that swing by harmonics: row *h* of a table holds the *h*-th of each."""
+    """Harmonic shape variables: row *h* holds the coefficients of the *h*-th harmonic."""
 
     mean: Annotated[Row, says("", "mean of each shape variable")]
     cosine: Annotated[tuple[Row, ...], says("", "coefficients of cos(2π *h* τ)")]
     sine: Annotated[tuple[Row, ...], says("", "coefficients of sin(2π *h* τ)")]
 
     def stroke(self) -> Stroke:
-        """What it tells."""
+        """Return the stroke of this table."""
         from wormopt.systems.planar.body.strokes import Harmonics
 
         return Harmonics(self.mean, self.cosine, self.sine)
 
     def faults(self, key: str, n_s: int) -> Iterator[Fault]:
-        """Check that every row has one number for each of `n_s` shape variables."""
+        """Yield rows that have not one number for each of `n_s` shape variables."""
         yield from _wrong_rows(f"{key}.mean", (self.mean,), n_s)
         for name in ("cosine", "sine"):
             yield from _wrong_rows(f"{key}.{name}", getattr(self, name), n_s)
         if not self.cosine:
-            yield f"{key}.cosine", "a stroke needs a harmonic; write a row for each"
+            yield f"{key}.cosine", "there is no harmonic; write a row for each"
         if len(self.cosine) != len(self.sine):
-            yield f"{key}.sine", f"{len(self.sine)} rows for {len(self.cosine)} of cosine"
+            yield f"{key}.sine", f"has {len(self.sine)} rows; cosine has {len(self.cosine)}"
 
 
 class PolygonStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="polygon"):
-    """Shape variables that go straight from corner to corner and back to the first."""
+    """Shape variables that change linearly from corner to corner and back to the first."""
 
-    corners: Annotated[tuple[Row, ...], says("", "shapes in order, a row each")]
+    corners: Annotated[tuple[Row, ...], says("", "shapes in order, one row each")]
 
     def stroke(self) -> Stroke:
-        """What it tells."""
+        """Return the stroke of this table."""
         from wormopt.systems.planar.body.strokes import Polygon
 
         return Polygon(self.corners)
 
     def faults(self, key: str, n_s: int) -> Iterator[Fault]:
-        """Check that every corner has one number for each of `n_s` shape variables."""
+        """Yield corners that have not one number for each of `n_s` shape variables."""
         yield from _wrong_rows(f"{key}.corners", self.corners, n_s)
         if len(self.corners) < 2:
-            yield f"{key}.corners", "a stroke needs two corners or more"
+            yield f"{key}.corners", "there are fewer than two corners; write two or more"
 
 
 StrokeTable = HarmonicStroke | PolygonStroke
@@ -132,7 +134,7 @@ def _wrong_rows(key: str, rows: tuple[Row, ...], n_s: int) -> Iterator[Fault]:
         if len(row) != n_s:
             yield (
                 key,
-                f"{len(row)} numbers for {n_s} shape variables; write lengths, where they vary, "
-                "then angles of the joints",
+                f"has {len(row)} numbers for {n_s} shape variables; write link lengths, if they "
+                "vary, then joint angles",
             )
             return

@@ -18,58 +18,59 @@ if TYPE_CHECKING:  # checking a scene loads no numerics
 
 
 class TurnerTable(Table, frozen=True, kw_only=True):
-    """Two links that swap their lengths, three masses on ground that resists all ways alike."""
+    """A worm of two links that exchange lengths, on ground with equal resistance everywhere."""
 
-    end_friction: Annotated[Positive, says("force", "*F* of masses 0 and 2")]
-    middle_friction: Annotated[Positive, says("force", "*F*<sub>1</sub> of mass 1")]
-    short: Annotated[Positive, says("length", "*l*<sub>2</sub>, of the link that swings")]
-    long: Annotated[Positive, says("length", "*l*<sub>1</sub>, of the link that rests")]
-    straight: Annotated[Finite, says("rad", "angle of the joint at which the swing begins")]
-    bent: Annotated[Finite, says("rad", "and at which it ends, both within ±π")]
+    end_friction: Annotated[Positive, says("force", "friction *F* of masses 0 and 2")]
+    middle_friction: Annotated[Positive, says("force", "friction *F*<sub>1</sub> of mass 1")]
+    short: Annotated[Positive, says("length", "length *l*<sub>2</sub> of the link that swings")]
+    long: Annotated[Positive, says("length", "length *l*<sub>1</sub> of the link that rests")]
+    straight: Annotated[Finite, says("rad", "joint angle at which the swing begins, within ±π")]
+    bent: Annotated[Finite, says("rad", "joint angle at which the swing ends, within ±π")]
 
 
 class PaceTable(Table, frozen=True, kw_only=True):
-    """How fast the shape may change."""
+    """Largest rates of the shape."""
 
-    joint: Annotated[Positive, says("angular_frequency", "largest rate of the joint's angle")]
-    link: Annotated[Positive, says("speed", "largest rate of a link's length")]
+    joint: Annotated[Positive, says("angular_frequency", "largest rate of the joint angle")]
+    link: Annotated[Positive, says("speed", "largest rate of a link length")]
 
 
 class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
-    """A worm of two links turns in place: the joint swings, the links swap their lengths.
+    """A worm of two links turns in place: the joint swings, then the links exchange lengths.
 
-    While it swings the longer link rests and the shorter one turns about the middle mass; while
-    they swap, neither turns. Swing, swap, swing back, swap turns the worm by the swing and takes
-    its middle nowhere. With a link that does not turn at every instant, the mean rate of the
-    heading is at most half the joint's largest rate: proven, and reached as swaps get shorter. See
-    [theory](../theory-planar.md#4-turning-in-place). Status `failed`:
-    another way finds another motion, forces do not balance, or the motion is not the one that the
-    conditions of rest promise.
+    During a swing the longer link rests and the shorter one turns about the middle mass. During an
+    exchange (swap) neither link turns. The gait swing, swap, swing back, swap rotates the worm by
+    the swing angle and returns its middle mass. If one link rests at every instant, the mean
+    rate of the heading is at most half the joint's largest rate. This bound is proven, and it is
+    approached as swaps get shorter. See
+    [theory](../theory-planar.md#4-turning-in-place). The status is `failed` if a second route finds
+    another motion, forces are not balanced, or the motion differs from that predicted by the
+    conditions of rest.
 
     `timings_s`: `crawl` and `recheck`.
     """
 
     headline: ClassVar = ("heading_rate", "heading_rate_bound", "gap", "turn", "work")
     scalars: ClassVar = {
-        "heading_rate": ("angular_frequency", "mean rate, by the crawl"),
+        "heading_rate": ("angular_frequency", "mean rate of the heading, by the crawl"),
         "heading_rate_bound": (
             "angular_frequency",
-            "which no gait exceeds that keeps a link from turning at every instant",
+            "bound of the mean rate for gaits in which one link does not turn at every instant",
         ),
-        "gap": ("share", "of the bound that is missing; unknown where no link need rest"),
-        "cycle_time": ("time", "of a gait: two swings and two swaps"),
-        "swap_time": ("time", "of one swap"),
+        "gap": ("share", "relative gap to the bound; unknown if no link has to rest"),
+        "cycle_time": ("time", "duration of a gait: two swings and two swaps"),
+        "swap_time": ("time", "duration of a swap"),
         "swing_hold": (
             "share",
-            "most of what the ground holds that the long link needs; it rests up to 1",
+            "largest share of the available friction that the long link needs; it rests up to 1",
         ),
-        "swap_hold": ("share", "likewise of the middle mass while links swap"),
-        "drift": ("length", "way of the middle mass in a gait"),
-        "turn_promised": ("angle", "turn of a gait if masses rest as they must"),
-        "work_promised": ("energy", "and its work"),
+        "swap_hold": ("share", "the same for the middle mass while the links swap"),
+        "drift": ("length", "displacement of the middle mass per gait"),
+        "turn_promised": ("angle", "turn per gait if the conditions of rest hold"),
+        "work_promised": ("energy", "work per gait if the conditions of rest hold"),
         "promise_error": (
             "share",
-            "turn, work and drift apart from those promised, at their sizes",
+            "relative difference of turn, work and drift to the predicted values",
         ),
         **{
             name: told
@@ -80,8 +81,8 @@ class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
     variables: ClassVar = {
         **CRAWL_VARIABLES,
         "mean_heading": ("angle", ("time",), "mean angle of both links"),
-        "swing_angle": ("angle", ("swing",), "angles of the joint in a swing"),
-        "hold_by_angle": ("share", ("swing",), "of the ground's hold that the long link needs"),
+        "swing_angle": ("angle", ("swing",), "joint angles during a swing"),
+        "hold_by_angle": ("share", ("swing",), "share of available friction the long link needs"),
     }
 
     kind: Literal["planar-turn"]
@@ -89,30 +90,30 @@ class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["crawl", "turning", "forces", "animation"], ...],
         says(
             "",
-            "`crawl`: the worm over `cycles` in the plane; `turning`: its heading and the bound, "
-            "and what rest needs; `forces`: of the ground and actuators; `animation`: as it turns",
+            "`crawl`: the worm over `cycles` in the plane; `turning`: heading, bound and friction "
+            "needed; `forces`: forces of ground and actuators; `animation`: the moving worm",
         ),
     ] = ()
     worm: Annotated[TurnerTable, says("", "the worm and its gait")]
-    pace: Annotated[PaceTable, says("", "how fast it goes")]
+    pace: Annotated[PaceTable, says("", "largest rates of the shape")]
     cycles: Annotated[
         int,
         Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "gaits that are shown"),
+        says("count", "number of gaits shown"),
     ] = 2
 
     @property
     def swing_time(self) -> float:
-        """Time of a swing."""
+        """Return the duration of a swing."""
         return abs(self.worm.bent - self.worm.straight) / self.pace.joint
 
     @property
     def swap_time(self) -> float:
-        """Time of a swap."""
+        """Return the duration of a swap."""
         return (self.worm.long - self.worm.short) / self.pace.link
 
     def gait(self) -> TurnInPlace:
-        """What it does."""
+        """Return the gait of this scene."""
         from wormopt.systems.planar.turning import TurnInPlace
 
         worm = self.worm
@@ -128,17 +129,17 @@ class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
         if not worm.short < worm.long:
             yield (
                 "worm.short",
-                f"{worm.short:g} is not below worm.long, {worm.long:g}: of equal links it is open "
-                "which one swings; write a smaller number, however little",
+                f"{worm.short:g} is not below worm.long, {worm.long:g}; with equal links the "
+                "swinging link is not determined; write a smaller number",
             )
         elif worm.long - worm.short < 1e-6 * worm.long:
             yield (
                 "worm.short",
-                "hardly shorter than worm.long: computed numbers cannot tell which link swings; "
+                "too close to worm.long to determine numerically which link swings; "
                 f"write {0.999 * worm.long:g}, say",
             )
         for name in ("straight", "bent"):
             if abs(getattr(worm, name)) >= math.pi:
-                yield f"worm.{name}", "beyond what a joint can do; write an angle within ±π"
+                yield f"worm.{name}", "beyond the range of a joint; write an angle within ±π"
         if worm.straight == worm.bent:
-            yield "worm.bent", "the same as worm.straight: the joint does not swing; write another"
+            yield "worm.bent", "equals worm.straight, so the joint does not swing; write another"

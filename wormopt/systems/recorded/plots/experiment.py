@@ -1,4 +1,4 @@
-"""Pictures of planned experiments: what to move, and what it tells."""
+"""Pictures of planned experiments: inputs, expected errors and confidence regions."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _BEST, _RANDOM = LINKS[0], GREY
-_PAIRS = 6  # most pairs of which regions are drawn
-_SURE = 2.4477  # radius in standard deviations of a plane region that holds 95 %
+_PAIRS = 6  # largest number of pairs whose regions are drawn
+_SURE = 2.4477  # radius in standard deviations of a plane region with 95 % confidence
 
 
 def course(result: Result) -> Figure:
-    """What is moved, and what is limited and measured along the motion."""
+    """Draw the chosen inputs, and the limited and measured signals of the motion."""
     moved = [name for name in result.attributes["courses"] if _moves(result, f"course_{name}")]
     shown = [f"course_{name}" for name in moved]
     shown += [name for name in result.attributes["limits"] if name not in shown]
@@ -67,7 +67,7 @@ def course(result: Result) -> Figure:
 
 
 def errors(result: Result) -> Figure:
-    """Expected standard errors, relative, before, after the run and after random ones."""
+    """Draw expected relative standard errors: before, after the planned run and random ones."""
     names = result.attributes["unknowns"]
     size = np.where(result["value"].values != 0, np.abs(result["value"].values), 1.0) / 100
     drawn = sheet(7.1, 1.3 + 0.42 * len(names))
@@ -85,7 +85,7 @@ def errors(result: Result) -> Figure:
     told = [name if name in wanted else f"{name} (not wanted)" for name in names]
     axes.set_yticks(range(len(names)), told, parse_math=False)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_ylabel("number $p$")
+    axes.set_ylabel("parameter $p$")
     axes.set_xlabel(r"standard error $\sigma_p/|\hat p|$ (%)")
     entries = [
         line("after the planned run", _BEST, "", marker="o"),
@@ -100,7 +100,7 @@ def errors(result: Result) -> Figure:
 
 
 def regions(result: Result) -> Figure:
-    """Regions of 95 % of every two of the numbers that are wanted."""
+    """Draw 95 % confidence regions of pairs of wanted parameters."""
     names, wanted = result.attributes["unknowns"], result.attributes["wanted"]
     pairs = [*combinations([names.index(name) for name in wanted], 2)][:_PAIRS]
     if not pairs:
@@ -146,6 +146,6 @@ def _moves(result: Result, name: str) -> bool:
 
 
 def _limits(result: Result, name: str) -> list[float]:
-    """Limits of a signal along the motion, as the scene has them."""
+    """Limits of a signal along the motion, from the scene."""
     limits = result.attributes.get("limits", {}).get(name, ())
     return [edge for edge in limits if isinstance(edge, float)]

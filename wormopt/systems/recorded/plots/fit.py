@@ -1,4 +1,4 @@
-"""Recordings beside what was fitted to them, profiles, and predictions of runs kept aside."""
+"""Pictures of fits: recordings with their fit, profiles, and predictions of held-out runs."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _ABREAST, _PER_ROW = 3, 3  # runs and profiles side by side
-_MOST_SIGMA = 6.0  # residuals beyond are drawn at the edge
+_MOST_SIGMA = 6.0  # larger residuals are drawn at the edge
 
 
 def recordings(result: Result) -> Figure:
-    """Readings and fit of every run that was fitted, and below what is left, over the noise."""
+    """Draw readings and fit of every fitted run, and residuals over the noise below."""
     drawn = _panels(result, [k for k, use in enumerate(result.attributes["uses"]) if use == "fit"])
     tell(
         drawn,
@@ -45,15 +45,15 @@ def recordings(result: Result) -> Figure:
 
 
 def prediction(result: Result) -> Figure:
-    """Runs kept aside, and what the fit to the others says of them, with its band."""
+    """Draw held-out runs with their prediction and its band."""
     aside = [k for k, use in enumerate(result.attributes["uses"]) if use == "predict"]
     if not aside:
-        raise UnknownNameError("the result", "run kept aside", ["predict"], [])
+        raise UnknownNameError("the result", "held-out run", ["predict"], [])
     drawn = _panels(result, aside, ahead=True)
     tell(
         drawn,
         fact(result, "prediction_coverage", "in the band", "%"),
-        fact(result, "prediction_chi2", "χ² over what it should be"),
+        fact(result, "prediction_chi2", "χ² over its expectation"),
     )
     return drawn
 
@@ -88,7 +88,7 @@ def _panels(result: Result, runs: Sequence[int], *, ahead: bool = False) -> Figu
 
 
 def _signals(result: Result, runs: Sequence[int]) -> list[str]:
-    """Signals that were read in these runs."""
+    """Signals recorded in these runs."""
     return [
         name
         for name in result.attributes["signals"]
@@ -119,7 +119,7 @@ def _draw_signal(
 
 
 def profiles(result: Result) -> Figure:
-    """How much worse the best fit becomes as each number is held elsewhere."""
+    """Draw the rise of the cost as each parameter is held at other values."""
     names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
     values, rises = result["profile_value"].values, result["profile_rise"].values
     threshold: Any = needed(result, "profile_threshold")
@@ -148,7 +148,7 @@ def profiles(result: Result) -> Figure:
         drawn,
         [
             line("profile", MASSES[0], marker="."),
-            line("by curvature at the best fit", GREY, LIMIT, 1),
+            line("from the curvature at the best fit", GREY, LIMIT, 1),
             line("threshold", GREY, ":", 1),
         ],
     )

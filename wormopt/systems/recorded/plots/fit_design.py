@@ -1,4 +1,4 @@
-"""Pictures of scenes of kind "fit-design": forces read and fitted, what a resting spike bears."""
+"""Pictures of scenes of kind "fit-design": recorded and fitted forces, and spike loads."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-_MOST = 2000  # readings that are drawn, from the first on
+_MOST = 2000  # number of readings that are drawn, the first ones
 
 
 def forces(result: Result) -> Figure:
-    """Actuator forces as gauges read them, the fit through them, and what is left over.
+    """Draw recorded actuator forces, their fit and the residuals of the first run.
 
-    Needs ``reading_time``, ``reading_run``, ``read_force`` and ``fitted_force``. The first run.
+    Needs ``reading_time``, ``reading_run``, ``read_force`` and ``fitted_force``.
     """
     first = np.flatnonzero(result["reading_run"].values == result["reading_run"].values[0])[:_MOST]
     time, read = result["reading_time"].values[first], result["read_force"].values[:, first]
@@ -62,10 +62,10 @@ def forces(result: Result) -> Figure:
 
 
 def loads(result: Result) -> Figure:
-    """Load of a resting spike over a cycle: as believed, at worst, and on the worm as it is.
+    """Draw the load of a resting spike over a cycle: estimated, worst case, and on the plant.
 
-    Needs ``band_time``, ``band_load``, ``band_error``; ``plant_time`` and the like where there is
-    a plant, where the load of the gait that trusts the numbers found is shown too.
+    Needs ``band_time``, ``band_load``, ``band_error``. With a plant, it also needs ``plant_time``
+    and the like, and shows the gait that assumes exact estimates.
     """
     limit = scalar(result, "spike_load_limit")
     alike = [limit] if isinstance(limit, float) else []
@@ -83,27 +83,27 @@ def loads(result: Result) -> Figure:
     for most in alike:
         room = float(result["band_error"].values.max())
         panels[1, 0].set_ylim(most - 4 * room, most + room)
-        panels[1, 0].set_ylabel(label("the same\nnear the limit", result["band_load"].unit))
+        panels[1, 0].set_ylabel(label("load near\nthe limit", result["band_load"].unit))
     panels[-1, 0].set_xlabel(label("time $t$ in a cycle", result["band_time"].unit))
     drawn.align_ylabels()
     legend_below(drawn, entries)
     tell(
         drawn,
-        fact(result, "plant_share", "speed over that of the gait designed with the true numbers"),
+        fact(result, "plant_share", "speed over that of the gait designed with true parameters"),
         fact(result, "plant_spike_load_max", "largest load on the plant"),
     )
     return drawn
 
 
 def _draw_loads(axes: Axes, result: Result) -> list[Artist]:
-    """Band and curves; gives what a legend says of them."""
+    """Draw band and curves; returns their legend entries."""
     time, load = result["band_time"].values, result["band_load"].values
     error, colour = result["band_error"].values, LINKS[0]
     axes.fill_between(time, load - error, load + error, color=colour, alpha=0.25, linewidth=0)
     axes.plot(time, load, color=colour)
     entries: list[Artist] = [
-        line("with the numbers found", colour),
-        Patch(color=colour, alpha=0.25, label="wherever the numbers may lie"),
+        line("with the estimates", colour),
+        Patch(color=colour, alpha=0.25, label="for all parameters in the ellipsoid"),
     ]
     if "plant_share" in result.scalars:
         plant, bold = (
@@ -114,6 +114,6 @@ def _draw_loads(axes: Axes, result: Result) -> list[Artist]:
         axes.plot(*bold, color=RED, linewidth=0.8)
         entries += [
             line("on the plant", "black", DASHES[1], 1),
-            line("on the plant, gait that trusts the numbers found", RED, width=0.8),
+            line("on the plant, gait that assumes exact estimates", RED, width=0.8),
         ]
     return entries

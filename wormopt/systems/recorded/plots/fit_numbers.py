@@ -1,4 +1,4 @@
-"""Single numbers that were measured, beside what a scene says of them."""
+"""Picture of single measured numbers with the values that a scene computes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wormopt.result import Result
 
 
 def measurements(result: Result) -> Figure:
-    """Measurements with two standard deviations, and what the scene says before and after."""
+    """Draw measurements with two standard deviations, and computed values before and after."""
     names, uses = result.attributes["measurements"], np.array(result.attributes["uses"])
     key = result.attributes["changed_key"]
     drawn = sheet(7.1, 3.6, 4.2)
@@ -48,9 +48,9 @@ def measurements(result: Result) -> Figure:
     axes.set_ylabel(_of(result))
     entries = [line("measured, ± 2 standard deviations", MASSES[0], "", marker="o")]
     if "predict" in uses:
-        entries.append(line("kept aside", MASSES[0], "", marker="s"))
-    entries += [line("where the search began", GREY, "", marker="x")]
-    entries += [line("with the numbers found", RED, "", marker="D")]
+        entries.append(line("held out", MASSES[0], "", marker="s"))
+    entries += [line("computed at the start", GREY, "", marker="x")]
+    entries += [line("computed with the estimates", RED, "", marker="D")]
     for entry in entries[1:]:
         entry.set_fillstyle("none")
     legend_below(drawn, entries)
@@ -59,7 +59,7 @@ def measurements(result: Result) -> Figure:
 
 
 def _of(result: Result) -> str:
-    """What was measured, where all of it is one thing."""
+    """Name and unit of the measured scalar, if there is only one."""
     names, units = (set(result.attributes[key]) for key in ("scalars", "scalar_units"))
     if len(names) > 1:
         return "measured numbers"

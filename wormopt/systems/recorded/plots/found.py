@@ -1,4 +1,4 @@
-"""Numbers found from measurements: their intervals, and how their errors go together."""
+"""Pictures of estimates: their intervals and the correlation of their errors."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-_BESIDE = 0.55  # of the sheet's width, for the bars; numbers stand beside them
+_BESIDE = 0.55  # share of the sheet's width for the bars; numbers are beside them
 
 
 def parameters(result: Result) -> Figure:
-    """Every number with its interval, over its size, and beside it in its own unit."""
+    """Draw every estimate with its relative interval, and its value in its own unit."""
     names, units = result.attributes["unknowns"], result.attributes["unknown_units"]
     value, error = result["estimate"].values, result["standard_error"].values
     ends = result["interval"].values
@@ -42,31 +42,32 @@ def parameters(result: Result) -> Figure:
             linestyle="-" if known else LIMIT, marker="|" if known else "",
         )  # fmt: skip
         told = f"{number(value[k], _digits(value[k], error[k]))} ± {number(error[k], 2)}"
-        told = told if np.isfinite(error[k]) else f"{number(value[k])}, cannot be told"
+        told = told if np.isfinite(error[k]) else f"{number(value[k])}, not identifiable"
         unit = raised(units[k])
         axes.annotate(f"{told} {unit}", (1.01, k), xycoords=("axes fraction", "data"), va="center")
     axes.plot(np.zeros(count), range(count), "o", color=MASSES[0], markersize=4)
     axes.axvline(0.0, color=GREY, linewidth=0.6)
     axes.set_xlim(-reach, reach)
     axes.set_ylim(count - 0.5, -0.5)
-    axes.set_ylabel("number $p$")
+    axes.set_ylabel("parameter $p$")
     axes.set_yticks(range(count), names, parse_math=False)
-    axes.set_xlabel(r"from the number found, $(p - \hat p)/\hat p$ (%)")
+    axes.set_xlabel(r"difference from the estimate, $(p - \hat p)/\hat p$ (%)")
     legend_below(
-        drawn, [line("found", MASSES[0], "", marker="o"), line("interval", MASSES[0], marker="|")]
+        drawn,
+        [line("estimate", MASSES[0], "", marker="o"), line("interval", MASSES[0], marker="|")],
     )
     return drawn
 
 
 def _digits(value: float, error: float) -> int:
-    """Digits of a number of which the error tells two."""
+    """Number of significant digits such that two digits of the error show."""
     if not (np.isfinite(error) and error > 0 and value != 0):
         return 4
     return int(np.clip(np.ceil(np.log10(abs(value) / error)) + 2, 2, 8))
 
 
 def correlation(result: Result) -> Figure:
-    """Correlation of the errors of every two numbers."""
+    """Draw the correlation of the errors of all pairs of parameters."""
     names, values = result.attributes["unknowns"], result["correlation"].values
     count = len(names)
     drawn = sheet(7.1, 1.2 + 0.42 * count, 1.4 + 0.3 * count)
@@ -81,8 +82,8 @@ def correlation(result: Result) -> Figure:
             )
     axes.set_xticks(range(count), names, rotation=90, parse_math=False)
     axes.set_yticks(range(count), names, parse_math=False)
-    axes.set_xlabel("number $p_j$ (its error)")
-    axes.set_ylabel("number $p_i$")
+    axes.set_xlabel("parameter $p_j$ (its error)")
+    axes.set_ylabel("parameter $p_i$")
     axes.grid(visible=False)
     drawn.colorbar(shown, ax=axes, label="correlation of errors", fraction=0.05)
     return drawn

@@ -1,4 +1,4 @@
-"""Scenes of kind ``experiment``: which run tells the numbers of a worm best."""
+"""Runs scenes of kind ``experiment``: the experiment that identifies the parameters best."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ from wormopt.systems.recorded.scenes.experiment import (
 )
 from wormopt.systems.shared.settings import treatment_of
 
-# The second route shall find the same criterion, a logarithm, and limits be kept, to this.
+# Largest accepted difference of the criterion by the second route, and violation of limits.
 _AGREED, _KEPT = 1e-4, 1e-6
-_LINEAR = 0.1  # departure from linear measurements, in standard errors, of which nobody is warned
-_SHOWN = 1001  # instants of the course that results keep
+_LINEAR = 0.1  # departure from linear measurements without warning, in standard errors
+_SHOWN = 1001  # times at which results contain the inputs
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # non-finite values are detected where they matter
 def run(scene: Scene[ExperimentScene], report: Report) -> Result:
-    """Plan the run; "failed" where the second route finds another criterion.
+    """Plan the experiment; the result is "failed" if the second route finds another criterion.
 
-    Raises SceneError for unusable models and names, SolveError if no run tells what is wanted,
-    Interrupted with the best run so far.
+    Raises SceneError for unusable models and names, SolveError if no experiment identifies the
+    wanted parameters, Interrupted with the best experiment so far.
     """
     table, clock = scene.table, time.perf_counter()
     known = _Known.of(scene)
@@ -65,16 +65,16 @@ def run(scene: Scene[ExperimentScene], report: Report) -> Result:
         if not isinstance(stop.partial, Plan):
             raise Interrupted from None
         partial = _result(scene, stop.partial, {})
-        raise Interrupted(partial.failed("interrupted before all searches were done")) from None
+        raise Interrupted(partial.failed("interrupted before all searches ended")) from None
     return _result(scene, plan, {"plan": time.perf_counter() - clock})
 
 
-# -- what is asked --------------------------------------------------------------------------------
+# -- the task -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Numbers that a fit found, with their covariance."""
+    """Estimates of a fit, with their covariance."""
 
     names: tuple[str, ...] = ()
     value: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -93,7 +93,7 @@ class _Known:
             correlation = np.asarray(found["correlation"].values)
             value = np.asarray(found["estimate"].values)
         except (OSError, ValueError, KeyError) as error:
-            what = f'"{scene.table.known}" is no result of a scene of kind "fit" ({error})'
+            what = f'"{scene.table.known}" is not a result of a scene of kind "fit" ({error})'
             raise SceneError(scene.name, [("known", what)]) from None
         lost = ~np.isfinite(errors)
         covariance = np.where(np.isfinite(correlation), correlation, 0.0) * np.outer(
@@ -103,11 +103,11 @@ class _Known:
         return cls(names, value, covariance)
 
     def value_of(self, name: str) -> float | None:
-        """Number of that name."""
+        """Estimate of that name; None if there is none."""
         return float(self.value[self.names.index(name)]) if name in self.names else None
 
     def among(self, names: Sequence[str], slopes: np.ndarray) -> np.ndarray | None:
-        """Covariance of coordinates, d(number)/d(coordinate) given; infinite for unknown ones."""
+        """Covariance of coordinates from d(parameter)/d(coordinate); infinite if unknown."""
         if not self.names:
             return None
         found = np.diag(np.full(len(names), np.inf))
@@ -143,14 +143,14 @@ def _experiment(scene: Scene[ExperimentScene], known: _Known) -> tuple[Experimen
         )
         covariance = known.among(experiment.names, _slopes(experiment))
         experiment = replace(experiment, known=covariance)
-        experiment.driven  # noqa: B018  refuses what cannot be moved
+        experiment.driven  # noqa: B018  raises for inputs that cannot be moved
         return experiment, _criterion(scene, experiment, unknowns, known)
     except ArgumentError as error:
         raise SceneError(scene.name, [("", str(error))]) from None
 
 
 def _slopes(experiment: Experiment) -> np.ndarray:
-    """Derivative of each number by its coordinate, its logarithm say."""
+    """Derivative of each parameter by its coordinate, for example its logarithm."""
     pairs = zip(experiment.unknowns_of, experiment.values, strict=True)
     return np.array([value if unknown.log else 1.0 for unknown, value in pairs])
 
@@ -158,7 +158,7 @@ def _slopes(experiment: Experiment) -> np.ndarray:
 def _best(
     scene: Scene[ExperimentScene], model: Model, unknowns: Sequence[Unknown], known: _Known
 ) -> Model:
-    """The model with the best values known."""
+    """The model with the best known values."""
     signals = {s.name: s for s in (*model.x, *model.p, *model.u)}
     for table, unknown in zip(scene.table.unknown, unknowns, strict=True):
         given = None if table.value is None else np.ravel(table.value)
@@ -220,7 +220,7 @@ def _wanted(scene: Scene[ExperimentScene], experiment: Experiment) -> list[str]:
     return [name for name, unknown in pairs if unknown.name in wanted]
 
 
-# -- what is told ---------------------------------------------------------------------------------
+# -- the result -----------------------------------------------------------------------------------
 
 
 def _result(scene: Scene[ExperimentScene], plan: Plan, timings: Mapping[str, float]) -> Result:
@@ -266,7 +266,7 @@ def _scalars(scene: Scene[ExperimentScene], plan: Plan) -> dict[str, Any]:
 
 
 def _numbers(plan: Plan, slopes: np.ndarray, units: str) -> dict[str, Scalar]:
-    """Expected standard error of every unknown, and the numbers that are chosen and held."""
+    """Expected standard error of every unknown, and the chosen constants."""
     model, found = plan.experiment.model, {}
     errors = plan.known.errors * slopes
     for (name, directions), error in zip(plan.experiment.directions.items(), errors, strict=True):
@@ -298,7 +298,7 @@ def _arrays(plan: Plan, slopes: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _signals(plan: Plan, units: str) -> Iterator[Variable]:
-    """Courses, and what is measured or limited, over time."""
+    """Inputs, and measured or limited signals, over time."""
     experiment = plan.experiment
     instants = np.linspace(0.0, float(experiment.instants[-1]), _SHOWN)
     yield Variable("time", told("time", units), ("time",), instants, "time")
@@ -306,7 +306,7 @@ def _signals(plan: Plan, units: str) -> Iterator[Variable]:
     for choice, part in experiment.chosen.parts(plan.chosen):
         name, course = choice.signal, choice.course(part, instants)
         dims = f"course_{name}_entry", "time"
-        yield Variable(f"course_{name}", told(own[name], units), dims, course, f"course of {name}")
+        yield Variable(f"course_{name}", told(own[name], units), dims, course, f"input {name}")
     quantities = {s.name: s.unit for s in (*experiment.model.x, *experiment.model.outputs)}
     motion = experiment.motion(plan.chosen, instants)
     shown: list[str] = [*experiment.measured, *(experiment.limits or {})]
@@ -317,50 +317,50 @@ def _signals(plan: Plan, units: str) -> Iterator[Variable]:
 
 def _checks(plan: Plan) -> Iterator[Check]:
     off = abs(plan.recheck - plan.value)
-    advice = f"the second route finds another criterion, by {off:.2g}; loosen limits of the course"
+    advice = f"the second route finds another criterion, by {off:.2g}; loosen limits of the inputs"
     yield Check("second route", off, _AGREED, advice)
-    over = float(np.maximum(plan.excess, 0.0))  # room to spare is no fault; keeps NaN
-    advice = f"a limit is exceeded by {over:.2g} of it; widen it, or take more pieces"
+    over = float(np.maximum(plan.excess, 0.0))  # slack is no fault; keeps NaN
+    advice = f"a limit is exceeded by {over:.2g} of its value; widen it, or increase pieces"
     yield Check("limits", over, _KEPT, advice)
 
 
 def _facts(plan: Plan) -> dict[str, Any]:
     return {
         "derivatives": "exact, through every event",
-        "search": "SLSQP from the best runs drawn at random",
+        "search": "SLSQP from the best random experiments",
         "not_told_apart": [words(unseen) for unseen in plan.known.unseen],
         "doubts": len(plan.run.motion.nonsmooth_events),
     }
 
 
 def words(unseen: Mapping[str, float]) -> str:
-    """A combination of unknowns that changes nothing, in words."""
+    """A combination of unknowns without effect, in words."""
     return " ".join(f"{share:+.3g} {name}" for name, share in unseen.items())
 
 
 def _warnings(plan: Plan) -> Iterator[str]:
     for unseen in plan.known.unseen:
-        yield f"the run does not tell apart: {words(unseen)} changes nothing that is measured"
+        yield f"the experiment does not identify {words(unseen)}: no measurement depends on it"
     doubts = plan.run.motion.nonsmooth_events
     if doubts:
         first = doubts[0]
-        yield f"derivatives are one-sided: {first.reason}; what is expected may be off"
+        yield f"derivatives are one-sided: {first.reason}; expected errors may be wrong"
     if plan.departure > _LINEAR:
         told = (
             f"{plan.departure:.2g} standard errors"
             if np.isfinite(plan.departure)
-            else "more than told"
+            else "an unknown amount"
         )
         yield (
-            f"measurements depart from linear ones by {told} within two standard errors: what is "
-            "expected may be off; plan anew after the fit"
+            f"measurements depart from linearity by {told} within two standard errors: expected "
+            "errors may be wrong; plan again after the fit"
         )
     if plan.value >= plan.rivals[0].value:
-        yield "the search found nothing better than the best run drawn at random"
+        yield "the search found no better experiment than the best random one"
 
 
 def as_csv(result: Result) -> str | None:
-    """The courses, for those who move the actuators."""
+    """Text of ``course.csv``, the inputs over time for the actuators; None without inputs."""
     courses = list(result.attributes.get("courses", ()))
     if not courses or "time" not in result:
         return None

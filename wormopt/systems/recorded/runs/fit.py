@@ -1,4 +1,4 @@
-"""Scenes of kind ``fit``: numbers of a worm found from recordings of its motion."""
+"""Runs scenes of kind ``fit``: parameters of a worm estimated from recordings of its motion."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from wormopt.systems.shared.proof import one_or_all
 from wormopt.systems.shared.settings import treatment_of
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # non-finite values are detected where they matter
 def run(scene: Scene[FitScene], report: Report) -> Result:
-    """Fit the model of the scene to its recordings, and tell how well its numbers are known.
+    """Fit the model of the scene to its recordings, and judge the certainty of the estimates.
 
-    Status "failed" where the search did not converge. Raises SceneError for unusable recordings
-    or models, SolveError if no start leads anywhere, Interrupted with the best fit so far.
+    The result is "failed" if the search did not converge. Raises SceneError for unusable
+    recordings or models, SolveError if all starts fail, Interrupted with the best fit so far.
     """
     table, clock = scene.table, time.perf_counter()
     model = model_of(scene, table.model, table.which)
@@ -57,17 +57,17 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
         if not isinstance(stop.partial, Fit):
             raise Interrupted from None
         partial = _result(_Study(scene, model, runs, stop.partial), {})
-        raise Interrupted(partial.failed("interrupted before all starts were done")) from None
+        raise Interrupted(partial.failed("interrupted before all starts ended")) from None
     fitted = time.perf_counter()
     try:
         study = _judged(scene, model, runs, found, report)
     except SolveError as error:
         partial = _result(_Study(scene, model, runs, found), {})
-        reason = f"the fit could not be judged: {error.reason}"
+        reason = f"the fit could not be assessed: {error.reason}"
         raise SolveError(reason, error.suggestion, partial=partial) from None
     except KeyboardInterrupt:
         partial = _result(_Study(scene, model, runs, found), {})
-        raise Interrupted(partial.failed("interrupted before the fit was judged")) from None
+        raise Interrupted(partial.failed("interrupted before the fit was assessed")) from None
     timings = {"read": read - clock, "fit": fitted - read, "judge": time.perf_counter() - fitted}
     return _result(study, timings)
 
@@ -75,9 +75,9 @@ def run(scene: Scene[FitScene], report: Report) -> Result:
 def _judged(
     scene: Scene[FitScene], model: Model, runs: Sequence[Run], found: Fit, report: Report
 ) -> _Study:
-    """What the recordings tell of the numbers found, and the fit of runs kept aside."""
+    """Identifiability, residual tests, and predictions of held-out runs."""
     table = scene.table
-    report("what the recordings tell", None)
+    report("assessing the fit", None)
     study = _Study(
         scene, model, runs, found, identifiability(found), whiteness(found),
         [predict(found, one.recording) for one in runs if not one.fitted],
@@ -137,16 +137,16 @@ def _unknown(scene: Scene[FitScene], k: int, table: FitUnknown, model: Model) ->
 
 
 def _own(model: Model) -> str:
-    """What to do with arguments of a function of one's own, of which the Model knows nothing."""
-    return "" if model.p else "; numbers to be found are parameters of it, p = [Signal(...)]"
+    """Advice for a function with arguments, which a Model without parameters does not show."""
+    return "" if model.p else "; declare parameters to estimate in it: p = [Signal(...)]"
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- the result ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Study:
-    """A fit, and what it was made of."""
+    """A fit with its inputs and assessments."""
 
     scene: Scene[FitScene]
     model: Model
@@ -160,7 +160,7 @@ class _Study:
 
     @property
     def numbers(self) -> Found:
-        """Numbers found, as results tell them."""
+        """Estimates in the form of results."""
         fit, units = self.found, self.scene.table.units
         table = [
             Number(c.name, unit_of_directions(self.model, c.directions, units), c.value(c.start))
@@ -195,10 +195,10 @@ def _result(study: _Study, timings: Mapping[str, float]) -> Result:
 
 def _checks(study: _Study) -> Iterator[Check]:
     found, drawn = study.found, study.drawn
-    advice = f"the search has not converged: {found.reason}" if found.reason else ""
+    advice = f"the search did not converge: {found.reason}" if found.reason else ""
     yield Check("distance from the bottom", found.offset, 1.0, advice, found.converged)
     if drawn is not None:
-        advice = f"the draws of the posterior are not to be trusted: {'; '.join(drawn.doubts)}"
+        advice = f"the posterior samples are not reliable: {'; '.join(drawn.doubts)}"
         yield Check("doubts of the posterior", float(len(drawn.doubts)), 0.0, advice)
 
 
@@ -220,7 +220,7 @@ def _scalars(study: _Study) -> dict[str, Any]:
 
 
 def _of_others(study: _Study) -> dict[str, Any]:
-    """Of predictions and profiles, where there are any."""
+    """Scalars of predictions and profiles, if there are any."""
     ahead, held = study.predictions, [*study.profiles.values()]
     found = {"profile_threshold": held[0].threshold} if held else {}
     if ahead:
@@ -230,7 +230,7 @@ def _of_others(study: _Study) -> dict[str, Any]:
 
 
 def _posterior_intervals(study: _Study) -> dict[str, Scalar]:
-    """Intervals of the numbers by the draws of their posterior, where there are any."""
+    """Intervals of the parameters from the posterior samples, if there are any."""
     if study.drawn is None:
         return {}
     units = {number.name: number.unit for number in study.numbers.numbers}
@@ -255,7 +255,7 @@ def _signals(study: _Study) -> list[str]:
 
 
 def _seen(study: _Study) -> list[Variable]:
-    """Recordings, fits and residuals, (run, entry, sample), NaN where there is nothing."""
+    """Recordings, fits and residuals, (run, entry, sample), NaN where nothing was measured."""
     units, runs = study.scene.table.units, study.runs
     longest = max(len(one.recording.times) for one in runs)
     told_of = _told_of_runs(study)
@@ -268,8 +268,8 @@ def _seen(study: _Study) -> list[Variable]:
         size = max(len(r.get(name, ())) for what in told_of.values() for r in what)
         for what, (unit_of_it, words) in {
             "recorded": (unit, "readings"),
-            "fitted": (unit, "the fit, or the prediction"),
-            "residual": ("1", "fit less reading, over its standard deviation"),
+            "fitted": (unit, "fit or prediction"),
+            "residual": ("1", "fit minus reading, over its standard deviation"),
             "band": (unit, "standard deviation of readings about the prediction"),
         }.items():
             array = np.full((len(runs), size, longest), np.nan)
@@ -285,7 +285,7 @@ def _seen(study: _Study) -> list[Variable]:
 
 
 def _told_of_runs(study: _Study) -> dict[str, list[Mapping[str, np.ndarray]]]:
-    """Of every run, in their order: readings, fit, residuals, band by signal."""
+    """Readings, fit, residuals and band by signal of every run, in the order of the runs."""
     fit = study.found
     motions, weighed = (
         iter(fit.task.motions(fit.theta)),
@@ -307,7 +307,7 @@ def _told_of_runs(study: _Study) -> dict[str, list[Mapping[str, np.ndarray]]]:
                 name: (own.values[name] - readings[name]) / own.error[name] for name in readings
             }
             told_of_it = own.values, left, own.error
-        else:  # interrupted before
+        else:  # interrupted earlier
             told_of_it = {}, {}, {}
         for what, values in zip(("fitted", "residual", "band"), told_of_it, strict=True):
             found[what].append(values)

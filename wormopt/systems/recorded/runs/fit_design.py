@@ -1,4 +1,4 @@
-"""Scenes of kind "fit-design": fit a worm's numbers, design a gait on them, try it on the worm."""
+"""Runs scenes of kind "fit-design": fit a worm, design a gait for it, test it on the worm."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ from wormopt.systems.spiked import (
     refused,
 )
 
-# A limit on the plant is kept if it is exceeded by no more than this share.
+# A limit on the plant holds if it is exceeded by no more than this share.
 _ACCEPTED = 1e-9
 
 
 def run(scene: Scene[FitDesignScene], report: Report) -> Result:
-    """Fit, design, try; SolveError where the fit does not converge or no gait keeps the limits."""
+    """Fit, design and test; SolveError if no gait meets the limits."""
     table, clock = scene.table, perf_counter()
     runs = _runs(scene)
     fitted = _fit(scene, runs, report)
@@ -72,7 +72,7 @@ def run(scene: Scene[FitDesignScene], report: Report) -> Result:
 
 
 def _runs(scene: Scene[FitDesignScene]) -> list[Run]:
-    """Recordings, each beside the Model that its gait drives; SceneError with all that is wrong."""
+    """Recordings, each with the Model driven by its gait; SceneError lists all faults."""
     found, faults = list[Run](), list[Fault]()
     for k, recording in enumerate(scene.table.recording):
         key = f"recording[{k}]"
@@ -90,7 +90,7 @@ def _runs(scene: Scene[FitDesignScene]) -> list[Run]:
 
 
 def _run(scene: Scene[FitDesignScene], recording: CrawlRecording, key: str) -> Run:
-    """One recording, begun at time 0 with the worm at rest."""
+    """One recording, which starts at time 0 with the worm at rest."""
     worm = scene.table.worm.worm
     gait = gait_of_shape(recording.gait, scene, f"{key}.gait")
     try:
@@ -117,7 +117,7 @@ def _fit(scene: Scene[FitDesignScene], runs: Sequence[Run], report: Report) -> F
 
 
 def believed_of(fitted: Fit, table: FitDesignScene) -> Believed:
-    """Masses, drag and load as fitted, or as the scene gives them, with their covariance."""
+    """Masses, drag and load from the fit or the scene, with their covariance."""
     worm = table.worm.worm
     names = [*(f"mass[{i}]" for i in range(len(worm.masses))), "drag", "load"]
     numbers = np.array([*worm.masses, worm.drag, worm.load_range[0]])
@@ -158,7 +158,7 @@ def _of_fit(table: FitDesignScene, fitted: Fit, runs: Sequence[Run]) -> Findings
 
 
 def _readings(fitted: Fit) -> dict[str, np.ndarray]:
-    """Actuator forces as they were read and as they are fitted, run after run."""
+    """Recorded and fitted actuator forces, run by run."""
     times, numbers, read, again = [], [], [], []
     for k, (run, motion) in enumerate(
         zip(fitted.task.runs, fitted.task.motions(fitted.theta), strict=True)
@@ -204,8 +204,8 @@ def _of_design(table: FitDesignScene, robust: Robust, believed: Believed) -> Fin
         "speed_if_known": robust.nominal.speed,
     }
     told = {
-        "rule": "Scheffe: with this confidence all numbers lie in one ellipsoid, and all limits "
-        "hold at all times for every number in it, as far as the model is right",
+        "rule": "Scheffe: with this confidence all parameters lie in one ellipsoid, and all limits "
+        "hold at all times for all parameters in it, if the model is correct",
         "designs": robust.rounds,
     }
     return Findings(
@@ -218,7 +218,7 @@ def _of_design(table: FitDesignScene, robust: Robust, believed: Believed) -> Fin
 def _of_plant(
     table: FitDesignScene, robust: Robust, believed: Believed, report: Report
 ) -> Findings:
-    """What the gait does on the worm as it is, and what could have been done had one known."""
+    """Motion of the gait on the real worm, compared with the best gait for that worm."""
     plant, clock = table.plant_worm, perf_counter()
     assert plant is not None
     motion, bold = on_plant(robust.design, plant), on_plant(robust.nominal, plant)
@@ -259,8 +259,8 @@ def _checks_of_plant(table: FitDesignScene, motion: Crawl) -> Iterator[Check]:
         low, high = motion.extremes(signal)
         over = float(np.max(np.maximum(np.abs(low), np.abs(high)) / np.asarray(most))) - 1.0
         advice = (
-            f"on the plant gait.{key} is exceeded by {over:.2g} of its size: its numbers lie "
-            "outside the ellipsoid, or the model is not its own"
+            f"on the plant gait.{key} is exceeded by {over:.2g} of its value: the plant's "
+            "parameters lie outside the ellipsoid, or the model does not describe the plant"
         )
         yield Check(f"gait.{key} on the plant", max(over, 0.0), _ACCEPTED, advice)
     glides = float(len(motion.glides))

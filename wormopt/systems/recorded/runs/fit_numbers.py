@@ -1,4 +1,4 @@
-"""Scenes of kind ``fit-numbers``: keys of another scene found from single numbers measured."""
+"""Runs scenes of kind ``fit-numbers``: keys of a scene estimated from single measured numbers."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
 from wormopt.systems.recorded.scenes.fit_numbers import FitNumbersScene, KeyUnknown
 from wormopt.systems.recorded.scenes.tables import scene_of
 
-# Of the error that a prior leaves, the share below which measurements tell nothing.
+# Smallest relative reduction of a prior error that counts as informed by the measurements.
 _TELLS = 0.1
-_FINEST = 0.5  # of a step: how far neighbours are that a compass search tries last
-_SETTLED = 1e-8  # relative change of the cost, and of a number, that ends the search
+_FINEST = 0.5  # smallest distance of neighbours in a compass search, in steps
+_SETTLED = 1e-8  # relative change of the cost, and of a parameter, that ends the search
 
 
 @dataclass(frozen=True, eq=False)
 class _Study:
-    """Numbers found, and what the scene comes to with them."""
+    """Estimates, and the scene's results with them."""
 
     scene: Scene[FitNumbersScene]
     task: NumbersTask
@@ -38,11 +38,11 @@ class _Study:
     residuals: np.ndarray
     jacobian: np.ndarray
     ended: str  # why the search ended before it converged; empty otherwise
-    gain: float | None = None  # by how much the best neighbour of a compass search is better
+    gain: float | None = None  # gain by the best neighbour of a compass search
 
     @property
     def free(self) -> np.ndarray:
-        """Which numbers do not lie at a bound that holds them."""
+        """Whether each parameter is free, not held by a bound."""
         return ~held_at(self.task.bounds, self.theta, self.jacobian.T @ self.residuals)
 
     @property
@@ -52,28 +52,28 @@ class _Study:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the coordinates, (n, n), infinite along what cannot be told."""
+        """Covariance of the coordinates, (n, n), infinite where not identifiable."""
         return covariance_of(spectrum(self.jacobian, self.task.nominal), self.task.nominal)
 
     @property
     def look(self) -> Looked:
-        """What the scene comes to."""
+        """Results of the scene with the estimates."""
         return self.task.look([self.theta])[0]
 
     @property
     def tells(self) -> dict[str, float]:
-        """By how much measurements lessen the error of what has a prior."""
+        """Relative reduction of each prior error by the measurements."""
         errors = np.sqrt(np.diag(self.covariance))
         known = zip(self.task.unknowns, errors.tolist(), strict=True)
         return {u.name: 1 - error / u.prior[1] for u, error in known if u.prior}
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # non-finite values are detected where they matter
 def run(scene: Scene[FitNumbersScene], report: Report) -> Result:
-    """Fit keys of a scene to numbers measured.
+    """Fit keys of a scene to measured numbers.
 
-    Status "failed" where the search did not converge, or the scene fails where it ended. Raises
-    SolveError if the scene cannot be computed where it starts, Interrupted by the user.
+    The result is "failed" if the search did not converge, or if the scene fails at the estimates.
+    Raises SolveError if the scene cannot be computed at the start, Interrupted by the user.
     """
     table, clock = scene.table, time.perf_counter()
     inner = scene_of(table.model, scene.folder, table.units)
@@ -83,17 +83,17 @@ def run(scene: Scene[FitNumbersScene], report: Report) -> Result:
     try:
         begun = task.look([task.start])[0]
         if not np.isfinite(begun.values[task.fitted]).all():
-            reason = f"cannot be computed where the search starts: {begun.reasons[0]}"
+            reason = f"cannot be computed at the start of the search: {begun.reasons[0]}"
             raise SolveError(f"the scene in [model] {reason}", "write another start")
         study = _search(scene, task, best)
         return _result(study, begun, {"search": time.perf_counter() - clock})
     except KeyboardInterrupt:
         partial = _partial(scene, task, best[-1])
-        raise Interrupted(partial.failed("interrupted before the search had ended")) from None
+        raise Interrupted(partial.failed("interrupted before the search ended")) from None
 
 
 def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
-    """Go downhill from the start; `best` gathers where it has been, the best last."""
+    """Minimise from the start; `best` collects the points, the best last."""
     if scene.table.search.method == "compass":
         return _compass(scene, task, best)
     jacobians: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
@@ -111,13 +111,13 @@ def _search(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndar
         task.bounds, x_scale=task.nominal, ftol=_SETTLED, xtol=_SETTLED, gtol=1e-12,
         max_nfev=steps,
     )  # fmt: skip
-    ended = "" if found.status > 0 else f"it ended after {steps} steps; write more search.steps"
+    ended = "" if found.status > 0 else f"it ended after {steps} steps; increase search.steps"
     r, jacobian = task.residuals(np.asarray(found.x))
     return _Study(scene, task, np.asarray(found.x), r, jacobian, ended)
 
 
 def _compass(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.ndarray]) -> _Study:
-    """Go to the best of all neighbours, or halve the steps, until none is better."""
+    """Move to the best of all neighbours, or halve the steps, until none is better."""
     share = 1.0
     for _ in range(scene.table.search.steps):
         here = best[-1]
@@ -133,7 +133,7 @@ def _compass(scene: Scene[FitNumbersScene], task: NumbersTask, best: list[np.nda
     r, jacobian = task.wide_residuals(best[-1], _FINEST)
     better = min(_squares(task, theta) for theta in task.neighbours(best[-1], _FINEST))
     gain = max(float(r @ r) - better, 0.0)
-    ended = "a neighbour is better yet; write more search.steps" if gain else ""
+    ended = "a neighbour is still better; increase search.steps" if gain else ""
     return _Study(scene, task, best[-1], r, jacobian, ended, gain)
 
 
@@ -142,7 +142,7 @@ def _squares(task: NumbersTask, theta: np.ndarray) -> float:
     return float(r @ r)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- the result ------------------------------------------------------------------------------------
 
 
 def _numbers(study: _Study) -> Found:
@@ -156,7 +156,7 @@ def _numbers(study: _Study) -> Found:
 
 
 def _unit(study: _Study, unknown: KeyUnknown, units: str) -> str:
-    """Unit of a key, by what its table says of it."""
+    """Unit of a key from its declaration in the scene's table."""
     from msgspec import structs
 
     from wormopt.scene.types import meaning
@@ -191,7 +191,7 @@ def _result(study: _Study, begun: Looked, timings: Mapping[str, float]) -> Resul
         checks=_checks(study),
         facts={
             "tells": tells,
-            "derivatives": "differences of runs, by the step of each unknown",
+            "derivatives": "differences of runs, with the step of each unknown",
             "at_bound": [n for n, f in zip(task.names, study.free, strict=True) if not f],
         },
         warnings=_warnings(study),
@@ -215,13 +215,13 @@ def _unit_of_scalar(task: NumbersTask, name: str) -> str:
 
 
 def _partial(scene: Scene[FitNumbersScene], task: NumbersTask, theta: np.ndarray) -> Result:
-    """Numbers where the search had come to, without errors."""
+    """Parameters at the current point of the search, without errors."""
     own = {u.name: float(v) for u, v in zip(task.unknowns, task.values(theta), strict=True)}
     return conclude(scene, {"n_runs": task.runs}, facts={"came_to": own})
 
 
 def _changed(task: NumbersTask) -> str | None:
-    """The key by which measurements differ, where it is one number for each."""
+    """The key in which measurements differ, if it has one number for each; else None."""
     keys = {key for one in task.measured for key in one.changes}
     if len(keys) != 1:
         return None
@@ -246,33 +246,40 @@ def _measured(study: _Study, begun: Looked) -> dict[str, np.ndarray]:
 def _checks(study: _Study) -> Iterator[Check]:
     accepted = study.scene.table.search.accepted
     advice = study.ended or (
-        f"the next step would be {study.offset:.2g} standard errors; write more search.steps, or "
-        "other steps of the unknowns where runs are irregular"
+        f"the next step would be {study.offset:.2g} standard errors; increase search.steps, or "
+        "change the steps of the unknowns if results are irregular"
     )
-    advice = f"the search has not converged: {advice}"
+    advice = f"the search did not converge: {advice}"
     if study.gain is None:
         passed = not study.ended and study.offset <= accepted
         yield Check("distance from the bottom", study.offset, accepted, advice, passed)
-    else:  # where there are no slopes, there is no such distance
-        yield Check("by how much a neighbour is better", study.gain, 0.0, advice)
+    else:  # a compass search has no slopes, hence no such distance
+        yield Check("gain by the best neighbour", study.gain, 0.0, advice)
     reasons = study.look.reasons
-    said = f"the scene in [model] fails with the numbers found: {reasons[0] if reasons else ''}"
-    yield Check("runs at the numbers found that fail", float(len(reasons)), 0.0, said)
+    said = f"the scene in [model] fails at the estimates: {reasons[0] if reasons else ''}"
+    yield Check("failed runs at the estimates", float(len(reasons)), 0.0, said)
 
 
 def _warnings(study: _Study) -> Iterator[str]:
     for name, share in study.tells.items():
         if share < _TELLS:
-            yield f"{name} is known by its prior only: measurements lessen its error by {share:.0%}"
+            yield (
+                f"{name} is known from its prior only: measurements reduce its error by {share:.0%}"
+            )
     errors = np.sqrt(np.diag(study.covariance))
     for name, error in zip(study.task.names, errors.tolist(), strict=True):
         if not np.isfinite(error):
-            yield f"{name} cannot be told by what was measured; write a prior, or measure more"
+            yield (
+                f"{name} is not identifiable from the measurements; write a prior, or measure more"
+            )
     left = np.array(study.residuals[: study.task.fitted.sum()])
     for one, off in zip([m for m in study.task.measured if m.use == "fit"], left, strict=True):
         if abs(off) > 3:
             named = one.text or f"{one.scalar} with {one.changes}"
-            yield f"{named} is off by {abs(off):.2g} of its standard deviations: the model lacks it"
+            yield (
+                f"{named} is off by {abs(off):.2g} standard deviations: the model does not explain "
+                "it"
+            )
     yield from _of_aside(study)
 
 
@@ -280,4 +287,7 @@ def _of_aside(study: _Study) -> Iterator[str]:
     for one, value in zip(study.task.measured, study.look.values.tolist(), strict=True):
         if one.use == "predict" and not abs(value - one.value) <= 3 * one.deviation:
             named = one.text or f"{one.scalar} with {one.changes}"
-            yield f"{named} is not as predicted, but {one.value:.4g} in place of {value:.4g}"
+            yield (
+                f"{named} differs from its prediction: measured {one.value:.4g}, predicted "
+                f"{value:.4g}"
+            )

@@ -1,4 +1,4 @@
-"""Scenes of kind "experiment": which run tells the numbers of a worm best."""
+"""Scenes of kind "experiment": the experiment that identifies the parameters best."""
 
 from __future__ import annotations
 
@@ -36,164 +36,163 @@ Pieces = Annotated[int, Meta(ge=1, le=200, description="a whole number from 1 to
 Harmonics = Annotated[int, Meta(ge=1, le=20, description="a whole number from 1 to 20")]
 Range = Annotated[
     tuple[Finite, ...],
-    Meta(min_length=2, max_length=2, description="two finite numbers, [least, largest]"),
+    Meta(min_length=2, max_length=2, description="two finite numbers, [smallest, largest]"),
 ]
 End = Annotated[
     tuple[Finite | Literal["free"], ...],
-    Meta(min_length=2, max_length=2, description='[least, largest], numbers or "free"'),
+    Meta(min_length=2, max_length=2, description='[smallest, largest], numbers or "free"'),
 ]
 
 
 class ExperimentUnknown(Table, frozen=True, kw_only=True):
-    """A number of the model that is not known well enough, or not at all."""
+    """A parameter of the model that is unknown or not known well enough."""
 
-    name: Annotated[Title, says("", "what results call it")]
+    name: Annotated[Title, says("", "name of the parameter in results")]
     targets: Annotated[
         Annotated[str | tuple[str, ...], Meta(description="the name of a signal, or a list")]
         | None,
-        says("", "signals and entries that all are this one number; its name if left out"),
+        says("", "signals and entries that all equal this parameter; default: its name"),
     ] = None
     value: Annotated[
         FiniteOrList | None,
-        says("", "the best value that is known; that of `known` or of `[model]` if left out"),
+        says("", "best known value; default: that of `known`, or of `[model]`"),
     ] = None
     prior: Annotated[
         Positive | None,
-        says("", "its standard error as known before, of its logarithm with `log`"),
+        says("", "its standard error before the experiment; with `log`, that of its logarithm"),
     ] = None
-    log: Annotated[bool, says("", "whether errors are those of its logarithm: relative ones")] = (
-        False
-    )
+    log: Annotated[bool, says("", "use errors of the logarithm, which are relative errors")] = False
     wanted: Annotated[
-        bool, says("", "whether it shall be known well; else it is only in the way")
+        bool, says("", "true: estimate it as well as possible; false: a nuisance parameter")
     ] = True
 
 
 class Moved(Table, frozen=True, kw_only=True, tag_field="shape"):
-    """Keys of all courses."""
+    """Keys common to all input signals that vary in time."""
 
-    signal: Annotated[Name, says("", "an input or a parameter, `rest_length` say")]
-    change: Annotated[Positive, says("", "largest change from where it begins, either way")]
-    rate: Annotated[Positive | None, says("", "largest rate of change; none if left out")] = None
+    signal: Annotated[Name, says("", "an input or a parameter, for example `rest_length`")]
+    change: Annotated[Positive, says("", "largest change from the initial value, up or down")]
+    rate: Annotated[Positive | None, says("", "largest rate of change; default: unlimited")] = None
 
 
 class RampsTable(Moved, frozen=True, kw_only=True, tag="ramps"):
-    """A course that is linear between equidistant knots and begins at the model's value."""
+    """An input that is linear between equidistant knots and starts at the model's value."""
 
-    pieces: Annotated[Pieces, says("count", "from knot to knot, over the whole run")]
+    pieces: Annotated[Pieces, says("count", "number of linear pieces over the whole run")]
 
 
 class WavesTable(Moved, frozen=True, kw_only=True, tag="waves"):
-    """A course of a few harmonics that begins at the model's value."""
+    """An input with a few harmonics that starts at the model's value."""
 
-    harmonics: Annotated[Harmonics, says("count", "how many")]
+    harmonics: Annotated[Harmonics, says("count", "number of harmonics")]
     frequency: Annotated[
-        PositiveOrPair, says("rate", "of the first; of a range the best is chosen")
+        PositiveOrPair, says("rate", "frequency of the first harmonic; a range is optimised")
     ]
 
 
 class HeldTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="held"):
-    """A number that is chosen and held, the same for all entries of the signal: a load, say."""
+    """A constant to choose, the same for all entries of the signal, for example a load."""
 
     signal: Annotated[Name, says("", "an input or a parameter")]
     range: Annotated[
         Range,
-        says("", "from which it is chosen"),
+        says("", "range of the constant, [smallest, largest]"),
     ]
 
 
 class ExperimentTime(Table, frozen=True, kw_only=True):
-    """How long the run lasts, and how often it is measured."""
+    """Duration of the run and times of its measurements."""
 
-    end: Annotated[Positive, says("time", "of the run, which begins at 0")]
+    end: Annotated[Positive, says("time", "end of the run, which starts at 0")]
     samples: Annotated[
         int,
         Meta(ge=2, le=100_000, description="a whole number from 2 to 100000"),
-        says("count", "equidistant times of measurements, the last at the end"),
+        says("count", "number of equidistant measurement times, the last at the end"),
     ]
 
 
 class PredictionTable(Table, frozen=True, kw_only=True):
-    """What the numbers are wanted for: the mean rate of something in another motion."""
+    """A prediction that the parameters serve: the mean rate of a signal in another motion."""
 
     model: SceneTables
     output: Annotated[
-        Name, says("", "state or output; its mean rate is predicted, a speed for a place")
+        Name, says("", "state or output whose mean rate is predicted; for a position, its speed")
     ] = "center_of_mass"
     span: Annotated[
         Span,
-        says("time", "of the motion over which the mean is taken"),
+        says("time", "start and end of the averaging in that motion"),
     ]
 
 
 class ExperimentSearch(Table, frozen=True, kw_only=True):
-    """How the best run is sought."""
+    """Search for the best experiment."""
 
     rivals: Annotated[
-        Count, says("count", "runs drawn at random within the limits, to compare with")
+        Count, says("count", "number of random experiments within the limits, for comparison")
     ] = 20
     starts: Annotated[
-        Count, says("count", "how many of the best of them the search begins from")
+        Count, says("count", "number of the best of them from which searches start")
     ] = 3
-    seed: Annotated[Seed, says("count", "of the random numbers")] = 0
+    seed: Annotated[Seed, says("count", "seed of the random numbers")] = 0
 
 
 class ExperimentScene(SceneTable, frozen=True, kw_only=True):
-    """Which run of a worm tells its numbers best, within what the worm can do.
+    """The experiment that identifies the parameters of a worm best, within the worm's limits.
 
-    What a run tells is the Fisher information of its measurements: derivatives of the motion,
-    exact through sticking and slipping, over the noise; what is known before is added. Guide:
-    [fitting.md](../fitting.md#what-to-measure-next).
+    The information of an experiment is the Fisher information of its measurements, plus what is
+    known before. It uses exact derivatives of the motion, through sticking and slipping, and the
+    noise. Guide: [fitting](../fitting.md#what-to-measure-next).
 
-    Limits of courses hold at all times; limits along the motion are looked at 4000 times and more.
-    Results hold every unknown's expected standard error before and after, the course of every
-    signal (`course_<signal>`, with `course.csv` for the actuators), what is limited and what is
-    measured over time, and the runs drawn at random, the best first.
+    Limits on inputs hold at all times. Limits along the motion are checked at 4000 times or more.
+    Results contain the expected standard error of every unknown before and after the experiment,
+    the input signals (`course_<signal>`, and `course.csv` for the actuators), the limited and
+    measured signals over time, and the random experiments, best first.
 
-    Searches end where masses are about to stick or to let go: derivatives there say nothing of
-    the other side. So runs are taken beside, where measurements are all but linear in the
-    unknowns within two standard errors; a warning says where none was found.
+    Searches end where masses are about to stick or to slip, and there the derivatives hold on one
+    side only. The planned experiment is therefore moved aside to one with nearly linear
+    measurements in the unknowns within two standard errors. A warning reports if none was found.
 
-    The trust report: the criterion again by the Python route with a hundredth of the tolerance,
-    and the largest excess of a limit. Exit code 3: where they disagree, a limit is exceeded, or no
-    run tells what is wanted; the message names the numbers that cannot be told apart then.
+    The trust report contains the criterion recomputed by the Python integrator with a hundredth of
+    the tolerance, and the largest violation of a limit. Exit code 3: the two values disagree, a
+    limit is violated, or no experiment identifies the wanted parameters. The message then names the
+    parameters that cannot be distinguished.
     """
 
     headline: ClassVar = ("shrinkage", "shrinkage_median", "prediction_error")
     scalars: ClassVar = {
         "shrinkage": (
             "1",
-            "how many times smaller the confidence region of what is wanted is than after the best "
-            'run drawn at random: its volume; its mean size for criterion "A"',
+            "factor by which the confidence region of the wanted parameters is smaller than after "
+            'the best random experiment: its volume, or its mean size for criterion "A"',
         ),
-        "shrinkage_median": ("1", "the same against the median of these runs"),
-        "criterion": ("1", "logarithm of the mean relative error of what is wanted"),
-        "criterion_recheck": ("1", "the same by the second route"),
-        "excess": ("share", "largest excess of a limit, below 0 where none is reached"),
+        "shrinkage_median": ("1", "the same factor relative to the median random experiment"),
+        "criterion": ("1", "logarithm of the mean relative error of the wanted parameters"),
+        "criterion_recheck": ("1", "the criterion by the second route"),
+        "excess": ("share", "largest violation of a limit, negative if no limit is reached"),
         "departure": (
             "1",
-            "how far measurements depart from linear ones within two standard errors, in standard "
-            "errors; a warning says where it is much",
+            "departure of the measurements from linearity within two standard errors, in standard "
+            "errors; a warning reports large values",
         ),
         "prediction_error": ("1", "standard error of the prediction, in its own unit"),
-        "prediction_error_random": ("1", "the same after the best run drawn at random"),
-        "rank": ("count", "how many unknowns, or combinations of them, the run tells"),
+        "prediction_error_random": ("1", "the same after the best random experiment"),
+        "rank": ("count", "number of unknowns, or combinations of them, that are identifiable"),
     }
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
-        "value": ("1", ("unknown",), "best values known before, in the unit of each"),
-        "error_before": ("1", ("unknown",), "standard errors before, infinite for unknown"),
-        "error": ("1", ("unknown",), "expected standard errors after the run"),
-        "error_random": ("1", ("unknown",), "after the best run drawn at random"),
-        "covariance": ("1", ("unknown", "unknown_too"), "expected covariance after the run"),
+        "value": ("1", ("unknown",), "best values known before, each in its own unit"),
+        "error_before": ("1", ("unknown",), "standard errors before, infinite if unknown"),
+        "error": ("1", ("unknown",), "expected standard errors after the experiment"),
+        "error_random": ("1", ("unknown",), "expected errors after the best random experiment"),
+        "covariance": ("1", ("unknown", "unknown_too"), "expected covariance after the experiment"),
         "covariance_random": (
             "1",
             ("unknown", "unknown_too"),
-            "after the best run drawn at random",
+            "expected covariance after the best random experiment",
         ),
-        "rival_criterion": ("1", ("rival",), "criterion after runs drawn at random"),
-        "rival_error": ("1", ("rival", "unknown"), "standard errors after them"),
-        "start_criterion": ("1", ("start",), "criterion at which each start of the search ended"),
+        "rival_criterion": ("1", ("rival",), "criterion of each random experiment"),
+        "rival_error": ("1", ("rival", "unknown"), "standard errors after each of them"),
+        "start_criterion": ("1", ("start",), "criterion at the end of each search"),
     }
 
     kind: Literal["experiment"]
@@ -201,47 +200,45 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["course", "errors", "regions"], ...],
         says(
             "",
-            "`course`: what is moved, and the motion; `errors` before and after, beside runs drawn "
-            "at random; `regions`: confidence ellipses of pairs of what is wanted",
+            "`course`: inputs and motion; `errors`: standard errors before and after, with those "
+            "of random experiments; `regions`: confidence ellipses of pairs of wanted parameters",
         ),
     ] = ()
     model: SceneTables
-    which: Annotated[
-        str, says("", "which model, by its label, where the scene in `[model]` has several")
-    ] = ""
+    which: Annotated[str, says("", "label of the model, if the scene in `[model]` has several")] = (
+        ""
+    )
     known: Annotated[
         str | None,
         says(
             "",
-            "folder of the result of a scene of kind `fit`, relative to the scene's: its numbers "
-            "and their covariance are what is known, of unknowns of the same names",
+            "folder of a result of kind `fit`, relative to the scene's folder; its estimates and "
+            "their covariance are used for unknowns of the same names",
         ),
     ] = None
-    unknown: Annotated[tuple[ExperimentUnknown, ...], says("", "what is not known")]
+    unknown: Annotated[tuple[ExperimentUnknown, ...], says("", "unknown parameters")]
     measured: Annotated[
         dict[str, Positive],
-        says("", "standard deviations of measurements by signal, `{position = 0.001}`"),
+        says("", "standard deviation of measurements of each signal, `{position = 0.001}`"),
     ]
     choose: Annotated[
         tuple[RampsTable | WavesTable | HeldTable, ...],
-        says("", "what may be chosen; `shape` decides which other keys there are"),
+        says("", "inputs to choose; `shape` selects the other keys"),
     ]
     limits: Annotated[
         dict[str, End],
-        says("", 'of states and outputs along the motion, `{length = [1.4, "free"]}`'),
+        says("", 'limits of states and outputs along the motion, `{length = [1.4, "free"]}`'),
     ] = field(default_factory=dict)
-    time: Annotated[ExperimentTime, says("", "the run")]
+    time: Annotated[ExperimentTime, says("", "duration and measurement times")]
     criterion: Annotated[
         Literal["D", "A"],
         says(
             "",
-            "`D`: the volume of the confidence region of what is wanted; `A`: the sum of the "
-            "squares of its relative errors. A `[prediction]` takes the place of both",
+            "`D`: volume of the confidence region of the wanted parameters; `A`: sum of the "
+            "squares of their relative errors. A `[prediction]` replaces both",
         ),
     ] = "D"
-    prediction: Annotated[PredictionTable | None, says("", "what the numbers are wanted for")] = (
-        None
-    )
+    prediction: Annotated[PredictionTable | None, says("", "prediction to improve")] = None
     contact: Contacts = field(default_factory=ExactContact)
     search: Annotated[ExperimentSearch, says("", "the search")] = field(
         default_factory=ExperimentSearch
@@ -256,13 +253,13 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
             ("measured", self.measured),
         ):
             if not given:
-                yield key, f"there is none; write a table [{key}]"
+                yield key, f"no entry is given; write at least one in [{key}]"
         if self.unknown and not any(unknown.wanted for unknown in self.unknown):
-            yield "unknown", "none is wanted; leave out wanted = false at one"
+            yield "unknown", "wanted is false for all unknowns; remove wanted = false from one"
         yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
         yield from self._faults_of_ranges()
         if self.known is not None and not os.path.exists(folder / self.known):  # noqa: PTH110  as there
-            yield "known", f'there is no "{self.known}" in {folder}; run the scene of kind "fit"'
+            yield "known", f'"{self.known}" does not exist in {folder}; run the scene of kind "fit"'
         for key, tables in (
             ("model", self.model),
             ("prediction.model", self.prediction and self.prediction.model),
@@ -285,6 +282,6 @@ class ExperimentScene(SceneTable, frozen=True, kw_only=True):
             if isinstance(low, float) and isinstance(high, float):
                 yield from wrong_order(f"limits.{name}", (low, high), may_be_equal=False)
             elif low == high:
-                yield f"limits.{name}", "limits nothing; write a number, or leave it out"
+                yield f"limits.{name}", 'both ends are "free"; write a number, or remove the key'
         if self.prediction is not None:
             yield from wrong_order("prediction.span", self.prediction.span, may_be_equal=False)

@@ -1,4 +1,4 @@
-"""Scenes of kind "fit-design": a gait for a worm whose numbers were measured."""
+"""Scenes of kind "fit-design": a gait for a worm whose parameters are measured."""
 
 from __future__ import annotations
 
@@ -23,53 +23,54 @@ from wormopt.systems.spiked import (
 )
 
 Confidence = Annotated[
-    float, Meta(ge=0.5, lt=1, description="a number from 0.5 to below 1, 0.9999 say")
+    float, Meta(ge=0.5, lt=1, description="a number from 0.5 to below 1, for example 0.9999")
 ]
 Number = Literal["mass", "drag", "load"]
 
 FORCES = ("actuator_force", "spike_load")
 """Signals that depend on mass, drag and load even while spikes hold the worm."""
 NO_FORCE = (
-    "no column is a force, and the gait prescribes the motion whatever mass, drag and load are; "
-    'record actuator forces, columns = {mu0 = "actuator_force[0]"} say, or spike_load'
+    "no column is a force, and the gait prescribes the motion for any mass, drag and load; record "
+    "actuator forces, for example "
+    'columns = {mu0 = "actuator_force[0]"}, or spike_load'
 )
 _MOTION = ("position", "velocity")
 
 
 class CrawlRecording(RecordingTable, frozen=True, kw_only=True):
-    """A run of the worm with a known gait: what gauges read, over time.
+    """A recording of a run with a known gait: readings of gauges over time.
 
-    The gait begins at time 0 of the file, the worm at rest. Columns are `actuator_force[0]` and so
-    on, one per link; `spike_load`, of all spikes together; `position` and `velocity` beside these.
-    The gait may make the worm glide; it has no corners.
+    The gait begins at time 0 of the file with the worm at rest. Columns are `actuator_force[0]` and
+    so on, one per link; `spike_load`, the sum over all spikes; and additionally `position` and
+    `velocity`. With this gait the worm may glide; corners are refused.
     """
 
-    gait: Annotated[Shape, says("", "how the links were moved; `shape` decides on the other keys")]
+    gait: Annotated[Shape, says("", "gait of the links; `shape` selects the other keys")]
 
 
 class FitTable(Table, frozen=True, kw_only=True):
-    """What is found from the recordings."""
+    """Settings of the fit."""
 
     numbers: Annotated[
         tuple[Number, ...],
-        says("", "numbers of `[worm]` that are found; the others are as they stand there"),
+        says("", "parameters of `[worm]` to estimate; the others keep their values there"),
     ] = ("mass", "drag", "load")
     noise: Annotated[
         dict[str, Positive],
         says(
             "",
-            "standard deviations of readings by signal, `{actuator_force = 0.2}`, where they are "
-            "known; estimated of the others",
+            "known standard deviation of readings of each signal, `{actuator_force = 0.2}`; the "
+            "others are estimated",
         ),
     ] = field(default_factory=dict)
     seeds: Annotated[
-        Seeds, says("count", "starts: `[worm]`, and others spread within the bounds")
+        Seeds, says("count", "number of starts: `[worm]`, and others spread within the bounds")
     ] = 4
-    seed: Annotated[Seed, says("count", "of the random numbers by which starts are spread")] = 0
+    seed: Annotated[Seed, says("count", "seed of the random spread of the starts")] = 0
 
 
 class PlantTable(Table, frozen=True, kw_only=True):
-    """The worm as it is, which neither the fit nor the design knows."""
+    """The real worm to test the gait on; neither the fit nor the design uses it."""
 
     mass: Annotated[PerMass, says("mass", "point masses; mass 0 is the head")]
     drag: Annotated[NonNegative, says("drag", "viscous drag on each mass")] = 0.0
@@ -77,24 +78,25 @@ class PlantTable(Table, frozen=True, kw_only=True):
 
 
 class FitDesignScene(DesignTable, frozen=True, kw_only=True):
-    """The best gait within limits of a worm whose numbers were measured.
+    """The optimal gait within limits for a worm whose parameters are measured.
 
     Masses, drag and load are fitted to recordings of a crawl with known gaits. The gait is then
-    designed so that its limits hold wherever the numbers may lie: in the ellipsoid that holds them
-    all with the confidence asked for. What their errors do to loads and forces along the gait, at
-    worst, a range of loads does too; for that range the gait is designed, and designed again until
-    its own worst case lies within. With a table `[plant]` the gait is tried on the worm as it is,
-    beside the gait that would have been designed with its true numbers.
+    designed so that its limits hold for all parameters in a confidence ellipsoid with the requested
+    confidence. The worst effect of these errors on loads and forces along the gait equals that of a
+    range of loads. The gait is designed for that range, and redesigned until its own worst case is
+    within the range. With a table `[plant]` the gait is tested on the real worm and compared with
+    the gait designed for the true parameters.
 
-    `[worm]` holds where the fit starts from, and what is not fitted. `[gait]`, `[objective]`,
-    `[search]` are those of kind [`gait-design`](gait-design.md), as are the results of the gait,
-    with loads and forces at the largest load of the range. Guide: [fitting.md](../fitting.md).
+    `[worm]` contains the start of the fit and the parameters that are not fitted. Kind
+    [`gait-design`](gait-design.md) explains `[gait]`, `[objective]`, `[search]` and the results of
+    the gait; loads and forces are those at the largest load of the range. Guide:
+    [fitting](../fitting.md).
 
-    Refused: recordings without any force; a range of loads in `[worm]`; `gait.sharing` other than
-    `equal`, with which loads are not linear in the numbers; `gait.impulses`.
+    Refused: recordings without a force; a range of loads in `[worm]`; `gait.sharing` other than
+    `equal`, because loads are then not linear in the parameters; `gait.impulses`.
 
-    Exit code 3: the fit did not converge; the recordings do not tell a number; no gait keeps the
-    limits; or, with `[plant]`, the gait breaks a limit there.
+    Exit code 3: the fit did not converge; a parameter is not identifiable from the recordings; no
+    gait meets the limits; or, with `[plant]`, the gait violates a limit there.
     """
 
     headline: ClassVar = (
@@ -107,50 +109,54 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
         "mode_sequence",
     )
     scalars: ClassVar = DESIGN_SCALARS | {
-        "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
-        "mass_found": ("mass", "point masses found"),
-        "mass_error": ("mass", "their standard errors, 0 where not fitted"),
-        "drag_found": ("drag", "drag found"),
-        "drag_error": ("drag", "its standard error"),
-        "load_found": ("force", "load found"),
-        "load_error": ("force", "its standard error"),
-        "n_readings": ("count", "readings that were fitted"),
+        "objective": ("speed", "objective reached, in its quantity, recomputed from the gait"),
+        "mass_found": ("mass", "estimated point masses"),
+        "mass_error": ("mass", "standard errors of the masses, 0 if not fitted"),
+        "drag_found": ("drag", "estimated drag"),
+        "drag_error": ("drag", "standard error of the drag"),
+        "load_found": ("force", "estimated load"),
+        "load_error": ("force", "standard error of the load"),
+        "n_readings": ("count", "number of fitted readings"),
         "confidence": (
             "share",
-            "with which all limits hold at all times, as far as the model does",
+            "confidence that all limits hold at all times, if the model is correct",
         ),
-        "reach": ("1", "standard errors that this takes, for all numbers at once"),
+        "reach": ("1", "size of the confidence ellipsoid, in standard errors"),
         "load_width": ("force", "half the range of loads for which the gait is designed"),
-        "load_width_needed": ("force", "the half range that is as bad for it as any numbers"),
-        "speed_if_known": ("speed", "of the best gait, were the numbers exactly those found"),
-        "plant_speed": ("speed", "with `[plant]`: of the gait there"),
-        "plant_spike_load_max": ("force", "with `[plant]`: largest load of a spike there"),
+        "load_width_needed": ("force", "half range equivalent to the worst parameter errors"),
+        "speed_if_known": ("speed", "speed of the optimal gait if the estimates were exact"),
+        "plant_speed": ("speed", "with `[plant]`: speed of the gait there"),
+        "plant_spike_load_max": ("force", "with `[plant]`: largest spike load of the gait there"),
         "plant_spike_load_bold": (
             "force",
-            "with `[plant]`: the same of the gait that trusts the numbers found",
+            "with `[plant]`: largest spike load there of the gait that assumes exact estimates",
         ),
-        "plant_best": ("speed", "with `[plant]`: of the gait designed with its numbers"),
-        "plant_share": ("share", "with `[plant]`: speed over that"),
+        "plant_best": ("speed", "with `[plant]`: speed of the gait designed for its parameters"),
+        "plant_share": ("share", "with `[plant]`: `plant_speed` divided by `plant_best`"),
         "plant_distance": (
             "1",
-            "with `[plant]`: of its numbers from those found, in standard errors; within `reach` "
-            "the limits hold for sure",
+            "with `[plant]`: distance of its parameters from the estimates, in standard errors; "
+            "within `reach` the limits are guaranteed",
         ),
     }
     variables: ClassVar = {
         **MOTION_VARIABLES,
         **GAIT,
-        "reading_time": ("time", ("reading",), "times of the readings, run after run"),
-        "reading_run": ("count", ("reading",), "number of the run"),
-        "read_force": ("force", ("link", "reading"), "actuator forces read, NaN where none"),
-        "fitted_force": ("force", ("link", "reading"), "the same as fitted"),
+        "reading_time": ("time", ("reading",), "times of the readings, run by run"),
+        "reading_run": ("count", ("reading",), "index of the run"),
+        "read_force": ("force", ("link", "reading"), "recorded actuator forces, NaN if missing"),
+        "fitted_force": ("force", ("link", "reading"), "fitted actuator forces"),
         "band_time": ("time", ("band",), "times in a cycle"),
-        "band_load": ("force", ("band",), "load of a resting spike with the numbers found"),
-        "band_error": ("force", ("band",), "by how much it may be off at worst"),
+        "band_load": ("force", ("band",), "load of a resting spike with the estimates"),
+        "band_error": ("force", ("band",), "worst-case error of this load"),
         "plant_time": ("time", ("plant",), "with `[plant]`: times in a cycle"),
-        "plant_load": ("force", ("plant",), "with `[plant]`: largest load of a spike there"),
+        "plant_load": ("force", ("plant",), "with `[plant]`: largest spike load there"),
         "bold_time": ("time", ("bold",), "with `[plant]`: times in a cycle of the bold gait"),
-        "bold_load": ("force", ("bold",), "with `[plant]`: its largest load of a spike there"),
+        "bold_load": (
+            "force",
+            ("bold",),
+            "with `[plant]`: largest spike load of the bold gait there",
+        ),
     }
 
     kind: Literal["fit-design"]
@@ -158,53 +164,53 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
         tuple[Literal["forces", "loads", "gait", "motion", "spikes"], ...],
         says(
             "",
-            "`forces`: readings, fit and residuals; `loads`: what a resting spike bears, at worst "
-            "and on the plant; `gait`, `motion`, `spikes` as for kind `gait`",
+            "`forces`: readings, fit and residuals; `loads`: load of a resting spike, worst case "
+            "and on the plant; `gait`, `motion`, `spikes`: as for kind `gait`",
         ),
     ] = ()
-    recording: Annotated[tuple[CrawlRecording, ...], says("", "runs of the worm")]
+    recording: Annotated[tuple[CrawlRecording, ...], says("", "recorded runs of the worm")]
     fit: Annotated[FitTable, says("", "the fit")] = field(default_factory=FitTable)
-    objective: Annotated[ObjectiveTable, says("", "what to seek")]
+    objective: Annotated[ObjectiveTable, says("", "the objective")]
     confidence: Annotated[
-        Confidence, says("share", "with which the gait is to keep its limits at all times")
+        Confidence, says("share", "confidence that the gait meets its limits at all times")
     ] = 0.9999
-    plant: Annotated[PlantTable | None, says("", "the worm as it is, to try the gait on")] = None
+    plant: Annotated[PlantTable | None, says("", "the real worm, to test the gait on")] = None
 
     @property
     def plant_worm(self) -> Worm | None:
-        """The worm as it is, where it is told."""
+        """The real worm; None if not given."""
         if self.plant is None:
             return None
         return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows, and the files; `folder` is the scene's."""
+        """Check everything that no single key shows, and the files, in the scene's `folder`."""
         yield from super().faults(folder)
         yield from self.objective.faults()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
         if isinstance(self.worm.load, tuple):
-            yield "worm.load", "the fit finds one load for all masses; write one number"
+            yield "worm.load", "a range or list, but the fit finds one load; write one number"
         elif any(self.worm.worm.beyond):
             yield (
                 "worm.slope",
-                "pulls unequal masses back by unequal forces, and the fit finds one load for all; "
-                "write one mass for all, or the load without worm.slope",
+                "the slope pulls unequal masses back by unequal forces, but the fit finds one "
+                "load for all; write one mass for all, or the load without worm.slope",
             )
         if self.gait.sharing != "equal":
-            what = "is not linear in masses, drag and load, which errors are carried over by"
+            what = "makes loads nonlinear in masses, drag and load, so errors cannot be propagated"
             yield "gait.sharing", f'"{self.gait.sharing}" {what}; write "equal"'
         if self.gait.impulses:
-            yield "gait.impulses", "loads spikes without bounds; leave it out"
+            yield "gait.impulses", "true, but impulses load spikes without bounds; remove the key"
         if not self.fit.numbers:
-            yield "fit.numbers", 'none is left to find; write ["load"] say'
+            yield "fit.numbers", 'the list is empty; write for example ["load"]'
         if not self.recording:
-            yield "recording", "there is none; write a table [[recording]]"
+            yield "recording", "no entry is given; write a table [[recording]]"
         for k, recording in enumerate(self.recording):
             key = f"recording[{k}]"
             yield from recording.faults(folder, self.units, key)
             yield from recording.gait.faults(self.worm.links, folder, f"{key}.gait")
             if recording.use != "fit":
-                yield f"{key}.use", 'runs are kept aside in kind "fit"; leave it out'
+                yield f"{key}.use", 'runs can be held out in kind "fit" only; remove the key'
         yield from self._faults_of_forces(folder)
         yield from named_twice((one.label for one in self.recording), "recording")
         if (plant := self.plant_worm) is not None:
@@ -212,7 +218,7 @@ class FitDesignScene(DesignTable, frozen=True, kw_only=True):
                 yield f"plant.{key}", message
 
     def _faults_of_forces(self, folder: Path) -> Iterator[Fault]:
-        """Whether any column is a force, as far as names in files of text tell."""
+        """Yield a fault if no column of the text files is named like a force."""
         read = [recording.read(folder, [], "") for recording in self.recording]
         signals = [
             recording.columns.get(column, column)

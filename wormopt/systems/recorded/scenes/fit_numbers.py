@@ -1,4 +1,4 @@
-"""Scenes of kind "fit-numbers": keys of another scene found from single numbers measured."""
+"""Scenes of kind "fit-numbers": keys of another scene estimated from single measured numbers."""
 
 from __future__ import annotations
 
@@ -24,105 +24,107 @@ from wormopt.systems.recorded.scenes.tables import (
 
 Keys = Annotated[
     str | tuple[str, ...],
-    Meta(description='a key of the scene, "worm.density" say, or a list of them'),
+    Meta(description='a key of the scene, for example "worm.density", or a list of keys'),
 ]
 Looks = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Step = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most 1")]
 Changes = Annotated[
     dict[str, Any],
-    says("", 'keys of the scene in `[model]` at this measurement, `{"switching.rate" = 100}`'),
+    says("", 'keys changed in the scene for this measurement, `{"switching.rate" = 100}`'),
 ]
 
 
 class MeasuredTable(Table, frozen=True, kw_only=True):
-    """A number that was measured, and what the scene calls it."""
+    """A measured number, and the scalar of the scene that it measures."""
 
-    scalar: Annotated[str, says("", "a scalar of the results of the scene in `[model]`")]
-    value: Annotated[Finite, says("", "what was measured, in the unit of that scalar")]
+    scalar: Annotated[str, says("", "scalar in the results of the scene in `[model]`")]
+    value: Annotated[Finite, says("", "measured value, in the unit of the scalar")]
     deviation: Annotated[
         Positive,
-        says("", "its standard deviation, that of the computed number included where it has one"),
+        says("", "standard deviation, including that of the computed scalar if it has one"),
     ]
     changes: Changes = field(default_factory=dict)
     use: Annotated[
-        Literal["fit", "predict"], says("", "`predict`: kept aside, and predicted by the fit")
+        Literal["fit", "predict"],
+        says("", "`fit`: used in the fit; `predict`: held out and predicted by the fit"),
     ] = "fit"
-    text: Annotated[Title, says("", "what it is, or where it is said")] = ""
+    text: Annotated[Title, says("", "description or source of the measurement")] = ""
 
 
 class KeyUnknown(UnknownTable, frozen=True, kw_only=True):
-    """A number of the scene that is to be found."""
+    """A parameter of the scene to estimate."""
 
     key: Annotated[
-        Keys, says("", "key of the scene in `[model]`, or a list of keys that all are this number")
+        Keys, says("", "key of the scene in `[model]`, or a list of keys that share this parameter")
     ]
     step: Annotated[
         Step,
-        says("share", "by which it is moved for derivatives: its size, or its ratio with `log`"),
+        says("share", "relative step for derivatives; with `log`, the ratio"),
     ] = 0.01
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys as a list, also where there is one."""
+        """Keys as a list, even if there is only one."""
         return self.key if isinstance(self.key, tuple) else (self.key,)
 
 
 class NumberSearchTable(Table, frozen=True, kw_only=True):
-    """How numbers are sought."""
+    """Search for the estimates."""
 
     method: Annotated[
         Literal["slopes", "compass"],
         says(
             "",
-            "`slopes`: steps of Gauss and Newton; `compass`: to the best of all neighbours a "
-            "`step` away, then half as far, for runs so irregular that they have no slopes",
+            "`slopes`: Gauss-Newton steps; `compass`: move to the best neighbour at distance "
+            "`step`, then halve the distance, for results too irregular to have derivatives",
         ),
     ] = "slopes"
-    steps: Annotated[Looks, says("count", "at most")] = 20
+    steps: Annotated[Looks, says("count", "largest number of steps")] = 20
     accepted: Annotated[
         Positive,
         says(
             "1",
-            "largest distance from the bottom that counts as converged, in standard errors; "
-            "`compass` has converged where no neighbour is better",
+            "largest distance from the minimum accepted as converged, in standard errors; "
+            "`compass` has converged if no neighbour is better",
         ),
     ] = 0.1
 
 
 class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
-    """Keys of another scene, found from single numbers: velocities at several frequencies, say.
+    """Keys of another scene, estimated from single measured numbers.
 
-    Any scene can stand in `[model]`: it is run for every measurement, with its `changes`, as often
-    as the search needs. What is known before (`prior`) counts as a measurement does, so that there
-    may be fewer of these than unknowns; the trust report says which numbers the measurements tell
-    anything about. Derivatives are differences of runs, with steps as they are told: runs that are
-    irregular want large ones, and the method `compass`. Guide: [fitting.md](../fitting.md).
+    An example is a set of velocities at several frequencies. `[model]` may contain any scene. It is
+    run for every measurement, with its `changes`, as often
+    as the search needs. A `prior` counts as a measurement, so there may be fewer measurements than
+    unknowns. The trust report states which parameters the measurements inform. Derivatives are
+    finite differences with the given steps. Irregular results need large steps and the method
+    `compass`. Guide: [fitting](../fitting.md).
 
-    Results hold every number found as a scalar of its name, with `NAME_error` and `NAME_interval`.
-    Exit code 3: the search did not converge, or the scene fails at the numbers found.
+    Results contain the estimate of every parameter as a scalar of its name, with `NAME_error` and
+    `NAME_interval`. Exit code 3: the search did not converge, or the scene fails at the estimates.
     """
 
     headline: ClassVar = ()
     scalars: ClassVar = {
-        "n_measurements": ("count", "numbers that were fitted"),
-        "n_unknowns": ("count", "numbers that were sought"),
-        "n_runs": ("count", "runs of the scene"),
-        "cost": ("1", "half the sum of the squares of weighted residuals, priors included"),
+        "n_measurements": ("count", "number of fitted measurements"),
+        "n_unknowns": ("count", "number of estimated parameters"),
+        "n_runs": ("count", "number of runs of the scene"),
+        "cost": ("1", "half the sum of the squared weighted residuals, priors included"),
         "offset": (
             "1",
-            "how far from the bottom the search ended, in standard errors, by slopes",
+            "distance of the end of the search from the minimum by derivatives, in standard errors",
         ),
         "tells": (
             "share",
-            "by how much measurements lessen the error of each number that a prior brings, a list",
+            "relative reduction of the prior error of each parameter by the measurements, a list",
         ),
     }
     variables: ClassVar = FOUND | {
-        "measured": ("count", ("measurement",), "what was measured"),
-        "deviation": ("count", ("measurement",), "its standard deviation"),
-        "fitted": ("count", ("measurement",), "what the scene says with the numbers found"),
-        "at_start": ("count", ("measurement",), "and with those that the search began with"),
-        "changed": ("count", ("measurement",), "the key that differs, where there is one"),
+        "measured": ("count", ("measurement",), "measured values"),
+        "deviation": ("count", ("measurement",), "standard deviations of the measurements"),
+        "fitted": ("count", ("measurement",), "values computed with the estimates"),
+        "at_start": ("count", ("measurement",), "values computed with the initial parameters"),
+        "changed": ("count", ("measurement",), "value of the key that differs, if there is one"),
     }
 
     kind: Literal["fit-numbers"]
@@ -130,33 +132,36 @@ class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["measurements", "parameters", "correlation"], ...],
         says(
             "",
-            "`measurements` beside what the scene says; `parameters`: numbers with intervals; "
-            "`correlation`, of their errors",
+            "`measurements`: measured and computed values; `parameters`: estimates with "
+            "intervals; `correlation`: of the errors",
         ),
     ] = ()
     model: SceneTables
-    measured: Annotated[tuple[MeasuredTable, ...], says("", "what was measured")]
-    unknown: Annotated[tuple[KeyUnknown, ...], says("", "numbers to be found")]
+    measured: Annotated[tuple[MeasuredTable, ...], says("", "measurements")]
+    unknown: Annotated[tuple[KeyUnknown, ...], says("", "parameters to estimate")]
     search: Annotated[NumberSearchTable, says("", "the search")] = field(
         default_factory=NumberSearchTable
     )
     level: Annotated[Level, says("share", "confidence of the intervals")] = 0.95
 
     def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows; `folder` is the scene's."""
+        """Check everything that no single key shows; `folder` is the scene's."""
         yield from super().faults(folder)
         for key in ("measured", "unknown"):
             if not getattr(self, key):
-                yield key, f"there is none; write a table [[{key}]]"
+                yield key, f"no entry is given; write a table [[{key}]]"
         for k, unknown in enumerate(self.unknown):
             yield from unknown.faults(f"unknown[{k}]")
         yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
         if self.measured and all(one.use == "predict" for one in self.measured):
-            yield "measured", 'all are kept aside; write use = "fit" for at least one'
+            yield "measured", 'all have use = "predict"; write use = "fit" for at least one'
         told = sum(one.use == "fit" for one in self.measured)
         free = sum(unknown.prior is None for unknown in self.unknown)
         if free > told:
-            yield "unknown", f"{free} without a prior from {told} measurements; write priors"
+            yield (
+                "unknown",
+                f"{free} unknowns without a prior, but {told} measurements; write priors",
+            )
         try:
             scene = scene_of(self.model, folder, self.units)
         except SceneError as error:
@@ -175,8 +180,8 @@ class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
             for key in unknown.keys:
                 value = value_at(scene, key)
                 if not isinstance(value, int | float) or isinstance(value, bool):
-                    what = f"{key} is no number of the scene in [model]"
-                    yield f"unknown[{k}].key", f'{what}; write a key that is, "worm.mass" say'
+                    what = f"{key} is not a number of the scene in [model]"
+                    yield f"unknown[{k}].key", f'{what}; write for example "worm.mass"'
                 elif unknown.start is not None:
                     yield from _faults_of_changes(
                         scene, {key: unknown.start}, f"unknown[{k}].start"
@@ -191,7 +196,7 @@ def _faults_of_changes(scene: Scene[Any], changes: dict[str, Any], key: str) -> 
 
 
 def value_at(scene: Scene[Any], key: str) -> Any:
-    """Value of a key of a scene, None where there is none."""
+    """Value of a key of a scene; None if the key does not exist."""
     value: Any = scene.table
     for part in key.replace("[", ".").replace("]", "").split("."):
         if isinstance(value, tuple) and part.isdecimal() and int(part) < len(value):

@@ -8,14 +8,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from wormopt.errors import ArgumentError
-from wormopt.model.given import check_kind, per
-from wormopt.progress import Report, silent
-from wormopt.shown import lines
+from wormopt.model.given import per
+from wormopt.progress import Report
 from wormopt.systems.spiked.certify.certificate import Certificate
-from wormopt.systems.spiked.certify.program import Level, Outer, Program, size_of
+from wormopt.systems.spiked.certify.program import OF_STROKES, Level, Outer, Program, size_of
 from wormopt.systems.spiked.certify.statement import Statement, rounded_up
-from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.search.orders import ceiling_of
 from wormopt.systems.spiked.task import Certify, Cost, GaitProblem, Objective
 
@@ -29,8 +26,9 @@ _LEVELS = tuple(
         (3, 6, 3), (4, 6, 3), (4, 8, 3), (6, 8, 3), (6, 12, 3), (8, 16, 3), (12, 24, 3),
     )
 )  # fmt: skip
-# Estimated coefficients of a program: so many need no care, and so many are too many to keep.
-_SMALL, _LARGE = 3e5, 1e8
+# Estimated coefficients of a program: so many take a tenth of a second, so many need no care, and
+# so many are too many to keep.
+_AT_ONCE, _SMALL, _LARGE = 1.5e5, 3e5, 1e8
 # The time of a program grows as this power of its size.
 _GROWTH = 1.3
 _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
@@ -49,100 +47,12 @@ class Bounded:
     ending: Ending = "finest program"
 
 
-@dataclass(frozen=True, eq=False)
-class Certified:
-    """A design with a bound of every gait.
-
-    Parameters
-    ----------
-    design : Design
-        The design.
-    bounded : Bounded
-        What is proven, and how.
-
-    Examples
-    --------
-    >>> import wormopt as wo
-    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
-    >>> round(proven.bound, 6), proven.gap <= 1e-3
-    (0.425, True)
-    """
-
-    design: Design
-    bounded: Bounded
-
-    def __repr__(self) -> str:
-        first = repr(self.design).partition("\n")[0]
-        proven = f"bound {self.bound:.9g}, gap {self.gap:.3g} ({self.bounded.ending})"
-        return lines(f"Certified {first[0].lower()}{first[1:]}", f"{proven}, {self.bounded.source}")
-
-    @property
-    def bound(self) -> float:
-        """No gait is faster, or cheaper: of any phases, cycles and period within the limits."""
-        return self.bounded.bound
-
-    @property
-    def certificate(self) -> Certificate | None:
-        """The proof, to be saved and verified; None where rates and resting masses bound more."""
-        return self.bounded.certificate
-
-    @property
-    def gap(self) -> float:
-        """By which share of its own value the design could be better at most."""
-        cost = self.design.task.objective.minimise is not None
-        return gap_of(self.design.value, self.bound, cost)
-
-
-def certify(
-    design: Design,
-    gap: float = Certify.gap,
-    time_limit: float = Certify.time_limit,
-    report: Report = silent,
-) -> Certified:
-    """Prove how much better than a design any gait could be.
-
-    Parameters
-    ----------
-    design : Design
-        Of the speed or of a peak load.
-    gap : float, optional
-        How much better a gait might still be when it is enough, as a share.
-    time_limit : float, optional
-        Seconds after which it ends with the gap it has.
-    report : callable, optional
-        Told the gap.
-
-    Returns
-    -------
-    Certified
-        The design with its bound, gap and certificate.
-
-    Raises
-    ------
-    ArgumentError
-        If the design's cost has no bound, or an argument is wrong.
-
-    Examples
-    --------
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
-    >>> from wormopt.systems.spiked.design.optimize import design
-    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
-    >>> proof = certify(design(Worm(links=1, load=5.0), limits))
-    >>> proof.gap <= 1e-3, proof.bound >= proof.design.speed
-    (True, True)
-    """
-    check_kind("design", design, Design)
-    if design.task.objective.is_smooth:
-        raise ArgumentError(
-            f"there is no proof for {design.task.objective.minimise}; seek speed, "
-            "peak_spike_load or peak_actuator_force"
-        )
-    wanted = Certify(gap, time_limit)
-    for key, message in wanted.faults():
-        raise ArgumentError(f"{key}: {message}")
-    return Certified(design, bounded(design.task, design.value, wanted, report))
+def at_once(task: GaitProblem) -> Bounded | None:
+    """Bound of the speed by small programs, the same on every machine; None of a cost."""
+    if task.objective.minimise is not None:
+        return None
+    *_, best = _of_speed(task, math.inf, _AT_ONCE)
+    return best
 
 
 def bounded(task: GaitProblem, value: float, wanted: Certify, report: Report) -> Bounded:
@@ -170,21 +80,22 @@ def bounded(task: GaitProblem, value: float, wanted: Certify, report: Report) ->
     return replace(found, history=tuple(history))
 
 
-def _of_speed(task: GaitProblem, until: float) -> Iterator[Bounded]:
-    """Bounds of the speed, ever sharper: by rates, by mean rates, by linear programs."""
+def _of_speed(task: GaitProblem, until: float, most: float = _LARGE) -> Iterator[Bounded]:
+    """Bounds of the speed, ever sharper: by rates, mean rates, linear programs up to `most`."""
     best = Bounded(ceiling_of(task), None, "by rates and resting masses", ())
     yield best
     if task.limits.acceleration is None:
         return
     statement = Statement.of(task)
     outer = Outer(statement)
-    outer.shorten(until - time.perf_counter())
+    if outer.mesh is not None and size_of(outer, OF_STROKES) <= most:
+        outer.shorten(until - time.perf_counter())
     bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
     if bound < best.bound:
         proof = outer.proof(outer.mesh)
         best = _certified(statement, bound, proof, "by the mean rates of links")
         yield best
-    for level in _levels(outer, until):
+    for level in _levels(outer, until, most):
         if level is None:
             yield replace(best, ending="time limit")
             return
@@ -194,14 +105,14 @@ def _of_speed(task: GaitProblem, until: float) -> Iterator[Bounded]:
         yield best
 
 
-def _levels(outer: Outer, until: float) -> Iterator[Level | None]:
-    """Levels that end in time, by how long the last one took; None where one would not."""
+def _levels(outer: Outer, until: float, most: float = _LARGE) -> Iterator[Level | None]:
+    """Levels up to a size that end in time, by how long the last took; None where one would not."""
     if outer.mesh is None:
         return
     seconds, before = 0.0, math.inf
     for level in _LEVELS:
         size = size_of(outer, level)
-        if size > _LARGE:
+        if size > most:
             return
         expected = seconds * (size / before) ** _GROWTH if size > _SMALL else 0.0
         begun = time.perf_counter()

@@ -34,7 +34,7 @@ class Level(NamedTuple):
 
 
 # How mean rates are bounded, and by how much a stroke must become shorter to go on.
-_OF_STROKES, _SHORTER = Level(1, 1, 3), 0.999
+OF_STROKES, _SHORTER = Level(1, 1, 3), 0.999
 # Corners of accelerations: how far outside counts as rounding, how small a determinant as 0, and
 # how near two are the same.
 _OUTSIDE, _FLAT, _SAME = 1e-9, 1e-9, 7
@@ -129,7 +129,7 @@ class Outer:
         while self.mesh and s.resting > 1 and time.perf_counter() < until:
             found, proofs = list(self.strokes), []
             for j, stroke in enumerate(self.strokes):
-                bound, proof = Program(self, _OF_STROKES, j).solve(until - time.perf_counter())
+                bound, proof = Program(self, OF_STROKES, j).solve(until - time.perf_counter())
                 most = rounded_up(max(bound, 0.0))
                 if most * s.period / 2 < stroke:
                     found[j] = up(most * s.period / 2, self.part)

@@ -20,7 +20,7 @@ from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, repetition
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
-from wormopt.systems.spiked.search.search import Survey, effort_of
+from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.table import in_steps, speed_of
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
@@ -69,7 +69,8 @@ class Design:
     timings_s : dict of str to float
         Seconds of each stage.
     ended : str
-        "searched"; or "time limit" or "interrupted", where the search was cut short.
+        "searched", or "proven" where no gait can be better by more than `Search.gap`; "time limit"
+        or "interrupted" where the search was cut short.
     trial : Trial, optional
         The last program, from which multipliers are taken; None for smooth costs.
     free : Design, optional
@@ -111,6 +112,11 @@ class Design:
         period = f"period {self.period:.6g}"
         return f"{worm.links + 1} masses, speed {self.speed:.6g}{least}, {period} ({self.ended})"
 
+    @property
+    def bound(self) -> float:
+        """No gait is faster: proven by small linear programs, for a cost by `ceiling`."""
+        return self.ceiling if self.survey.bounded is None else self.survey.bounded.bound
+
     def _repr_html_(self) -> str:
         phases = [
             (brief(list(masses)), f"{duration:.6g}")
@@ -120,7 +126,7 @@ class Design:
         parts = [
             Part("Masses at rest, and for how long", phases),
             Part("Excess over each limit, as a share of it", excess),
-            Part("Speed of any gait is at most", [(f"{self.ceiling:.6g}", "by rates and rest")]),
+            Part("Speed of any gait is at most", [(f"{self.bound:.6g}", "")]),
         ]
         return html(f"Design: {self._told}", parts)
 
@@ -260,7 +266,7 @@ def of_trial(
         error=error,
         survey=survey,
         solver={
-            "status": "solved" if ended == "searched" else "cut short",
+            "status": "solved" if ended in DONE else "cut short",
             "violation": gait.program.bilinear.violation(gait.point.x),
             "arcs_per_phase": arcs,
             "degree": gait.program.degree + 1,
@@ -287,11 +293,11 @@ def sharpest(
         try:
             report(f"sharpening gait {k}", 0.9)
             record = max((s[0].value for s in solved if s[2]), default=-np.inf)
-            solved.append(_sharpen(trier, trial, ended != "searched", record))
+            solved.append(_sharpen(trier, trial, ended not in DONE, record))
         except KeyboardInterrupt:
             ended = "interrupted"
             solved.append((trial, np.nan, False))
-        if ended != "searched":
+        if ended not in DONE:
             break
     sound = [s for s in solved if s[2]] or solved
     value = max(trial.value for trial, *_ in sound)
@@ -300,7 +306,7 @@ def sharpest(
         key=lambda s: len(lasting(s[0].sequence, s[0].durations.tolist())[0]),
     )
     both = trial, trial
-    if ended == "searched":
+    if ended in DONE:
         try:
             report("choosing among equal gaits", 0.95)
             trial, error = _recounted(trier, _in_fewer_phases(trier, trial), error)

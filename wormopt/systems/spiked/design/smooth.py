@@ -24,7 +24,7 @@ from wormopt.systems.shared.sequences import SHORTEST, Sequence_, lasting_arcs
 from wormopt.systems.spiked.design.design import Design, objective_of, of_trial
 from wormopt.systems.spiked.dynamics import gait_problem
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energy
-from wormopt.systems.spiked.search.search import Survey, effort_of
+from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import GaitProblem, Objective, Search
 
@@ -58,9 +58,9 @@ def smoothest(
     trials, ended, error = list(survey.trials), survey.ended, np.nan
     solved, error_of_solved = None, np.nan
     try:
-        if ended == "searched" and is_energy(task):
+        if ended in DONE and is_energy(task):
             trials, error = _resolved(task, settings, trials, report)
-        if ended == "searched" or not known:
+        if ended in DONE or not known:
             report("solving for the cost", 0.9)
             solved, error_of_solved = _solved(task, trials[:_POLISHED], error, ended)
     except KeyboardInterrupt:
@@ -111,7 +111,7 @@ def _solved(
     resolved = is_energy(task)
     found = [s for trial in trials[: 1 if resolved else None] if (s := solve_cost(task, trial))]
     best = min(found, key=lambda s: s.objective, default=None)
-    if best is None or resolved or ended != "searched":
+    if best is None or resolved or ended not in DONE:
         return best, error
     return refine_cost(best)
 

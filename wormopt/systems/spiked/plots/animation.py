@@ -1,4 +1,4 @@
-"""Animation of a worm that crawls: at rest a mass has its spikes out."""
+"""Animation of a crawling worm; masses at rest have their spikes out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FRAMES = CYCLES * _FRAMES_PER_CYCLE
 
 
 def first_frame(result: Result) -> Figure:
-    """The worm on the ground as the animation begins, for `pose` to change.
+    """Draw the worm at the start of the animation, for `pose` to change.
 
     Needs ``time``, ``resting`` and ``position``.
     """
@@ -26,7 +26,7 @@ def first_frame(result: Result) -> Figure:
 
 
 def _stage(axes: Axes, result: Result) -> None:
-    """Ground with ticks, wide enough for all cycles shown."""
+    """Draw the ground with ticks, wide enough for all cycles shown."""
     position = result["position"].values
     reach = position[0].max() + (CYCLES - 1) * (position[0, -1] - position[0, 0])
     margin = 0.04 * (reach - position.min())

@@ -1,4 +1,4 @@
-"""Picture of a proof: how the bound of every gait came down to the gait that was found."""
+"""Picture of a proof: the decrease of the bound towards the objective of the gait."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from wormopt.result import Result
 
 
 def certificate(result: Result) -> Figure:
-    """Proven bound over time with the gait's own value.
+    """Draw the proven bound over time with the objective of the gait.
 
     Needs ``proof_time``, ``proof_bound``, ``proof_value``.
     """
@@ -17,12 +17,12 @@ def certificate(result: Result) -> Figure:
     axes = drawn.subplots()
     time, bound, value = (result[f"proof_{name}"] for name in ("time", "bound", "value"))
     axes.step(time.values, bound.values, where="post", marker=".", color=LINKS[0],
-              label="proven bound of every gait")  # fmt: skip
+              label="proven bound for all gaits")  # fmt: skip
     axes.plot(time.values, value.values, color="black", linestyle=(0, (4, 2)),
-              label="the gait")  # fmt: skip
+              label="this gait")  # fmt: skip
     axes.fill_between(time.values, value.values, bound.values, step="post", color=LINKS[0],
                       alpha=0.12, linewidth=0)  # fmt: skip
-    axes.set_xlabel(label("time spent $t$", time.unit))
+    axes.set_xlabel(label("computing time $t$", time.unit))
     axes.set_ylabel(label("objective and its bound", bound.unit))
     tell(
         drawn,

@@ -1,4 +1,4 @@
-"""Pictures of a front: its points, and the gait at its knee."""
+"""Pictures of a Pareto front: its points, and the gait at its knee."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from wormopt.systems.spiked.plots.gaits import OBJECTIVES
 
 
 def front(result: Result) -> Figure:
-    """Speed and cost of all points; those that count are joined where the order of rest stays.
+    """Draw speed and cost of all points; neighbours with one resting sequence are joined.
 
-    Needs ``front_speed``, ``front_value`` and ``front_accepted``; ``front_order`` tells jumps.
+    Needs ``front_speed``, ``front_value`` and ``front_accepted``; ``front_order`` marks jumps.
     """
     speed, value = result["front_speed"], result["front_value"]
     accepted = result["front_accepted"].values.astype(bool)
@@ -51,7 +51,7 @@ def front(result: Result) -> Figure:
 
 
 def _draw_line(axes: Axes, result: Result) -> None:
-    """Points that count, joined to the next where both have one order of rest."""
+    """Draw the points on the front, joined to the next one of the same resting sequence."""
     x, y = result["front_speed"].values, result["front_value"].values
     accepted = result["front_accepted"].values.astype(bool)
     order = result["front_order"].values if "front_order" in result else np.zeros(len(x))
@@ -63,7 +63,7 @@ def _draw_line(axes: Axes, result: Result) -> None:
                   label=None if k else "best found")  # fmt: skip
     for k, at in enumerate(jumps):
         axes.axvline(x[line[at - 1 : at + 1]].mean(), color=GREY, linestyle=":", linewidth=1,
-                     label=None if k else "order of rest changes")  # fmt: skip
+                     label=None if k else "resting sequence changes")  # fmt: skip
 
 
 def _draw_knee(axes: Axes, result: Result) -> None:
@@ -76,22 +76,22 @@ def _draw_knee(axes: Axes, result: Result) -> None:
 
 
 def gait(result: Result) -> Figure:
-    """Link lengths, rates and accelerations over a cycle of the gait at the knee; its rests."""
+    """Draw link lengths, rates, accelerations and rests of the gait at the knee over a cycle."""
     return _of_knee(gaits.gait(result), result)
 
 
 def motion(result: Result) -> Figure:
-    """Path of every mass over two cycles of the gait at the knee, time upward."""
+    """Draw the path of every mass over two cycles of the gait at the knee, time upward."""
     return _of_knee(gaits.motion(result), result)
 
 
 def spikes(result: Result) -> Figure:
-    """Spike loads and actuator forces over a cycle of the gait at the knee."""
+    """Draw spike loads and actuator forces over a cycle of the gait at the knee."""
     return _of_knee(gaits.spikes(result), result)
 
 
 def _of_knee(drawn: Figure, result: Result) -> Figure:
-    """The same figure, which says that its gait is the one at the knee."""
+    """Add to the figure that its gait is the one at the knee."""
     knee, last = scalar(result, "front_knee"), len(result["front_speed"].values) - 1
     which = "" if knee is None else f", point {knee} of 0 to {last}"
     tell(drawn, f"the gait at the knee of the front{which}")

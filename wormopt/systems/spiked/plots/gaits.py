@@ -1,6 +1,6 @@
-"""Pictures of gaits and their design: lengths, way, loads, limits, proof.
+"""Pictures of gaits and their design: lengths, paths, loads, limits.
 
-Values of time stand twice where something jumps, so lines draw jumps as they are.
+Times appear twice where something jumps, so lines draw the jumps.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-CYCLES = 2  # shown of a motion
+CYCLES = 2  # cycles shown of a motion
 CENTRED: dict[str, Any] = {"ha": "center", "va": "center_baseline", "weight": "bold"}
 OBJECTIVES = {
     "peak_spike_load": r"largest load on a spike, max $\lambda_i$",
@@ -55,7 +55,7 @@ OBJECTIVES = {
 
 
 def gait(result: Result) -> Figure:
-    """Link lengths, rates and accelerations over a cycle with their limits; which mass rests.
+    """Draw link lengths, rates and accelerations over a cycle with their limits, and rests.
 
     Needs ``time``, ``resting``, ``length``, ``rate``, ``acceleration``. Glides are shaded.
     """
@@ -91,7 +91,7 @@ def _cycle(result: Result) -> list[str]:
 
 
 def _fastest(result: Result) -> str:
-    """What no gait exceeds: the speed that is proven where one is, else what rates allow."""
+    """Upper bound on the speed: the proven one if there is one, else the ceiling."""
     value, speed = scalar(result, "objective"), scalar(result, "speed")
     if value == speed and scalar(result, "gap_certified") is not None:
         return fact(result, "bound", "proven bound")
@@ -99,9 +99,10 @@ def _fastest(result: Result) -> str:
 
 
 def motion(result: Result) -> Figure:
-    """Path of every mass over two cycles, time upward as in figure 3 of the chapter.
+    """Draw the path of every mass over two cycles, time upward.
 
-    Needs ``time``, ``resting``, ``position``. Heavy lines: a mass rests; shaded: glides.
+    This is the form of figure 3 of Zimmermann et al. 2007. Needs ``time``, ``resting``,
+    ``position``. Heavy lines: a mass rests; shaded: glides.
     """
     time, position = result["time"].values, result["position"].values
     cycle, advance = time[-1], position[0, -1] - position[0, 0]
@@ -126,19 +127,19 @@ def motion(result: Result) -> Figure:
     tell(drawn, *_cycle(result))
     entries: list[Artist] = [line("rests on its spikes", width=4), line("moves", width=1)]
     if glides:
-        entries.append(Patch(color=GLIDE, label="whole worm glides"))
+        entries.append(Patch(color=GLIDE, label="the worm glides"))
     legend_below(drawn, entries)
     return drawn
 
 
 def _heavy(x: np.ndarray, t: np.ndarray, rests: np.ndarray, colour: str) -> LineCollection:
-    """Stretches of a path on which the mass rests, as heavy lines."""
+    """Parts of a path on which the mass rests, as heavy lines."""
     lines = [[(np.interp(at, t, x), at) for at in stretch] for stretch in stretches(t, rests)]
     return LineCollection(lines, colors=colour, linewidths=4, zorder=3, capstyle="butt")
 
 
 def spikes(result: Result) -> Figure:
-    """Spike loads, lambda and sigma of (7), and actuator forces over a cycle with limits.
+    """Draw spike loads, lambda and sigma of eq. 7, and actuator forces over a cycle with limits.
 
     Needs ``time``, ``resting``, ``reaction``, ``reaction_mean``, ``sigma`` and
     ``actuator_force``. Impulses, where velocities jump, are marked above.
@@ -154,9 +155,9 @@ def spikes(result: Result) -> Figure:
     legend(loads, [*handles("mass", masses), *told, *_draw_impulses(loads, result)])
     loads.set_ylabel(label("load on spikes\n$\\lambda_i$", result["reaction"].unit))
     mean.plot(time, result["sigma"].values, color="#BBBBBB", linewidth=3,
-              label=r"$\sigma$, needed to hold")  # fmt: skip
+              label=r"$\sigma$, needed to prevent gliding")  # fmt: skip
     mean.plot(time, result["reaction_mean"].values, color="black", linewidth=1,
-              label=r"$\lambda$, of the loads")  # fmt: skip
+              label=r"$\lambda$, mean spike load")  # fmt: skip
     mean.axhline(0.0, color=GREY, linewidth=0.8)
     legend(mean)
     mean.set_ylabel(label("mean over\nthe masses", result["sigma"].unit))
@@ -176,7 +177,7 @@ def spikes(result: Result) -> Figure:
 
 
 def _draw_impulses(axes: Axes, result: Result) -> list[Artist]:
-    """Arrows from above where velocities jump; gives what a legend says of them."""
+    """Draw arrows from above where velocities jump; returns their legend entries."""
     jumps = scalar(result, "impulses") or []
     style: dict[str, Any] = {"marker": "v", "color": RED, "linestyle": "none", "markersize": 5}
     across = axes.get_xaxis_transform()
@@ -187,7 +188,7 @@ def _draw_impulses(axes: Axes, result: Result) -> list[Artist]:
 
 
 def limits(result: Result) -> Figure:
-    """Bars of what each limit is worth: per cent of the objective per per cent of the limit.
+    """Draw bars of the relative sensitivity of the objective to each limit.
 
     Needs ``limit_elasticity`` and the attribute ``limits``. The longest is on top; limits
     that do not bind are named in the heading.
@@ -215,8 +216,8 @@ def limits(result: Result) -> Figure:
     axes.set_ylabel("limit")
     cost = OBJECTIVES.get(known["objective"], "").partition(",")[0]
     of = f"of the {cost}" if cost else "of speed"
-    axes.set_xlabel(rf"per cent {of}" + (narrow() * "\n" or " ")
-                    + r"per per cent of the limit ($\%/\%$)")  # fmt: skip
+    axes.set_xlabel(rf"relative sensitivity {of}" + (narrow() * "\n" or " ")
+                    + r"to the limit ($\%/\%$)")  # fmt: skip
     tell(drawn, *_limit_notes(known, elasticity, len(binding) - len(shown)))
     legend_below(drawn, [
         Patch(facecolor=LINKS[0], label="better when raised"),
@@ -226,7 +227,7 @@ def limits(result: Result) -> Figure:
     return drawn
 
 
-# Elasticities below this are rounding; more bars than these cannot be read.
+# Smaller elasticities are rounding; more bars cannot be read.
 _NO_INFLUENCE, _MOST_BARS = 1e-6, 24
 
 
@@ -237,17 +238,17 @@ def _limit_text(known: dict[str, Any], k: int) -> str:
 
 
 def _limit_notes(known: dict[str, Any], elasticity: np.ndarray, hidden: int) -> list[str]:
-    """What the bars do not show."""
+    """Notes on limits without a bar."""
     idle = np.flatnonzero(abs(elasticity) <= _NO_INFLUENCE)
     notes = []
-    for text, is_zero in (("without influence", False), ("not shown as they are 0", True)):
+    for text, is_zero in (("no influence", False), ("not shown because they are 0", True)):
         names = [known["name"][k] for k in idle if (known["value"][k] == 0) == is_zero]
         if names:
             notes.append(f"{text}: {', '.join(names)}")
     if hidden:
-        notes.append(f"{hidden} shorter bars left out")
+        notes.append(f"{hidden} shorter bars not shown")
     if any(known["one_sided"]):
-        notes.append("* counts when relaxed, tightened it counts differently")
+        notes.append("* sensitivity to relaxing; that to tightening differs")
     return notes
 
 

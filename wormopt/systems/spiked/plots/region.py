@@ -1,4 +1,4 @@
-"""Picture of where kinematics alone rules a gait, by its period and the load."""
+"""Picture of the periods and loads at which kinematics alone determines a gait's motion."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from wormopt.result import Result
 
 
 def region(result: Result) -> Figure:
-    """Largest load on a spike by period and load; where the worm glides, where spikes break.
+    """Draw the largest spike load by period and load, and where the worm glides or spikes break.
 
     Needs ``region_period``, ``region_load``, ``region_spike_load`` and ``region_least_load``;
-    ``region_most_load`` where it is known what a spike holds. A cross marks the gait itself.
+    ``region_most_load`` if the strength of a spike is known. A cross marks the gait itself.
     """
     period, load = result["region_period"], result["region_load"]
     least, peaks = result["region_least_load"].values, result["region_spike_load"]
@@ -35,7 +35,7 @@ def region(result: Result) -> Figure:
     axes = drawn.subplots()
     axes.grid(visible=False)
     if np.isfinite(peaks.values).any():
-        # each column goes on below the border, where it is covered, so that no cell ends above it
+        # each column continues below the border, where it is covered, so that no cell ends above
         lowest = np.nanmin(peaks.values, axis=1, keepdims=True, initial=np.nanmax(peaks.values))
         held = np.where(np.isnan(peaks.values), lowest, peaks.values).T
         image = axes.pcolormesh(
@@ -46,7 +46,7 @@ def region(result: Result) -> Figure:
     axes.plot(period.values, least, color="black", linewidth=1.4, zorder=3)
     entries: list[Artist] = [
         Patch(facecolor=GLIDE, label="the worm glides"),
-        line("least load that holds it, $w = 0$", "black"),
+        line("smallest load without gliding, $w = 0$", "black"),
     ]
     if "region_most_load" in result:
         most = result["region_most_load"].values
@@ -54,12 +54,12 @@ def region(result: Result) -> Figure:
             period.values, np.maximum(most, least), max(top, most.max()), facecolor="none",
             edgecolor=RED, hatch="///", linewidth=0, zorder=2,
         )  # fmt: skip
-        # covered where the worm glides, which breaks no spike
+        # covered where the worm glides and breaks no spike
         axes.plot(period.values, most, color=RED, linewidth=1.4, zorder=1.5)
         strength = f"{number(scalar(result, 'region_spike_strength'))} {peaks.unit}"
         entries.append(
             Patch(facecolor="none", edgecolor=RED, hatch="///",
-                  label=f"a spike bears more than {strength.removesuffix(' 1')}")
+                  label=f"a spike carries more than {strength.removesuffix(' 1')}")
         )  # fmt: skip
     own, at = scalar(result, "region_gait_load"), scalar(result, "period")
     if own is not None and at is not None:
@@ -71,6 +71,6 @@ def region(result: Result) -> Figure:
     axes.set_ylabel(label(r"load $\Gamma$ on every mass", load.unit))
     axes.tick_params(color=GREY)
     if least.min() > top:
-        tell(drawn, "no load of this map holds the worm")
+        tell(drawn, "the worm glides at all loads of this map")
     legend_below(drawn, entries)
     return drawn

@@ -1,4 +1,4 @@
-"""Picture of step commands: lengths, a close-up of steps, rates of the motors, way of the worm."""
+"""Picture of step commands: lengths, a close-up of steps, motor rates, positions of the masses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from wormopt.result import Result
 
 
 def steps(result: Result) -> Figure:
-    """Commanded and ideal lengths, close-up of a turn, motor rates with limits, mass positions.
+    """Draw commanded and ideal lengths, a reversal, motor rates and positions of the masses.
 
     The result is of kind ``stepper``; motor 0 drives link 0.
     """
@@ -65,7 +65,7 @@ def steps(result: Result) -> Figure:
 
 
 def _close_up(axes: Axes, result: Result) -> None:
-    """Steps about a turn of one link, counted from the length commanded there."""
+    """Draw the steps of one link near a reversal, relative to the length commanded there."""
     link = int(result["turn_link"].values[0])
     time = result["turn_time"].values
     base = result["turn_commanded"].values[0]
@@ -76,12 +76,12 @@ def _close_up(axes: Axes, result: Result) -> None:
     axes.plot(time, ideal, color="black", linewidth=0.9, label="gait")
     legend(axes)
     axes.margins(x=0)
-    axes.set_ylabel(f"$l_{link}$ near a turn,\nchange (µm)")
+    axes.set_ylabel(f"$l_{link}$ at a reversal,\nchange (µm)")
     axes.set_xlabel("close-up, time $t$ (s)")
 
 
 def _limits(axes: Axes, result: Result) -> None:
-    """The motor's largest rate and its start rate, in both directions."""
+    """Draw the motor's largest rate and start rate, in both directions."""
     limit, start = (float(scalar(result, k) or 0.0) for k in ("turn_rate_limit", "start_rate"))
     levels = [(limit, line("limit of the motor", RED, LIMIT, 0.9))]
     if start:
@@ -94,7 +94,7 @@ def _limits(axes: Axes, result: Result) -> None:
 
 
 def _motion(axes: Axes, result: Result) -> None:
-    """Places of the masses by steps, and those of the gait without any loss."""
+    """Draw positions of the masses by steps, and those of the ideal gait."""
     time = result["time"].values
     rows, ideal = result["position"].values, result["position_ideal"].values
     for row, lossless, colour in zip(rows, ideal, MASSES, strict=False):

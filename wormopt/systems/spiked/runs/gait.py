@@ -1,4 +1,4 @@
-"""Scenes of kind ``gait``: what a given gait does to a worm with spikes, (1)-(7)."""
+"""Runs scenes of kind ``gait``: the motion of a worm with spikes and a given gait."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from wormopt.systems.spiked.scenes.gait import GaitScene, RegionTable
 
 
 def run(scene: Scene[GaitScene], report: Report) -> Result:
-    """Crawl with the scene's gait and check the motion by a second route.
+    """Compute the motion for the scene's gait and check it by an independent computation.
 
-    Signals cover one period. "failed" where the two routes' speeds differ by more than 1e-9.
+    Signals cover one period. The result is "failed" if the two speeds differ by more than 1e-9.
     """
     table, worm = scene.table, scene.table.worm
     clock = time.perf_counter()
@@ -45,7 +45,7 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
         {"crawl": crawled - clock, "recheck": time.perf_counter() - crawled},
     )
     if "region" in table.want:
-        from wormopt.systems.spiked.runs.region import mapped  # it simulates
+        from wormopt.systems.spiked.runs.region import mapped  # imports the simulator
 
         report("mapping periods and loads", None)
         found |= mapped(table.region or RegionTable(), motion)
@@ -54,10 +54,10 @@ def run(scene: Scene[GaitScene], report: Report) -> Result:
 
 def _warnings(motion: Crawl) -> Iterator[str]:
     if motion.glides:
-        yield "the worm glides: for a while no mass rests, so forward motion is not held"
+        yield "the worm glides: at some times no mass rests and nothing holds the forward motion"
     elif motion.drops:
-        yield "the kinematic velocity jumps down: the worm is thrown forward there"
+        yield "the kinematic velocity jumps down: there the worm is thrown forward"
     if motion.corners:
-        yield "link rates jump: actuators act by impulses, force and energy have no value"
+        yield "link rates jump: actuators act by impulses, so force and energy are undefined"
     if motion.impulses:
-        yield "corners of the gait load the spikes with impulses"
+        yield "corners of the gait cause impulses on the spikes"

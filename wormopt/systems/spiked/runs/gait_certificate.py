@@ -1,4 +1,4 @@
-"""The certificate of a designed gait: proof of how much better any gait could be."""
+"""The certificate of a designed gait: a proven bound on the objective of any gait."""
 
 from __future__ import annotations
 
@@ -22,48 +22,59 @@ _ROUNDING = 1e-12
 
 
 def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Findings:
-    """What is proven of every gait, and verified exactly; a gait beyond its bound is a fault."""
+    """Bound the objective of every gait, verify the proof exactly, and compare with the gait.
+
+    Without a table `[search.certify]` the bound is the one that the search began with.
+    """
     wanted, task = table.search.proof, found.task
-    assert wanted is not None
     clock = time.perf_counter()
-    proven = bounded(task, found.value, wanted, report)
+    if wanted is not None:
+        proven = bounded(task, found.value, wanted, report)
+    else:
+        assert found.survey.bounded is not None
+        proven = found.survey.bounded
     proved = time.perf_counter()
     cost = task.objective.minimise is not None
     gap = gap_of(found.value, proven.bound, cost)
-    advice = "the gait is better than its proven bound; please report this scene"
+    advice = "the gait is better than its proven bound, which is an error; please report this scene"
     checks = [Check("gait over its proven bound", max(0.0, -gap), _ROUNDING, advice)]
     facts: dict[str, Any] = {
-        "holds_for": "every gait of any order of rest, number of phases and cycles, in which "
-        f"gait.resting = {task.limits.resting} and all other limits hold at any time",
-        "ended": proven.ending,
-        "wanted_gap": wanted.gap,
+        "holds_for": "every gait with any resting sequence, number of phases and cycles in which "
+        f"gait.resting = {task.limits.resting} and all other limits hold at all times",
         "source": proven.source,
     }
+    timings: dict[str, float] = {}
     if proven.certificate is not None:
         report("verifying the certificate in exact arithmetic", None)
         verified = verify(proven.certificate)
-        advice = f"the certificate is not verified: {verified.reason}; please report this scene"
+        advice = (
+            f"verification of the certificate failed: {verified.reason}; please report this scene"
+        )
         checks.append(Check("certificate verified", 0.0 if verified.holds else 1.0, 0.0, advice))
         facts["verified_inequalities"] = verified.inequalities
+        timings["verify"] = time.perf_counter() - proved
     unit = unit_of(task.objective.quantity, table.units)
+    known = Findings(
+        {"bound": Scalar(proven.bound, unit), "gap_certified": max(0.0, gap)},
+        checks=tuple(checks),
+        facts={"certificate": facts},
+        timings=timings,
+        attributes={"certificate": proven.certificate.text} if proven.certificate else {},
+    )
+    if wanted is None:
+        return known
+    facts |= {"ended": proven.ending, "wanted_gap": wanted.gap}
     history = np.array(proven.history)
     courses = {"proof_bound": history[:, 1], "proof_value": 0 * history[:, 1] + found.value}
     variables: dict[str, Any] = {"proof_time": history[:, 0]}
     for name, values in courses.items():
         _, dims, long_name = table.variables[name]
         variables[name] = Variable(name, unit, dims, values, long_name)
-    return Findings(
-        {
-            "bound": Scalar(proven.bound, unit),
-            "gap_certified": max(0.0, gap),
-            "certified_seconds": proved - clock,
-        },
+    return known | Findings(
+        {"certified_seconds": proved - clock},
         variables,
-        checks=tuple(checks),
-        facts={"certificate": facts},
         warnings=tuple(_warnings(proven, wanted.gap)),
-        timings={"certify": proved - clock, "verify": time.perf_counter() - proved},
-        attributes={"certificate": proven.certificate.text} if proven.certificate else {},
+        timings={"certify": proved - clock},
     )
 
 
@@ -71,9 +82,9 @@ def _warnings(proven: Bounded, gap: float) -> Iterator[str]:
     missed = f"the gap {gap:g} was not reached"
     match proven.ending:
         case "time limit" | "interrupted":
-            yield f"{missed} ({proven.ending}): give search.certify.time_limit more seconds"
+            yield f"{missed} ({proven.ending}): increase search.certify.time_limit"
         case "finest program":
             yield (
-                f"{missed}: the largest program leaves more; either the gait can still be better "
-                '(try search.effort = "thorough"), or the bound is that far off'
+                f"{missed} with the largest program; either a better gait exists (try "
+                'search.effort = "thorough"), or the bound is not tight',
             )

@@ -1,4 +1,4 @@
-"""Scenes of kind ``gait-design``: construct the best gait within limits, and prove it."""
+"""Runs scenes of kind ``gait-design``: design the optimal gait within limits, and bound it."""
 
 from __future__ import annotations
 
@@ -36,18 +36,19 @@ from wormopt.systems.spiked.runs.motion import (
 from wormopt.systems.spiked.scenes.design_tables import in_scene
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.systems.spiked.scenes.stepper import MotorTable
+from wormopt.systems.spiked.search.search import DONE
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
 from wormopt.systems.spiked.table import excess_of
 from wormopt.systems.spiked.task import Cost, Effort
 
-# A gait is accepted if no limit is exceeded by more, and the second route agrees to this.
+# A gait is accepted if every limit holds and the second route agrees within this share.
 _ACCEPTED = 1e-9
-# Programs with more unknowns take seconds; they are asked only if the picture is wanted.
+# Sensitivities of larger programs take seconds; they are computed only if the picture is wanted.
 _MOST_UNKNOWNS = 3000
 _MOTORS = (
     "one motor per link turns a threaded rod: |l'| <= lead rate_max and |l''| <= lead "
     "acceleration_max hold at all times, also below motor.start_rate, where motors need no ramp; "
-    "no step is lost within them, whatever the force"
+    "within these limits no step is lost at any force"
 )
 COST_SCALARS: dict[Cost, str] = {
     "peak_spike_load": "spike_load_max",
@@ -59,9 +60,9 @@ COST_SCALARS: dict[Cost, str] = {
 
 
 def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
-    """Design the scene's gait; "failed" where the trust report does not hold.
+    """Design the scene's gait; the result is "failed" if a check of the trust report fails.
 
-    Raises SolveError where no gait meets the limits, Interrupted with the best gait so far.
+    Raises SolveError if no gait meets the limits, Interrupted with the best gait so far.
     """
     table = scene.table
     try:
@@ -70,17 +71,20 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         raise refused(error, scene) from None
     known = of_design(table, found) | Findings(_objective(table, found))
     if found.ended == "interrupted":
-        reason = "interrupted: the best gait so far, its search cut short"
+        reason = "interrupted: this is the best gait so far; the search did not finish"
         raise Interrupted(known.result(scene).failed(reason))
     known |= _of_limits(table, found)
-    if table.search.proof is None or not known.holds:
+    bounded = found.survey.bounded or table.search.proof
+    if bounded is None or not known.holds:
         return known.result(scene)
     from wormopt.systems.spiked.runs.gait_certificate import of_certificate
 
     proven = of_certificate(table, found, report)
     result = (known | proven).result(scene)
-    if proven.facts["certificate"]["ended"] == "interrupted":
-        raise Interrupted(result.failed("interrupted: the gait is done, its bound is not sharp"))
+    if proven.facts["certificate"].get("ended") == "interrupted":
+        raise Interrupted(
+            result.failed("interrupted: the gait is complete, its bound is not tight")
+        )
     return result
 
 
@@ -90,14 +94,14 @@ def as_json(result: Result) -> str | None:
 
 
 def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
-    """A design's refusal in the words of its scene, with a partial result that says so.
+    """Rewrite the error of a design with the keys of its scene, and add a partial result.
 
-    The scene's table is a DesignTable. Where a limit is named that is the motor's, the motor is.
+    The scene's table is a DesignTable. A note explains limits that come from the motor.
     """
     table: DesignTable = scene.table
     reason, suggestion = in_scene(error.reason), in_scene(error.suggestion)
     notes = [
-        f"gait.{name} is here the motor's, motor.lead * motor.{name}_max"
+        f"gait.{name} is here the limit of the motor, motor.lead * motor.{name}_max"
         for name, whose in (_whose(table, table.motor) if table.motor else {}).items()
         if "motor" in whose and f"gait.{name}" in f"{reason} {suggestion}"
     ]
@@ -107,10 +111,10 @@ def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
 
 
 def of_design(table: DesignTable, found: Design) -> Findings:
-    """What is known of a designed gait, computed anew in closed form and rechecked by integration.
+    """Collect the results of a designed gait, recomputed in closed form and by integration.
 
-    A limit that is exceeded by over 1e-9 of its size is a fault, and so is a speed of the second
-    route that differs by more. Signals show one cycle.
+    Fails if a limit is violated by more than 1e-9 of its size, or if the speed of the second
+    route differs by more. Signals cover one cycle.
     """
     clock = time.perf_counter()
     motion, objective = found.motion, found.task.objective
@@ -134,7 +138,7 @@ def of_design(table: DesignTable, found: Design) -> Findings:
 
 
 def _objective(table: DesignTable, found: Design) -> dict[str, Scalar]:
-    """What was reached, whose quantity depends on what was sought."""
+    """Objective reached, whose quantity depends on the objective."""
     objective = found.task.objective
     value = objective_of(found.motion, objective.minimise)
     return {"objective": Scalar(value, unit_of(objective.quantity, table.units))}
@@ -143,14 +147,14 @@ def _objective(table: DesignTable, found: Design) -> dict[str, Scalar]:
 def _checks(excess: dict[str, float], motion: Crawl, found: Design) -> Iterator[Check]:
     for key, value in excess.items():
         over = float(np.maximum(value, 0.0))  # keeps what is not a number
-        yield Check(key, over, _ACCEPTED, f"{key} is exceeded by {value:.2g} of its size")
+        yield Check(key, over, _ACCEPTED, f"{key} is exceeded by {value:.2g} of its value")
     above = motion.speed / found.ceiling - 1.0
-    advice = "the speed is above its ceiling, which cannot be; please report this scene"
+    advice = "the speed is above its ceiling, which is an error; please report this scene"
     yield Check("speed over its ceiling", max(0.0, above), _ACCEPTED, advice)
 
 
 def _under_loads(found: Design) -> Iterator[Check]:
-    """Integrate anew under other loads of a range: as many masses must rest, as fast a motion."""
+    """Integrate anew at other loads of a range and compare resting masses and speed."""
     low, high = found.task.worm.load_range
     for load in np.linspace(low, high, 5)[:-1].tolist() if low < high else ():
         motion = found.motion_under(load)
@@ -163,7 +167,6 @@ def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]
     known = {
         "cycles": found.cycles,
         "ceiling": found.ceiling,
-        "gap": (found.ceiling - motion.speed) / found.ceiling,
         "discretisation_error": Scalar(error, unit_of(objective.quantity, table.units)),
         "length_limits": limits.length_ranges(links),
     }
@@ -209,28 +212,28 @@ def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:
                 {"sequence": t.sequence, "cycles": t.cycles, "objective": t.cost} for t in best
             ],
         },
-        "ceiling": "upper bound on the speed by link rates and resting masses alone",
+        "ceiling": "upper bound on the speed from link rates and resting masses alone",
     }
 
 
 def _warnings(found: Design, effort: Effort) -> Iterator[str]:
     if effort == "quick":
-        yield 'search.effort = "quick" tries little: write "normal" or "thorough" for better gaits'
+        yield 'search.effort = "quick" tries few sequences; write "normal" or "thorough"'
     if not found.error <= 1e-6:
         known = np.isfinite(found.error)
-        size = f"by {found.error:.1g} of it" if known else "by an unknown share"
-        yield f"halving the arcs still changed the objective {size}"
-    if found.ended != "searched":
-        yield f"the search was cut short ({found.ended}): a longer one may find a better gait"
+        size = f"by {found.error:.1g} of its value" if known else "by an unknown share"
+        yield f"the last halving of the arcs still changed the objective {size}"
+    if found.ended not in DONE:
+        yield f"the search ended early ({found.ended}): a longer search may find a better gait"
 
 
 def _of_steps(found: Design) -> Findings:
-    """By how much rounded lengths, taken straight from tick to tick, exceed limits."""
+    """Violation of limits by rounded lengths that move in straight lines from tick to tick."""
     limits = found.task.limits
     excess = excess_of(found.table, limits.tick or 1.0, limits)
     over = [
-        f"lengths rounded to gait.length_step exceed {in_scene(name)} by {value:.2g} of it from "
-        "tick to tick: write a shorter gait.length_step or a longer gait.tick"
+        f"lengths rounded to gait.length_step exceed {in_scene(name)} by {value:.2g} of its value "
+        "from tick to tick: write a smaller gait.length_step or a larger gait.tick"
         for name, value in excess.items()
         if value > _ACCEPTED
     ]
@@ -242,9 +245,9 @@ def _of_steps(found: Design) -> Findings:
 
 
 def _of_motors(table: DesignTable, motor: MotorTable, found: Design) -> Findings:
-    """Which limits are the motor's, how much of its own a gait uses, and whether it is too much.
+    """Find which limits are the motor's, the shares of them that the gait uses, and violations.
 
-    Found from the gait alone, independently of the design's own check of its limits.
+    Computed from the gait alone, independently of the design's own check of its limits.
     """
     # a motor that is always ramped
     stepper = replace(Stepper(**msgspec.structs.asdict(motor)), start_rate=0.0)
@@ -262,12 +265,12 @@ def _of_motors(table: DesignTable, motor: MotorTable, found: Design) -> Findings
 def _check_of_motors(asked: Demand) -> Check:
     # a period that is short by a share stands for accelerations that are over by twice that
     name, short = asked.strictest.name, max(0.0, asked.period_min / asked.period - 1.0)
-    advice = f"motor.{name} is exceeded: it asks for a period of {asked.period_min}"
+    advice = f"motor.{name} is exceeded: the gait needs a period of {asked.period_min}"
     return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=asked.feasible)
 
 
 def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
-    """Of each link, whether the gait's limit or the motor's is the smaller."""
+    """Source of the smaller limit of each link: "gait" or "motor"."""
     links, limits = table.worm.links, table.gait.limits
     rates = limits.rate_limits(links)
     given = {
@@ -281,13 +284,13 @@ def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
     }
 
 
-# -- what binds the gait -------------------------------------------------------------------------
+# -- limits that bind the gait -------------------------------------------------------------------
 
 
 def _of_limits(table: GaitDesignScene, found: Design) -> Findings:
-    """What every limit is worth (scalars ``sensitivity.*``), where that is known.
+    """Sensitivities to all limits (scalars ``sensitivity.*``), where they are known.
 
-    Also the data of the picture ``limits``; the trust report says how, or why not.
+    Includes the data of the picture ``limits``; the trust report gives the method or the reason.
     """
     reason = _reason_against(found, "limits" in table.want)
     if reason:
@@ -301,8 +304,8 @@ def _of_limits(table: GaitDesignScene, found: Design) -> Findings:
         {"limit_elasticity": np.array([s.elasticity for s in known])},
         facts={
             "sensitivity": {
-                "method": "multipliers of the program with each limit moved; the order of rest is "
-                "kept",
+                "method": "multipliers of the program under a change of each limit; the resting "
+                "sequence is kept",
                 "one_sided": one_sided,
                 "scaling_error": scaling_error(known, found.task.objective),
             }
@@ -322,18 +325,18 @@ def _of_limits(table: GaitDesignScene, found: Design) -> Findings:
 
 def _reason_against(found: Design, wanted: bool) -> str:
     if found.trial is None:
-        return "a smooth cost is found by another solver, whose multipliers are not kept"
+        return "a smooth cost is minimised by another solver, whose multipliers are not kept"
     if found.ended == "interrupted":
         return "the design was interrupted"
     if len(found.trial.point.x) > _MOST_UNKNOWNS and not wanted:
-        return 'the program is large; ask for the picture "limits" in want'
+        return 'the program is large; add "limits" to want'
     return ""
 
 
 def _derivatives(
     known: tuple[Sensitivity, ...], found: Design, table: GaitDesignScene
 ) -> dict[str, Scalar]:
-    """One for each key; a list where the key has one number per link or mass."""
+    """Sensitivity of each key; a list where the key has one number per link or mass."""
     objective, worm = found.task.objective.quantity, table.worm
     values: dict[str, Any] = {}
     unit: dict[str, str] = {}
@@ -346,10 +349,10 @@ def _derivatives(
             values.setdefault(name, []).append(s.derivative)
         else:
             values[name] = s.derivative
-    if worm.slope:  # by the loads it makes, whose derivatives m g cos(slope) are
+    if worm.slope:  # derivative by the loads, times m g cos(slope)
         across = weights(math.pi / 2 - worm.slope, worm.gravity, worm.masses)
         by_pull = [s.derivative for s in known if s.name.startswith("worm.pull")]
-        if not by_pull:  # alike on all masses, and part of their load
+        if not by_pull:  # equal on all masses, and part of their load
             loads = [s.derivative for s in known if s.name.startswith("worm.load")]
             by_pull = (
                 loads if len(loads) == len(across) > 2 else [sum(loads) / len(across)] * len(across)

@@ -1,4 +1,4 @@
-"""Scenes of kind ``gait-pareto``: the front of the best gaits between speed and a cost."""
+"""Runs scenes of kind ``gait-pareto``: the Pareto front between speed and a cost."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from wormopt.systems.spiked.scenes.gait_design import GaitParetoScene
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 from wormopt.systems.spiked.task import Objective
 
-# A limit with less room than this share of its size binds.
+# A limit binds if its slack is smaller than this share of its size.
 _BINDS = 1e-6
 
 
 def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
     """Find the fastest gait, then the cheapest one at each of several lower speeds.
 
-    Each search starts from the next faster gait's sequence; points are cached for reruns.
-    Raises SolveError where no fastest gait is found, Interrupted with the points so far.
+    Each search starts from the sequence of the next faster gait; points are cached for reruns.
+    Raises SolveError if no fastest gait is found, Interrupted with the points so far.
     """
     clock = perf_counter()
     saved = checkpoints("fronts", __name__) / scene.key
@@ -53,7 +53,7 @@ def run(scene: Scene[GaitParetoScene], report: Report) -> Result:
         if not points:
             raise Interrupted from None
         partial = _front(scene, points, lost, perf_counter() - clock)
-        reason = f"interrupted after {len(points)} of {total} points; run again to go on"
+        reason = f"interrupted after {len(points)} of {total} points; run again to continue"
         raise Interrupted(partial.failed(reason)) from None
     shutil.rmtree(saved, ignore_errors=True)
     return _front(scene, points, lost, perf_counter() - clock)
@@ -120,7 +120,7 @@ def _point(
 
 
 def _binding(found: Design) -> str:
-    """Limits that leave a gait no room, but for those that every gait meets exactly."""
+    """List the limits that bind a gait, except those that every gait meets exactly."""
     exact = {"limits.resting", "limits.tick", "closed"}
     if np.size(found.task.limits.period) == 1:
         exact.add("limits.period")
@@ -131,7 +131,7 @@ def _binding(found: Design) -> str:
 def _front(
     scene: Scene[GaitParetoScene], points: list[_Point], lost: list[str], seconds: float
 ) -> Result:
-    """Result of the whole front: a point counts if it is accepted and none dominates it."""
+    """Result of the whole front; a point is on it if it is accepted and not dominated."""
     against, unit = scene.table.pareto.against, points[0].result.scalars[points[0].cost].unit
     points = sorted(points, key=lambda p: p.speed)
     ok = np.array([p.result.status == "ok" for p in points])
@@ -179,7 +179,7 @@ def _front(
 
 
 def _orders(table: GaitParetoScene, points: list[_Point]) -> np.ndarray:
-    """Number of each point's order of rest; alike where rotation or a mirror makes them one."""
+    """Number each point's resting sequence; equal up to rotation and mirroring."""
     mirror = is_mirror_symmetric(table.task(Objective()))
     words = [canonical(p.sequence, table.worm.links + 1, mirror=mirror) for p in points]
     numbers = {word: k for k, word in enumerate(dict.fromkeys(words))}
@@ -187,7 +187,7 @@ def _orders(table: GaitParetoScene, points: list[_Point]) -> np.ndarray:
 
 
 def _gaits(results: list[Result]) -> dict[str, np.ndarray]:
-    """The gaits of all points in one array each, filled up with NaN where a gait has no piece."""
+    """Stack the gaits of all points in one array each, padded with NaN."""
     breaks = [result["gait_breaks"].values for result in results]
     pieces = [result["gait_polynomial"].values for result in results]
     most = np.max([piece.shape for piece in pieces], axis=0)
@@ -195,13 +195,13 @@ def _gaits(results: list[Result]) -> dict[str, np.ndarray]:
     all_pieces = np.full((len(results), *most), np.nan)
     for k, (at, piece) in enumerate(zip(breaks, pieces, strict=True)):
         all_breaks[k, : len(at)] = at
-        all_pieces[k, : len(piece)] = 0.0  # powers that this gait has not
+        all_pieces[k, : len(piece)] = 0.0  # powers missing in this gait
         all_pieces[k, : len(piece), :, : piece.shape[2]] = piece
     return {"front_gait_breaks": all_breaks, "front_gait_polynomial": all_pieces}
 
 
 def _warnings(results: list[Result], knee: int) -> list[str]:
-    """Warnings of the gait at the knee, and what else other points warn of."""
+    """Warnings of the gait at the knee, and further warnings of other points."""
     own = results[knee].trust["warnings"]
     others = [
         f"point {k}: {told}"
@@ -225,16 +225,16 @@ def _table(
         points[0].result.scalars["speed"].unit, points[0].result.scalars[cost].unit
     )]  # fmt: skip
     name = scene.table.pareto.against.replace("_", " ")
-    head = ("point", f"speed{units[0]}", f"{name}{units[1]}", "masses at rest, phase after phase",
+    head = ("point", f"speed{units[0]}", f"{name}{units[1]}", "resting masses, phase by phase",
             "cycles", "limits that bind", "")  # fmt: skip
     rows, before = [], None
     for k, point in enumerate(points):
         notes = ["knee"] * (k == knee)
         if not accepted[k]:
             failed = point.result.status != "ok"
-            notes.append("not accepted" if failed else "a faster one costs less")
+            notes.append("not accepted" if failed else "dominated by a faster gait")
         else:
-            notes += ["another order than before"] * (before not in (None, order[k]))
+            notes += ["new resting sequence"] * (before not in (None, order[k]))
             before = order[k]
         masses = ", ".join("+".join(map(str, resting)) for resting in point.sequence)
         cycles, binding = point.result.scalars["cycles"].value, point.result.attributes["binding"]

@@ -1,4 +1,4 @@
-"""What studies of gaits find, and what all of them say of a crawling motion and its re-check."""
+"""Findings of gait studies, and the results and checks common to all crawling motions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SPEEDS, _LOADS, _BALANCES = 1e-9, 1e-7, 1e-9
 
 @dataclass(frozen=True)
 class Findings:
-    """What a result is concluded from, see `conclude`; `|` joins two."""
+    """Parts of a result, see `conclude`; `|` joins two."""
 
     scalars: dict[str, Any] = field(default_factory=dict)
     variables: dict[str, Any] = field(default_factory=dict)
@@ -34,14 +34,14 @@ class Findings:
     attributes: dict[str, Any] = field(default_factory=dict)
 
     def __or__(self, more: Findings) -> Findings:
-        """Parts of both; where a name stands in both, that of `more`."""
+        """Join both; `more` overrides equal names."""
         pairs = {f.name: (getattr(self, f.name), getattr(more, f.name)) for f in fields(self)}
         joined = {k: a | b if isinstance(a, dict) else a + b for k, (a, b) in pairs.items()}
         return Findings(**joined)
 
     @property
     def holds(self) -> bool:
-        """Whether all checks are passed."""
+        """Whether all checks passed."""
         return all(check.passed for check in self.checks)
 
     def result(self, scene: Scene[Any]) -> Result:
@@ -50,9 +50,9 @@ class Findings:
 
 
 def motion_scalars(motion: Crawl, again: BimodalMotion, units: str) -> dict[str, Any]:
-    """Scalars that every gait result carries; extremes are over all time, not over samples.
+    """Scalars of every gait result; extremes are over all time, not over samples.
 
-    Energies are None, unknown, where a velocity jumps or the worm does not advance. `units` are
+    Energies are None, unknown, if a velocity jumps or the worm does not advance. `units` are
     the scene's.
     """
     low, high = motion.extremes("reaction_mean")
@@ -82,21 +82,21 @@ def motion_scalars(motion: Crawl, again: BimodalMotion, units: str) -> dict[str,
 
 
 def _lambda_mean(motion: Crawl) -> float:
-    """Mean of lambda over the period; impulses count with their share."""
+    """Mean of lambda over the period, including impulses."""
     period, masses = motion.gait.period, len(motion.drive.mass)
     pushed = sum(size for _, size in motion.impulses) / masses
     return (float(motion.integral("reaction_mean")[0]) + pushed) / period
 
 
 def _balances(motion: Crawl) -> tuple[float, float]:
-    """Largest force left behind the tail, and mean lambda - k speed - Gamma, both as sizes."""
+    """Largest force behind the tail, and error of mean lambda - k speed - Gamma, as sizes."""
     closure = max(float(np.abs(v).max()) for v in motion.extremes("closure"))
-    # drag acts on the mean velocity of the masses, which over a period is the speed
+    # the mean velocity of the masses, averaged over a period, is the speed
     return closure, abs(_lambda_mean(motion) - motion.drive.drag * motion.speed - motion.drive.load)
 
 
 def motion_variables(motion: Crawl) -> dict[str, np.ndarray]:
-    """Signals over one period and the gait itself; times at which a signal jumps stand twice."""
+    """Signals over one period and the gait; times at which a signal jumps appear twice."""
     sampled = motion.sample()
     signals = {
         name: sampled[name].reshape(-1) if len(dims) == 1 else sampled[name]
@@ -111,18 +111,18 @@ def gait_arrays(gait: Gait) -> dict[str, np.ndarray]:
 
 
 def cross_check(motion: Crawl) -> BimodalMotion:
-    """Integrate (7) for the same gait by the second, event-located route.
+    """Integrate eq. 7 for the same gait by an independent, event-located integrator.
 
-    Raises SolveError where that route finds no periodic motion.
+    Raises SolveError if it finds no periodic motion.
     """
     drive = motion.drive
     return integrate(motion.gait, drive.mass.tolist(), drive.drag, drive.load)
 
 
 def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
-    """Residuals of a motion, and what the second route (`cross_check`) found.
+    """Residuals of a motion, and the results of the second route (`cross_check`).
 
-    ``force_balance``: largest force left behind the tail, which is none; ``impulse_balance``:
+    ``force_balance``: largest force behind the tail, which should be 0; ``impulse_balance``:
     mean lambda - k speed - Gamma;
     ``energy_balance``: (net work - dissipation) / (force scale × distance).
     """
@@ -136,7 +136,7 @@ def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
         "impulse_balance": impulse,
         "ruled_by_kinematics": not motion.glides and not motion.drops,
         "recheck": {
-            "method": "event-located integration of (7)",
+            "method": "event-located integration of eq. 7",
             "speed": again.speed,
             "lambda_min": again.lambda_min,
             "lambda_max": again.lambda_max,
@@ -147,10 +147,10 @@ def motion_facts(motion: Crawl, again: BimodalMotion) -> dict[str, Any]:
 
 
 def agreement(motion: Crawl, again: BimodalMotion, under: str = "") -> Iterator[Check]:
-    """Whether the second route finds the same, and whether balances close.
+    """Compare the motion with the second route, and check its balances.
 
-    Speeds are compared as shares of the link rates, loads and balances of the forces; `under`
-    says of which motion it is, where there are several.
+    Speeds are compared as shares of the link rates, loads and balances as shares of the forces.
+    `under` names the motion if there are several.
     """
     rate, force = motion.drive.rate_scale, motion.force_scale
     low, high = motion.extremes("reaction_mean")
@@ -162,7 +162,7 @@ def agreement(motion: Crawl, again: BimodalMotion, under: str = "") -> Iterator[
         "number of resting masses": (abs(again.resting_min - motion.resting_min), 0),
     }
     for name, (off, accepted) in found.items():
-        advice = f"{under}the second route finds another {name}"
+        advice = f"{under}the second route finds a different {name}"
         yield Check(f"{under}{name}, second route", float(off), accepted, advice)
     off = max(_balances(motion)) / (len(motion.drive.mass) * force)
     yield Check(f"{under}balance of forces", off, _BALANCES, f"{under}forces do not balance")

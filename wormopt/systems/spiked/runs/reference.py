@@ -1,4 +1,4 @@
-"""Shapes of gaits as scenes name them, made into gaits."""
+"""Makes gaits from the shapes that scenes name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from wormopt.systems.spiked.scenes.shapes import (
 def gait_of_shape(shape: Shape, scene: Scene[Any], key: str = "gait") -> Gait:
     """Make the gait that a scene names; `key` is the key path of the shape.
 
-    Files lie in the scene's folder. Raises SceneError where the gait's file cannot be used.
+    Paths are relative to the scene's folder. Raises SceneError if the gait's file cannot be used.
     """
     links = scene.table.worm.links
     if isinstance(shape, FastShape):
@@ -48,6 +48,9 @@ def _from_file(shape: FileShape, scene: Scene[Any], key: str) -> Gait:
         named = said if said.startswith(path.name) else f"{shape.file}: {said}"
         raise SceneError(scene.name, [(f"{key}.file", named)]) from None
     if gait.links != scene.table.worm.links:
-        message = f"the file has {gait.links} links; set worm.links = {gait.links}"
+        message = (
+            f"the file has {gait.links} links, the worm {scene.table.worm.links}; set worm.links = "
+            f"{gait.links}"
+        )
         raise SceneError(scene.name, [(f"{key}.file", message)])
     return gait if shape.period is None else gait.with_period(shape.period)

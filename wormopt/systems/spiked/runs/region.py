@@ -1,4 +1,4 @@
-"""The map over period and load of where kinematics rules a gait, and its check by simulation."""
+"""The map over period and load of where kinematics determines a gait, checked by simulation."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from wormopt.systems.spiked.stretches import Drive
 
 _PERIODS, _LOADS = 121, 81
 _CHECKED = 4  # periods at which both sides of the border are simulated
-_ASIDE = (0.01, 0.1)  # how far from the border, as shares of its load
+_ASIDE = (0.01, 0.1)  # distance from the border, as shares of its load
 _MOVES, _LOAD_OFF = 1e-7, 1e-6  # glides slower than this share of the rates are rounding
 
 
 def mapped(table: RegionTable, motion: Crawl) -> Findings:
-    """The map and its checks. Raises SolveError where velocities jump: forces are impulses."""
+    """Compute the map and its checks. Raises SolveError where velocities jump."""
     drive, region = motion.drive, Region(motion.drive)
     if motion.corners:
         raise SolveError(
-            "the gait has corners, where forces are impulses at every period and load, so that "
-            "there is no region to draw",
-            "round its corners (a `ramp`, another `profile`), or take `region` out of `want`",
+            "the gait has corners; there forces are impulses at every period and load, so the "
+            "region is undefined",
+            "smooth its corners (a `ramp`, another `profile`), or remove `region` from `want`",
         )
     period = drive.gait.period
     most = 2 * max(drive.load, region.least_load(period), 0.0) or drive.force_scale
@@ -52,21 +52,21 @@ def mapped(table: RegionTable, motion: Crawl) -> Findings:
 
 
 def _checks(region: Region, periods: np.ndarray) -> Iterator[Check]:
-    """The dynamics, simulated at random periods with loads on both sides of the border."""
+    """Simulate the dynamics at random periods with loads on both sides of the border."""
     numbers, wrong, off = np.random.default_rng(0), 0, 0.0
     for period in numbers.uniform(periods[0], periods[-1], _CHECKED):
         border = region.least_load(period)
         for side in (-1, 1):
             load = border * (1 + side * numbers.uniform(*_ASIDE))
-            if border <= 0:  # held without load: there is one side only
+            if border <= 0:  # no load is needed: there is one side only
                 load = numbers.uniform(0.0, region.drive.force_scale)
             glides, total = _simulated(region.drive, period, load)
             wrong += glides != (load < border)
             if not glides:
                 off = max(off, abs(total / region.total_load(period, load) - 1))
-    advice = "the dynamics glide where the map says they do not, or the other way round"
+    advice = "the simulated worm glides where the map predicts no gliding, or vice versa"
     yield Check("sides of the border, simulated", wrong, 0, advice)
-    advice = "the simulated worm loads its spikes otherwise than the map says"
+    advice = "the simulated spike loads differ from those of the map"
     yield Check("loads of the map, simulated", off, _LOAD_OFF, advice)
 
 

@@ -1,4 +1,4 @@
-"""Scenes of kind ``stepper``: a gait as step commands, chapter 2.5, and the worm they move."""
+"""Runs scenes of kind ``stepper``: step commands of a gait, and the motion they produce."""
 
 from __future__ import annotations
 
@@ -32,25 +32,26 @@ from wormopt.systems.spiked.stepper.steps import (
     turning_times,
 )
 
-_ACCEPTED = 1e-9  # of the way (motion) or of the links' rates (speeds)
-_ROUNDING = 1e-6  # of a microstep: lengths are up to a million of them
-_SHOWN = 8  # steps before and after a turn, in the picture's close-up
+_ACCEPTED = 1e-9  # share of the distance (motion) or of the link rates (speeds)
+_ROUNDING = 1e-6  # share of a microstep: a length has up to a million of them
+_SHOWN = 8  # steps before and after a reversal in the close-up of the picture
 _ASSUMED = {
-    "bristles": "a mass slips back by bristles.backslip from the foremost place it has been at, "
-    "then its bristles hold whatever pulls",
-    "load": "load and drag pull the worm back until bristles hold: no mass glides, masses have "
+    "bristles": "a mass slips back by bristles.backslip from its foremost position; then its "
+    "bristles hold against any force",
+    "load": "load and drag pull the worm back until bristles hold: no mass glides, and masses have "
     "no inertia in the stepped motion",
-    "motors": "every link has one motor of the same kind; no step is lost within the limits of "
-    "rate and acceleration, whatever the force",
-    "rods": "rods are stiff, without play",
+    "motors": "all links have the same motor; within the limits of rate and acceleration no step "
+    "is lost at any force",
+    "rods": "rods are rigid, without play",
 }
 
 
 def run(scene: Scene[StepperScene], report: Report) -> Result:
-    """Turn the scene's gait into steps, replay them, and move the worm by them.
+    """Convert the scene's gait to steps, replay them, and compute the motion they produce.
 
-    "failed" where the replay leaves the gait beyond rounding, or a second route disagrees.
-    SolveError: too fast, moves no motor, or misfits the timer; SceneError: bad file or jump.
+    The result is "failed" if the replay differs from the gait by more than rounding, or if the
+    second route differs. Raises SolveError if the gait is too fast, moves no motor or does
+    not fit the timer; SceneError for a bad file or a jump.
     """
     table, begin = scene.table, time.perf_counter()
     report("inverting lengths", 0.0)
@@ -67,7 +68,7 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
     bristles = table.bristles
     moved = ratchet(steps, bristles.backslip, bristles.settle_time)
     held = ratchet(steps, 0.0, bristles.settle_time)
-    # by the table's text, in steps
+    # from the text of the table, in steps
     error = float(quantisation_error(gait, read_csv(csv_text(steps))).max()) / steps.travel
     bound, late = 0.5 + stepper.hysteresis + _ROUNDING, _ticks(steps, table.tick, scene)
     return conclude(
@@ -101,7 +102,7 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
         checks=(*_checks(error, bound, late, moved), *agreement(ideal, again)),
         facts={
             "replay": {
-                "method": "steps.csv read back, its rows counted, both sides of every step",
+                "method": "steps.csv is read back; its rows are counted on both sides of each step",
                 "error_in_steps": error,
                 "accepted": bound,
             },
@@ -119,7 +120,7 @@ def run(scene: Scene[StepperScene], report: Report) -> Result:
 
 
 def _commands(scene: Scene[StepperScene], gait: Gait, stepper: Stepper) -> tuple[Demand, Steps]:
-    """What the gait asks of the motors, and their steps; or a refusal that says what it asks."""
+    """Demand of the gait on the motors, and their steps; errors include the demand."""
     try:
         asked = demand(gait, stepper)
     except ArgumentError as error:
@@ -134,13 +135,13 @@ def _commands(scene: Scene[StepperScene], gait: Gait, stepper: Stepper) -> tuple
         raise SceneError(scene.name, [("motor.microsteps", str(error))]) from None
     if not len(steps.time):
         reason = f"no length changes by half a microstep of {stepper.travel:g} m: no motor steps"
-        suggestion = "take a gait with a longer stroke, or more microsteps"
+        suggestion = "give a gait with a longer stroke, or increase motor.microsteps"
         raise SolveError(reason, suggestion, known.failed(reason), "no_steps")
     return asked, steps
 
 
 def _ticks(steps: Steps, tick: float, scene: Scene[StepperScene]) -> float:
-    """Largest error of the timer's instants, in ticks, by adding up its delays."""
+    """Largest error of the timer's instants, in ticks, from the sum of its delays."""
     try:
         _, delays = in_ticks(steps, tick)
     except ArgumentError as error:
@@ -167,11 +168,11 @@ def _demanded(asked: Demand, stepper: Stepper) -> dict[str, Any]:
 
 
 def _checks(error: float, bound: float, late: float, moved: BristleMotion) -> Iterator[Check]:
-    advice = f"the replayed steps leave the gait by {error:.4g} microsteps"
+    advice = f"the replayed steps differ from the gait by {error:.4g} microsteps"
     yield Check("replayed steps", error, bound, advice)
-    yield Check("ticks", late, 0.5 * (1 + 1e-6), f"ticks are off by {late:.3g} of themselves")
+    yield Check("ticks", late, 0.5 * (1 + 1e-6), f"steps are off by {late:.3g} ticks")
     size, off = float(np.abs(moved.position).max()), moved.period_error
-    advice = f"the stepped motion does not close, by {off:.2g} m"
+    advice = f"the stepped motion does not close after a period, by {off:.2g} m"
     yield Check("closing of the stepped motion", off, _ACCEPTED * size, advice)
 
 
@@ -180,27 +181,28 @@ def _warnings(
 ) -> Iterator[str]:
     if ideal.glides or ideal.drops:
         yield (
-            "the gait makes the worm glide: load and drag do not hold it back, as the stepped "
-            "motion assumes; speed_ideal counts the glide"
+            "the worm glides with this gait: load and drag do not hold it back, as the stepped "
+            "motion assumes; speed_ideal includes the glide"
         )
     runs = sum(len(turning_times(ideal.gait, j)) for j in range(ideal.gait.links))
     if moved.speed > ideal.speed + runs * stepper.travel / ideal.gait.period:
         yield (
-            "faster than the ideal gait: links that should shorten and lengthen together step "
-            "in turns, and bristles that hold at once make way of it; a backslip of "
-            f"{stepper.travel:g} m or more ends that"
+            "the stepped worm is faster than the ideal gait: links that should shorten and "
+            "lengthen together step alternately, and bristles without backslip turn this into "
+            "advance; "
+            f"a backslip of {stepper.travel:g} m or more prevents it"
         )
     if table.bristles.backslip == 0:
-        yield "bristles.backslip is 0: real bristles lose about that much at every handover"
+        yield "bristles.backslip is 0: real bristles slip back at every handover"
     if moved.speed <= _ACCEPTED * ideal.drive.rate_scale:
-        yield "the worm makes no way: backslip eats the strokes"
+        yield "the worm does not advance: backslip cancels the strokes"
 
 
 def _short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str]:
-    """Name the motors whose pulses at a turn come faster than the gait's largest rate.
+    """Warn of motors whose pulses at a reversal are faster than the gait's largest rate.
 
-    On a run of a length that cannot be; at a turn two opposite pulses lie as little as twice the
-    hysteresis apart, of which the limits on the gait's own rates know nothing.
+    Away from reversals this cannot happen. At a reversal two opposite pulses are as little as
+    twice the hysteresis apart, which the limits on the gait's own rates do not cover.
     """
     for j, interval in enumerate(steps.intervals_min):
         largest = float(asked.rate[j]) * stepper.pulses_per_turn
@@ -208,9 +210,9 @@ def _short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str
         at_once = interval * stepper.start_rate * stepper.pulses_per_turn >= 1
         if np.isfinite(interval) and times > 1 + _ACCEPTED and not at_once:
             yield (
-                f"motor {j} reverses with two pulses {interval:.3g} s apart, {times:.3g} times "
-                "as fast as the gait's largest rate and faster than motor.start_rate: it may "
-                "lose them; take a larger motor.hysteresis, or a gait that rounds off its turns"
+                f"motor {j} reverses with two pulses {interval:.3g} s apart, {times:.3g} times as "
+                "fast as the gait's largest rate and faster than motor.start_rate: it may lose "
+                "steps; increase motor.hysteresis, or use a gait with smoother reversals"
             )
 
 
@@ -234,7 +236,7 @@ def _signals(
 
 
 def _close_up(gait: Gait, steps: Steps) -> dict[str, np.ndarray]:
-    """One link about a turn: the reversal of a motor with the least pause."""
+    """Samples of one link near the reversal with the shortest pause of all motors."""
     motors = [(j, *steps.of_motor(j)) for j in range(steps.links)]
     _, j, k = min(
         (float(at[k + 1] - at[k]), j, int(k))
@@ -258,7 +260,7 @@ def _close_up(gait: Gait, steps: Steps) -> dict[str, np.ndarray]:
 
 
 def steps_of_result(result: Result) -> Steps | None:
-    """Commands in a ``stepper`` result; None where the study did not come so far."""
+    """Commands in a ``stepper`` result; None if the run did not get that far."""
     if "step_time" not in result:
         return None
     return Steps(
@@ -274,7 +276,7 @@ def steps_of_result(result: Result) -> Steps | None:
 def as_csv(result: Result) -> str | None:
     """Text of ``steps.csv``; None without steps.
 
-    Also None where the result failed: no motor is to run by it.
+    Also None if the result failed, so that no motor runs with it.
     """
     steps = _trusted(result)
     return None if steps is None else csv_text(steps)
@@ -283,7 +285,7 @@ def as_csv(result: Result) -> str | None:
 def as_c(result: Result) -> str | None:
     """Text of ``steps.c``; None without steps.
 
-    Also None where the result failed: no motor is to run by it.
+    Also None if the result failed, so that no motor runs with it.
     """
     steps = _trusted(result)
     return None if steps is None else c_text(steps, result.scalars["tick"].value)

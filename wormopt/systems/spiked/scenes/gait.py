@@ -1,4 +1,4 @@
-"""Scenes of kind "gait": what a given gait does under kinematic theory."""
+"""Scenes of kind "gait": the motion of a worm with a given gait under the kinematic theory."""
 
 from __future__ import annotations
 
@@ -47,47 +47,44 @@ Shared = Annotated[
     says(
         "",
         "how several resting masses share the load, see "
-        "[theory](../theory-kinematic.md#5-spike-loads-and-sharing-rules); no spike has a limit "
-        "here",
+        "[theory](../theory-kinematic.md#5-spike-loads-and-sharing-rules); spikes have no load "
+        "limit here",
     ),
 ]
 
 MOTION_SCALARS: dict[str, tuple[str, str]] = {
     "speed": ("speed", "mean speed"),
-    "advance": ("length", "distance per period"),
+    "advance": ("length", "distance travelled per period"),
     "period": ("time", "period"),
-    "resting_min": (
-        "count",
-        "smallest number of masses at rest at any time; 0 where the worm glides",
-    ),
+    "resting_min": ("count", "smallest number of resting masses over time; 0 if the worm glides"),
     "lambda_min": (
         "force",
-        "smallest *λ* of (7), the mean over the masses of their spike loads",
+        "smallest *λ*, the spike load averaged over the masses (eq. 7 of Zimmermann et al. 2007)",
     ),
     "lambda_max": ("force", "largest *λ*"),
-    "lambda_mean": ("force", "its mean over the period, impulses included"),
+    "lambda_mean": ("force", "mean *λ* over the period, impulses included"),
     "spike_load_max": (
         "force",
-        "largest load of a single spike, under the sharing rule, impulses not included",
+        "largest load on a single spike under the sharing rule, without impulses",
     ),
     "actuator_force_max": (
         "force",
-        "largest \\|*μ*<sub>j</sub>\\|; unknown where velocities jump",
+        "largest \\|*μ*<sub>j</sub>\\|; unknown if velocities jump",
     ),
     "energy_per_distance": (
         "energy_per_distance",
-        "energy the actuators spend, nothing recovered; unknown where velocities jump or the worm "
-        "stands still",
+        "energy spent by the actuators per distance, without recovery; unknown if velocities jump "
+        "or the worm does not advance",
     ),
     **COST_OF_TRANSPORT,
     "mode_sequence": (
         "count",
-        "lists of resting masses, phase after phase; an empty list is a glide",
+        "resting masses of each phase in order; an empty list is a glide",
     ),
     "glides": (
         "time",
-        "begin and end of each glide; one that runs past the end of the period appears in two "
-        "parts",
+        "start and end of each glide; a glide across the end of the period is split into two "
+        "entries",
     ),
     "impulses": (
         "impulse",
@@ -95,15 +92,16 @@ MOTION_SCALARS: dict[str, tuple[str, str]] = {
     ),
     "smallest_load": (
         "force",
-        "smallest *Γ* for which this gait is ruled by kinematics alone; unknown where none is",
+        "smallest *Γ* at which kinematics alone determines the motion; unknown if there is none",
     ),
     "smallest_period": (
         "time",
-        "smallest period for which this shape is, at the load of the scene; unknown where none is",
+        "smallest period at which kinematics alone determines the motion of this gait shape at "
+        "the scene's load; unknown if there is none",
     ),
-    "recheck_speed_error": ("speed", "difference between the speeds of both routes"),
+    "recheck_speed_error": ("speed", "difference in speed between the two routes"),
 }
-"""What every result with a gait tells of its motion."""
+"""Scalars of the motion in every result with a gait."""
 
 _LINK, _MASS = ("link", "time"), ("mass", "time")
 MOTION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
@@ -114,9 +112,9 @@ MOTION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
     "position": ("length", _MASS, "position of the mass"),
     "velocity": ("speed", _MASS, "velocity of the mass"),
     "reaction": ("force", _MASS, "load on the spike"),
-    "reaction_mean": ("force", ("time",), "mean spike load lambda of (7)"),
-    "sigma": ("force", ("time",), "driving term sigma of (7)"),
-    "glide": ("speed", ("time",), "common velocity w of (7)"),
+    "reaction_mean": ("force", ("time",), "mean spike load lambda (eq. 7)"),
+    "sigma": ("force", ("time",), "driving term sigma (eq. 7)"),
+    "glide": ("speed", ("time",), "common velocity w (eq. 7)"),
     "actuator_force": ("force", _LINK, "actuator force"),
     "resting": ("count", _MASS, "1 where the mass rests"),
 }
@@ -129,40 +127,39 @@ REGION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
     "region_spike_load": (
         "force",
         ("region_period", "region_load"),
-        "largest load on a spike; not a number where the worm glides",
+        "largest load on one spike; NaN where the worm glides",
     ),
     "region_least_load": (
         "force",
         ("region_period",),
-        "smallest *Γ* that holds the worm, w = 0; below 0 where it is held without load",
+        "smallest *Γ* at which the worm does not glide; negative if no load is needed",
     ),
     "region_most_load": (
         "force",
         ("region_period",),
-        "*Γ* at which a spike carries `region.spike_load`; there if that is given",
+        "*Γ* at which one spike carries `region.spike_load`; only if that key is given",
     ),
 }
-"""Where kinematics alone rules the gait, by period and load."""
+"""Periods and loads at which kinematics alone determines the motion."""
 
 
 class WormTable(Table, frozen=True, kw_only=True):
     """A chain of *n* + 1 point masses on the ground, joined by *n* links.
 
-    Links have the lengths they are given, and every mass has spikes that let it slide forward and
-    never backward.
+    The link lengths are prescribed. Spikes on every mass let it slide forward but never backward.
     """
 
-    links: Annotated[Links, says("count", "*n*")]
+    links: Annotated[Links, says("count", "number of links *n*")]
     mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>; mass 0 is the head")]
-    drag: Annotated[NonNegative, says("drag", "*k*: viscous drag −*k v* on each mass")] = 0.0
+    drag: Annotated[NonNegative, says("drag", "*k*: each mass has viscous drag −*k v*")] = 0.0
     load: Annotated[
         Loads,
         says(
             "force",
-            "*Γ*: force against the direction of motion on each mass (towed load, slope). A pair "
-            "is a range, for designs only: a designed gait keeps its limits under all of it. "
-            "Three or more numbers are the loads of the masses, head first: a cable at the tail of "
-            "a worm of two links is [0, 0, 0.3]",
+            "*Γ*: force on each mass against the direction of motion (towed load, slope). A pair "
+            "is a range and is allowed in designs only: the designed gait meets its limits over "
+            "the whole range. Three or more numbers are the loads of the individual masses, head "
+            "first. Example: a cable at the tail of a worm with two links is [0, 0, 0.3]",
         ),
     ] = 0.0
     slope: Uphill = 0.0
@@ -170,7 +167,7 @@ class WormTable(Table, frozen=True, kw_only=True):
 
     @property
     def worm(self) -> Worm:
-        """The worm itself, pulled back by its load and by its weight."""
+        """The worm, with its load and its weight along the slope."""
         if not self.slope:
             return Worm(self.links, self.mass, self.drag, self.load)
         pull = weights(self.slope, self.gravity, per(self.mass, self.links + 1))
@@ -183,7 +180,7 @@ class WormTable(Table, frozen=True, kw_only=True):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What its weight does."""
+        """Effect of the weight on a slope, for the trust report."""
         return told_of_slope(self.slope, self.gravity, self.masses)
 
     @property
@@ -200,8 +197,8 @@ class WormTable(Table, frozen=True, kw_only=True):
         if isinstance(self.load, tuple) and len(self.load) == 2 and not loads:
             yield (
                 "worm.load",
-                "a range of loads is for gaits that are designed; write one number, or the loads "
-                "of three or more masses",
+                "a range of loads is allowed in gait designs only; write one number, or one load "
+                "for each of three or more masses",
             )
         for key, message in self.worm.faults():
             yield f"worm.{key}", message
@@ -228,21 +225,21 @@ class GaitFile(FileShape, frozen=True, kw_only=True):  # noqa: D101
 
 
 class RegionTable(Table, frozen=True, kw_only=True):
-    """Over which periods and loads the map `region` is drawn."""
+    """Range of periods and loads on the map `region`."""
 
     periods: Annotated[
-        Pair | None, says("time", "range of periods; null: from half to twice the gait's")
+        Pair | None, says("time", "range of periods; null: half to twice the gait's period")
     ] = None
     loads: Annotated[
         NonNegativePair | None,
         says(
             "force",
-            "range of *Γ*, the weight's pull included; null: from 0 to twice the scene's, or "
-            "twice the smallest that holds the worm, whichever is more",
+            "range of *Γ*, including the weight along the slope; null: from 0 to twice the "
+            "scene's load or twice the smallest load without gliding, whichever is larger",
         ),
     ] = None
     spike_load: Annotated[
-        Positive | None, says("force", "load at which a spike breaks; null: not known")
+        Positive | None, says("force", "load at which a spike breaks; null: unknown")
     ] = None
 
     def faults(self) -> Iterator[Fault]:
@@ -257,28 +254,29 @@ GivenGait = FastGait | BlockWave | Accordion | GaitFile
 
 
 class GaitScene(SceneTable, frozen=True, kw_only=True):
-    """What a given gait does to the worm.
+    """The motion of a worm with a given gait.
 
-    Theory: [theory-kinematic.md](../theory-kinematic.md). The
-    [trust report](../quickstart.md#3-the-trust-report) compares two routes. Timings: `crawl`,
-    `recheck`.
+    [Kinematic theory](../theory-kinematic.md) explains the model and its equations, which are those
+    of Zimmermann et al. 2007 [1]. The [trust report](../quickstart.md#3-the-trust-report) compares
+    two independent computations (routes). Timings: `crawl`, `recheck`.
 
-    With an empty `want` no variables are saved, only scalars. Signals are over one period, from
-    time 0; where something jumps, the instant appears twice, with the values before and after.
-    Link 0 is at the head, between masses 0 and 1; the head starts at position 0. `sigma` is what is
-    needed to hold the worm; `glide` is 0 while a mass rests; `actuator_force` is positive where
+    With an empty `want` only scalars are saved. Signals cover one period from time 0. Where a
+    signal jumps, the time appears twice, with the values before and after. Link 0 is at the head,
+    between masses 0 and 1; the head starts at position 0. `sigma` is the mean spike load needed to
+    keep the worm from gliding. `glide` is 0 while a mass rests. `actuator_force` is positive where
     the link pulls its masses together.
 
-    The gait, exactly: on piece *q*, with *s* the time since it began, *l*<sub>j</sub> =
-    Σ<sub>k</sub> `gait_polynomial`[q, j, k] *s*<sup>k</sup> + `gait_cosine`[q, j]
-    cos(`gait_omega`[q] *s*) + `gait_sine`[q, j] sin(`gait_omega`[q] *s*). The last three are there
-    only for gaits with harmonics. Coefficients count in length times time<sup>−k</sup>.
+    The gait is saved exactly. On piece *q*, where *s* is the time since the piece began,
+    *l*<sub>j</sub> = Σ<sub>k</sub> `gait_polynomial`[q, j, k] *s*<sup>k</sup> + `gait_cosine`[q, j]
+    cos(`gait_omega`[q] *s*) + `gait_sine`[q, j] sin(`gait_omega`[q] *s*). `gait_omega`,
+    `gait_cosine` and `gait_sine` exist only for gaits with harmonics. Coefficients have the unit
+    length times time<sup>−k</sup>.
     """
 
     headline: ClassVar = ("speed", "period", "resting_min", "mode_sequence", "glides")
     scalars: ClassVar = MOTION_SCALARS | {
-        "region_gait_load": ("force", "*Γ* of the scene, the weight's pull included, on the map"),
-        "region_spike_strength": ("force", "load at which a spike breaks, on the map"),
+        "region_gait_load": ("force", "*Γ* of the scene, including the weight along the slope"),
+        "region_spike_strength": ("force", "load at which a spike breaks"),
     }
     variables: ClassVar = MOTION_VARIABLES | GAIT | REGION_VARIABLES
 
@@ -287,14 +285,15 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["gait", "motion", "spikes", "region", "animation"], ...],
         says(
             "",
-            "`gait`: lengths, rates, resting masses; `motion`: paths, time upward; `spikes`: loads "
-            "and forces; `region`: periods and loads at which kinematics alone rules the gait, and "
-            "the largest load on a spike there; `animation`: two periods, a GIF",
+            "`gait`: lengths, rates and resting masses; `motion`: paths of the masses, time "
+            "upward; `spikes`: loads and forces; `region`: periods and loads at which kinematics "
+            "alone determines the motion, with the largest spike load; `animation`: two periods "
+            "as a GIF",
         ),
     ] = ()
     worm: Annotated[WormTable, says("", "the worm")]
-    gait: Annotated[GivenGait, says("", "`shape` decides which other keys there are")]
-    region: Annotated[RegionTable | None, says("", "read where `want` holds `region`")] = None
+    gait: Annotated[GivenGait, says("", "the gait; `shape` selects the other keys")]
+    region: Annotated[RegionTable | None, says("", "used if `want` contains `region`")] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
@@ -306,7 +305,11 @@ class GaitScene(SceneTable, frozen=True, kw_only=True):
             if "region" not in self.want:
                 yield (
                     "region",
-                    'is read only where `want` holds "region"; add it, or leave this out',
+                    'the table is given, but used only if want contains "region"; add "region" to '
+                    "want or remove the table",
                 )
         if "region" in self.want and self.gait.sharing != "equal":
-            yield "gait.sharing", 'the map of loads, `region`, is for "equal" only; write that'
+            yield (
+                "gait.sharing",
+                f'"{self.gait.sharing}" cannot be used with the picture region; write "equal"',
+            )

@@ -1,4 +1,4 @@
-"""Scenes of kinds "gait-design" and "gait-pareto": the best gaits within limits."""
+"""Scenes of kinds "gait-design" and "gait-pareto": optimal gaits within limits."""
 
 from __future__ import annotations
 
@@ -27,67 +27,65 @@ from wormopt.systems.spiked.task import Cost, GaitProblem, Objective
 
 Points = Annotated[int, Meta(ge=3, le=50, description="a whole number from 3 to 50")]
 
-# Of all designs; quantities that depend on the objective stand here as those of a speed.
+# For all designs; quantities that depend on the objective are declared as those of a speed.
 DESIGN_SCALARS = MOTION_SCALARS | {
-    "period": ("time", "the shortest after which the motion repeats: of one cycle"),
-    "advance": ("length", "of one cycle"),
-    "cycles": ("count", "the fewest that together last a period that `gait.period` allows"),
+    "period": ("time", "period of one cycle, after which the motion repeats"),
+    "advance": ("length", "distance travelled per cycle"),
+    "cycles": ("count", "smallest number of cycles that fills a period allowed by `gait.period`"),
     "mode_sequence": (
         "count",
-        "resting masses of a cycle of the motion, phase after phase; the order that was prescribed "
-        "stands in the trust report under `solver.sequence`: more masses may rest than it asks for",
+        "resting masses in each phase of a cycle. The prescribed sequence is in the trust report "
+        "under `solver.sequence`; more masses may rest than it prescribes",
     ),
     "load_range": (
         "force",
-        "[smallest, largest], where `worm.load` is a range; loads, forces and energies are those "
-        "under the largest",
+        "[smallest, largest], if `worm.load` is a range; loads, forces and energies are those at "
+        "the largest load",
     ),
-    "ceiling": ("speed", "upper bound on the mean speed by link rates and resting masses"),
-    "gap": ("share", "(ceiling − speed)/ceiling"),
+    "ceiling": ("speed", "upper bound on the mean speed from link rates and resting masses"),
     "discretisation_error": (
         "speed",
-        "gain in the objective, in its quantity, that the last halving of every arc brought; of "
-        "energy and effort what another halving could bring, to first order. Unknown for an "
-        "interrupted design",
+        "gain in the objective from the last halving of all arcs. For energy and effort: a "
+        "first-order estimate of the gain from one more halving. Unknown for an interrupted design",
     ),
-    "ticks": ("count", "with `gait.tick`: ticks of a cycle"),
+    "ticks": ("count", "with `gait.tick`: number of ticks per cycle"),
     "tick_loss": (
         "share",
-        "with `gait.tick`: by how much the objective is worse than that of `free_period`",
+        "with `gait.tick`: relative loss in the objective compared with a free period",
     ),
-    "free_period": ("time", "with `gait.tick`: the best period of a cycle without it"),
-    "free_speed": ("speed", "with `gait.tick`: mean speed of that gait"),
-    "length_step": ("length", "as given in the scene, where given"),
+    "free_period": ("time", "with `gait.tick`: optimal period of a cycle without `gait.tick`"),
+    "free_speed": ("speed", "with `gait.tick`: mean speed at `free_period`"),
+    "length_step": ("length", "`gait.length_step`, if given"),
     "step_loss": (
         "share",
-        "with `gait.length_step`: of the speed, lost where lengths go straight from one rounded "
-        "tick to the next, some mass always at rest; negative where rounding gains",
+        "with `gait.length_step`: relative loss of speed if lengths move in straight lines "
+        "between rounded ticks and a mass always rests; negative if rounding gains speed",
     ),
-    "worst_violation": ("share", "largest excess over any limit, relative to its size"),
+    "worst_violation": ("share", "largest violation of a limit, relative to the limit"),
     "rate_limit_from": (
         "1",
-        "with `[motor]`: for each link whose limit is the smaller, `gait` or `motor`",
+        "with `[motor]`: for each link the source of the smaller rate limit, `gait` or `motor`",
     ),
-    "acceleration_limit_from": ("1", "the same of accelerations"),
+    "acceleration_limit_from": ("1", "the same for the limit on acceleration"),
     "motor_rate_share": (
         "share",
-        "with `[motor]`: largest share of the motor's limit that the gait uses",
+        "with `[motor]`: largest link rate as a share of the motor's limit",
     ),
-    "motor_acceleration_share": ("share", "the same of accelerations"),
+    "motor_acceleration_share": ("share", "the same for the acceleration"),
     "length_limits": ("length", "[shortest, longest] of each link"),
     "rate_limit": (
         "speed",
-        "where `gait.rate` or `[motor]` is given: limits on contraction of every link, then on "
-        "extension",
+        "if `gait.rate` or `[motor]` is given: limits on the contraction of every link, then on "
+        "its extension",
     ),
-    "acceleration_limit": ("acceleration", "where there is one: on |*l*″|, for all or each link"),
-    "spike_load_limit": ("force", "as given in the scene, where given"),
-    "actuator_force_limit": ("force", "as given in the scene, where given"),
+    "acceleration_limit": ("acceleration", "limit on |*l*″|, for all links or for each"),
+    "spike_load_limit": ("force", "`gait.spike_load`, if given"),
+    "actuator_force_limit": ("force", "`gait.actuator_force`, if given"),
 }
 
 
 class DesignTable(SceneTable, frozen=True, kw_only=True):
-    """What all scenes that design gaits share."""
+    """Tables shared by all scenes that design gaits."""
 
     worm: Annotated[WormTable, says("", "the worm")]
     gait: Annotated[LimitTable, says("", "the limits")]
@@ -96,23 +94,24 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         MotorTable | None,
         says(
             "",
-            "none if left out. A stepping motor on a threaded rod sets each link: |*l*′| ≤ `lead` "
-            "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold besides the limits in "
-            "`[gait]`, which need give none of their own then. Keys that do not concern rates are "
-            "not used, nor is `start_rate`: limits hold below it too. Refused: `gait.impulses`",
+            "a stepping motor with a threaded rod on each link; none by default. |*l*′| ≤ `lead` "
+            "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold in addition to the limits "
+            "in `[gait]`, which then need no `rate` or `acceleration`. Other keys of this table "
+            "have no effect on the design; the limits also hold below `start_rate`. Refused: "
+            "`gait.impulses`",
         ),
     ] = None
 
     @property
     def limits(self) -> Limits:
-        """The limits, those of the motors among them."""
+        """The limits, including those of the motors."""
         own, motor = self.gait.limits, self.motor
         if motor is None:
             return own
         return own.within(motor.length_rate, motor.length_acceleration, self.worm.links)
 
     def task(self, objective: Objective) -> GaitProblem:
-        """The problem of design with the given objective."""
+        """The design problem for the given objective."""
         return GaitProblem(self.worm.worm, self.limits, objective)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -128,80 +127,85 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
         limits = self.gait.limits
         if self.motor is not None:
             if limits.impulses:
-                yield "gait.impulses", "motor.acceleration_max forbids jumps; leave it out"
+                yield (
+                    "gait.impulses",
+                    "true, but motor.acceleration_max forbids jumps of velocity; remove the key",
+                )
                 return
             given = {name: getattr(limits, name) or 1.0 for name in ("rate", "acceleration")}
-            limits = replace(limits, **given)  # what is left out is the motor's
+            limits = replace(limits, **given)  # the motor gives the missing ones
         for key, message in limits.faults(self.worm.links, "gait."):
             yield f"gait.{key}".removesuffix("."), message
 
     def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
-        """Yield a fault if the cost at `key` cannot be sought in this scene."""
+        """Yield a fault if the cost at `key` cannot be minimised in this scene."""
         for message in Objective(cost).faults_within(self.worm.worm, self.gait.limits):
             yield key, in_scene(message)
 
 
 class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
-    """The best gait within limits.
+    """The optimal gait within limits.
 
-    Scalars and variables are explained with kind [`gait`](gait.md); signals, and the gait that is
-    saved with them, are one cycle, `period` long. Quantities of `objective`, `bound`,
-    `discretisation_error` and of the variables `proof_bound`, `proof_value` are those of the
-    objective. Timings: `search`, `polish_and_refine`, `prove`, and `sensitivity`, `certify`, `verify`
-    where there are. Attribute `limits`: the lists `name`, `value`, `unit` and `one_sided` in the order of
-    `limit_elasticity` (per cent of the objective per per cent of each limit; 0 for a limit of 0),
-    and `objective`, what they count for.
+    Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one
+    cycle, `period` long. `objective`, `bound`, `discretisation_error`, `proof_bound` and
+    `proof_value` have the quantity of the objective. Timings: `search`, `polish_and_refine`,
+    `prove`, and `sensitivity`, `certify`, `verify` where these are computed. The attribute `limits`
+    holds the lists `name`, `value`, `unit` and `one_sided` in the order of `limit_elasticity`, and
+    `objective`. `limit_elasticity` is the relative sensitivity of the objective to each limit (0
+    for a limit of 0).
 
-    **Sensitivities.** What binds a designed gait: the scalars `sensitivity.KEY`, in objective per
-    limit, are the change of the objective per unit of each number in `[gait]`, `[worm]` and
-    `objective.speed`: `sensitivity.period`, `.length.shortest`, `.length.longest`, `.rate` (or
-    `.rate.contraction`, `.rate.extension`), `.acceleration`, `.spike_load`, `.actuator_force`,
-    `.sigma_margin`, `.speed` (the required one), `.mass`, `.drag`, `.load`, as far as the scene
-    gives them. A range has `.shortest` and `.longest`, of the load `.smallest` and `.largest`; a
-    key with one number per link or mass has a list. A limit that does not bind has 0. On a
-    slope, `.load` is by the whole load, weight included, and `.slope` by the load that it makes;
-    `.mass` leaves the load as it is.
+    **Sensitivities.** The scalars `sensitivity.KEY` give the change of the objective per unit of
+    each number in `[gait]`, `[worm]` and `objective.speed`. They show which limits bind the gait:
+    `sensitivity.period`, `.length.shortest`, `.length.longest`, `.rate` (or `.rate.contraction`,
+    `.rate.extension`), `.acceleration`, `.spike_load`, `.actuator_force`, `.sigma_margin`, `.speed`
+    (the required speed), `.mass`, `.drag`, `.load`, for each number that the scene gives. A range
+    has `.shortest` and `.longest`; a range of loads has `.smallest` and `.largest`. A key with one
+    number per link or mass has a list. The sensitivity of a limit that does not bind is 0. On a
+    slope, `.load` refers to the whole load, weight included, and `.slope` to the load that the
+    slope makes; `.mass` keeps the load constant.
 
-    - It is the derivative of the best objective of this order of rest and number of cycles. Should
-      another order become better, more can be gained than it says, never less.
-    - It counts in the direction in which the objective gets better: of limits, when they are
-      relaxed. A limit of 0 can only be raised: `sensitivity.sigma_margin` is the price of a
-      margin, in the first instance.
-    - Where raising and lowering count differently, by more than 1 %, another limit takes over at
-      this very place; the trust report names these limits under `sensitivity.one_sided`. Where
-      several limits bind together, so that no single one of them helps, it is 0 for each. Programs
-      of more than 400 unknowns are not solved again to tell this from a family of gaits that are
-      best alike: there a limit of one link or mass among many may be worth more than it says, and
-      `scaling_error` is not small.
-    - With `[motor]`, `rate` and `acceleration` are the limits that hold, one per link, be they the
-      scene's or the motor's.
-    - `sensitivity.scaling_error` in the trust report: the same worm in other units of mass, length
-      and time has the same gait, so certain sums of per cents are known; this is how far they are
-      off. Near 0, unless something counts differently to both sides.
-    - With `gait.tick` they are those of the best gait without it: the best objective of whole ticks
-      moves in jumps.
-    - Unknown for `energy_per_distance` and `acceleration_effort`, for an interrupted design, and,
-      unless `want` has `limits`, for programs of more than 3000 unknowns; the trust report says
-      so.
+    - It is the derivative of the optimal objective for this resting sequence and number of cycles.
+      If another sequence becomes better, the gain is larger than the derivative, never smaller.
+    - It refers to the direction in which the objective improves; for limits, this is relaxation. A
+      limit of 0 can only be raised: `sensitivity.sigma_margin` is then the cost of a first small
+      margin.
+    - If raising and lowering a limit differ by more than 1 %, another limit becomes active at this
+      point. The trust report lists these limits under `sensitivity.one_sided`. If several limits
+      bind together and relaxing any single one does not help, the sensitivity of each is 0.
+      Programs with more than 400 unknowns are not solved again to distinguish this case from a
+      family of equally good gaits. There the limit of one link or mass among many may be worth more
+      than reported, and `scaling_error` is not small.
+    - With `[motor]`, `rate` and `acceleration` are the effective limits, one per link, from the
+      scene or the motor.
+    - `sensitivity.scaling_error` in the trust report is the error of a known identity: a change of
+      the units of mass, length and time does not change the gait, so certain sums of relative
+      sensitivities are known. It is near 0 unless a limit has different sensitivities in the two
+      directions.
+    - With `gait.tick` they are the sensitivities of the optimal gait without `gait.tick`, because
+      with whole ticks the optimal objective moves in jumps.
+    - They are unknown for `energy_per_distance`, for `acceleration_effort` and for an interrupted
+      design. Unless `want` contains `limits`, they are also unknown for programs with more than
+      3000 unknowns. The trust report gives the reason.
 
-    **The trust report** holds besides `violations`, the balances and the second route
+    **The trust report** contains, besides `violations`, the balances and the second route
     ([quick start](../quickstart.md#3-the-trust-report)):
 
     | key | meaning |
     | --- | --- |
-    | `solver.status` | `sharpened`: arcs halved until that gains nothing, then taken to rounding; `cut short` after a time limit or Ctrl-C; IPOPT's word where it solved for a smooth cost |
-    | `solver.violation` | largest excess over any row of the last program, in its own units |
+    | `solver.status` | `sharpened`: arcs were halved until this gained nothing, then the solution was refined to rounding; `cut short` after a time limit or Ctrl-C; the status of IPOPT for a smooth cost |
+    | `solver.violation` | largest violation of any row of the last program, in the units of the row |
     | `solver.arcs_per_phase`, `solver.degree` | arcs of the gait in each phase of `solver.sequence`; degree of the lengths on an arc |
-    | `solver.sequence`, `solver.durations`, `solver.cycles` | the order that was prescribed, without phases that shrank to nothing; how long each phase lasts; cycles in a period |
-    | `search.ended` | `searched`, `time limit` or `interrupted` |
-    | `search.tried`, `search.variations_tried` | orders of rest that were tried; variations that were made, those passed over for their ceilings included |
+    | `solver.sequence`, `solver.durations`, `solver.cycles` | prescribed resting sequence, without phases that shrank to nothing; duration of each phase; cycles in a period |
+    | `search.ended` | `searched`; `proven`, if no gait can be better by more than `search.gap`; `time limit` or `interrupted` |
+    | `search.tried`, `search.variations_tried` | resting sequences tried; variations made, including those skipped because of their ceilings |
     | `search.linear_programs` | linear programs solved in the search |
     | `search.stages_s` | seconds of each stage |
-    | `search.best` | the best five orders with their cycles and objective, before they are sharpened |
-    | `sensitivity` | how sensitivities were found, or why they are unknown |
-    | `certificate` | with `[search.certify]`: of which gaits the proof speaks, what it is made of, why it ended, how many inequalities were verified exactly |
+    | `search.best` | the best five sequences with their cycles and objective, before they are sharpened |
+    | `sensitivity` | how the sensitivities were computed, or why they are unknown |
+    | `certificate` | for a speed, or with `[search.certify]`: the gaits to which the proof applies, its method, the number of inequalities verified exactly, and why a longer proof ended |
 
-    With `[search.certify]` the file `certificate.json` is written, unless rates and resting masses alone say more: `wormopt verify certificate.json` verifies it.
+    The proof is written to the file `certificate.json`, unless the ceiling from rates and resting
+    masses is the better bound. `wormopt verify certificate.json` verifies it.
     """  # noqa: E501
 
     headline: ClassVar = (
@@ -209,25 +213,22 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         "objective",
         "bound",
         "gap_certified",
-        "ceiling",
-        "gap",
         "period",
         "cycles",
         "tick_loss",
         "mode_sequence",
     )
     scalars: ClassVar = DESIGN_SCALARS | {
-        "objective": ("speed", "value reached, in its quantity, recomputed from the gait"),
+        "objective": ("speed", "objective reached, in its quantity, recomputed from the gait"),
         "bound": (
             "speed",
-            "with `[search.certify]`: proven, no gait of any phases and cycles is faster, or "
-            "cheaper; never above the ceiling, which it is (for a cost 0) before anything better "
-            "is proven",
+            "for a speed, or with `[search.certify]`: proven bound for gaits with any phases and "
+            "cycles: no gait is faster, or cheaper. It is never above the ceiling. Before anything "
+            "better is proven it equals the ceiling, or 0 for a cost",
         ),
         "gap_certified": (
             "share",
-            "with `[search.certify]`: by how much any gait could be better at most, as a share "
-            "of `objective`",
+            "with `bound`: largest possible improvement by any gait, as a share of `objective`",
         ),
         "certified_seconds": ("s", "with `[search.certify]`: time spent on the proof"),
     }
@@ -236,11 +237,11 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         **GAIT,
         "proof_time": ("s", ("proof",), "time spent on the proof"),
         "proof_bound": ("speed", ("proof",), "proven bound"),
-        "proof_value": ("speed", ("proof",), "of the gait"),
+        "proof_value": ("speed", ("proof",), "objective of the gait"),
         "limit_elasticity": (
             "1",
             ("limit",),
-            "per cent of the objective per per cent of the limit",
+            "relative sensitivity of the objective to the limit",
         ),
     }
 
@@ -249,25 +250,26 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...],
         says(
             "",
-            "`gait`, `motion`, `spikes` as for kind [`gait`](gait.md), of one cycle, `animation` "
-            "of two; `limits`: which limit to relax first, per cent speed, or cost, per per cent "
-            "of each limit (not for `energy_per_distance` and `acceleration_effort`); "
-            "`certificate`: bound over time (with a table `[search.certify]`)",
+            "`gait`, `motion`, `spikes`: as for kind [`gait`](gait.md), for one cycle; "
+            "`animation`: two cycles; `limits`: relative sensitivity of the speed or cost to each "
+            "limit (not for `energy_per_distance` and `acceleration_effort`); `certificate`: "
+            "bound over time (needs a table `[search.certify]`)",
         ),
     ] = ()
-    objective: Annotated[ObjectiveTable, says("", "what to seek")]
+    objective: Annotated[ObjectiveTable, says("", "the objective")]
 
     def _faults_of_loads(self) -> Iterator[Fault]:
-        """Whether spikes can bear what they bear on average over a cycle: at least all loads."""
+        """Yield a fault if the spikes cannot carry all loads, their average over a cycle."""
         limit, masses = self.gait.spike_load, self.worm.links + 1
         load = self.worm.worm.load
         whole = masses * (max(load) if isinstance(load, tuple) else load)
         if limit is not None and sum(per(limit, masses)) <= whole:
             yield (
                 "gait.spike_load",
-                f"{sum(per(limit, masses)):.6g} on all {masses} spikes together is no more than "
-                f"the load of the worm, {whole:.6g}, which they bear on average over a cycle: no "
-                f"gait exists; write more than {whole / masses:.6g} per spike, or a smaller load",
+                f"the {masses} spikes together can carry {sum(per(limit, masses)):.6g}, which is "
+                f"not above the load of the worm, {whole:.6g}, their average load over a cycle: "
+                f"no gait exists; write more than {whole / masses:.6g} per spike, or a smaller "
+                "load",
             )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
@@ -279,49 +281,54 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
         wanted, objective = self.search.proof, self.objective.objective
         if wanted is None:
             if "certificate" in self.want:
-                yield "want", '"certificate" draws a proof; add a table [search.certify]'
+                yield (
+                    "want",
+                    '"certificate" is given without a proof; add a table [search.certify]',
+                )
             return
         if objective.is_smooth:
             yield (
                 "search.certify",
-                f"there is no proof for {objective.minimise}; leave it out, or seek speed, "
-                "peak_spike_load or peak_actuator_force",
+                f"a proof is not available for minimise = {objective.minimise!r}, only for speed, "
+                "peak_spike_load and peak_actuator_force; remove the table, or choose another "
+                "objective",
             )
 
 
 class ParetoTable(Table, frozen=True, kw_only=True):
-    """The front to compute."""
+    """The Pareto front to compute."""
 
-    against: Annotated[Cost, says("", f"the cost that is weighed against speed: {COST_WORDS}")]
+    against: Annotated[Cost, says("", f"the cost to trade against speed: {COST_WORDS}")]
     points: Annotated[
         Points,
         says(
             "count",
-            "gaits that are designed: the fastest, and the cheapest at equidistant lower speeds",
+            "number of designed gaits: the fastest, and the cheapest at equidistant lower speeds",
         ),
     ] = 9
 
 
 class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
-    """The front of the best gaits between speed and a cost.
+    """The Pareto front of optimal gaits between speed and a cost.
 
-    `[gait]`, `[search]` and `[motor]` as for kind [`gait-design`](gait-design.md), where the trust
-    report is explained too. All points are searched with the same effort; each tries the order of
-    the point before first. `search.time_limit` counts for each point.
+    Kind [`gait-design`](gait-design.md) explains `[gait]`, `[search]`, `[motor]` and the trust
+    report. All points are searched with the same effort. Each point tries the resting sequence of
+    the previous point first. `search.time_limit` applies to each point.
 
     Refused: costs that are refused in `[objective]` of a design; `[search.certify]`.
 
-    Points count from 0, the slowest. The front is printed as a table, which `table.md` holds too:
-    what each point costs, which masses rest in turn, which limits bind, which point is the knee,
-    and where the order of rest is another than before: there the front jumps, and the picture
-    `front` joins no line.
+    Points are numbered from 0, the slowest. The front is printed as a table, which is also in
+    `table.md`. The table gives the cost of each point, its resting masses in order, the limits that
+    bind, and the knee of the front. It also marks points whose resting sequence differs from that
+    of the point before. There the front jumps, and the picture `front` draws no line.
 
-    The gait of every point is kept: `load_gait(path, point=2)` from Python, `file = "result.nc"`
-    with `point = 2` in a scene. All scalars but those of the front, and the signals, belong to the
-    gait at its knee, and so does the trust report, with `dominated` (points that a faster one
-    beats) and, among its warnings, those of other points and points for which no gait was found.
-    The cost itself is a scalar too (`spike_load_max`, `actuator_force_max`, `energy_per_distance`,
-    or `acceleration_effort`), and `front_value` is in its quantity. Timing: `front`.
+    The gait of every point is saved. Load it with `load_gait(path, point=2)` in Python, or with
+    `file = "result.nc"` and `point = 2` in a scene. Signals, the trust report and all scalars
+    except those of the front belong to the gait at the knee. In the trust report, `dominated` is
+    the number of points that a faster gait dominates. Its warnings include those of other points
+    and list points for which no gait was found. The cost is also a scalar (`spike_load_max`,
+    `actuator_force_max`, `energy_per_distance` or `acceleration_effort`), and `front_value` has its
+    quantity. Timing: `front`.
     """
 
     headline: ClassVar = (
@@ -333,45 +340,45 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
         "mode_sequence",
     )
     scalars: ClassVar = DESIGN_SCALARS | {
-        "acceleration_effort": ("acceleration_squared", "where it is the cost"),
-        "front_objective": ("1", "the cost, as in `pareto.against`"),
-        "front_points": ("count", "points that count"),
-        "front_knee": ("count", "which point the knee is; points count from 0, the slowest"),
+        "acceleration_effort": ("acceleration_squared", "acceleration effort, if it is the cost"),
+        "front_objective": ("1", "the cost, as given in `pareto.against`"),
+        "front_points": ("count", "number of points on the front"),
+        "front_knee": ("count", "index of the knee; points are numbered from 0, the slowest"),
         "front_jumps": (
             "count",
-            "neighbouring points that count and differ in the order in which masses rest",
+            "neighbouring points on the front with different resting sequences",
         ),
         "front_speeds": ("speed", "mean speed of each point"),
-        "front_values": ("force", "the cost of each point, in its quantity"),
-        "front_counted": ("1", "whether each point counts: accepted, and no faster one costs less"),
-        "front_sequences": ("count", "of each point the masses that rest, phase after phase"),
-        "front_resting": ("count", "of each point the smallest number of masses at rest"),
-        "front_binding": ("1", "of each point the limits of `[gait]` that leave it no room"),
-        "speed_max": ("speed", "of the fastest gait"),
+        "front_values": ("force", "cost of each point, in its quantity"),
+        "front_counted": ("1", "whether each point is on the front: accepted and not dominated"),
+        "front_sequences": ("count", "resting masses of each point, phase by phase"),
+        "front_resting": ("count", "smallest number of resting masses of each point"),
+        "front_binding": ("1", "limits of `[gait]` that bind at each point"),
+        "speed_max": ("speed", "mean speed of the fastest gait"),
     }
     variables: ClassVar = {
         **MOTION_VARIABLES,
         **GAIT,
         "front_speed": ("speed", ("point",), "mean speed"),
-        "front_value": ("force", ("point",), "the cost"),
-        "front_accepted": ("1", ("point",), "1 where the point counts"),
-        "front_order": ("count", ("point",), "number of the order of rest, alike where that is"),
+        "front_value": ("force", ("point",), "cost"),
+        "front_accepted": ("1", ("point",), "1 if the point is on the front"),
+        "front_order": ("count", ("point",), "number that identifies the resting sequence"),
         "front_gait_breaks": (
             "time",
             ("point", "front_gait_break"),
-            "times at which pieces of the point's gait begin, NaN behind the last",
+            "times at which pieces of the point's gait begin, NaN after the last",
         ),
         "front_gait_polynomial": (
             "length",
             ("point", "front_gait_piece", "link", "front_gait_power"),
-            "coefficients of s^k, s the time since the piece began, NaN behind the last piece",
+            "coefficients of s^k, s the time since the piece began, NaN after the last piece",
         ),
     }
 
     kind: Literal["gait-pareto"]
     want: Annotated[
         tuple[Literal["front", "gait", "motion", "spikes"], ...],
-        says("", "`front`; `gait`, `motion`, `spikes` show the gait at the knee of the front"),
+        says("", "`front`: the front; `gait`, `motion`, `spikes`: the gait at its knee"),
     ] = ()
     pareto: Annotated[ParetoTable, says("", "the front")]
 
@@ -382,6 +389,6 @@ class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
         if self.search.certify is not None:
             yield (
                 "search.certify",
-                "one design is certified at a time; leave it out, and certify the gaits that "
-                'matter in scenes of kind = "gait-design"',
+                "a front has no certificate; remove the table and certify single gaits in scenes "
+                'of kind = "gait-design"',
             )

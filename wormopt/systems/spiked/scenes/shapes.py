@@ -1,4 +1,4 @@
-"""Shapes of gaits: link lengths over one period, as scenes name them, and as results hold them."""
+"""Shapes of gaits: link lengths over one period, as given in scenes or read from results."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Period = Annotated[Positive, says("time", "period *T*")]
 
 
 class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast"):
-    """Gait (15): two links, one mass at rest at any time.
+    """The gait of eq. 15 of Zimmermann et al. 2007: two links, one mass at rest at any time.
 
     Refused: `worm.links` other than 2.
     """
@@ -32,41 +32,41 @@ class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast")
         Positive,
         says(
             "length",
-            "*l*<sub>0</sub> of (15): link 0 goes between it and 1 + 2*e* times it, link 1 between "
-            "1 − 2*e* times it and it",
+            "*l*<sub>0</sub> of eq. 15: link 0 moves between 1 and 1 + 2*e* times this length, "
+            "link 1 between 1 − 2*e* and 1 times it",
         ),
     ] = 2.0
     elongation: Annotated[
-        Elongation, says("share", "*e*; the worm advances 4 *e l*<sub>0</sub> per period")
+        Elongation, says("share", "*e*: the worm advances 4 *e l*<sub>0</sub> per period")
     ] = 0.15
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `key` is this table's key path."""
+        """Yield what does not fit a worm with `links` links; `key` is this table's key path."""
         if links != 2:
-            yield f"{key}.shape", f'"fast" has 2 links, the worm {links}; set worm.links = 2'
+            yield f"{key}.shape", f'"fast" has 2 links, the worm has {links}; set worm.links = 2'
 
 
 class WaveShape(Table, frozen=True, kw_only=True, tag_field="shape"):
-    """What the constructed gaits share: links that go between two lengths."""
+    """Keys common to the constructed gaits: all links move between two lengths."""
 
     period: Period
     length: Annotated[
         Pair,
-        says("length", "every link goes between these; their difference is the stroke *D*"),
+        says("length", "range of every link; the difference is the stroke *D*"),
     ]
     profile: Annotated[
         Literal["cosine", "quintic", "trapezoid"],
         says(
             "",
-            "course of a length within a phase: once, twice continuously differentiable, or with "
-            "a piecewise linear rate",
+            "profile of a length within a phase: `cosine` is once and `quintic` twice "
+            "continuously differentiable, `trapezoid` has a piecewise linear rate",
         ),
     ] = "cosine"
     ramp: Annotated[
         Ramp | None,
         says(
             "share",
-            "of a trapezoid: share of the phase in which the rate rises, and again in which it "
+            "for `trapezoid`: share of the phase in which the rate rises, and again in which it "
             "falls; 0 gives corners in the lengths",
         ),
     ] = None
@@ -75,13 +75,13 @@ class WaveShape(Table, frozen=True, kw_only=True, tag_field="shape"):
         """Yield what is wrong between the keys; `key` is this table's key path."""
         yield from wrong_order(f"{key}.length", self.length, may_be_equal=False)
         if self.profile == "trapezoid" and self.ramp is None:
-            yield f"{key}.ramp", 'missing; profile = "trapezoid" needs a number from 0 to 0.5'
+            yield f"{key}.ramp", 'missing; profile = "trapezoid" needs it: write 0 to 0.5'
         if self.profile != "trapezoid" and self.ramp is not None:
-            yield f"{key}.ramp", f'profile = "{self.profile}" has no ramp; leave the key out'
+            yield f"{key}.ramp", f'given, but profile = "{self.profile}" has no ramp; remove it'
 
 
 class BlockWaveShape(WaveShape, frozen=True, kw_only=True, tag="block_wave"):
-    """A block of neighbouring resting masses runs from tail to head, in *n* + 1 equal phases.
+    """A block of neighbouring resting masses moves from tail to head, in *n* + 1 equal phases.
 
     Refused: an empty range of lengths; `resting` above *n*; `profile = "trapezoid"` without
     `ramp`, `ramp` with another profile.
@@ -90,12 +90,12 @@ class BlockWaveShape(WaveShape, frozen=True, kw_only=True, tag="block_wave"):
     resting: Annotated[Few, says("count", "masses in the block, up to *n*")] = 1
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield what is wrong between the keys, or does not fit a worm of so many links."""
+        """Yield the faults between the keys, and what does not fit a worm with `links` links."""
         yield from super().faults(links, folder, key)
         if self.resting > links:
             yield (
                 f"{key}.resting",
-                f"{self.resting} resting masses leave a worm of {links} links none to move; "
+                f"{self.resting} resting masses leave a worm of {links} links no mass to move; "
                 f"write at most {links}",
             )
 
@@ -109,7 +109,7 @@ class AccordionShape(WaveShape, frozen=True, kw_only=True, tag="accordion"):
 
 
 class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine"):
-    """A sine that runs from link to link, each behind the one ahead of it.
+    """A sine wave that runs from link to link; each link lags behind the one ahead of it.
 
     *l*<sub>j</sub> = `rest_length` + `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
     """
@@ -121,8 +121,8 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
         Finite,
         says(
             "share",
-            "of a period, by which each link is behind the one ahead of it; link 0 itself lags by "
-            "as much",
+            "lag of each link behind the one ahead of it, as a share of a period; link 0 lags by "
+            "the same share",
         ),
     ] = 1 / 3
 
@@ -134,13 +134,13 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
 class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file"):
     """A gait from a file.
 
-    Tables hold times and lengths over one closed period, in text as spreadsheets and programs
-    write it. Units in the names, `l_0 [mm]`, are converted to those of the scene. An instant with
-    two rows is a break of the rates. Steep tables are interpolated so that lengths stay between
-    the rows; the trust report says so, and where interpolation adds more than 1 %.
+    A table holds times and lengths over one closed period as text. Units in column names, `l_0
+    [mm]`, are converted to those of the scene. A time with two rows is a break of the rates. Steep
+    tables are interpolated such that lengths stay between the rows. The trust report says so, and
+    reports where the interpolation adds more than 1 %.
 
-    Refused: a file that cannot be read, is no gait, or has another number of links than the worm;
-    units in a scene without.
+    Refused: a file that cannot be read, contains no gait, or has a different number of links than
+    the worm; units in a scene without units.
     """
 
     file: Annotated[
@@ -153,7 +153,7 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
     ]
     point: Annotated[
         Point | None,
-        says("", "of a front (kind `gait-pareto`) the point, from 0, the slowest; else its knee"),
+        says("", "point of a front (kind `gait-pareto`), 0 is the slowest; default: its knee"),
     ] = None
     period: Annotated[
         Positive | None,
@@ -161,29 +161,29 @@ class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file")
     ] = None
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
-        """Yield a fault if the file is of no known form or cannot be read.
+        """Yield a fault if the file has no known suffix or cannot be read.
 
-        Whether it has `links` links shows only when it is read.
+        Whether it has `links` links is known only after reading.
         """
         path = folder / self.file
         is_table = path.suffix.lower() in SUFFIXES
         if not is_table and path.suffix.lower() != ".nc":
-            what = f'"{self.file}" ends in neither .csv nor .nc, {", ".join(SUFFIXES[1:])}'
-            yield f"{key}.file", what
+            known = ", ".join((*SUFFIXES, ".nc"))
+            yield f"{key}.file", f'"{self.file}" has no known suffix; name a file with {known}'
             return
         unreadable = why_unreadable(path)
         if unreadable:
             yield f"{key}.file", f'"{self.file}" cannot be read from {folder}: {unreadable}'
         if self.point is not None and is_table:
-            yield f"{key}.point", "a table holds one gait; leave it out"
+            yield f"{key}.point", "given, but a table holds one gait; remove it"
 
     def file_warnings(self, folder: Path, units: str) -> Iterator[str]:
-        """Yield what to know about how a table is interpolated."""
+        """Yield notes on the interpolation of a table."""
         path = folder / self.file
         if path.suffix.lower() in SUFFIXES:
             from wormopt.model.gait_table import read_gait
 
-            with suppress(OSError, ArgumentError):  # which the run reports
+            with suppress(OSError, ArgumentError):  # reported by the run
                 _, _, said = read_gait(path, "SI" if units == "SI" else "dimensionless")
                 yield from (f"{self.file}: {what}" for what in said)
 

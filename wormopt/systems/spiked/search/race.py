@@ -58,6 +58,7 @@ class Race:
     # local optima next to the best of their order
     others: list[Trial] = field(default_factory=list)
     varied: int = 0  # how many orders are variations of others
+    enough: float = np.inf  # a value near enough to a proven bound of all
 
     def __post_init__(self) -> None:
         self._best: Trial | None = None
@@ -134,6 +135,11 @@ class Race:
     def is_over(self) -> bool:
         """Whether no gait can be better: nothing is spent but the work against the load."""
         return self._energy and self.value >= -_NONE * self._force
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether no gait can be better by more than is wanted."""
+        return self.value >= self.enough
 
     def record(self, level: int) -> float:
         """Best value at a level (number of halvings of arcs), -inf before there is one."""

@@ -29,6 +29,7 @@ from wormopt.systems.shared.sequences import (
     travel,
     wave_orders,
 )
+from wormopt.systems.spiked.certify.bound import Bounded, at_once
 from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.search.orders import first_orders, plain_orders, search_letters
 from wormopt.systems.spiked.search.race import Better, Race, Start, apart, rank
@@ -89,6 +90,10 @@ def effort_of(settings: Search) -> Effort:
     return _EFFORTS[settings.effort]
 
 
+# How a search ends that was not cut short.
+DONE = ("searched", "proven")
+
+
 @dataclass(frozen=True)
 class Survey:
     """What a search found and how much it saw."""
@@ -97,8 +102,9 @@ class Survey:
     tried: int  # orders
     varied: int  # of these, variations of others
     programs: int  # linear programs solved
-    ended: str  # "searched", "time limit" or "interrupted"
+    ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
+    bounded: Bounded | None = None  # what no gait is faster than, of a speed
 
 
 def search(
@@ -110,8 +116,9 @@ def search(
 ) -> Survey:
     """Search the orders of rest, and the number of cycles, that give the best gait.
 
-    First `hints` and constructed orders, then plain ones by their ceilings, then variations.
-    The same for any number of processes, but for time limits; `better` gets each new best.
+    First `hints` and constructed orders, then plain ones by their ceilings, then variations, until
+    no gait can be better by more than the wanted gap. The same for any number of processes, but
+    for time limits; `better` gets each new best.
     """
     until = np.inf if settings.time_limit is None else monotonic() + settings.time_limit
     work = effort_of(settings).work * _OF_ONE_CLIMB
@@ -120,6 +127,9 @@ def search(
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
     race = Race(task, trier, workers, report, better, _PLACES * effort_of(settings).width)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
+    bounded = at_once(task)
+    if bounded is not None and settings.sequence is None:
+        race.enough = bounded.bound / (1.0 + settings.gap)
     try:
         for stage in _steps(race, settings, hints):
             now = monotonic()
@@ -135,7 +145,10 @@ def search(
     finally:
         race.close()
     ranking = sorted([*race.ranking, *race.others], key=rank)
-    return Survey(tuple(ranking), len(race.trials), race.varied, trier.programs, ended, seconds)
+    if ended == "searched" and race.is_proven:
+        ended = "proven"
+    tried = len(race.trials)
+    return Survey(tuple(ranking), tried, race.varied, trier.programs, ended, seconds, bounded)
 
 
 def _effort(race: Race, settings: Search) -> Effort:
@@ -160,12 +173,13 @@ def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator
     race.promote(0, 1)
     yield "constructed orders"
     if not race.long:  # too many, and their ceilings too expensive, to come upon good ones
-        yield from _plain(race, settings)
-    for _ in _vary(race, settings):
-        yield "variations"
+        yield from _until_proven(race, _plain(race, settings))
+    yield from _until_proven(race, _vary(race, settings))
     stage = race.tell("finer arcs", 0.8)
     race.promote(1, effort.width)
     yield stage
+    if race.is_proven:
+        return
     most = max(effort.work, race.trier.work + _OF_RESTARTS * effort.work)
     for start in range(effort.starts):
         stage = race.tell("other starts", 0.9)
@@ -173,6 +187,11 @@ def _steps(race: Race, settings: Search, hints: Iterable[Sequence_]) -> Iterator
         yield stage
         if race.trier.work > most:
             return
+
+
+def _until_proven(race: Race, stages: Iterator[str]) -> Iterator[str]:
+    while not race.is_proven and (stage := next(stages, None)):
+        yield stage
 
 
 def _plain(race: Race, settings: Search) -> Iterator[str]:
@@ -233,7 +252,7 @@ def _moved(durations: np.ndarray) -> np.ndarray:
     return np.where(np.eye(len(durations), dtype=bool), others, durations)
 
 
-def _vary(race: Race, settings: Search) -> Iterator[None]:
+def _vary(race: Race, settings: Search) -> Iterator[str]:
     """Vary the best orders as long as that helps; begin anew with every order that is better."""
     effort, task = _effort(race, settings), race.task
     most = effort.work * (_WORK_OF_ENERGY if is_energy(task) else 1.0)
@@ -244,17 +263,17 @@ def _vary(race: Race, settings: Search) -> Iterator[None]:
         enough = race.record(0) + gain * abs(race.record(0))
         width = effort.width << in_vain  # where the best lead nowhere, others may
         for batch in _batches(islice(_variations(race, settings, width), effort.varied)):
-            race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
+            stage = race.tell("variations", 0.5 + 0.3 * min(1.0, race.trier.work / most))
             race.enter(batch)
             race.varied += len(batch)
-            yield
+            yield stage
             if race.trier.work > most:
                 return
             if race.record(0) > enough:
                 break
         in_vain = 0 if race.record(0) > enough else in_vain + 1
         race.promote(0, (1 if race.long else 2) * effort.width)
-        yield
+        yield "variations"
 
 
 def _batches(items: Iterable) -> Iterator[list]:

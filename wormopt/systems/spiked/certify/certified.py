@@ -1,0 +1,110 @@
+"""Designs with a bound of every gait, and how far the bound is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wormopt.errors import ArgumentError
+from wormopt.model.given import check_kind
+from wormopt.progress import Report, silent
+from wormopt.shown import lines
+from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
+from wormopt.systems.spiked.certify.certificate import Certificate
+from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.task import Certify
+
+
+@dataclass(frozen=True, eq=False)
+class Certified:
+    """A design with a bound of every gait.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    bounded : Bounded
+        What is proven, and how.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> round(proven.bound, 6), proven.gap <= 1e-3
+    (0.425, True)
+    """
+
+    design: Design
+    bounded: Bounded
+
+    def __repr__(self) -> str:
+        first = repr(self.design).partition("\n")[0]
+        proven = f"bound {self.bound:.9g}, gap {self.gap:.3g} ({self.bounded.ending})"
+        return lines(f"Certified {first[0].lower()}{first[1:]}", f"{proven}, {self.bounded.source}")
+
+    @property
+    def bound(self) -> float:
+        """No gait is faster, or cheaper: of any phases, cycles and period within the limits."""
+        return self.bounded.bound
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """The proof, to be saved and verified; None where rates and resting masses bound more."""
+        return self.bounded.certificate
+
+    @property
+    def gap(self) -> float:
+        """By which share of its own value the design could be better at most."""
+        cost = self.design.task.objective.minimise is not None
+        return gap_of(self.design.value, self.bound, cost)
+
+
+def certify(
+    design: Design,
+    gap: float = Certify.gap,
+    time_limit: float = Certify.time_limit,
+    report: Report = silent,
+) -> Certified:
+    """Prove how much better than a design any gait could be.
+
+    Parameters
+    ----------
+    design : Design
+        Of the speed or of a peak load.
+    gap : float, optional
+        How much better a gait might still be when it is enough, as a share.
+    time_limit : float, optional
+        Seconds after which it ends with the gap it has.
+    report : callable, optional
+        Told the gap.
+
+    Returns
+    -------
+    Certified
+        The design with its bound, gap and certificate.
+
+    Raises
+    ------
+    ArgumentError
+        If the design's cost has no bound, or an argument is wrong.
+
+    Examples
+    --------
+    >>> from wormopt.systems.spiked.limits import Limits
+    >>> from wormopt.systems.spiked.task import Worm
+    >>> from wormopt.systems.spiked.design.optimize import design
+    >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proof = certify(design(Worm(links=1, load=5.0), limits))
+    >>> proof.gap <= 1e-3, proof.bound >= proof.design.speed
+    (True, True)
+    """
+    check_kind("design", design, Design)
+    if design.task.objective.is_smooth:
+        raise ArgumentError(
+            f"there is no proof for {design.task.objective.minimise}; seek speed, "
+            "peak_spike_load or peak_actuator_force"
+        )
+    wanted = Certify(gap, time_limit)
+    for key, message in wanted.faults():
+        raise ArgumentError(f"{key}: {message}")
+    return Certified(design, bounded(design.task, design.value, wanted, report))
