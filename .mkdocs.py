@@ -122,8 +122,10 @@ def page_of_all_names() -> str:
 
 def table_of_names(group: Iterable[Public]) -> str:
     """Table of names and the first lines of their docstrings, with links to their pages."""
+    escaped = r"\|"
     rows = [
-        f"| [`wo.{public.name}`]({posixpath.basename(public.page)}) | {public.summary} |"
+        f"| [`wo.{public.name}`]({posixpath.basename(public.page)}) "
+        f"| {public.summary.replace('|', escaped)} |"
         for public in group
     ]
     return "\n".join(["| name | description |", "|---|---|", *rows])
