@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.errors import ArgumentError
-from wormopt.shown import lines
+from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.spiked.certify.check import FORMAT, VERSION, BrokenProofError, check, read
 
 
@@ -100,6 +100,12 @@ class Certificate:
     def __repr__(self) -> str:
         bound = f"no gait is faster than {float(self.bound):.9g}"
         return lines(f"Certificate: {bound}", f"{len(self.text)} characters of JSON")
+
+    def _repr_html_(self) -> str:
+        problem = json.loads(self.text)["problem"]
+        rows = [(str(name), brief(value)) for name, value in problem.items()]
+        title = f"Certificate: no gait is faster than {float(self.bound):.9g}"
+        return html(title, [Part("Problem", rows)], ["wo.verify checks it in exact arithmetic"])
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write it to a file.

@@ -19,6 +19,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.numerics.bilinear import Climb
+from wormopt.shown import Part, html, lines
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.limits import Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
@@ -93,8 +94,30 @@ class Sensitivity:
     lowered: float
     one_sided: bool
 
+    def __repr__(self) -> str:
+        effect = f"derivative {self.derivative:.6g}, elasticity {self.elasticity:.6g}"
+        return lines(f"Sensitivity to {self.name} = {self.value:.6g}: {effect}")
 
-def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
+
+class Sensitivities(tuple[Sensitivity, ...]):
+    """Sensitivities of a design, which notebooks show as a table."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        binding = [f"{s.name} {s.elasticity:.3g}" for s in self if s.elasticity]
+        return lines(f"Sensitivities to {len(self)} limits", f"elasticity: {', '.join(binding)}")
+
+    def _repr_html_(self) -> str:
+        rows = [("limit", "value", "derivative", "elasticity", "")]
+        for s in sorted(self, key=lambda s: -abs(s.elasticity)):
+            remark = "differs to both sides" if s.one_sided else ""
+            value, derivative = f"{s.value:.6g}", f"{s.derivative:.6g}"
+            rows.append((s.name, value, derivative, f"{s.elasticity:.6g}", remark))
+        return html("Sensitivity of the objective to each limit", [Part("", rows)])
+
+
+def sensitivities(design: Design) -> Sensitivities:
     """Derivatives of the best objective of a design's order of rest by every limit.
 
     Parameters
@@ -105,7 +128,8 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     Returns
     -------
     tuple of Sensitivity
-        In the order of the scene's keys; those of limits that do not bind are 0.
+        In the order of the scene's keys; those of limits that do not bind are 0. A notebook shows
+        them as a table.
 
     Raises
     ------
@@ -136,7 +160,8 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     program, point = trial.program.finer(trial.point)
     if point is not None:  # limits of single links may bend a motion where no arc ends yet
         trial = replace(trial, program=program, point=point)
-    return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+    found = (_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+    return Sensitivities(found)
 
 
 def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
