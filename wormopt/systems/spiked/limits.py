@@ -37,6 +37,12 @@ class Rates(Frozen):
     contraction, extension : float or sequence of float
         Largest rates at which a link shortens and lengthens, one number for all links or one per
         link.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> wo.Limits(period=1.0, length=(0.7, 1.3), rate=Rates(1.0, 0.5)).rate_limits(2)
+    ((1.0, 1.0), (0.5, 0.5))
     """
 
     contraction: Numbers

@@ -276,6 +276,14 @@ class Search(Frozen):
     gap : float, optional
         The search for a speed ends when no gait can be faster by a larger share, as proven by
         small linear programs before it begins.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> found = wo.design(wo.Worm(links=2, load=5.0), limits, search=Search(effort="quick", seed=1))
+    >>> round(found.speed, 6)
+    0.825667
     """
 
     seed: int = 0

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.errors import ArgumentError
-from wormopt.shown import lines
+from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.spiked.certify.check import FORMAT, VERSION, BrokenProofError, check, read
 
 
@@ -29,6 +29,15 @@ class Verification:
         Number of verified inequalities; 0 if one does not hold.
     reason : str
         The first inequality that does not hold, or "".
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> found = wo.verify(proven.certificate)
+    >>> found.holds, found.inequalities > 0, found.reason
+    (True, True, '')
     """
 
     holds: bool
@@ -45,6 +54,15 @@ class Certificate:
     ----------
     text : str
         Content of its file, in JSON.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> proven.certificate.save("certificate.json")
+    >>> wo.verify("certificate.json").holds, round(float(proven.certificate.bound), 6)
+    (True, 0.425)
     """
 
     text: str
@@ -86,6 +104,12 @@ class Certificate:
     def __repr__(self) -> str:
         bound = f"no gait is faster than {float(self.bound):.9g}"
         return lines(f"Certificate: {bound}", f"{len(self.text)} characters of JSON")
+
+    def _repr_html_(self) -> str:
+        problem = json.loads(self.text)["problem"]
+        rows = [(str(name), brief(value)) for name, value in problem.items()]
+        title = f"Certificate: no gait is faster than {float(self.bound):.9g}"
+        return html(title, [Part("Problem", rows)], ["wo.verify checks it in exact arithmetic"])
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Write the certificate to a file.

@@ -24,6 +24,14 @@ class Certified:
         The design.
     bounded : Bounded
         The bound and its proof.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> round(proven.bound, 6), proven.gap <= 1e-3
+    (0.425, True)
     """
 
     design: Design

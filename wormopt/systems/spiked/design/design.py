@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.lazy import above
 from wormopt.model.gait import Gait
+from wormopt.model.given import check_choice
 from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, repetition
@@ -26,6 +28,9 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.table import in_steps, speed_of
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
 _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
@@ -130,6 +135,28 @@ class Design:
             Part("Upper bound on the speed of any gait", [(f"{self.bound:.6g}", "")]),
         ]
         return html(f"Design: {self._told}", parts)
+
+    def plot(self, picture: str = "gait") -> Figure:
+        """Draw the designed gait with its limits.
+
+        Parameters
+        ----------
+        picture : {"gait", "motion", "spikes"}, optional
+            Lengths and rests over a cycle; paths of the masses over two cycles; loads on spikes
+            and actuator forces over a cycle.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Bound to no window; a notebook shows it.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such picture.
+        """
+        check_choice("picture", picture, ("gait", "motion", "spikes"))
+        return above("wormopt.systems.spiked.runs.gait_design:as_result")(self).plot(picture)
 
     @cached_property
     def motion(self) -> Crawl:

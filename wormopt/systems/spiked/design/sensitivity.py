@@ -19,6 +19,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.numerics.bilinear import Climb
+from wormopt.shown import Part, html, lines
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.limits import Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
@@ -70,6 +71,18 @@ class Sensitivity:
         Whether these differ by more than 1 %. Then another limit becomes active here, or, in a
         program with more than 400 unknowns, a family of gaits is equally good. The derivatives
         are then lower bounds on the improvement in each direction.
+
+    Examples
+    --------
+    Two masses 1 that rest in turn, at period 1 and acceleration a = 20 under a load of 5, reach the
+    speed r/2 - r r/2 (1/a + 1/10) at the rate r = 1; its derivative is 0.35:
+
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> found = wo.sensitivities(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> (rate,) = (each for each in found if each.name == "limits.rate")
+    >>> round(rate.derivative, 6), rate.one_sided
+    (0.35, False)
     """
 
     name: str
@@ -81,8 +94,30 @@ class Sensitivity:
     lowered: float
     one_sided: bool
 
+    def __repr__(self) -> str:
+        effect = f"derivative {self.derivative:.6g}, elasticity {self.elasticity:.6g}"
+        return lines(f"Sensitivity to {self.name} = {self.value:.6g}: {effect}")
 
-def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
+
+class Sensitivities(tuple[Sensitivity, ...]):
+    """Sensitivities of a design, which notebooks show as a table."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        binding = [f"{s.name} {s.elasticity:.3g}" for s in self if s.elasticity]
+        return lines(f"Sensitivities to {len(self)} limits", f"elasticity: {', '.join(binding)}")
+
+    def _repr_html_(self) -> str:
+        rows = [("limit", "value", "derivative", "elasticity", "")]
+        for s in sorted(self, key=lambda s: -abs(s.elasticity)):
+            remark = "differs to both sides" if s.one_sided else ""
+            value, derivative = f"{s.value:.6g}", f"{s.derivative:.6g}"
+            rows.append((s.name, value, derivative, f"{s.elasticity:.6g}", remark))
+        return html("Sensitivity of the objective to each limit", [Part("", rows)])
+
+
+def sensitivities(design: Design) -> Sensitivities:
     """Compute the sensitivities of the optimal objective to all limits at fixed resting sequence.
 
     Parameters
@@ -125,7 +160,8 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     program, point = trial.program.finer(trial.point)
     if point is not None:  # limits of single links may bend a motion where no arc ends yet
         trial = replace(trial, program=program, point=point)
-    return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+    found = (_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+    return Sensitivities(found)
 
 
 def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:
