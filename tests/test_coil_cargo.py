@@ -297,12 +297,12 @@ def test_a_float_that_is_too_heavy_is_told() -> None:
     ("changes", "told"),
     [
         (["cargo.start=1.0"], "not between the walls"),
-        (["cargo.edge=1.0"], "longer than the float"),
+        (["cargo.edge=1.0"], "exceeds the length of the float"),
         (["cargo.density=0.0"], "above 0"),
-        (["cargo.density=1e-30"], "write 2.4e-06 at least"),
+        (["cargo.density=1e-30"], "write at least 2.4e-06"),
         (
             ["cargo.thickness=1.0"],
-            r"cargo.thickness: 1: .* lies on the ground.*write 0.0088 at most",
+            r"cargo.thickness: 1: .* lies on the ground.*write at most 0.0088",
         ),
     ],
 )

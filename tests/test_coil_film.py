@@ -261,7 +261,7 @@ def test_coils_that_are_too_strong_fail_with_the_reason() -> None:
 
 
 def test_a_field_that_is_not_resolved_is_told_with_a_remedy() -> None:
-    with pytest.raises(SceneError, match=r"film\.ground.*not resolved.*reaches less than 4 m up"):
+    with pytest.raises(SceneError, match=r"film\.ground.*not resolved.*less than 4 m above"):
         wo.run(
             load_scene(
                 "fig24_travelling_wave", ["film.depth=1.0", "course.switches=1", "coils.count=6"]

@@ -189,7 +189,7 @@ def test_too_little_current_is_told():
     weak = solved(INVERSE, *QUICK, "coils.ampere_turns=1000")
     assert value(weak, "currents_max") == pytest.approx(1000, rel=1e-6)
     assert value(weak, "currents_share") <= 1
-    assert any("at the 1000 ampere-turns" in text for text in weak.trust["warnings"])
+    assert any("at the limit of 1000 ampere-turns" in text for text in weak.trust["warnings"])
     assert weak.status == "ok"
     assert value(weak, "field_residual") > 0.5
     words = "worse than a constant" if value(weak, "field_residual") >= 1 else "far from the wanted"
@@ -272,7 +272,7 @@ def test_a_field_of_currents_that_is_not_confirmed_fails(monkeypatch: pytest.Mon
         (ROW, "line.margin=10", "line.margin", "write at most 9"),
         (ROW, "switching.rate=0", "switching.rate", "above 0"),
         (ROW, "switching.on=21", "switching.on", "do not fit"),
-        (ROW, "switching.every=21", "switching.every", "more than the 20 coils"),
+        (ROW, "switching.every=21", "switching.every", "exceeds the 20 coils"),
         (ROW, "switching.ampere_turns=3001", "switching.ampere_turns", "at most"),
         (ROW, 'units="dimensionless"', "units", 'units = "SI"'),
         (ROW, 'want=["row_currents"]', "want[0]", "travelling_field"),

@@ -145,7 +145,7 @@ def test_a_segment_of_free_length_leaves_the_walls_at_1_67_spans():
     assert exact_elastica("sleeve", SLEEVE_RISE).reaction == pytest.approx(0, abs=1e-7)
     assert solve("sleeve", SLEEVE_RISE).p[1] == pytest.approx(0, abs=1e-11)
     assert solve("sleeve", 1.01 * SLEEVE_RISE).p[1] < 0  # the walls would have to pull
-    with pytest.raises(ArgumentError, match=r"up to 1\.66925"):
+    with pytest.raises(ArgumentError, match=r"1\.66925\]"):
         exact_elastica("sleeve", 1.01 * SLEEVE_RISE)
 
 
@@ -157,7 +157,7 @@ def test_point_contact_takes_any_rise():
     found = solve("point_contact", 10.0)
     assert found.p[0] == pytest.approx(exact.length, rel=1e-10)
     assert exact.length - 10 == pytest.approx(math.sqrt(2) - 1, abs=1e-8)
-    with pytest.raises(ArgumentError, match="up to"):
+    with pytest.raises(ArgumentError, match="must be in"):
         exact_elastica("point_contact", 100.0)
 
 

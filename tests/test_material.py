@@ -473,7 +473,7 @@ def test_a_given_material_that_is_not_found_again_fails(
     out = tmp_path / "out"
     assert main(["run", SCENE, "--set", GIVEN, "-o", str(out), "--quiet"]) == 3
     kept = Result.load(out)
-    assert "found again with an error of 2e-06" in kept.reason
+    assert "has an error of 2e-06" in kept.reason
     assert [check.name for check in kept.checks if not check.passed] == ["material found again"]
 
 

@@ -194,7 +194,7 @@ def test_a_wrong_answer_fails(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(Choice, "widest", wrong)
     result = wo.run(SCENE)
     assert result.status == "failed"
-    assert "off by 0.001" in result.reason
+    assert "differs by 0.001" in result.reason
     refused = [check.name for check in result.checks if not check.passed]
     assert refused == ["thickness in closed form"]
 

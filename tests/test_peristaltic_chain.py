@@ -354,7 +354,7 @@ def test_anchors_with_nothing_to_spare_are_warned_of(reserve: float | None):
     """Segments that slide use all of their friction: none is left, and nothing said so."""
     table = load_scene("peristaltic_tube", SHORT).table
     given = {"advance": 1e-4, "holding_reserve": reserve, "slip": 9.4e-5}
-    told = [text for text in worm_warnings(WormCase(table), given) if "to spare" in text]
+    told = [text for text in worm_warnings(WormCase(table), given) if "no reserve" in text]
     assert len(told) == (reserve == 0)
     assert all("slide back by 9.4e-05 m" in text for text in told)
 

@@ -362,9 +362,9 @@ def test_long_membranes_are_cylinders_in_the_middle():
 def test_membranes_without_tension_are_refused():
     with pytest.raises(ArgumentError, match=r"write more than 0\.4"):
         balloon(2.0, loading=0.3, pull=-0.2)
-    with pytest.raises(ArgumentError, match="either the loading or the volume"):
+    with pytest.raises(ArgumentError, match="either loading or volume"):
         balloon(2.0)
-    with pytest.raises(SolveError, match="no rest of the membrane"):
+    with pytest.raises(SolveError, match="no equilibrium of the membrane"):
         balloon(2.0, loading=3e-3)
     with pytest.raises(SolveError, match="not under tension") as caught:
         balloon(2.0, volume=0.9)
@@ -409,7 +409,7 @@ def test_a_real_coil_pulls_by_its_field():
 @pytest.mark.parametrize("name", ["radius_at", "energy", "elastic_pull"])
 def test_what_is_no_stretch_is_refused(name: str):
     for bad in (0.0, -0.9, np.array([1.0, -1.0]), math.nan):
-        with pytest.raises(ArgumentError, match="a stretch is above 0"):
+        with pytest.raises(ArgumentError, match="a stretch must be above 0"):
             getattr(SOFT, name)(bad)
 
 
@@ -434,12 +434,12 @@ def test_rubber_too_soft_for_any_stretch_is_refused():
     for stretch in (1e-3, 3e-9):
         kappa = 2 * (1 - stretch**3) / stretch
         assert SOFT.deepest_stretch(kappa / unit) == pytest.approx(stretch, rel=1e-9)
-    with pytest.raises(ArgumentError, match=r"next to nothing.*smaller pressure"):
+    with pytest.raises(ArgumentError, match=r"shrink to nothing.*smaller pressure"):
         SOFT.deepest_stretch(2e9 / unit)
     # rubber of Mooney's second kind alone pulls with no more than its stiffness
     soft = replace(SOFT, neo_hookean=0.0)
     assert soft.stretch_at(0.0, 0.9 * soft.stiffness) > 1
-    with pytest.raises(ArgumentError, match="without end"):
+    with pytest.raises(ArgumentError, match="without limit"):
         soft.stretch_at(0.0, 1.1 * soft.stiffness)
 
 
@@ -475,7 +475,7 @@ def test_ordinary_rubber_will_not_move():
     assert value(result, "moves") is False
     assert value(result, "normal_force") == 0.0
     (warning,) = result.trust["warnings"]
-    assert warning.startswith("it will not move: it swells by 3.53 µm of 50 µm")
+    assert warning.startswith("the segment will not move: it swells by 3.53 µm of the 50 µm")
     facts = " ".join(text.get_text() for text in figure(result, "segment").texts)
     assert "will not move" in facts
     # what is advised would do
@@ -492,7 +492,7 @@ def test_ordinary_rubber_will_not_move():
 
 def test_a_pressure_too_small_for_the_true_membrane():
     result = wo.run(load_scene(RUBBER, ["inflation={pressure=100.0}"]))
-    assert any("bends at its rings only" in text for text in result.trust["warnings"])
+    assert any("bends only at its rings" in text for text in result.trust["warnings"])
     assert "membrane_hoop" not in result.scalars
     assert value(result, "inflated_hoop") == pytest.approx(1 + 100 / 33333.3 / 4, rel=1e-5)
 

@@ -76,11 +76,11 @@ def test_where_masses_rest_together_by_the_stroke_alone_it_is_refused(turn):
 
 
 def test_directions_that_do_not_fit_are_refused(cycle, turn):
-    with pytest.raises(ArgumentError, match="needs its 2 variables"):
+    with pytest.raises(ArgumentError, match="write 2 variables"):
         P.crawl_gradient(cycle, [P.Harmonics([0.0], [[1.0]], [[0.0]])])
-    with pytest.raises(ArgumentError, match="no breaks but its"):
+    with pytest.raises(ArgumentError, match="no breaks but those of the stroke"):
         P.crawl_gradient(cycle, [P.Polygon([[0.0, 0.0], [1.0, 0.0]])])
-    with pytest.raises(ArgumentError, match="no breaks but its"):
+    with pytest.raises(ArgumentError, match="no breaks but those of the stroke"):
         P.crawl_gradient(turn, [P.Polygon(np.eye(3))])
 
 

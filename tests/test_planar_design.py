@@ -223,20 +223,20 @@ def test_designs_scale_with_their_units():
 def test_what_makes_no_sense_is_refused():
     one = chain_shape(2, lengths=(1.0, 1.0))
     for message, change in {
-        "a pose is what": {"purpose": "work"},
+        "needs a pose": {"purpose": "work"},
         "may end with another shape": {"closed": False},
         "start needs 2": {"start": (0.0,)},
         "no mass 7": {"purpose": "turn", "pivot": 7},
-        "knows no least time": {"limits": {"effort": 1.0}},
+        "has no least time": {"limits": {"effort": 1.0}},
     }.items():
         with pytest.raises(ArgumentError, match=message):
             aim_of(THREE, WATER, **change)
-    with pytest.raises(ArgumentError, match="there and back"):
+    with pytest.raises(ArgumentError, match="to and fro"):
         PlanarAim(one, SNAKE, PlanarLimits())
     for message, change in {
         "from less to more": {"angle": (1.0, -1.0)},
-        "longer than 0": {"length": (0.0, 1.0)},
-        "below pi": {"angle": (-4.0, 1.0)},
+        "must be above 0": {"length": (0.0, 1.0)},
+        "within ±pi": {"angle": (-4.0, 1.0)},
         "rates": {"angle_rate": 0.0},
         "narrower than a link": {"half_width": 0.1, "radius": 0.2},
     }.items():

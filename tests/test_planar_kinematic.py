@@ -211,15 +211,15 @@ def test_three_skids_of_a_straight_worm_or_an_arc_are_refused():
 
 
 def test_what_does_not_determine_or_is_not_there_is_refused():
-    with pytest.raises(ArgumentError, match="turns freely about mass 2"):
+    with pytest.raises(ArgumentError, match="turn freely about mass 2"):
         Constraints(pins=(2,))
     with pytest.raises(ArgumentError, match="2 of three"):
         Constraints(skids=(0, 1))
-    with pytest.raises(ArgumentError, match="mass 0 is a pin already"):
+    with pytest.raises(ArgumentError, match="mass 0 is a pin and a skid"):
         Constraints(pins=(0,), skids=(0, 1))
     with pytest.raises(ArgumentError, match="no mass 5"):
         kinematic_motion(WORM, square((0.8, 0), (1, 1)), Constraints(pins=(5,), skids=(0,)))
-    with pytest.raises(ArgumentError, match="rise"):
+    with pytest.raises(ArgumentError, match="ascend"):
         kinematic_motion(WORM, square((0.8, 0), (1, 1)), [Phase(0.5, TAIL)])
 
 

@@ -288,12 +288,12 @@ def test_velocities_in_a_channel_show_what_was_measured_where_it_was():
     told, bare = (figure(r, "channel_velocity").axes[0] for r in (result, unseen))
     labels = told.get_legend_handles_labels()[1]
     assert labels[:3] == [
-        "sine: 1.457 mm a switch", "beam: 1.431 mm a switch", "line: 1.261 mm a switch"
+        "sine: 1.457 mm per switch", "beam: 1.431 mm per switch", "line: 1.261 mm per switch"
     ]  # fmt: skip
     assert labels[3].startswith("sample 1: measured")
     assert labels[3].endswith(": 78.9\xa0mm\xa0s$^{-1}$")
     assert labels[5:] == [
-        r"(32) not claimed: $n \geq$ 100",
+        r"eq. 32 not valid: $n \geq$ 100",
         "stands still above 950, from the text",
     ]
     first, second = (line for line in told.get_lines() if line.get_marker() not in ("None", ""))
@@ -912,7 +912,7 @@ def test_the_bound_of_every_gait_is_drawn_over_time():
     result = sample("certificate")
     drawn = figure(result, "certificate")
     (axes,) = drawn.axes
-    assert "proven bound of every gait" in entries(drawn)
+    assert "proven bound for all gaits" in entries(drawn)
     assert axes.lines[0].get_ydata()[-1] == result.scalars["bound"].value
     told = texts(figure(result, "gait"))  # nearer than the ceiling, which is 1 here
     assert "proven bound 0.8" in told

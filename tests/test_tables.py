@@ -300,7 +300,7 @@ def test_a_result_in_si_is_no_gait_of_a_scene_without_units(tmp_path: Path):
     wo.run(scene_of(tmp_path, "SI")).save(tmp_path / "si")
     scene = scene_of(tmp_path, "dimensionless")
     scene["gait"]["file"] = str(tmp_path / "si" / "result.nc")
-    with pytest.raises(SceneError, match=r'gait\.file: .*its gait is in m, .* write units = "SI"'):
+    with pytest.raises(SceneError, match=r'gait\.file: .*the gait is in m, .* write units = "SI"'):
         wo.run(scene)
 
 

@@ -56,6 +56,13 @@ class Identification:
         Largest relative difference of u0 and E_eff between this material and the measurement.
     roots : tuple of Root
         All three roots of the cubic, the material's first.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> found = wo.magnetics.identify_material(0.071, 16e3, 1.5e5)
+    >>> round(found.material.mu_r, 6), found.residual < 1e-9
+    (1.078848, True)
     """
 
     material: MagnetoElastic

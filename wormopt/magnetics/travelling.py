@@ -102,6 +102,16 @@ class MovingProfile:
         H² in A²/m² at each place when the phase passes it.
     places : ndarray, shape (places,)
         Positions of the places along x in m.
+
+    Examples
+    --------
+    A wave 1 + cos(xi) that passes two places unchanged has no ripple:
+
+    >>> xi = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
+    >>> square = np.stack([1 + np.cos(xi), 1 + np.cos(xi)])
+    >>> profile = MovingProfile(xi, square, places=np.array([0.0, 1.0]))
+    >>> round(profile.variation, 9), profile.ripple
+    (0.707106781, 0.0)
     """
 
     xi: np.ndarray

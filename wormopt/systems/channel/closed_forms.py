@@ -1,12 +1,17 @@
-"""A magnetisable body in a channel beside a row of coils, (32)-(36), its segments' shapes assumed.
+"""A magnetisable body in a channel beside a row of coils, with assumed segment shapes.
+
+Source: eqs 32-36 of K. Zimmermann, I. Zeidis, J. Steigenberger, C. Behn, V. Böhm, J. Popp,
+E. Kolev, V. A. Naletova, "Worm-like Locomotion Systems (WLLS): Theory, Control and Prototypes",
+in H. Zhang (ed.), "Climbing and Walking Robots: Towards New Applications", 2007, from page 429.
 
 A segment is the part of the body between two neighbouring coils, a distance L apart. Its centre
 line goes from one wall to the other, from the height d_w/2 to d - d_w/2, where d and d_w are the
-diameters of channel and body. Three shapes are assumed: a sine (33), with its shift; a cubic, the
-beam that small forces bend (34); a straight line (35), with the half of d_w that the print lacks.
+diameters of channel and body. Three shapes are assumed: a sine (eq. 33), with its shift; a cubic,
+the beam with small deflection (eq. 34); a straight line (eq. 35), with the half of d_w that the
+printed equation lacks.
 
-Functions take numbers, arrays or CasADi expressions, and check nothing; `ChannelWorm` checks what
-is a number. SI units, or any others that are consistent.
+Functions take numbers, arrays or CasADi expressions, and check nothing; `ChannelWorm` checks
+numbers. Units are SI, or any others that are consistent.
 """
 
 from __future__ import annotations
@@ -28,19 +33,20 @@ SHAPES: tuple[Shape, ...] = get_args(Shape)
 DIRECTION = -1
 """The body moves against the travel of the field."""
 STEEPEST = 10.0
-"""Rise over pitch up to which arc lengths are exact to rounding."""
+"""Rise over pitch up to which arc lengths are exact to round-off."""
 
-# Steps of the arithmetic-geometric mean, and points of Gauss, that leave rounding up to STEEPEST.
+# Steps of the arithmetic-geometric mean and Gauss points that reach round-off up to STEEPEST.
 _STEPS = 7
 _POINTS = 128
 _SMALLEST, _LARGEST = 1e-30, 1e30
 
 
 def center_line(shape: Shape, x: Any, pitch: Any, channel: Any, body: Any) -> Any:
-    """Height of a segment's centre line, (33) sine, (34) beam or (35) line, above its first wall.
+    """Return the height of a segment's centre line above its first wall.
 
-    `x` runs along the channel from 0 to `pitch`, the distance L of neighbouring coils; from
-    body / 2 to channel - body / 2, diameters d_w and d. Numbers, arrays or casadi.SX.
+    The shapes are sine, beam and line (eqs 33-35 of Zimmermann et al. 2007). `x` runs along the
+    channel from 0 to `pitch`, the distance L of neighbouring coils; the height goes from body / 2
+    to channel - body / 2, with diameters d_w and d. Numbers, arrays or casadi.SX.
     """
     rise, share = channel - body, x / pitch
     _check_shape(shape)
@@ -55,10 +61,10 @@ def center_line(shape: Shape, x: Any, pitch: Any, channel: Any, body: Any) -> An
 
 
 def arc_length(shape: Shape, pitch: Any, rise: Any) -> Any:
-    """Length l_s of a segment's centre line (33), (34) or (35) of `rise` d - d_w over `pitch` L.
+    """Return the length l_s of a segment's centre line of `rise` d - d_w over `pitch` L.
 
     Sine: complete elliptic integral of the second kind by the AGM (DLMF 19.8); beam: L int_0^1
-    sqrt(1 + (3 rise/(2 L))² (1 - t²)²) dt, 128 Gauss points; exact to rounding to rise = 10 L.
+    sqrt(1 + (3 rise/(2 L))² (1 - t²)²) dt, 128 Gauss points; exact to round-off up to rise = 10 L.
     """
     _check_shape(shape)
     slope = rise / pitch
@@ -78,10 +84,10 @@ def _check_shape(shape: str) -> None:
 
 
 def segment_count(length: Any, segment: Any, rule: CountRule = "nearest") -> Any:
-    """Count k_s of segments of arc length l_s in a body of length l_w; an int for two numbers.
+    """Return the number k_s of segments of arc length l_s in a body of length l_w.
 
-    "nearest": integer nearest to l_w / l_s, the larger of two as near, as the chapter's
-    velocities need; "floor": integral part, as (32) is printed.
+    "nearest": integer nearest to l_w / l_s, the larger of two equally near ones, which the
+    published velocities need; "floor": integral part, as eq. 32 is printed. An int for two numbers.
     """
     ratio = length / segment + (0.5 if rule == "nearest" else 0.0)
     if isinstance(ratio, Real):
@@ -90,35 +96,38 @@ def segment_count(length: Any, segment: Any, rule: CountRule = "nearest") -> Any
 
 
 def velocity_per_frequency(pitch: Any, segment: Any, count: Any) -> Any:
-    """Size of the velocity (32) for one coil switch per second, k_s (l_s - L) / (k_s + 3).
+    """Return the magnitude of the velocity for one coil switch per second.
 
-    In units of `pitch` L, the distance of neighbouring coils; `segment` is l_s, `count` k_s.
-    Times the switches per second it is a velocity, whose direction is `DIRECTION`.
+    k_s (l_s - L) / (k_s + 3), eq. 32 of Zimmermann et al. 2007, in units of `pitch` L, the distance
+    of neighbouring coils; `segment` is l_s, `count` k_s. The velocity is this times the switches
+    per second; its direction is `DIRECTION`.
     """
     return count * (segment - pitch) / (count + 3)
 
 
 @dataclass(frozen=True)
 class ChannelWorm:
-    """A body in a channel; SI units.
+    """A body in a channel, in SI units.
+
+    Source: eqs 32-36 of Zimmermann et al. 2007 (WLLS), see the module.
 
     Parameters
     ----------
     pitch : float or casadi.SX
-        Distance L of neighbouring coils.
+        Distance L of neighbouring coils, m.
     channel, body : float or casadi.SX
-        Diameters d and d_w.
+        Diameters d and d_w, m.
     length : float or casadi.SX
-        Of the body, l_w.
+        Length l_w of the body, m.
     youngs_modulus : float or casadi.SX, optional
-        In Pa; without it forces and energies are unknown.
+        Young's modulus in Pa; without it forces and energies are unknown.
     rule : {"nearest", "floor"}, optional
-        How segments are counted.
+        Rounding of the number of segments.
 
     Raises
     ------
     ArgumentError
-        If a number is not above 0, the body does not fit in the channel or is shorter than the
+        If a value is not above 0, the body does not fit in the channel or is shorter than the
         pitch, or the rise is more than ten pitches.
 
     Examples
@@ -143,35 +152,35 @@ class ChannelWorm:
             _check(field.name, getattr(self, field.name))
         if _surely(self.body, self.channel):
             raise ArgumentError(
-                f"a body of the diameter {self.body:g} does not fit in a channel of "
+                f"a body of diameter {self.body:g} does not fit in a channel of "
                 f"{self.channel:g}; body must be less than channel"
             )
         if _surely(self.pitch, self.length) and self.pitch != self.length:
             raise ArgumentError(
-                f"a body of the length {self.length:g} is shorter than the pitch {self.pitch:g}; "
+                f"a body of length {self.length:g} is shorter than the pitch {self.pitch:g}; "
                 "length must be at least the pitch"
             )
         if _surely(self.rise, STEEPEST * self.pitch):
             raise ArgumentError(
-                f"a segment that rises by {self.rise:g} within a pitch of {self.pitch:g} is too "
+                f"a segment with a rise of {self.rise:g} within a pitch of {self.pitch:g} is too "
                 f"steep; channel - body must be less than {STEEPEST:g} times the pitch"
             )
 
     @classmethod
     def of(cls, name: str, rule: CountRule = "nearest") -> ChannelWorm:
-        """A body of the chapter.
+        """Return a body of Zimmermann et al. 2007.
 
         Parameters
         ----------
         name : {"sample-1", "sample-2", "capsule"}
-            Which one.
+            Name of the body.
         rule : {"nearest", "floor"}, optional
-            How segments are counted.
+            Rounding of the number of segments.
 
         Raises
         ------
         UnknownNameError
-            If there is none of that name.
+            If there is no body of that name.
 
         Examples
         --------
@@ -179,7 +188,7 @@ class ChannelWorm:
         0.004
         """
         if name not in SAMPLES:
-            raise UnknownNameError("the chapter", "body", [name], SAMPLES)
+            raise UnknownNameError("Zimmermann et al. 2007", "body", [name], SAMPLES)
         s = SAMPLES[name]
         return cls(s.pitch, s.channel, s.body, s.length, s.youngs_modulus, rule)
 
@@ -196,44 +205,44 @@ class ChannelWorm:
         return self.youngs_modulus * np.pi / 64 * self.body**4
 
     def center_line(self, shape: Shape, x: Any) -> Any:
-        """Height of the centre line above the wall the segment begins at, in m.
+        """Return the height of the centre line above the wall where the segment begins, in m.
 
         Parameters
         ----------
         shape : {"sine", "beam", "line"}
-            Which one is assumed.
+            Assumed shape.
         x : float, ndarray or casadi.SX
-            Place in the segment, 0 to `pitch`, in m.
+            Position in the segment, 0 to `pitch`, in m.
         """
         return center_line(shape, x, self.pitch, self.channel, self.body)
 
     def arc_length(self, shape: Shape) -> Any:
-        """Length l_s of a segment's centre line, in m.
+        """Return the length l_s of a segment's centre line, in m.
 
         Parameters
         ----------
         shape : {"sine", "beam", "line"}
-            Which one is assumed.
+            Assumed shape.
         """
         return arc_length(shape, self.pitch, self.rise)
 
     def count(self, shape: Shape) -> Any:
-        """Count k_s of segments, by `rule`.
+        """Return the number k_s of segments, by `rule`.
 
         Parameters
         ----------
         shape : {"sine", "beam", "line"}
-            Which one is assumed.
+            Assumed shape.
         """
         return segment_count(self.length, self.arc_length(shape), self.rule)
 
     def missing_length(self, shape: Shape) -> Any:
-        """Length k_s l_s - l_w, in m: above 0 where the segments need more body than there is.
+        """Return k_s l_s - l_w, in m: positive if the segments need more body than there is.
 
         Parameters
         ----------
         shape : {"sine", "beam", "line"}
-            Which one is assumed.
+            Assumed shape.
 
         Examples
         --------
@@ -243,18 +252,18 @@ class ChannelWorm:
         return self.count(shape) * self.arc_length(shape) - self.length
 
     def velocity_per_frequency(self, shape: Shape) -> Any:
-        """Size of the velocity (32) for one coil switch per second, in m.
+        """Return the magnitude of the velocity for one coil switch per second, in m.
 
         Parameters
         ----------
         shape : {"sine", "beam", "line"}
-            Which one is assumed.
+            Assumed shape.
         """
         return velocity_per_frequency(self.pitch, self.arc_length(shape), self.count(shape))
 
 
 def _check(name: str, value: Any) -> None:
-    """Refuse what is neither a usable number nor an expression; the modulus may be missing."""
+    """Refuse values that are neither usable numbers nor expressions; the modulus may be None."""
     if isinstance(value, ca.SX | ca.MX) or (value is None and name == "youngs_modulus"):
         return
     fits = isinstance(value, Real) and not isinstance(value, bool)
@@ -263,12 +272,12 @@ def _check(name: str, value: Any) -> None:
 
 
 def _surely(large: Any, small: Any) -> bool:
-    """Whether two numbers are in this order or equal; of expressions it is not known."""
+    """Return whether two numbers are in this order or equal; False for expressions."""
     return isinstance(large, Real) and isinstance(small, Real) and float(large) >= float(small)
 
 
 def _ellipse(longest: Any) -> Any:
-    """Mean distance 2 E / pi of an ellipse's quarter, its half axes being 1 and `longest`."""
+    """Return 2 E / pi, the mean radius of an ellipse's quarter with half axes 1 and `longest`."""
     a, b = longest, 1.0 + 0.0 * longest
     squares = (a * a + b * b) / 2
     for step in range(_STEPS):
@@ -280,7 +289,7 @@ def _ellipse(longest: Any) -> Any:
 
 @lru_cache(maxsize=1)
 def _gauss_points() -> tuple[tuple[float, float], ...]:
-    """(1 - t²)² at the points t of Gauss in [0, 1], and their weights."""
+    """Return (1 - t²)² at the Gauss points t in [0, 1], and their weights."""
     points, weights = np.polynomial.legendre.leggauss(_POINTS)
     bends = (1 - ((points + 1) / 2) ** 2) ** 2
     return tuple(zip(bends.tolist(), (weights / 2).tolist(), strict=True))

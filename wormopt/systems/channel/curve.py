@@ -1,4 +1,4 @@
-"""Plane curves along their length, how far two are apart, and the centre line of a rod."""
+"""Plane curves by their length, distances of two curves, and the centre line of a rod."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from wormopt.errors import ArgumentError
 from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.systems.channel.rod import Rod
 
-# Gauss points per element for lengths, steps of Newton's method, and what counts as rounding.
+# Gauss points per element for lengths, steps of Newton's method, and size of round-off.
 _POINTS, _STEPS, _ROUNDING = 24, 60, 1e-15
 
 
@@ -35,9 +35,9 @@ class Curve:
 
 
 def graph_curve(height: Callable[[np.ndarray], np.ndarray], span: float) -> Curve:
-    """Curve of a smooth function y = height(x), 0 <= x <= span, with span > 0.
+    """Return the curve of a smooth function y = height(x), 0 <= x <= span, with span > 0.
 
-    `height` maps places (m,) to heights (m,).
+    `height` maps positions (m,) to heights (m,).
     """
     slope = resolve(lambda x: height(x)[None], 0.0, span).derivative()
     stretch = resolve(lambda x: np.hypot(1.0, slope(x)), 0.0, span)
@@ -58,9 +58,9 @@ def graph_curve(height: Callable[[np.ndarray], np.ndarray], span: float) -> Curv
 
 
 def distances(one: Curve, other: Curve) -> tuple[float, float]:
-    """Largest and root mean square distance of points at the same share of the length.
+    """Return largest and root mean square distance of points at the same share of the length.
 
-    No less than the distance of a point of one from the nearest point of the other.
+    Neither is less than the distance of a point of one curve from the nearest point of the other.
     """
 
     def squares(share: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ def distances(one: Curve, other: Curve) -> tuple[float, float]:
 class RodLine:
     """Polynomials of places and angles on the elements of a rod.
 
-    Raises ArgumentError if places are not as many as needed, or not finite.
+    Raises ArgumentError if the number of places is wrong, or one is not finite.
     """
 
     rod: Rod
@@ -90,18 +90,18 @@ class RodLine:
             raise ArgumentError(f"places must be {3 * self.rod.count} finite numbers")
 
     def at(self, material: np.ndarray) -> np.ndarray:
-        """Places and angles (3, m) at distances `material` (m,) from the first end.
+        """Return places and angles (3, m) at distances `material` (m,) from the first end.
 
         Distances are along the straight rod, in elements: 0 to ``elements``.
         """
         return self._evaluated(self._series, material)
 
     def slope(self, material: np.ndarray) -> np.ndarray:
-        """Derivatives (3, m) of `at`, per element."""
+        """Return derivatives (3, m) of `at`, per element."""
         return self._evaluated(2 * legendre.legder(self._series), material)
 
     def crossings(self, x: float) -> np.ndarray:
-        """Where the centre line passes `x`, as `at` takes it, ascending; empty if nowhere."""
+        """Return where the centre line passes `x`, as `at` takes it, ascending; may be empty."""
         found = []
         for k in range(self.rod.elements):
             series = self._series[:, 0, k].copy()
@@ -114,9 +114,9 @@ class RodLine:
         return ordered[apart]
 
     def between(self, first: float, last: float) -> Curve:
-        """Centre line between two x, by its own length, from the end nearer to `first`.
+        """Return the centre line between two x, by its own length, from the end nearer `first`.
 
-        Angles are of the cross sections. If an x is passed several times, takes all between.
+        Angles are of the cross sections. If an x is passed several times, all between is included.
         Raises ArgumentError if the rod does not reach from one to the other.
         """
         edges, forward = self._edges(first, last)
@@ -134,9 +134,9 @@ class RodLine:
         return Curve(whole, points, (0.0, *shares[1:-1].tolist(), 1.0))
 
     def curvature(self, first: float, last: float) -> tuple[float, float]:
-        """Integral of half the squared curvature, and largest curvature, between two x.
+        """Return half the integral of squared curvature, and largest curvature, between two x.
 
-        Both in 1/m, per length of the straight rod; raises ArgumentError like `between`.
+        Both are in 1/m, per length of the straight rod; raises ArgumentError like `between`.
         """
         edges, _ = self._edges(first, last)
         size = self.rod.length / self.rod.elements
@@ -149,7 +149,7 @@ class RodLine:
         return energy, largest
 
     def unloaded(self, first: float, last: float) -> float:
-        """Length of the straight rod that lies between two x.
+        """Return the length of the straight rod that lies between two x.
 
         Raises ArgumentError like `between`.
         """
@@ -157,7 +157,7 @@ class RodLine:
         return float(edges[-1] - edges[0]) * self.rod.length / self.rod.elements
 
     def _edges(self, first: float, last: float) -> tuple[np.ndarray, bool]:
-        """Ends of what lies between, with those of elements; whether it begins at the first."""
+        """Return ends of the part between, with those of elements; whether it starts at `first`."""
         begins, ends = self.crossings(first), self.crossings(last)
         if not (begins.size and ends.size):
             raise ArgumentError(f"the rod does not reach from {first:g} m to {last:g} m")
@@ -188,7 +188,7 @@ class RodLine:
         return float((high - low) / 2 * (weights @ np.hypot(x, y)))
 
     def _material(self, edges: np.ndarray, upto: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Where the length from the first edge is so much: Newton's method within elements."""
+        """Return where the length from the first edge is as wanted, by Newton's method."""
         which = np.clip(np.searchsorted(upto, wanted, side="right") - 1, 0, len(edges) - 2)
         low, high = edges[which], edges[which + 1]
         rest = wanted - upto[which]

@@ -1,28 +1,27 @@
 """Exact shape of a segment: an inextensible elastica from one wall of the channel to the other.
 
-The angle theta of the centre line against the channel is 0 at both walls. In between
+The angle theta of the centre line to the channel is 0 at both walls. In between
 
     E I theta'' = -V cos theta + N sin theta,
 
-V being the force of a wall on the body, positive where it pushes, and N the tension along the
-channel. What closes the problem is an assumption:
+where V is the force of a wall on the body, positive if it pushes, and N the tension along the
+channel. An assumption closes the problem:
 
 - ``point_contact``: the walls push across the channel only and the ends are free of force, N = 0.
-- ``sleeve``: the length between the walls is free and takes the least bending energy. Energy falls
-  with length at the rate E I theta'(0)² / 2 + N, the Hamiltonian, which then is 0.
-- ``length``: the length is given, and N is whatever holds it.
+- ``sleeve``: the length between the walls is free and has the least bending energy. The energy
+  falls with length at the rate E I theta'(0)² / 2 + N, the Hamiltonian, which is then 0.
+- ``length``: the length is given, and N is the force that holds it.
 
-Everything here is scaled: lengths by the span L, forces by E I / L², energies by E I / L.
+All quantities are scaled: lengths by the span L, forces by E I / L², energies by E I / L.
 
 `exact_elastica` is a second route by elliptic integrals (scipy's, as functions of m = k²). Half a
-segment, from the wall to the middle, where the curvature is 0 and the angle largest, is a piece of
-a pendulum's swing: with the modulus k and the amplitude phi,
+segment, from the wall to the middle, where the curvature is 0 and the angle largest, is a part of a
+pendulum's swing: with the modulus k and the amplitude phi,
 
     point_contact   1 - k² = sin²(delta / 2),   sin phi_0 = 1 / (k sqrt 2),   scale R = V,
     sleeve          k² = 1 / 2,   sin phi_0 = sqrt 2 sin(delta / 2),   R = sqrt(N² + V²),
 
-delta being what the largest angle leaves to a right angle. The derivation is in
-docs/theory-channel.md.
+where delta is a right angle less the largest angle. The derivation is in docs/theory-channel.md.
 """
 
 from __future__ import annotations
@@ -43,15 +42,15 @@ Closing = Literal["point_contact", "sleeve", "length"]
 CLOSINGS: tuple[Closing, ...] = get_args(Closing)
 STATES = ("theta", "curvature", "x", "y", "energy")
 SLEEVE_RISE = float(np.sqrt(2) / (2 * ellipe(0.5) - ellipk(0.5)))
-"""Rise over span, 1.669, at which a segment of free length no longer presses on the walls."""
+"""Rise over span, 1.669, above which a segment of free length no longer presses on the walls."""
 _LEAST_DELTA = 1e-15
 
 
 def elastica(closing: Closing) -> BoundaryProblem:
-    """State the problem of one segment, closed by an assumption.
+    """Return the problem of one segment, closed by an assumption.
 
-    States `STATES` over the share of the arc length; unknowns l_s, V and N; given is the rise,
-    and with "length" l_s after it. Raises ArgumentError if there is no such assumption.
+    States `STATES` over the share of the arc length; unknowns l_s, V and N; given is the rise, and
+    with "length" also l_s. Raises ArgumentError if the assumption does not exist.
     """
     if closing not in CLOSINGS:
         raise ArgumentError(f"closing must be one of {', '.join(CLOSINGS)}, not {closing!r}")
@@ -74,9 +73,9 @@ def elastica(closing: Closing) -> BoundaryProblem:
 
 
 def slender_guess(closing: Closing, rise: float, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Beam (34), which the elastica tends to as the rise over the span tends to 0.
+    """Return the beam shape (eq. 34), the limit of the elastica for a small rise over span.
 
-    Gives the states (5, m) at the shares `s` (m,) of the length, and the numbers l_s, V and N.
+    Returns the states (5, m) at the shares `s` (m,) of the length, and the numbers l_s, V and N.
     """
     curvature = 6 * rise * (1 - 2 * s)
     energy = 3 * rise**2 * (1 - (1 - 2 * s) ** 3)
@@ -170,7 +169,7 @@ class ExactElastica:
         return float(np.sqrt(-2 * self.tension))
 
     def points(self, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Centre line x, y and angle, (m,) each, by Jacobi's functions at shares of the length.
+        """Return the centre line x, y and angle, (m,) each, by Jacobi functions of the share.
 
         x and y are over the span, the angle is in radians.
         """
@@ -198,14 +197,14 @@ class ExactElastica:
 
 
 def exact_elastica(closing: Free, rise: float) -> ExactElastica:
-    """Find the elastica of a given rise over the span.
+    """Return the elastica of a given rise over the span.
 
-    Raises ArgumentError if it is not above 0, above `SLEEVE_RISE` with a sleeve (walls would
-    have to pull) or about 15 with point contact (no longer told from a right angle).
+    Raises ArgumentError if the rise is not above 0, above `SLEEVE_RISE` with a sleeve (walls would
+    have to pull), or above about 15 with point contact (a right angle to machine accuracy).
     """
     most = SLEEVE_RISE if closing == "sleeve" else ExactElastica(closing, _LEAST_DELTA).rise
     if not 0 < rise <= most:
-        raise ArgumentError(f"with {closing} a rise is above 0 and up to {most:.6g}, not {rise!r}")
+        raise ArgumentError(f"the rise with {closing} must be in (0, {most:.6g}], not {rise!r}")
 
     def excess(log_delta: float) -> float:
         return ExactElastica(closing, float(np.exp(log_delta))).rise - rise

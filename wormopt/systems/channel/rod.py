@@ -1,10 +1,10 @@
-"""A planar rod that stretches, shears and bends by any amount: its energy on finite elements.
+"""A planar rod with any stretch, shear and bending: its energy on finite elements.
 
 The cross sections of the geometrically exact rod move as rigid discs: each has a place (x, y) and
-an angle. Elements interpolate all three by polynomials on Gauss-Lobatto nodes. Strains are taken
-at so many Gauss points as the polynomials have degrees, one less than exact quadrature of slender
-rods would need: thus shear does not lock however slender the rod. Masses are lumped by Lobatto's
-quadrature. Frequencies converge at the order 2 degree.
+an angle. Elements interpolate all three by polynomials on Gauss-Lobatto nodes. Strains are taken at
+as many Gauss points as the degree, one less than exact quadrature of slender rods would need, so
+shear does not lock for slender rods. Masses are lumped by Lobatto quadrature. Frequencies converge
+at the order 2 degree.
 
 Sources: E. Reissner, ZAMP 23 (1972) 795 for the strains; J. C. Simo, Comput. Methods Appl. Mech.
 Eng. 49 (1985) 55; T. J. R. Hughes, The Finite Element Method (1987), 4.4 and 7.3 for the
@@ -39,31 +39,31 @@ class Stiffness:
 
 @dataclass(frozen=True)
 class Rod:
-    """A round rod of linear elastic material, straight when it is not loaded.
+    """A round rod of linear elastic material, straight without load.
 
     Parameters
     ----------
     length, diameter : float
-        In m.
+        Length and diameter, m.
     youngs_modulus : float
-        In Pa.
+        Young's modulus, Pa.
     density : float
-        In kg/m³.
+        Density, kg/m³.
     damping_time : float, optional
         Ratio of viscosity and Young's modulus of a Kelvin-Voigt material, in s: a vibration of
         angular frequency w loses 2 pi w times this share of its energy in a period.
     poisson_ratio : float, optional
-        0.5 of rubber, which keeps its volume.
+        Poisson's ratio, 0.5 for constant volume.
     elements, degree : int, optional
         Number of elements, and degree of their polynomials.
     skin : float, optional
-        Thickness, in m, of the skin of a rod that is filled with a fluid: the skin alone resists
-        strains, the fluid alone is magnetised, `density` is that of the whole. Solid if 0.
+        Thickness, in m, of the skin of a rod that is filled with a fluid: only the skin resists
+        strains, only the fluid is magnetised, `density` is that of the whole. Solid if 0.
 
     Raises
     ------
     ArgumentError
-        If a number is not positive or out of its range.
+        If a value is not positive or out of its range.
 
     Examples
     --------
@@ -109,12 +109,12 @@ class Rod:
 
     @property
     def _hole(self) -> float:
-        """Inner over outer diameter of what resists strains."""
+        """Inner over outer diameter of the section that resists strains."""
         return 1 - 2 * self.skin / self.diameter if self.skin else 0.0
 
     @property
     def magnetised_area(self) -> float:
-        """Area that the field pulls: of the whole section, or of the fluid in its skin, in m²."""
+        """Area on which the field acts: whole section, or the fluid in its skin, in m²."""
         return self.area * (self._hole**2 if self.skin else 1.0)
 
     @property
@@ -135,12 +135,12 @@ class Rod:
         return 3 * (1 + square) ** 2 / bulge
 
     def stiffness(self, youngs_modulus: Any = None) -> Stiffness:
-        """Resistance to stretching, shearing and bending.
+        """Return the stiffness against stretching, shearing and bending.
 
         Parameters
         ----------
         youngs_modulus : float or casadi.SX, optional
-            In place of the rod's own.
+            Young's modulus instead of the rod's own, Pa.
 
         Returns
         -------
@@ -165,7 +165,7 @@ class Rod:
 
     @cached_property
     def weights(self) -> np.ndarray:
-        """Lengths that the nodes stand for, shape (count,), in m; their sum is the length."""
+        """Lengths lumped at the nodes, shape (count,), in m; their sum is the length."""
         share = np.multiply(_lobatto(self.degree)[1], self.length / (2 * self.elements))
         found = np.zeros(self.count)
         for first in range(0, self.count - 1, self.degree):
@@ -179,12 +179,12 @@ class Rod:
         return self.area * lumped, self.second_moment * lumped
 
     def strains(self, x: Any, y: Any, angle: Any) -> tuple[Any, Any, Any]:
-        """Stretch, shear and curvature at the Gauss points.
+        """Return stretch, shear and curvature at the Gauss points.
 
         Parameters
         ----------
         x, y, angle : casadi.SX or casadi.DM
-            Columns of ``count`` places in m, and angles of the sections.
+            Columns of ``count`` places in m, and angles of the sections in rad.
 
         Returns
         -------
@@ -197,23 +197,23 @@ class Rod:
         return along * cosine + across * sine - 1, across * cosine - along * sine, slope @ angle
 
     def energy(self, strains: Iterable[Any], stiffness: Stiffness | None = None) -> Any:
-        """Elastic energy of given strains; of their rates, the power lost per damping time.
+        """Return the elastic energy of strains; of their rates, the power per damping time.
 
         Parameters
         ----------
         strains : iterable
             Stretch, shear and curvature, as from `strains`.
         stiffness : Stiffness, optional
-            In place of the rod's own.
+            Stiffness instead of the rod's own.
 
         Returns
         -------
         casadi.SX or casadi.DM
-            In J.
+            Energy in J.
 
         Examples
         --------
-        A quarter circle has the energy E I pi² / (8 length), whatever the mesh:
+        A quarter circle has the energy E I pi² / (8 length) on any mesh:
 
         >>> rod = Rod(1.0, 0.1, 1e6, 1000.0, elements=3, degree=2)
         >>> bend = (ca.DM.zeros(6), ca.DM.zeros(6), ca.DM([math.pi / 2] * 6))
@@ -227,7 +227,7 @@ class Rod:
 
     @cached_property
     def _gauss(self) -> tuple[ca.DM, ca.DM, ca.DM]:
-        """From nodes to slopes and values at the Gauss points, and the weights of these."""
+        """Matrices from nodes to slopes and values at the Gauss points, and their weights."""
         places, weights = legendre.leggauss(self.degree)
         value, slope = _lagrange(_lobatto(self.degree)[0], places)
         size, parts = self.length / self.elements, range(self.elements)
@@ -239,7 +239,7 @@ class Rod:
 
 
 def _chained(block: np.ndarray, parts: range) -> ca.DM:
-    """Matrix of elements in a row that share their end nodes, sparse."""
+    """Return the sparse matrix of a row of elements that share their end nodes."""
     rows, columns = block.shape
     shared = np.zeros((rows * len(parts), (columns - 1) * len(parts) + 1))
     for k in parts:
@@ -249,7 +249,7 @@ def _chained(block: np.ndarray, parts: range) -> ca.DM:
 
 
 def _lobatto(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Lobatto nodes on [-1, 1] and their weights."""
+    """Return Gauss-Lobatto nodes on [-1, 1] and their weights."""
     series = np.zeros(degree + 1)
     series[-1] = 1.0
     inner = legendre.legroots(legendre.legder(series)).real
@@ -258,7 +258,7 @@ def _lobatto(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _lagrange(nodes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values and slopes of the Lagrange polynomials of nodes, one row per place."""
+    """Return values and slopes of the Lagrange polynomials of nodes, one row per place."""
     degree = len(nodes) - 1
     coefficients = np.linalg.inv(legendre.legvander(nodes, degree))
     slopes = legendre.legval(places, legendre.legder(coefficients))

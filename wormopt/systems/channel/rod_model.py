@@ -1,12 +1,12 @@
 """A rod in a channel: the Model of its motion between two walls, and the pull of coils on it.
 
-The walls are straight, along x. Round every node lies a disc of the rod's diameter that belongs
-to the node's cross section: it touches a wall where its rim does, and its rim slides there by the
-motion of the node and by its own turning. Friction is Coulomb's, with the force that presses the
-disc on the wall.
+The walls are straight, along x. Every node has a disc of the rod's diameter that turns with the
+node's cross section. The disc touches a wall where its rim does, and its rim slides there by the
+motion and the rotation of the node. Friction is Coulomb's, with the normal force of the disc on the
+wall.
 
-Blocks of coils pull it: a body of susceptibility chi that hardly changes the field is drawn towards
-strong fields with the force (mu0 chi / 2) grad H² per volume. It acts on the centre line, lumped at
+Blocks of coils pull the rod: a body of susceptibility chi that hardly changes the field has the
+force (mu0 chi / 2) grad H² per volume, towards strong fields. It acts on the centre line, lumped at
 the nodes.
 """
 
@@ -28,7 +28,7 @@ from wormopt.model.schedule import Schedule
 from wormopt.systems.channel.rod import Rod
 
 WALLS = (("upper", 1.0), ("lower", -1.0))
-"""The walls, and the sign of y at which they are."""
+"""The walls, and the sign of their y."""
 
 # Usual speed of a node in m/s, by which solvers scale.
 _SPEED = 0.1
@@ -37,23 +37,25 @@ _SPEED = 0.1
 def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
     """Build the Model of a rod in a channel.
 
+    Theory: docs/theory-channel.md, section 3.
+
     Parameters
     ----------
     rod : Rod
-        What moves.
+        The rod.
     channel : float
         Distance of the walls, in m; the middle between them is y = 0.
     friction : float
-        Coefficient of the dry friction on the walls.
+        Coefficient of dry friction on the walls.
 
     Returns
     -------
     Model
-        States ``along``, ``across`` (places of the nodes), ``angle``, and their rates; inputs
-        ``force_along`` and ``force_across`` on the nodes, in N; parameters ``youngs_modulus``,
-        ``density``, ``damping_time``, ``friction``; outputs ``strain_energy``,
-        ``kinetic_energy``, ``damping_power``, ``load_power``, ``centre``, ``mean_velocity``. Two
-        contacts per node, with gaps.
+        States are ``along``, ``across`` (places of the nodes), ``angle``, and their rates; inputs
+        are ``force_along`` and ``force_across`` on the nodes, in N; parameters are
+        ``youngs_modulus``, ``density``, ``damping_time``, ``friction``; outputs are
+        ``strain_energy``, ``kinetic_energy``, ``damping_power``, ``load_power``, ``centre``,
+        ``mean_velocity``. There are two contacts per node, with gaps. All are in SI units.
 
     Raises
     ------
@@ -116,9 +118,9 @@ def channel_rod(rod: Rod, channel: float, friction: float) -> Model:
 
 
 def straight(rod: Rod, along: float = 0.0) -> dict[str, np.ndarray]:
-    """State of a straight rod at rest in the middle of the channel, by the names of its signals.
+    """Return the state of a straight rod at rest in the middle of the channel, by signal names.
 
-    Its first end lies at `along`, in m.
+    Its first end is at `along`, in m.
     """
     rest = np.zeros(rod.count)
     names = "across angle along_rate across_rate angle_rate".split()
@@ -126,7 +128,7 @@ def straight(rod: Rod, along: float = 0.0) -> dict[str, np.ndarray]:
 
 
 def _states(rod: Rod) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
-    """Places of the nodes and angles of their sections, and the rates of these."""
+    """Return places of the nodes and angles of their sections, and the rates of these."""
     sizes = {
         "along": ("length", rod.length, "speed", _SPEED),
         "across": ("length", rod.diameter, "speed", _SPEED),
@@ -142,7 +144,7 @@ def _states(rod: Rod) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
 
 
 def _parameters(rod: Rod, friction: float) -> dict[str, Signal]:
-    """Numbers that may change without a new Model."""
+    """Return the parameters that may change without a new Model."""
     numbers = {
         "youngs_modulus": (rod.youngs_modulus, "stress", TINY),
         "density": (rod.density, "density", TINY),
@@ -158,7 +160,7 @@ def _parameters(rod: Rod, friction: float) -> dict[str, Signal]:
 def _contacts(
     rod: Rod, channel: float, y: ca.SX, v: ca.SX, spin: ca.SX, friction: ca.SX
 ) -> tuple[Contact, ...]:
-    """One contact per node and wall."""
+    """Return one contact per node and wall."""
     radius, room = rod.diameter / 2, (channel - rod.diameter) / 2
     found = []
     for i in range(rod.count):
@@ -182,7 +184,7 @@ def _contacts(
 
 
 def _push(contacts: Sequence[Contact], q: ca.SX, speeds: ca.SX) -> ca.SX:
-    """Generalised forces of contacts: by virtual work along their gaps and their sliding."""
+    """Return generalised forces of contacts, by virtual work along their gaps and sliding."""
     gaps, pressed = ([getattr(c, name) for c in contacts] for name in ("gap", "normal_force"))
     slides, rubbed = ([getattr(c, name) for c in contacts] for name in ("velocity", "force"))
     normal = ca.jacobian(ca.vertcat(*gaps), q).T @ ca.vertcat(*pressed)
@@ -194,7 +196,7 @@ def _push(contacts: Sequence[Contact], q: ca.SX, speeds: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Which coils are on when: one block of neighbours, repeated along the row."""
+    """Sequence of active coils: one block of neighbours, repeated along the row."""
 
     breaks: np.ndarray  # (pieces + 1,) times from 0 to the period, s
     first: np.ndarray  # (pieces,) first coil of the block
@@ -207,16 +209,19 @@ class Blocks:
 
 
 def switched_blocks(every: int, rate: float, duration: float = 3.0, shift: float = 0.0) -> Blocks:
-    """Switch coils on in turn, `rate` per second, each for `duration` >= 1 switches.
+    """Return blocks of coils switched on in turn, `rate` per second, for `duration` switches.
 
-    Repeats after `every` coils, with period 2 every / rate as sides may alternate; coil k is at
-    k pitches, positive side if even. Every second switch is `shift` late. May ArgumentError.
+    Repeats after `every` coils, with period 2 every / rate because sides may alternate; coil k is
+    at k pitches, on the positive side if even. Every second switch is `shift` late. `duration` is
+    at least 1. Raises ArgumentError.
     """
     if not (0 < rate < math.inf and duration >= 1 and abs(shift) < 1):
         raise ArgumentError("rate must be positive, duration at least 1, shift between -1 and 1")
     if duration + abs(shift) + 1 > every:
-        raise ArgumentError(f"coils on for {duration:g} switches do not fit into {every} coils")
-    # coil k goes on at k, the odd ones later by the shift; some from before time 0 are on then
+        raise ArgumentError(
+            f"coils on for {duration:g} switches do not fit into {every} coils; give more coils"
+        )
+    # coil k goes on at k, odd ones later by the shift; some that went on before time 0 are on then
     coils = np.arange(-every, 2 * every)
     on = coils + shift * (coils % 2)
     events = np.concatenate([[0.0, 2 * every], on, on + duration])
@@ -227,15 +232,15 @@ def switched_blocks(every: int, rate: float, duration: float = 3.0, shift: float
 
 
 def magnetic_strength(rod: Rod, susceptibility: float, ampere_turns: float) -> float:
-    """Axial force on the rod over the gradient of H² per squared ampere-turn: mu0 chi A N² / 2.
+    """Return the axial force over the gradient of H² per squared ampere-turn: mu0 chi A N² / 2.
 
-    In N m² (gradient in 1/m³, force per length in N/m); `ampere_turns` of each coil on.
+    In N m² (gradient in 1/m³, force per length in N/m); `ampere_turns` of each active coil.
     """
     return MU0 * susceptibility / 2 * rod.magnetised_area * ampere_turns**2
 
 
 def block_schedule(blocks: Blocks, pitch: float, strength: float) -> Schedule:
-    """Schedule of the blocks, as the function of `block_load` takes it.
+    """Return the schedule of the blocks, as the function of `block_load` takes it.
 
     Values: middle of the block, side of its first coil, `strength`, and index of the field.
     """
@@ -249,10 +254,10 @@ def block_schedule(blocks: Blocks, pitch: float, strength: float) -> Schedule:
 
 
 def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
-    """Forces along and across on the nodes of a rod, in N, as a CasADi function.
+    """Return the forces along and across on the nodes of a rod, in N, as a CasADi function.
 
-    Takes the nodes' places (x, y, angle) and the values of `block_schedule`; `fields` are of
-    blocks of the numbers of coils that occur, in that order.
+    Takes the nodes' places (x, y, angle) and the values of `block_schedule`; `fields` are those of
+    blocks with the numbers of coils that occur, in that order.
     """
     place, coils, weight = ca.MX.sym("place", 2), ca.MX.sym("coils", 4), ca.MX.sym("weight")
     seen = ca.vertcat(place[0] - coils[0], coils[1] * place[1])
@@ -270,7 +275,7 @@ def block_load(rod: Rod, fields: Sequence[BlockField]) -> ca.Function:
 
 
 def block_energy(rod: Rod, field: BlockField) -> ca.Function:
-    """Magnetic energy of a rod in a block's field, in J: potential of `block_load`'s forces.
+    """Return the magnetic energy of a rod in a block's field, in J: potential of `block_load`.
 
     From places (x, y, angle) and a column as in `block_schedule` (last value unused) to
     -(mu0 chi A / 2) times the integral of H² along the rod, by the lengths of the nodes.

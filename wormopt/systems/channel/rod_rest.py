@@ -25,11 +25,11 @@ from wormopt.systems.channel.rod_model import (
 )
 from wormopt.systems.channel.scenes.channel import RestTable
 
-# Where forces count as balanced, and by how much two thirds of the elements may change the length.
+# Accepted residual of the forces, and accepted change of length with two thirds of the elements.
 _BALANCED, _MESH = 1e-6, 5e-3
-# Shares of the field by which a rod on one wall is followed to the whole field.
+# Shares of the field in which a rod on one wall is computed up to the whole field.
 _SHARES = (0.05, 0.2, 0.5, 1.0)
-# Statics do not depend on density and friction, which the Model asks for.
+# Statics do not depend on density and friction, which the Model needs.
 _DENSITY, _FRICTION = 1000.0, 1.0
 
 ASSUMED = {
@@ -44,7 +44,7 @@ ASSUMED = {
 
 @dataclass(frozen=True, eq=False)
 class RodAtRest:
-    """Where the rod rests; lengths in m, forces in N."""
+    """A rod at rest; lengths in m, forces in N."""
 
     table: RestTable
     worm: ChannelWorm
@@ -54,9 +54,9 @@ class RodAtRest:
     lengths: tuple[float, ...]  # of all segments
     reached: bool  # walls are touched at both ends of the segment
     bending: tuple[float, float]  # bending energy over E I and largest curvature, 1/m
-    stretch: float  # share by which load lengthens the segment
-    other_energy: float | None  # of the rod along one wall; None: does not stay there
-    compression: float  # largest share by which fibres are shortened
+    stretch: float  # relative elongation of the segment by the load
+    other_energy: float | None  # of the rod along one wall; None if it does not stay there
+    compression: float  # largest relative shortening of fibres
     mesh_change: float  # change of the length with two thirds of the elements, over the length
     field_error: float  # largest error of the series of H², over largest H²
 
@@ -66,7 +66,7 @@ class RodAtRest:
         return self.rest.pressed[::2], self.rest.pressed[1::2]
 
     def checks(self) -> Iterator[Check]:
-        """Why it is not to be trusted, if it is not; the mesh counts where forces balance."""
+        """Yield the checks of the rest; the mesh counts if forces balance."""
         for check in _balance(self.rest):
             advice = f"rod: {check.advice}"
             yield Check(f"rod: {check.name}", check.value, check.limit, advice, check.passed)
@@ -76,28 +76,28 @@ class RodAtRest:
             "rod: change with the mesh",
             self.mesh_change,
             _MESH,
-            f"rod: with fewer elements the segment's length changes by {self.mesh_change:.2g} of "
-            "itself; write more rod.elements",
+            f"rod: with fewer elements the segment's length changes by a share of "
+            f"{self.mesh_change:.2g}; write more rod.elements",
         )
 
 
 def _balance(rest: Rest) -> Iterator[Check]:
-    """Whether a rest by itself is to be trusted."""
+    """Yield the checks of a single rest."""
     for name in ("residual", "imbalance"):
         off = getattr(rest, name)
-        yield Check(name, off, _BALANCED, f"forces are off balance by {off:.2g} ({name})")
+        yield Check(name, off, _BALANCED, f"forces are not balanced, by {off:.2g} ({name})")
     advice = "the rest is not stable; write other rod.ampere_turns"
     yield Check("stability", rest.softest, 0.0, advice, rest.stable)
 
 
 def _doubt(rest: Rest) -> str:
-    """Why a rest by itself is not to be trusted; empty if it is."""
+    """Return why a rest is not reliable; empty if it is."""
     return next((check.advice for check in _balance(rest) if not check.passed), "")
 
 
 @dataclass(frozen=True, eq=False)
 class _Bench:
-    """The rod in its channel over a block of coils, whatever their ampere-turns."""
+    """The rod in its channel over a block of coils, for any ampere-turns."""
 
     worm: ChannelWorm
     table: RestTable
@@ -124,7 +124,7 @@ class _Bench:
             object.__setattr__(self, name, value)
 
     def at(self, ampere_turns: float, start: np.ndarray) -> Rest:
-        """Rest in the field of so many ampere-turns, the first coil on the upper side."""
+        """Return the rest at given ampere-turns, with the first coil on the upper side."""
         strength = magnetic_strength(self.rod, self.table.susceptibility, ampere_turns)
         try:
             found = self.loaded.rest(start, [0.0, 1.0, strength, 0.0])
@@ -137,13 +137,13 @@ class _Bench:
         if not self.compression(found) < 1:
             raise SolveError(
                 f"rod at {ampere_turns:g} ampere-turns: the field crushes it until cross sections "
-                "run into each other",
+                "penetrate each other",
                 "write smaller rod.ampere_turns or rod.susceptibility", code="crushed",
             )  # fmt: skip
         return found
 
     def compression(self, rest: Rest) -> float:
-        """Share by which fibres are shortened at most; at 1, neighbouring sections touch."""
+        """Return the largest relative shortening of fibres; at 1 neighbouring sections touch."""
         places = (ca.DM(part) for part in rest.places.reshape(3, -1))
         stretch, _, curvature = (np.array(part) for part in self.rod.strains(*places))
         return float((np.abs(curvature) * self.worm.body / 2 - stretch).max())
@@ -168,7 +168,7 @@ class _Bench:
         return np.concatenate([rod.nodes - rod.length / 2, y, 0 * y])
 
     def segment(self, rest: Rest, k: int) -> Curve:
-        """Centre line from coil k of the block to the next, rising from the lower wall."""
+        """Return the centre line from coil k of the block to the next, from the lower wall up."""
         line, pitch, middle = RodLine(self.rod, rest.places), self.worm.pitch, self.worm.channel / 2
         first = (k - (self.table.on - 1) / 2) * pitch
         side = -1.0 if k % 2 == 0 else 1.0
@@ -176,9 +176,9 @@ class _Bench:
             found = line.between(first, first + pitch)
         except ArgumentError:
             raise SolveError(
-                "at rest the body does not reach over the coils that are on",
+                "at rest the body does not reach over the active coils",
                 "write a longer worm.length, fewer coils in rod.on, or smaller rod.ampere_turns, "
-                "which draw it together less",
+                "which contract it less",
                 code="no_segment",
             ) from None  # fmt: skip
 
@@ -190,11 +190,11 @@ class _Bench:
 
     @property
     def middle_segment(self) -> int:
-        """Which of the block's segments is looked at."""
+        """Index of the block's segment that is analysed."""
         return (self.table.on - 1) // 2
 
     def reached(self, rest: Rest) -> bool:
-        """Whether both coils of the middle segment hold the rod on their walls."""
+        """Return whether both coils of the middle segment hold the rod on their walls."""
         x = rest.places[: self.rod.count]
         for k in (self.middle_segment, self.middle_segment + 1):
             place = (k - (self.table.on - 1) / 2) * self.worm.pitch
@@ -205,10 +205,10 @@ class _Bench:
 
 
 def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
-    """Find where the body rests over a block of coils, and what lies between two of them.
+    """Return the rest of the body over a block of coils, and its segment between two of them.
 
-    The modulus of `worm` must be known. Raises SolveError if there is no rest, or the body
-    does not reach over the coils ("no_segment").
+    The modulus of `worm` must be known. Raises SolveError if there is no rest, or the body does not
+    reach over the coils ("no_segment").
     """
     report("rod: field of the coils", 0.65)
     bench = _Bench(worm, table, table.elements)
@@ -233,7 +233,7 @@ def rest_of(worm: ChannelWorm, table: RestTable, report: Report) -> RodAtRest:
 
 
 def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
-    """Energy of the rod that stays on the first coil's wall as the field grows."""
+    """Return the energy of the rod that stays on the first coil's wall as the field grows."""
     places, rest = bench.flat, None
     for share in _SHARES:
         try:
@@ -248,7 +248,7 @@ def _on_one_wall(bench: _Bench, table: RestTable) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """Rests over ampere-turns; NaN where the segment does not span the walls."""
+    """Rests over ampere-turns; NaN if the segment does not span the walls."""
 
     turns: np.ndarray  # (m,) ampere-turns
     lengths: np.ndarray  # (m,) of the middle segment, m
@@ -260,9 +260,9 @@ class Sweep:
 def sweep_of(
     worm: ChannelWorm, table: RestTable, assumed: dict[str, Curve], report: Report
 ) -> Sweep:
-    """Find length and closest `assumed` shape over ampere-turns, each from the rest before.
+    """Return length and closest `assumed` shape over ampere-turns, each from the previous rest.
 
-    Raises SolveError where there is no rest.
+    Raises SolveError if there is no rest.
     """
     bench, turns = _Bench(worm, table, table.elements), np.array(table.sweep)
     apart = np.full((len(assumed), len(turns)), np.nan)

@@ -1,4 +1,4 @@
-"""Bodies of the chapter's section 3.4 and what its text says was measured; SI units, data only."""
+"""Bodies and measurements of section 3.4 of Zimmermann et al. 2007 (WLLS); SI units, data only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Mark:
 
     frequency: float  # coil switches per second
     velocity: float  # m/s, against the travel of the field
-    text: str  # whose, and where it is said
+    text: str  # body, and source of the value
 
 
 @dataclass(frozen=True)
@@ -21,12 +21,12 @@ class Sample:
     pitch: float  # distance of neighbouring coils, m
     channel: float  # diameter, m
     body: float  # diameter, m
-    length: float  # of the body, m
-    youngs_modulus: float | None = None  # Pa, where the text tells it
+    length: float  # length of the body, m
+    youngs_modulus: float | None = None  # Pa, if the text states it
     marks: tuple[Mark, ...] = ()  # measured velocities
-    # switches per second below which formula and experiment are said to agree
+    # switches per second below which formula and experiment are stated to agree
     valid_below: float | None = None
-    # switches per second above which the body is said to stand still
+    # switches per second above which the body is stated to stand still
     stops_above: float | None = None
 
 
@@ -42,4 +42,4 @@ SAMPLES = {
         valid_below=50.0, stops_above=700.0,
     ),
 }  # fmt: skip
-"""Every body by its name; the modulus of the capsule's skin is not told."""
+"""Every body by its name; the modulus of the capsule's skin is not published."""

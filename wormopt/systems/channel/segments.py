@@ -1,4 +1,4 @@
-"""Shapes of a segment between two coils: assumed, and the elastica, found by two routes."""
+"""Shapes of a segment between two coils: assumed, and the elastica by two routes."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from wormopt.systems.channel.elastica import (
 )
 
 ACCEPTED = 1e-10
-"""Two routes to the elastica may differ by so much of length, force, energy and place."""
-# The elastica is followed from the slender beam of this rise over the span.
+"""Accepted difference of two routes to the elastica in length, force, energy and place."""
+# The continuation of the elastica starts from the slender beam of this rise over the span.
 _SLENDER = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentShape:
-    """What is known of one shape; lengths in m."""
+    """Results of one shape; lengths in m."""
 
     name: str
     exact: bool  # computed from forces
@@ -40,27 +40,27 @@ class SegmentShape:
     curvature: float | None = None  # largest, 1/m
     reaction: float | None = None  # wall force across the channel, over E I, 1/m²
     tension: float | None = None  # along the channel, over E I, 1/m²
-    spans: bool = True  # goes from wall to wall; else it is no segment
-    facts: dict[str, Any] = field(default_factory=dict)  # how it was found
+    spans: bool = True  # from wall to wall; else it is no segment
+    facts: dict[str, Any] = field(default_factory=dict)  # of its computation
     checks: tuple[Check, ...] = ()
 
 
 def assumed_curve(worm: ChannelWorm, shape: Shape) -> Curve:
-    """Centre line of an assumed shape ("sine", "beam" or "line") by its length, in m."""
+    """Return the centre line of an assumed shape ("sine", "beam" or "line") by its length, in m."""
     return graph_curve(lambda x: worm.center_line(shape, x), worm.pitch)
 
 
 def assumed_shapes(worm: ChannelWorm) -> Iterator[SegmentShape]:
-    """Yield the shapes (33), (34) and (35)."""
+    """Yield the assumed shapes, eqs 33-35 of Zimmermann et al. 2007."""
     for shape in SHAPES:
         curve = assumed_curve(worm, shape)
-        # a broken line has kinks, of which curvature and energy are infinite
+        # a broken line has kinks, with infinite curvature and energy
         energy, curvature = (None, None) if shape == "line" else _bending(curve)
         yield SegmentShape(shape, False, curve, energy, curvature)
 
 
 def _bending(curve: Curve) -> tuple[float, float]:
-    """Energy over E I, and largest curvature."""
+    """Return energy over E I, and largest curvature."""
     angle = resolve(lambda s: curve.points(s)[2:], 0.0, 1.0).derivative()
     squares = resolve(lambda s: angle(s) ** 2, 0.0, 1.0)
     energy = float(squares.integral()[0]) / (2 * curve.length)
@@ -68,17 +68,17 @@ def _bending(curve: Curve) -> tuple[float, float]:
 
 
 def elastic_shape(worm: ChannelWorm, closing: Free, degree: int) -> SegmentShape:
-    """Bend the elastica, with polynomials up to `degree`.
+    """Return the elastica, with polynomials up to `degree`.
 
     Raises SolveError if a sleeve leaves the walls ("no_contact"), or it is not resolved.
     """
     pitch, rise = worm.pitch, worm.rise / worm.pitch
     if closing == "sleeve" and rise > SLEEVE_RISE:
         raise SolveError(
-            f"a segment that may take any length leaves the walls where it rises by more than "
+            f"a segment of free length leaves the walls if it rises by more than "
             f"{SLEEVE_RISE:.5g} coil distances; this one rises by {rise:.5g}, and the walls would "
             "have to pull",
-            'write exact = ["point_contact"], or a thicker body, a narrower channel',
+            'write exact = ["point_contact"], or a thicker body, or a narrower channel',
             code="no_contact",
         )
     slender = min(rise, _SLENDER)
@@ -89,7 +89,7 @@ def elastic_shape(worm: ChannelWorm, closing: Free, degree: int) -> SegmentShape
         )  # fmt: skip
     except SolveError as error:
         raise SolveError(
-            f"{closing}: {error.reason}", "raise degree, or take a less steep segment",
+            f"{closing}: {error.reason}", "write a larger degree, or a less steep segment",
             code=error.code,
         ) from None  # fmt: skip
 
@@ -100,7 +100,7 @@ def elastic_shape(worm: ChannelWorm, closing: Free, degree: int) -> SegmentShape
     length, reaction, tension = (float(number) for number in found.p)
     error = _recheck(found, closing, rise)
     off = max(error, found.residual, found.defect)
-    advice = f"{closing}: off by {off:.2g} from its equations or from the elliptic integrals"
+    advice = f"{closing}: differs by {off:.2g} from its equations or the elliptic integrals"
     return SegmentShape(
         closing, True, Curve(pitch * length, points),
         energy=float(found.at([1.0])[4, 0]) / pitch,
@@ -116,7 +116,7 @@ def elastic_shape(worm: ChannelWorm, closing: Free, degree: int) -> SegmentShape
 
 
 def _recheck(found: BoundarySolution, closing: Free, rise: float) -> float:
-    """Largest difference from the elliptic integrals: of numbers, and of places over the span."""
+    """Return the largest difference from the elliptic integrals, of values and of places."""
     exact = exact_elastica(closing, rise)
     states = found.at(share := np.linspace(0, 1, 51))
     size = abs(exact.reaction) + abs(exact.tension)
@@ -134,7 +134,7 @@ def _recheck(found: BoundarySolution, closing: Free, rise: float) -> float:
 
 
 def distances_between(shapes: list[SegmentShape]) -> np.ndarray:
-    """Largest and root mean square distance of each from each, (m, m, 2), in m."""
+    """Return largest and root mean square distance of each from each, (m, m, 2), in m."""
     found = np.zeros((len(shapes), len(shapes), 2))
     for i, j in combinations(range(len(shapes)), 2):
         found[i, j] = found[j, i] = distances(shapes[i].curve, shapes[j].curve)

@@ -1,9 +1,9 @@
-"""A float on a film over coils, each moved by the other, as a Model: lubrication in SI units.
+"""A float on a film over coils as a Model: lubrication in SI units, coupled both ways.
 
-The float spans the film across. It presses on the film by its weight, resists bending, keeps the
-surface from stretching and the fluid at it at its own velocity V. With c its coverage, 1 below it
-and 0 beside it, and G = P_x, Onsager's principle (least of dissipation and of the rate of energy)
-gives
+The float spans the film across. Its weight presses on the film. It resists bending, keeps the
+surface from stretching, and moves the fluid at the surface with its own velocity V. With its
+coverage c, 1 below it and 0 beside it, and G = P_x, Onsager's principle (least sum of dissipation
+and rate of energy) gives
 
     Q = -h³ / (3 eta) (1 - 3/4 c) G + c h V / 2,
     m V' = -dE/dX - int c (eta V / h + h G / 2) dx,
@@ -12,7 +12,8 @@ where E is the energy of film and float, which loses what is dissipated,
 
     dE/dt = int pull h_t dx - int [h³ / (3 eta) (1 - 3/4 c) G² + c eta V² / h] dx,
 
-exactly so in the cells too. Where c lies between 0 and 1, at its ends, fluid slips along the float.
+The balance is exact in the cells too. Where c is between 0 and 1, at the ends, fluid slips along
+the float.
 """
 
 from __future__ import annotations
@@ -36,15 +37,15 @@ _RIGID = 0.01  # of the depth: a float that a heap of fluid bends by less counts
 
 @dataclass(frozen=True)
 class Float:
-    """A float, by metre across.
+    """A float, per metre across.
 
-    Raises ArgumentError if a number is out of range.
+    Raises ArgumentError if a value is out of range.
     """
 
     length: float  # m
     mass: float  # kg/m
     stiffness: float = 0.0  # in bending, N m
-    edge: float = 0.0  # length over which its ends fade, m; 0: two thirds of its length
+    edge: float = 0.0  # length of its tapered ends, m; 0: two thirds of its length
 
     def __post_init__(self) -> None:
         for name in ("length", "mass"):
@@ -57,23 +58,23 @@ class Float:
 
     @property
     def fade(self) -> float:
-        """Length over which its ends fade, in m."""
+        """Length of its tapered ends, in m."""
         return self.edge or 2 * self.length / 3
 
     def within(self, layer: Layer, x: Any, X: Any) -> Any:
-        """Way from its tip to where it is whole, 0 to 1, at places x (m), its middle at X."""
+        """Return the share of the taper from its tip, 0 to 1, at positions x (m), middle at X."""
         away = ca.DM(x) - X
         if layer.ends == "periodic":
             away = away - layer.length * ca.floor(away / layer.length + 0.5)
         return ca.fmin(ca.fmax((self.length / 2 - ca.fabs(away)) / self.fade + 0.5, 0), 1)
 
     def coverage(self, layer: Layer, x: Any, X: Any) -> Any:
-        """Share of the surface at places x (m) that a float with its middle at X covers."""
+        """Return the share of the surface at x (m) that a float with its middle at X covers."""
         u = self.within(layer, x, X)
         return u**3 * (10 - 15 * u + 6 * u * u)
 
     def energy(self, layer: Layer, h: ca.SX, X: ca.SX) -> ca.SX:
-        """Energy of its weight, bending, and of walls that stop it, in J per metre across."""
+        """Return the energy of weight, bending, and end walls, in J per metre across."""
         covered = self.coverage(layer, layer.places, X)
         stiffness = self.stiffness * _tapered(self.within(layer, layer.places, X))
         left, right = layer.beside(h)
@@ -83,7 +84,7 @@ class Float:
         return layer.step * ca.sum1(stored) + self.stopped(layer, X)
 
     def stopped(self, layer: Layer, X: ca.SX) -> Any:
-        """Energy of stiff walls that stop it, in J per metre across."""
+        """Return the energy of stiff end walls, in J per metre across."""
         if layer.ends == "periodic":
             return ca.SX(0)
         beyond = ca.fabs(X - layer.start - layer.length / 2) + (self.length - layer.length) / 2
@@ -99,12 +100,12 @@ def floated_film(
     p: Sequence[Signal] = (),
     t: ca.SX | None = None,
 ) -> Model:
-    """Model of a film with a float on it, whose surface is drawn up by a pressure.
+    """Return the Model of a film with a float on it, whose surface a pressure draws up.
 
-    `drawn` may hold the symbols of `u`, `p` and `t`. States ``volume``, ``position`` of the
+    `drawn` may hold the symbols of `u`, `p` and `t`. States are ``volume``, ``position`` of the
     float's middle, its ``velocity``, and, since the start, ``field_work`` and ``dissipated``.
-    Outputs ``thickness``, ``flow``, ``energy`` (without that of the field), the forces ``shear``
-    and ``push`` on the float, and ``pressed``, which is ``push`` as the film bears it.
+    Outputs are ``thickness``, ``flow``, ``energy`` (without that of the field), the forces
+    ``shear`` and ``push`` on the float, and ``pressed``, which is ``push`` from the film's balance.
     """
     volume = ca.SX.sym("volume", layer.cells - 1)
     X, V = ca.SX.sym("position"), ca.SX.sym("velocity")
@@ -113,7 +114,7 @@ def floated_film(
     pull, slope = drawn(h, layer.slope(h)), layer.slope(h)
     passed, shear, lost = _dragged(layer, cargo, h, X, V, layer.gradient(by_h / layer.step - pull))
     flow = layer.ended(passed)
-    # what moves film and float together, along x, changes the energy by what the walls bear
+    # a shift of film and float together along x changes the energy by the force on the walls
     borne = layer.fluid.weight * (h[-1] ** 2 - h[0] ** 2) / 2
     stop = -ca.gradient(cargo.stopped(layer, X), X)
     heap = _heap(layer, cargo.length)
@@ -159,7 +160,7 @@ def floated_film(
 def _dragged(
     layer: Layer, cargo: Float, h: ca.SX, X: ca.SX, V: ca.SX, G: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Flow on the faces, force of the fluid's shear on the float, and power dissipated."""
+    """Return flow on the faces, shear force of the fluid on the float, and dissipated power."""
     edges = layer.start + layer.step * np.arange(layer.cells + 1)
     widths = np.full(layer.cells + 1, layer.step)
     if layer.ends == "walls":
@@ -178,7 +179,7 @@ def _dragged(
 def _energy(
     layer: Layer, cargo: Float, thickness: ca.SX, position: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Energy of film and float, and its derivatives by the thickness in the cells and by X."""
+    """Return the energy of film and float, and its derivatives by cell thickness and by X."""
     h, X = ca.SX.sym("h", layer.cells), ca.SX.sym("X")
     right = cargo.coverage(layer, layer.places + layer.step / 2, X)
     energy = layer.energy(h, right) + cargo.energy(layer, h, X)
@@ -188,20 +189,20 @@ def _energy(
 
 
 def _tapered(u: Any) -> Any:
-    """Share of the stiffness at a way 0 to 1 from the tip on, up to which B u⁹ is a knife's edge.
+    """Return the share of the stiffness at a share 0 to 1 of the taper, from the tip.
 
-    The surface kinks where a stiff float ends to be so, at about B u⁹ = gamma (f u)². Few powers,
-    and few shares that begin as gently, spread that kink over more of the end f.
+    The end of a stiff float makes a kink of the surface up to about B u⁹ = gamma (f u)². Few powers
+    start as gently and spread that kink over more of the end f.
     """
     return u**9 * (55 - 99 * u + 45 * u * u)
 
 
 def rigid(layer: Layer, length: float) -> float:
-    """Stiffness in N m from which on a float bends by next to nothing, borne at its ends."""
+    """Return the stiffness in N m above which a float, carried at its ends, hardly bends."""
     return 5 / 384 * _heap(layer, length) * length**4 / (_RIGID * layer.depth)
 
 
 def _heap(layer: Layer, length: float) -> float:
-    """Pressure of a heap that is as high as the film is deep, and so long; in Pa."""
+    """Return the pressure of a heap as high as the film is deep, and of this length, in Pa."""
     fluid = layer.fluid
     return layer.depth * (fluid.weight + fluid.surface_tension / length**2)

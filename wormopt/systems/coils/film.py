@@ -1,12 +1,12 @@
 """A film of magnetic fluid over a row of coils, as a Model: lubrication in SI units.
 
-The film h(x, t) lies on flat ground at z = 0. In the limit of small slopes the momentum law up the
-film leaves P = p + rho g z - mu0 int M dH the same from ground to surface, so that
+The film h(x, t) lies on flat ground at z = 0. For small slopes the momentum balance across the film
+leaves P = p + rho g z - mu0 int M dH constant from ground to surface, so that
 
     h_t + Q_x = 0,   Q = -h³ / (3 eta) P_x,   P = rho g h - gamma h'' / (1 + h'²)^(3/2) - pull,
 
-where `pull` is all that draws the surface up: mu0 int M dH + mu0 M_n² / 2 of a field, less what
-lies on it. M along H leaves no tangential stress on the surface. P is minus `balance` of
+where `pull` is the total pull on the surface: mu0 int M dH + mu0 M_n² / 2 of a field, less the
+pressure of a float. M along H leaves no tangential stress on the surface. P is minus `balance` of
 `wormopt.magnetics.hydrostatics` times the weight per volume: at rest the surface is that of kind
 "coil-pressure".
 """
@@ -43,10 +43,10 @@ def surface_film(
     p: Sequence[Signal] = (),
     t: ca.SX | None = None,
 ) -> Model:
-    """Model of a film whose surface is drawn up by a pressure.
+    """Return the Model of a film whose surface a pressure draws up.
 
-    `drawn` may hold the symbols of `u`, `p` and `t`. State ``volume`` (cells - 1), 0 for a flat
-    film; outputs ``thickness`` in the cells and ``flow`` Q on the faces, from the left end on.
+    `drawn` may hold the symbols of `u`, `p` and `t`. The state is ``volume`` (cells - 1), 0 for a
+    flat film; outputs are ``thickness`` in the cells and ``flow`` Q on the faces, from the left.
     """
     volume = ca.SX.sym("volume", layer.cells - 1)
     h, known = layer.thickness(volume), ca.SX.sym("h", layer.cells)
@@ -69,10 +69,10 @@ class RowField:
     """Field of a row of coils over a film: polynomials in z in the middle of each cell."""
 
     series: np.ndarray  # (3, degree + 1, cells, coils) Chebyshev coefficients over [0, top], 1/m
-    top: float  # up to which they hold, m
+    top: float  # largest height of their validity, m
 
     def __call__(self, z: Any, currents: Any) -> list[Any]:
-        """Components (cells,) of H, in A/m, at heights (cells,) above the ground."""
+        """Return components (cells,) of H, in A/m, at heights (cells,) above the ground."""
         place = 2 * z / self.top - 1
         return [self._sum(part, place, currents) for part in self.series]
 
@@ -90,10 +90,10 @@ class RowField:
 
 @lru_cache(maxsize=4)
 def row_field(row: CoilRow, layer: Layer, ground: float, top: float) -> RowField:
-    """Field of a row whose coils' middles lie `ground` (m) below the film's ground.
+    """Return the field of a row whose coils' middles lie `ground` (m) below the film's ground.
 
-    `top`: greatest thickness at which it is wanted, m. Raises ArgumentError if a winding is there,
-    or so near that a polynomial of degree 24 does not hold the field to 1e-7 of the largest.
+    `top`: largest thickness needed, m. Raises ArgumentError if a winding is there, or so near that
+    a polynomial of degree 24 does not represent the field to 1e-7 of the largest.
     """
     for degree in _DEGREES:
         nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
@@ -104,8 +104,8 @@ def row_field(row: CoilRow, layer: Layer, ground: float, top: float) -> RowField
         if np.abs(series[:, -2:]).max() <= _RESOLVED * np.abs(series).max():
             return RowField(series.reshape(3, degree + 1, layer.cells, row.count), top)
     raise ArgumentError(
-        "a winding is so near to the film that its field is not resolved there; take a ground "
-        f"further from the coils, or a film that reaches less than {top:g} m up from it"
+        "a winding is so near to the film that its field is not resolved there; give a ground "
+        f"farther from the coils, or a film that reaches less than {top:g} m above it"
     )
 
 
@@ -118,7 +118,7 @@ def coil_film(
     own_field: bool = True,
     cargo: Float | None = None,
 ) -> Model:
-    """Model of a film over a row of coils, with their currents as input.
+    """Build the Model of a film over a row of coils, with their currents as input.
 
     Parameters
     ----------
@@ -129,18 +129,18 @@ def coil_film(
     ground : float
         Height of the ground under the film above the middle of the coils or of their gap, in m.
     top : float
-        Greatest thickness that is looked for, in m; the field is resolved up to it.
+        Largest thickness expected, in m; the field is resolved up to it.
     own_field : bool, optional
-        Whether the fluid weakens the field across it, as a flat layer does.
+        Whether the fluid reduces the field across it, as in a flat layer.
     cargo : Float, optional
         A float on the film.
 
     Returns
     -------
     Model
-        State ``volume`` to the left of the faces between cells, less that of a flat film; input
-        ``current``, ampere-turns of each coil; outputs ``thickness`` in the cells, ``flow`` (Q)
-        on the faces. With a float more, see `floated_film`.
+        The state is ``volume`` to the left of the faces between cells, less that of a flat film;
+        the input is ``current``, ampere-turns of each coil; outputs are ``thickness`` in the cells
+        and ``flow`` (Q) on the faces. A float adds those of `floated_film`.
 
     Raises
     ------
@@ -177,15 +177,15 @@ def coil_film(
 
 
 def surface_pull(fluid: Fluid, H: Sequence[Any], slope: Any, *, own_field: bool) -> Any:
-    """Pull of a field with components x, y, z (A/m) outside on a surface, in Pa."""
+    """Return the pull of a field with components x, y, z (A/m) outside on a surface, in Pa."""
     along, across, up = inside_field(fluid, H, slope, own_field=own_field)
     return pull(fluid, (along, up), 0.0, across)
 
 
 def inside_field(fluid: Fluid, H: Sequence[Any], slope: Any, *, own_field: bool) -> tuple[Any, ...]:
-    """Field (A/m) in the fluid: along its surface, along y, and across the surface.
+    """Return the field (A/m) in the fluid: along its surface, along y, and across the surface.
 
-    `H`: components x, y, z outside; `own_field`: whether that across is weakened.
+    `H`: components x, y, z outside; `own_field`: whether the component across is reduced.
     """
     if own_field:
         return flat_field(fluid.magnetisation, H, slope)

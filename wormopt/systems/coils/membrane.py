@@ -1,11 +1,11 @@
-"""A thin membrane round a magnetic fluid: thin it stretches and pushes, thick it keeps the fluid.
+"""A thin membrane around a magnetic fluid: thin it stretches and pushes, thick it keeps the fluid.
 
-A tube of the radius R and the wall h_m, small against R, under the pressure p of the fluid: hoop
-stress p R / h_m, strain p R / (E h_m). The ends are free to shorten, so that no stress acts along
-the tube; ends that the pressure pulls apart would leave a hoop strain of (1 - nu / 2) p R / (E h_m)
-with Poisson's ratio nu. Fluid diffuses through it at the rate D dc / h_m per area.
-All functions take numbers, arrays or CasADi expressions. Loss, stress and strain all fall as the
-membrane gets thicker, so that the best one is the thinnest that keeps within its limits.
+The tube has the radius R, a wall h_m that is small against R, and the inner pressure p of the
+fluid: hoop stress p R / h_m, strain p R / (E h_m). The ends are free to shorten, so no stress acts
+along the tube; ends that the pressure pulls apart would leave a hoop strain of (1 - nu / 2) p R /
+(E h_m) with Poisson's ratio nu. Fluid diffuses through it at the rate D dc / h_m per area. All
+functions take numbers, arrays or CasADi expressions. Loss, stress and strain all fall with
+thickness, so the best membrane is the thinnest within its limits.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from wormopt.numerics.roots import root
 
 @dataclass(frozen=True)
 class Membrane:
-    """A tube of membrane filled with a fluid, its ends free to shorten; SI units.
+    """A membrane tube filled with a fluid, with ends free to shorten, in SI units.
 
-    Raises ArgumentError if a number is not above 0, or the contact strain below it.
+    Raises ArgumentError if a value is not above 0, or the contact strain negative.
     """
 
     radius: float  # R, m
@@ -46,31 +46,31 @@ class Membrane:
             check_number("contact_strain", self.contact_strain)
 
     def stress(self, thickness: Any) -> Any:
-        """Hoop stress p R / h_m, in Pa, of a membrane of thickness h_m (m)."""
+        """Return the hoop stress p R / h_m, in Pa, of a membrane of thickness h_m (m)."""
         return self.pressure * self.radius / thickness
 
     def strain(self, thickness: Any) -> Any:
-        """Strain by which the pressure widens a tube with free ends, p R / (E h_m), h_m in m."""
+        """Return the hoop strain of a tube with free ends, p R / (E h_m), h_m in m."""
         return self.stress(thickness) / self.youngs_modulus
 
     def contact_pressure(self, thickness: Any) -> Any:
-        """Pressure left for the ground at the contact strain e: p - E e h_m / R, h_m in m."""
+        """Return the pressure left at the contact strain e: p - E e h_m / R, h_m in m."""
         held = self.youngs_modulus * self.contact_strain / self.radius
         return self.pressure - held * thickness
 
     def bending_stiffness(self, thickness: Any) -> Any:
-        """Bending stiffness of the tube as a beam, pi E R³ h_m, in N m²; h_m in m."""
+        """Return the bending stiffness of the tube as a beam, pi E R³ h_m, in N m²; h_m in m."""
         return math.pi * self.youngs_modulus * self.radius**3 * thickness
 
     def loss_rate(self, thickness: Any) -> Any:
-        """Mass lost per time and length of tube, D A dc / h_m with A = 2 pi R, in kg/(s m)."""
+        """Return mass lost per time and length, D A dc / h_m with A = 2 pi R, in kg/(s m)."""
         wall = 2 * math.pi * self.radius
         return self.diffusivity * wall * self.concentration_drop / thickness
 
     def loss_share(self, thickness: Any, lifetime: Any) -> Any:
-        """Share of the fluid lost within `lifetime` (s), 2 D dc t / (R h_m rho), h_m in m.
+        """Return the share of fluid lost within `lifetime` (s), 2 D dc t / (R h_m rho), h_m in m.
 
-        At the rate of the beginning, which does not grow: no less than what is lost.
+        It uses the initial rate, which does not grow: an upper bound of the loss.
         """
         filling = math.pi * self.radius**2 * self.fluid_density
         return self.loss_rate(thickness) * lifetime / filling
@@ -78,14 +78,14 @@ class Membrane:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The thickness of a membrane that lets it widen most within its limits."""
+    """Choice of the thickness with the largest strain within limits."""
 
     membrane: Membrane
     lifetime: float  # s
     limits: Mapping[str, float]  # largest "loss", "stress" and "strain"
 
     def measures(self, thickness: Any) -> dict[str, Any]:
-        """Loss, stress and strain at a thickness in m."""
+        """Return loss, stress and strain at a thickness in m."""
         tube = self.membrane
         return {
             "loss": tube.loss_share(thickness, self.lifetime),
@@ -94,9 +94,10 @@ class Choice:
         }
 
     def widest(self, span: tuple[float, float], **limits: float) -> tuple[float, float]:
-        """Thickness in m of most strain within limits, and largest relative excess over one.
+        """Return the thickness in m of largest strain within limits, and the largest excess.
 
-        `span` is of the thickness's logarithm; limits left out do not count.
+        `span` is that of the thickness's logarithm; limits left out do not count. The excess over
+        a limit is relative.
         """
         low, high = span
 
@@ -110,15 +111,16 @@ class Choice:
         return math.exp(best), max(excess(best), 0.0)
 
     def least(self, thinnest: float) -> float:
-        """Least thickness in m, from `thinnest` on, that keeps within all limits.
+        """Return the least thickness in m, from `thinnest` on, within all limits.
 
-        In closed form, as a second route: what is limited goes like 1 over the thickness.
+        It is a closed form and a second route: all limited quantities are proportional to 1 over
+        the thickness.
         """
         at_one = self.measures(1.0)
         return max(thinnest, *(at_one[name] / limit for name, limit in self.limits.items()))
 
     def within(self, thickness: np.ndarray, accepted: float) -> np.ndarray:
-        """Whether thicknesses (m,) keep within all limits, but for a share `accepted` of them."""
+        """Return whether thicknesses (m,) meet all limits, up to a share `accepted` of them."""
         found = self.measures(thickness)
         fits = [found[name] <= limit * (1 + accepted) for name, limit in self.limits.items()]
         return np.all(fits, axis=0)

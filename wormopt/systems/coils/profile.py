@@ -1,9 +1,9 @@
-"""Profiles z = h(x) over an interval that balance at every point and hold a given area.
+"""Profiles z = h(x) over an interval that balance at every point and have a given area.
 
 A `Profile` is data; `Collocation` turns it into as many equations as unknowns: the balance at
 the inner Chebyshev points, a condition at each wall, and the area. Derivatives by the values of
-h are those of the balance, by CasADi, times the matrices that differentiate polynomials. `settle`
-follows a profile under a load that grows from 0, and tells where it can no longer rest.
+h are those of the balance, by CasADi, times differentiation matrices. `settle` continues a profile
+under a load that grows from 0, and finds where it can no longer rest.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from wormopt.progress import Report, silent
 Walls = Literal["upright", "pinned"]
 Why = Literal["fold", "unstable", "floor", "ceiling", "lost"]
 _LADDER = (64, 96, 128, 192, 256, 384, 512)
-_FINE = 801  # places between which extremes are looked for
+_FINE = 801  # number of points at which extremes are searched
 _MOST_POINTS = 400
-# Two degrees shall agree to this about the load at which a branch stops.
+# Accepted difference of two degrees in the load at which a branch stops.
 _AGREE = 1e-3
 _HALVINGS = 24
 
@@ -43,16 +43,16 @@ class Profile:
     h: ca.SX
     slope: ca.SX  # h'
     bend: ca.SX  # h''
-    level: ca.SX  # constant that the area fixes
+    level: ca.SX  # constant that the area determines
     load: ca.SX  # grows from 0
-    balance: ca.SX  # of the dimension of h; 0 where the profile rests
+    balance: ca.SX  # in the dimension of h; 0 at rest
     ends: tuple[float, float]  # interval, left end first
     mean: float  # of h, above 0
     walls: Walls = "upright"  # at both ends: "upright" h' = 0, "pinned" h = mean
 
     def __post_init__(self) -> None:
         if not self.ends[0] < self.ends[1] or not self.mean > 0:
-            raise ArgumentError("a profile has an interval, left end first, and a mean above 0")
+            raise ArgumentError("a profile needs an interval, left end first, and a mean above 0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Nodes:
 
 
 def nodes_of(n: int) -> Nodes:
-    """Chebyshev points of degree n."""
+    """Return Chebyshev points of degree n."""
     k = np.arange(n + 1)
     x = np.sin(np.pi * (2 * k - n) / (2 * n))
     # L. N. Trefethen, Spectral Methods in MATLAB, 2000, chapter 6; the differences of points by
@@ -89,12 +89,12 @@ class Collocation:
     """Equations of a `Profile`, for `Walk` and for Newton's method; degree `n` at least 4.
 
     Unknowns (n + 2,) are h at the points and the level, scaled such that a flat profile has
-    Euclidean norm about 1 whatever the number of points.
+    Euclidean norm about 1 for any number of points.
     """
 
     def __init__(self, profile: Profile, n: int) -> None:
         if n < 4:
-            raise ArgumentError(f"a degree of {n} is too low; take at least 4")
+            raise ArgumentError(f"a degree of {n} is too low; give at least 4")
         self.profile, self.n = profile, n
         self.nodes = nodes_of(n)
         left, right = profile.ends
@@ -110,17 +110,17 @@ class Collocation:
         self._last: tuple[bytes, np.ndarray] | None = None
 
     def flat(self) -> np.ndarray:
-        """Unknowns of the profile without load, shape (n + 2,)."""
+        """Return the unknowns of the profile without load, shape (n + 2,)."""
         return np.full(self.n + 2, self.profile.mean)
 
     def place(self, name: str) -> int:
-        """Row of a parameter; "load" is the only one, others raise UnknownNameError."""
+        """Return the row of a parameter; "load" is the only one, others raise UnknownNameError."""
         if name != "load":
             raise UnknownNameError("a profile", "parameter", [name], ["load"])
         return 0
 
     def slope_by(self, name: str) -> Any:
-        """Derivative of the equations by "load", as a function (unknowns, [load]) to a column."""
+        """Return the derivative by "load", as a function of (unknowns, [load]) to a column."""
         self.place(name)
 
         def by_load(y: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -130,41 +130,41 @@ class Collocation:
         return by_load
 
     def __call__(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Residuals (m, n + 2) at unknowns `x` (m, n + 2) and load `p` (1,), over the mean.
+        """Return residuals (m, n + 2) at unknowns `x` (m, n + 2) and load `p` (1,), over the mean.
 
         Columns: wall, balance at inner points, wall, area.
         """
         return np.array([self._residual(y, np.ravel(p)[0]) for y in x])
 
     def slopes(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Jacobians (m, n + 2, n + 2) at unknowns `x` (m, n + 2) and load `p` (1,)."""
+        """Return Jacobians (m, n + 2, n + 2) at unknowns `x` (m, n + 2) and load `p` (1,)."""
         return np.array([self._jacobian(y, np.ravel(p)[0]) for y in x])
 
     def newton(self, y: np.ndarray, load: float) -> tuple[np.ndarray, bool]:
-        """Unknowns (n + 2,) at one load, and whether Newton's last step was as good as none."""
+        """Return unknowns (n + 2,) at one load, and whether Newton's method converged."""
         (y,), (found,) = newton(self, y[None], np.array([load]))
         return y, bool(found)
 
     def at(self, y: np.ndarray, x: Any, order: int = 0) -> np.ndarray:
-        """Values (m,) of h, or of a derivative of it, anywhere in the interval."""
+        """Return values (m,) of h, or of a derivative of it, anywhere in the interval."""
         series = chebyshev.chebder(self.nodes.to_series @ y[:-1], order) / self.half**order
         left, right = self.profile.ends
         return chebyshev.chebval((2 * np.asarray(x) - left - right) / (right - left), series)
 
     def tail(self, y: np.ndarray) -> float:
-        """Largest of the last coefficients of h, over its mean: how well it is resolved."""
+        """Return the largest of the last coefficients of h, over its mean: its resolution."""
         series = self.nodes.to_series @ y[:-1]
         return float(np.abs(series[-max(4, self.n // 16) :]).max() / self.profile.mean)
 
     def defect(self, y: np.ndarray, load: float) -> float:
-        """Largest residual of the balance between the points, over the mean."""
+        """Return the largest residual of the balance between the points, over the mean."""
         x = (self.x[:-1] + self.x[1:]) / 2
         h = [self.at(y, x, order) for order in range(3)]
         rest = self._evaluate(x, h, y[-1], load)[0]
         return float(np.abs(rest).max() / self.profile.mean)
 
     def rates_of_growth(self, y: np.ndarray, load: float) -> np.ndarray:
-        """Eigenvalues of area-keeping deviations if the surface moved as the balance drives.
+        """Return eigenvalues of area-preserving deviations if the balance drives the surface.
 
         Largest real part first; the profile is stable if this is below 0.
         """
@@ -172,7 +172,7 @@ class Collocation:
 
         slopes = self._jacobian(y, load)
         inner, level = slopes[1:-2, :-1], slopes[1:-2, -1:]
-        # the walls and the area hold at any time, by a level that is whatever it takes
+        # the walls and the area hold at any time; the level takes the value this needs
         ways, seen = null_space(np.delete(slopes, np.s_[1:-2], axis=0)[:, :-1]), null_space(level.T)
         found: Any = eigvals(seen.T @ inner @ ways, seen.T @ ways[1:-1])
         return found[np.argsort(-found.real)]
@@ -187,7 +187,7 @@ class Collocation:
         return self._last[1]
 
     def _evaluate(self, x: np.ndarray, h: Any, level: float, load: float) -> np.ndarray:
-        """Balance and its derivatives by h, h', h'', level and load, shape (6, m)."""
+        """Return the balance and its derivatives by h, h', h'', level and load, shape (6, m)."""
         rows = [x, *h, np.full(len(x), level), np.full(len(x), load)]
         return np.array(self._local(np.vstack(rows)))
 
@@ -217,28 +217,28 @@ class Collocation:
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """Why a profile does not settle at the full load.
+    """Reason why a profile does not rest at the full load.
 
-    `why`: "fold", beyond it no profile is near; "unstable", it gives way sideways; "floor",
-    "ceiling", it leaves its range; "lost", the steps became too short.
+    `why`: "fold", no profile is near beyond it; "unstable", it moves sideways; "floor", "ceiling",
+    it leaves its range; "lost", the steps became too short.
     """
 
     why: Why
     load: float  # share of the load at which it happens
-    x: float  # where farthest from flat then, or leaving its range
+    x: float  # position farthest from flat then, or out of range
     uncertainty: float  # change of `load` with the degree; NaN: single degree
 
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """A profile that rests, or the last one that did."""
+    """A profile at rest, or the last one at rest."""
 
-    equations: Collocation  # whose unknowns `y` are
+    equations: Collocation  # with the unknowns `y`
     y: np.ndarray  # (n + 2,) unknowns
     load: float  # share of the full load
     path: np.ndarray  # (m, 3) load, least and largest h along the branch
-    stop: Stop | None  # why it went no further; None: at the full load
-    resolved: bool  # last coefficients are as small as asked for
+    stop: Stop | None  # why it stopped; None at the full load
+    resolved: bool  # last coefficients are below the tolerance
 
 
 def settle(
@@ -250,10 +250,10 @@ def settle(
     ceiling: float = np.inf,
     report: Report = silent,
 ) -> Settled:
-    """Follow a profile from no load to the full one (1), with as many points as it needs.
+    """Continue a profile from no load to the full one (1), with as many points as it needs.
 
     By arc length with the fewest points, then by Newton's method with more until the last
-    coefficients over mean h are below `tolerance`. ArgumentError: `degree` not in 64 to 512.
+    coefficients over mean h are below `tolerance`. ArgumentError if `degree` is not in 64 to 512.
     """
     if not _LADDER[0] <= degree <= _LADDER[-1]:
         raise ArgumentError(f"a degree of {degree} is not within [{_LADDER[0]}, {_LADDER[-1]}]")
@@ -301,7 +301,7 @@ class _Branch:
         towards = tangent * np.sign(tangent[-1])
         points, folds, end = self.walk.go(start, towards, _MOST_POINTS, self._stops)
         y = points[-1]
-        if end == "range":  # the last step up to the range is not told
+        if end == "range":  # the last step up to the range is not reported
             self._stops(y, folds)
         elif self.why is None:
             self.why = "lost"
@@ -314,7 +314,7 @@ class _Branch:
         return Settled(self.equations, y[:-1], float(y[-1]), path, stop, resolved)
 
     def _stops(self, y: np.ndarray, folds: list[Fold]) -> bool:
-        """Whether the walk ends at this point, and why."""
+        """Return whether the walk ends at this point, and set why."""
         self.report("raising the current", min(max(float(y[-1]), 0.0), 1.0))
         low, high = self._extremes(y)
         if low < self.within[0]:
@@ -329,7 +329,7 @@ class _Branch:
         return self.why is not None
 
     def _located(self, folds: list[Fold]) -> np.ndarray:
-        """Where it stops, between the last two points."""
+        """Return where it stops, between the last two points."""
         if self.why == "fold":
             return np.append(folds[0].x, folds[0].parameter)
         tests: dict[Why | None, Callable[[np.ndarray], bool]] = {
@@ -365,6 +365,6 @@ class _Branch:
         return float(h.min()), float(h.max())
 
     def _sign(self, y: np.ndarray) -> float:
-        """Sign of the determinant: it changes where a single eigenvalue does."""
+        """Return the sign of the determinant, which changes where a single eigenvalue does."""
         matrix = self.equations.slopes(y[None, :-1], y[-1:])[0]
         return float(np.linalg.slogdet(matrix)[0])

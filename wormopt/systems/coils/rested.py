@@ -1,4 +1,4 @@
-"""A fluid at rest at a coil, and how well it balances: not as its surface was found."""
+"""A fluid at rest at a coil, and checks of its balance by independent formulas."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ class Rested:
     """A fluid at rest."""
 
     fluid: Fluid
-    placed: Placed  # the coil and where it is
+    placed: Placed  # the coil and its place
     settled: Settled  # the surface
     current: float  # ampere-turns at which it rests, A
 
     @property
     def level(self) -> float:
-        """The constant of the pressure over the weight per volume, in m."""
+        """Constant of the pressure over the weight per volume, in m."""
         return float(self.settled.y[-1])
 
     def surface(self, x: np.ndarray, order: int = 0) -> np.ndarray:
-        """Height of the surface at places (m,), in m, or a derivative of it."""
+        """Return the height of the surface at positions (m,), in m, or a derivative of it."""
         return self.settled.equations.at(self.settled.y, x, order)
 
     def field(self, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Components Hx and Hz, in A/m, at places off the winding, in m."""
+        """Return components Hx and Hz, in A/m, at places off the winding, in m."""
         Hx, Hz = self.placed.field(x, z)
         return self.current * Hx, self.current * Hz
 
     def magnetisation(self, Hx: np.ndarray, Hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Components Mx and Mz of M, which is along H; all in A/m."""
+        """Return components Mx and Mz of M, which is along H; all in A/m."""
         ratio = np.asarray(self.fluid.magnetisation.ratio(Hx**2 + Hz**2))
         return ratio * Hx, ratio * Hz
 
     def pressure(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Pressure in the fluid, in Pa, at places in m."""
+        """Return the pressure in the fluid, in Pa, at places in m."""
         Hx, Hz = self.field(x, z)
         return np.asarray(pressure(self.fluid, z, Hx**2 + Hz**2, self.level))
 
@@ -62,9 +62,9 @@ class Rested:
 
     @cached_property
     def force(self) -> float:
-        """Force of the field on the fluid upwards, per depth of the trough, in N/m.
+        """Upward force of the field on the fluid, per depth of the trough, in N/m.
 
-        It is the integral of mu0 (M grad) H_z over the fluid, by Gauss's quadrature.
+        It is the integral of mu0 (M grad) H_z over the fluid, by Gauss quadrature.
         """
         x, along = self.quadrature
         nodes, up = np.polynomial.legendre.leggauss(_UP)
@@ -74,7 +74,7 @@ class Rested:
         return float(along @ (half * (density @ up)))
 
     def _pull_upwards(self, x: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """mu0 (M_x d/dx + M_z d/dz) H_z."""
+        """Return mu0 (M_x d/dx + M_z d/dz) H_z."""
         place = ca.SX.sym("place", 2)
         nearest = float(np.min(self.placed.clearance(x, z)))
         Hx, Hz = self.placed.field(place[0], place[1], self.placed.coil.nodes(nearest))
@@ -85,24 +85,24 @@ class Rested:
 
     @cached_property
     def _at_surface(self) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Height, slope and field (A/m) at the places of the quadrature."""
+        """Height, slope and field (A/m) at the points of the quadrature."""
         x, _ = self.quadrature
         h = self.surface(x)
         return h, self.surface(x, 1), self.field(x, h)
 
     @property
     def volume_error(self) -> float:
-        """Share by which the volume by quadrature differs from that of the layer."""
+        """Relative difference of the volume by quadrature to that of the layer."""
         profile, (_, weights) = self.settled.equations.profile, self.quadrature
         volume = profile.mean * (profile.ends[1] - profile.ends[0])
         return float(abs(weights @ self._at_surface[0] / volume - 1))
 
     @property
     def force_imbalance(self) -> float:
-        """Pressure on the bottom less everything that rests on it, over the weight.
+        """Pressure on the bottom less all forces on it, over the weight.
 
-        The jump of the stress is written out from M and the normal of the surface, not by `pull`:
-        a fault there would move the surface and its check alike.
+        The jump of the stress is computed from M and the normal of the surface, not by `pull`: an
+        error there would affect both the surface and its check.
         """
         fluid, (x, weights), (h, slope, field) = self.fluid, self.quadrature, self._at_surface
         bottom = weights @ self.pressure(x, np.zeros_like(x))
@@ -116,7 +116,7 @@ class Rested:
 
     @property
     def field_error(self) -> float:
-        """How far the balance's field is from one of more digits, over its largest value."""
+        """Difference of the balance's field to one of more digits, over its largest value."""
         equations, (x, _), (h, slope, field) = (
             self.settled.equations, self.quadrature, self._at_surface,
         )  # fmt: skip
@@ -134,7 +134,7 @@ class Rested:
 
     @property
     def demagnetisation(self) -> float:
-        """Share by which the field's pull changes if the fluid weakens it as a flat layer does."""
+        """Relative change of the field's pull if the fluid weakens it as a flat layer does."""
         _, slope, field = self._at_surface
         neglecting = np.asarray(pull(self.fluid, field, slope))
         size = float(np.max(neglecting))
@@ -145,7 +145,7 @@ class Rested:
 
 
 def field_of_pressure(fluid: Fluid, pressure: float) -> float:
-    """H, in A/m, at which mu0 times the integral of M over H is `pressure` > 0, in Pa."""
+    """Return H, in A/m, at which mu0 times the integral of M over H is `pressure` > 0, in Pa."""
 
     def excess(size: float) -> float:
         return math.log(MU0 * float(fluid.magnetisation.energy(math.exp(2 * size))) / pressure)

@@ -1,9 +1,9 @@
-"""Currents of a row of coils whose travelling field comes nearest to a prescribed H².
+"""Currents of a row of coils whose travelling field is closest to a prescribed H².
 
-All coils share one course in time, each later than its neighbour by the time the wave needs for a
-pitch: in a row without ends nothing else is asked for by symmetry. The row has its ends here, and
-the field is compared in its interior. H² is quadratic in the currents, so that the problem is not
-convex; starts with fields of different offset and course are solved in turn.
+All coils share one waveform, delayed from coil to coil by the time the wave needs for a pitch: in
+an infinite row symmetry requires nothing else. This row has ends, and the field is compared in its
+interior. H² is quadratic in the currents, so the problem is not convex; starts with fields of
+different offset and waveform are solved in turn.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram, Solution
 from wormopt.progress import Report
 
 Polarity = Literal["any", "one", "alternating"]
-# Fields at the starts: H0² over the least possible.
+# Initial fields: H0² over the least possible.
 _OFFSETS = (1.02, 1.6, 2.5)
-# Currents of a start are drawn to 0 by this share of the largest influence.
+# Regularisation of initial currents, as a share of the largest influence.
 _RIDGE = 1e-3
 _ACCEPTED = 1e-7
 
@@ -35,14 +35,14 @@ _ACCEPTED = 1e-7
 class TravellingTarget:
     """A travelling H² = H0² - D(xi), xi = 2 pi (t / period - x / wavelength).
 
-    Raises ArgumentError if a number is not positive, or H0² below the least.
+    Raises ArgumentError if a value is not positive, or H0² below the least.
     """
 
     function: Callable[[np.ndarray], np.ndarray]  # D of an array of phases, A²/m²
     least_square: float  # least H0², A²/m²: the largest D, or more
     wavelength: float  # m
     period: float  # s; the wave travels forward
-    square: float | None = None  # H0², A²/m²; None: sought, from `least_square` on
+    square: float | None = None  # H0², A²/m²; None: optimised, from `least_square` on
 
     def __post_init__(self) -> None:
         for name in ("least_square", "wavelength", "period"):
@@ -57,24 +57,24 @@ class TravellingTarget:
 
 @dataclass(frozen=True, eq=False)
 class RowFit:
-    """Currents found."""
+    """Currents of the best fit."""
 
     nodes: np.ndarray  # (m,) ampere-turns of coil 0 at equidistant times of one period of the wave
     course: Gait  # of all coils
     square: float  # H0², A²/m²
     residual: float  # RMS of the difference of H² over that of D, at the points of the program
     solution: Solution  # of the program
-    # each: H0² over the least, status, iterations, residual (None where it failed)
+    # each: H0² over the least, status, iterations, residual (None if it failed)
     starts: tuple[dict[str, object], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """The points of the program, and linear maps to them."""
+    """Points of the program, and linear maps to them."""
 
     field: np.ndarray  # (3 or less, points, m) per ampere-turn at the nodes
     along: int  # component along the coils' axes
-    turns: np.ndarray  # (points,) phase in course of the nearest coil, turns
+    turns: np.ndarray  # (points,) phase in the waveform of the nearest coil, turns
     D: np.ndarray  # (points,) the target's function
 
 
@@ -92,15 +92,15 @@ def fit_currents(
     options: Ipopt | None = None,
     report: Report = lambda text, fraction: None,  # noqa: ARG005
 ) -> RowFit:
-    """Currents whose H² is nearest to the target in least squares over space and time.
+    """Return currents whose H² is closest to the target in least squares over space and time.
 
-    Compared at `places` (n,) and height `z`, in m, y = 0; `slew` in ampere-turns per second.
-    Best of all starts. Raises ArgumentError (also: coil in the fluid), SolveError if none.
+    Compared at `places` (n,) and height `z`, in m, y = 0; `slew` in ampere-turns per second. The
+    best of all starts. Raises ArgumentError (also for a coil in the fluid), SolveError if none.
     """
     if polarity not in get_args(Polarity):
         raise ArgumentError(f'no polarity "{polarity}"; there are {", ".join(get_args(Polarity))}')
     if nodes < 4 or starts < 1 or (slew is not None and not slew > 0):
-        raise ArgumentError("at least 4 nodes, 1 start, and a slew above 0")
+        raise ArgumentError("give at least 4 nodes, 1 start, and a slew above 0")
     made = _program(row, target, np.asarray(places, dtype=float), z, nodes, polarity)
     scale = target.least_square
     guesses = [_guess(made, target, row, k, seed, polarity) for k in range(starts)]
@@ -124,7 +124,7 @@ def fit_currents(
     if best is None:
         raise SolveError(
             f"none of {starts} starts led to currents ({tries[-1]['status']})",
-            "try more starts, fewer nodes, or a larger bound on the currents",
+            "write more starts, fewer nodes, or a larger limit of the currents",
             code="not_solved",
         )
     found = unit * best.w[:nodes]

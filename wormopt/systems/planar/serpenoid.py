@@ -1,8 +1,10 @@
-"""Serpenoid waves: how fast a wave of bending that runs backward carries a long worm ahead.
+"""Serpenoid waves: the speed of a long worm with a bending wave that travels backward.
 
-The tangent of an infinite body is at angle psi = alpha sin(k (s + c t)) to its way: its material
-runs along a fixed wave at speed c, which with the wave recoils at V - vc, vc = c J0(alpha). Speeds
-are told over c; wave speed along the way is vc = J0(alpha).
+The tangent of an infinite body is at the angle psi = alpha sin(k (s + c t)) to its direction of
+motion. Its material runs along a fixed wave at speed c and, with the wave, recoils at V - vc, where
+vc = c J0(alpha). Speeds are relative to c; the wave speed in space is vc = J0(alpha).
+
+Source: S. Hirose, Biologically Inspired Robots: Snake-Like Locomotors and Manipulators (1993).
 """
 
 from __future__ import annotations
@@ -23,26 +25,28 @@ from wormopt.systems.planar.swimming.stroke import Swim, swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 Ground = Literal["viscous", "elliptic", "unit"]
-"""Drag in proportion to velocity; dry friction by an ellipse; by the direction of motion alone."""
+"""Drag proportional to velocity; dry friction by an ellipse; by the direction of motion alone."""
 
 STEEPEST = float(jn_zeros(0, 1)[0])
 """Amplitude at which the body does not advance along its wave: J0 = 0."""
-# Panels down to where what is left out is rounding, and points on each.
+# Panels down to a remainder of round-off, and points on each.
 _PANELS, _DEGREE = 56, 16
 
 
 def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> float:
-    """Speed of an infinite serpenoid body over that at which its material runs along the wave.
+    """Return the speed of an infinite serpenoid body over that of its material along the wave.
+
+    Theory: docs/theory-planar.md, section 6.
 
     Parameters
     ----------
     alpha : float
-        Amplitude of the tangent's angle, above 0 and below the first zero of J0, 2.4048.
+        Amplitude of the tangent angle in rad, above 0 and below the first zero of J0, 2.4048.
     ratio : float
         Resistance across the body over that along it: r = c_n / c_t, or rho = F_n / F_t.
     ground : {"viscous", "elliptic", "unit"}, optional
-        Viscous ground, for which the speed is known in closed form; dry ground by the ellipse of
-        most power, by its minimum; dry ground by the unit law, by the balance of forces.
+        Viscous ground, with the speed in closed form; dry ground by the ellipse of maximal
+        dissipation, from its minimum; dry ground by the unit law, from the balance of forces.
 
     Returns
     -------
@@ -78,9 +82,10 @@ def serpenoid_speed(alpha: float, ratio: float, ground: Ground = "viscous") -> f
 
 
 def _quarter(alpha: float, rho: float) -> tuple[np.ndarray, np.ndarray]:
-    """Phases over a quarter wave, and weights of a mean: by Gauss on ever shorter panels to 0.
+    """Return phases over a quarter wave and weights of a mean, on ever shorter panels to 0.
 
-    Near 0, where the tangent lies along the way, dry friction turns within a phase of alpha / rho.
+    Near 0, where the tangent is along the direction of motion, dry friction changes direction
+    within a phase of alpha / rho.
     """
     panels = _PANELS + max(0, int(np.log2(max(1.0, rho) / alpha)))
     ends = np.append(0.0, 0.5 ** np.arange(panels, -1, -1))
@@ -92,15 +97,15 @@ def _quarter(alpha: float, rho: float) -> tuple[np.ndarray, np.ndarray]:
 def _slow(
     alpha: float, rho: float, psi: np.ndarray, weights: np.ndarray, *, unit: bool
 ) -> tuple[float, float]:
-    """Shortfalls 1 - J0 of the wave and y = 1 - w of its recoil w on dry ground, over alpha^2.
+    """Return shortfalls 1 - J0 and y = 1 - w of the recoil w on dry ground, over alpha^2.
 
-    Both are of the size of 1 however small the amplitude is, and so is what they are found from.
+    Both are of size 1 for any amplitude, as are the values they are computed from.
     """
     c, s = np.cos(psi), np.sin(psi) / alpha
     bent = 2 * (np.sin(psi / 2) / alpha) ** 2  # (1 - c) / alpha^2
 
     def force(y: float) -> float:
-        """Along the way; of the material, that slips at 1 - w cos along and -w sin across."""
+        """Return the force on the material, which slips at 1 - w cos along and -w sin across."""
         w = 1 - alpha**2 * y
         ahead, aside = bent + y * c, w * s  # over alpha^2, and over alpha
         if unit:
@@ -108,7 +113,7 @@ def _slow(
         across = rho * aside
         return float(weights @ ((ahead * c - rho * across * s) / np.hypot(alpha * ahead, across)))
 
-    # the force is ahead where nothing recoils, and backward where the recoil is fast
+    # the force points forward without recoil, and backward with a fast recoil
     way = 1.0 if force(0.0) < 0 else -1.0
     near, far = 0.0, way
     while way * force(far) < 0:
@@ -119,25 +124,25 @@ def _slow(
 
 
 def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, float]:
-    """Amplitude of most speed, and that speed, of an infinite serpenoid body.
+    """Return the amplitude of the highest speed of an infinite serpenoid body, and that speed.
 
     Parameters
     ----------
     ratio : float
         Resistance across over along.
     ground : {"viscous", "elliptic", "unit"}, optional
-        As of `serpenoid_speed`.
+        Ground as in `serpenoid_speed`.
 
     Returns
     -------
     alpha, speed : float
-        Speed V / c over that of the material along the wave.
+        Amplitude in rad, and speed V / c over that of the material along the wave.
 
     Raises
     ------
     ArgumentError
-        If resistance across is not the larger, or too little so: on dry ground waves then carry
-        back, as the recoil is a median of the tangents, and not their mean.
+        If resistance across does not exceed that along by enough. On dry ground waves then move
+        the body backward, because the recoil is a median of the tangents, not their mean.
 
     Examples
     --------
@@ -145,7 +150,7 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
     [1.181295694, 0.223434073]
     """
     if not ratio > 1:
-        raise ArgumentError(f"a backward wave carries ahead only where ratio is above 1: {ratio}")
+        raise ArgumentError(f"ratio must be above 1 for forward motion, not {ratio}")
     found = minimize_scalar(
         lambda alpha: -serpenoid_speed(alpha, ratio, ground),
         bounds=(1e-3, STEEPEST - 1e-6), method="bounded", options={"xatol": 1e-6},
@@ -153,13 +158,13 @@ def best_serpenoid(ratio: float, ground: Ground = "viscous") -> tuple[float, flo
     near = float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
     if serpenoid_speed(near, ratio, ground) <= 0:
         raise ArgumentError(
-            f"on {ground} ground a ratio of {ratio:g} lets no wave carry ahead: write a larger one"
+            f"on {ground} ground no wave moves forward at a ratio of {ratio:g}; write a larger one"
         )
     return _polished(lambda a: serpenoid_speed(a, ratio, ground), near)
 
 
 def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
-    """Maximum of a smooth function near x: that of a polynomial through even points about it."""
+    """Return the maximum of a smooth function near x, from a polynomial through even points."""
     step, nodes = min(0.05, 0.2 * x), np.cos(np.pi * (np.arange(17) + 0.5) / 17)
     values = [speed(x + step * node) for node in nodes]
     series = np.polynomial.Chebyshev.fit(nodes, values, 16, domain=[-1, 1])
@@ -170,19 +175,19 @@ def _polished(speed: Callable[[float], float], x: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class SerpenoidWave:
-    """Stroke of a chain of even rods: joint angles of a serpenoid wave that runs backward.
+    """Stroke of a chain of even rods: joint angles of a serpenoid wave that travels backward.
 
-    The angle of rod j is that of the wave in its middle, a sin(2 pi (tau - (j - 1/2) / N)), N rods
-    on a wave; joints turn by the differences.
+    The angle of rod j is that of the wave in its middle, a sin(2 pi (tau - (j - 1/2) / N)), with N
+    rods per wave; joint angles are the differences.
 
     Parameters
     ----------
     alpha : float
-        Amplitude of the tangent's angle.
+        Amplitude of the tangent angle, in rad.
     rods : int
         Number of rods.
     per_wave : float
-        Rods on a wave.
+        Number of rods per wave.
     """
 
     alpha: float
@@ -191,7 +196,7 @@ class SerpenoidWave:
 
     def __post_init__(self) -> None:
         if self.rods < 2 or not self.per_wave > 0:
-            raise ArgumentError("a serpenoid wave needs two rods or more and rods on a wave")
+            raise ArgumentError("a serpenoid wave needs two or more rods, and rods on a wave")
 
     @property
     def n_s(self) -> int:
@@ -200,18 +205,18 @@ class SerpenoidWave:
 
     @property
     def breaks(self) -> np.ndarray:
-        """There are none but the ends."""
+        """Phases 0 and 1: the curve is smooth everywhere."""
         return np.array([0.0, 1.0])
 
     def tangents(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angles (m, rods) of the rods from the way of an infinite body, and rates by the phase."""
+        """Return angles (m, rods) of the rods to an infinite body's motion, and their rates."""
         phase = (
             2 * np.pi * (np.asarray(tau)[:, None] - (np.arange(self.rods) + 0.5) / self.per_wave)
         )
         return self.alpha * np.sin(phase), 2 * np.pi * self.alpha * np.cos(phase)
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Angles of the joints at phases (m,), and their derivatives."""
+        """Return joint angles at phases (m,), and their derivatives."""
         angles, rates = self.tangents(np.atleast_1d(np.asarray(tau, dtype=float)))
         return -np.diff(angles, axis=1), -np.diff(rates, axis=1)
 
@@ -220,7 +225,7 @@ class SerpenoidWave:
 class FiniteSerpenoid:
     """A serpenoid worm of rods over one wave that runs through it."""
 
-    speed: float  # mean way per period over the length of material of a wave: V / c
+    speed: float  # mean displacement per period over the length of material per wave: V / c
     over_wave: float  # the same over the wave's speed: V / vc
     swim: Swim
 
@@ -228,21 +233,21 @@ class FiniteSerpenoid:
 def finite_serpenoid(
     alpha: float, ratio: float, *, per_wave: int = 12, waves: float = 1.0
 ) -> FiniteSerpenoid:
-    """Speed of a serpenoid worm of even rods on viscous ground.
+    """Return the speed of a serpenoid worm of even rods on viscous ground.
 
-    A period carries it by the way of its frame, which for a straight stroke is free of the frame.
-    Its ends recoil, so that it is slower than an infinite one.
+    The displacement per period is that of its frame; for a straight stroke it does not depend on
+    the frame. The ends recoil, so it is slower than an infinite worm.
 
     Parameters
     ----------
     alpha : float
-        Amplitude of the tangent's angle.
+        Amplitude of the tangent angle, in rad.
     ratio : float
         c_n / c_t.
     per_wave : int, optional
-        Rods on a wave.
+        Number of rods per wave.
     waves : float, optional
-        Waves on the body.
+        Number of waves on the body.
 
     Returns
     -------

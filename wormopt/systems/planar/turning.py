@@ -1,9 +1,9 @@
-"""Turning in place: two links of which one always rests, and the bound on how fast it can be.
+"""Turning in place: two links one of which always rests, and a bound of the turn rate.
 
-Three masses on isotropic dry ground, F at the ends and F1 in the middle. While the joint swings by
-phi', the longer link can rest and the shorter turns about the middle mass; while the links swap
-their lengths with the middle mass fixed, nothing turns. Swing, swap, swing back, swap turns the
-body by minus the swing, and takes it nowhere.
+Three masses are on isotropic dry ground, with friction F at the ends and F1 in the middle. While
+the joint swings by phi', the longer link can rest and the shorter one turns about the middle mass.
+While the links exchange lengths (swap) with the middle mass fixed, nothing turns. Swing, swap,
+swing back, swap turns the body by minus the swing, without displacement.
 """
 
 from __future__ import annotations
@@ -18,21 +18,23 @@ from wormopt.systems.planar.body.strokes import Polygon
 
 @dataclass(frozen=True)
 class TurnInPlace:
-    """A worm of two links that turns where it is.
+    """Gait of a worm of two links that turns in place.
+
+    Theory: docs/theory-planar.md, section 4.
 
     Parameters
     ----------
     end_friction, middle_friction : float
-        Resistances F of masses 0 and 2, and F1 of mass 1, alike all ways.
+        Isotropic resistances F of masses 0 and 2, and F1 of mass 1.
     short, long : float
-        Lengths of the link that swings and of the one that rests.
+        Lengths of the link that swings and of the link that rests.
     straight, bent : float
-        Angles of the joint between which it swings, within half a turn to either side.
+        Joint angles between which it swings, in rad, within ±pi.
 
     Raises
     ------
     ArgumentError
-        If a number is not positive, the long link is the shorter one, or an angle is too large.
+        If a value is not positive, the long link is the shorter one, or an angle is too large.
 
     Examples
     --------
@@ -46,15 +48,15 @@ class TurnInPlace:
     short: float
     long: float
     straight: float  # angle of the joint at which the swing begins
-    bent: float  # and at which it ends
+    bent: float  # joint angle at which the swing ends
 
     def __post_init__(self) -> None:
         if min(self.end_friction, self.middle_friction, self.short) <= 0:
-            raise ArgumentError("resistances and lengths must be positive")
+            raise ArgumentError("resistances and lengths must be above 0")
         if self.long < self.short:
             raise ArgumentError(f"the long link, {self.long:g}, is shorter than {self.short:g}")
         if not max(abs(self.straight), abs(self.bent)) < np.pi:
-            raise ArgumentError("the joint must keep within half a turn to either side")
+            raise ArgumentError("joint angles must be within ±pi")
 
     @property
     def stroke(self) -> Polygon:
@@ -64,52 +66,52 @@ class TurnInPlace:
 
     @property
     def turn(self) -> float:
-        """By which the heading turns in a gait whose masses rest as they must."""
+        """Rotation per gait if the conditions of rest hold, in rad."""
         return self.straight - self.bent
 
     @property
     def work(self) -> float:
-        """Work of a gait: each swing turns the short link, each swap slides both ends."""
+        """Work per gait: each swing turns the short link, each swap slides both ends."""
         swing = self.end_friction * self.short * abs(self.bent - self.straight)
         swap = 2 * self.end_friction * (self.long - self.short)
         return 2 * (swing + swap)
 
     def swing_hold(self, phi: np.ndarray | float) -> np.ndarray:
-        """What the longer link at rest needs of what the ground holds; it rests up to 1.
+        """Return the share of available friction that the longer link needs; it rests up to 1.
 
         Parameters
         ----------
         phi : float or ndarray
-            Angles of the joint.
+            Joint angles in rad.
         """
         return swing_hold(phi, self.short / self.long, self.middle_friction / self.end_friction)
 
     def swap_hold(self, phi: np.ndarray | float) -> np.ndarray:
-        """What the middle mass needs of what the ground holds while lengths are swapped.
+        """Return the share of available friction that the middle mass needs during a swap.
 
         Parameters
         ----------
         phi : float or ndarray
-            Angles of the joint.
+            Joint angles in rad.
         """
         bend = 2 * np.abs(np.cos(np.asarray(phi, dtype=float) / 2))
         return bend * self.end_friction / self.middle_friction
 
     @property
     def holds(self) -> bool:
-        """Whether masses rest as they must all through the gait."""
+        """Whether the conditions of rest hold during the whole gait."""
         angles = np.linspace(self.straight, self.bent, 257)
         swings = bool((self.swing_hold(angles) <= 1).all())
         return swings and bool((self.swap_hold(angles[[0, -1]]) <= 1).all())
 
 
 def swing_hold(phi: np.ndarray | float, ratio: float, grip: float) -> np.ndarray:
-    """Least largest share of the ground's hold that a resting link needs while the other swings.
+    """Return the least share of friction that a resting link needs while the other swings.
 
-    The swinging link pulls the middle mass sideways with F by its end. `ratio` k is its length
-    over the resting one's, at most 1, and `grip` F1/F. Across the resting link the middle mass
-    takes F (cos phi + k) and the far end F k, which the moments tell; along it they share
-    F |sin phi|, as evenly in what they can hold as possible.
+    The swinging link pulls the middle mass sideways with F by its end. `ratio` k is its length over
+    that of the resting one, at most 1, and `grip` is F1/F. Across the resting link the middle mass
+    carries F (cos phi + k) and the far end F k, by the balance of moments. Along it they share
+    F |sin phi| as evenly as their limits allow.
     """
     across = np.abs(np.cos(np.asarray(phi, dtype=float)) + ratio)
     along = np.abs(np.sin(np.asarray(phi, dtype=float)))
@@ -129,15 +131,15 @@ def swing_hold(phi: np.ndarray | float, ratio: float, grip: float) -> np.ndarray
 
 
 def heading_rate_bound(rate: float) -> float:
-    """Largest mean rate of the heading at which a worm of two links turns, one at rest always.
+    """Return the largest mean turn rate of a worm of two links, one of which always rests.
 
-    The heading of the chord of both links' directions is their mean; with one link at rest it
-    turns at half the rate of the other, which is that of the joint.
+    The heading is the mean of the directions of both links. With one link at rest it turns at half
+    the rate of the other, which is that of the joint.
 
     Parameters
     ----------
     rate : float
-        Largest size of the joint's rate.
+        Largest absolute rate of the joint.
 
     Returns
     -------

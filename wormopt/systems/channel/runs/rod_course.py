@@ -229,7 +229,6 @@ def checks_of_change(
     the field's.
     """
     size, where = _compared_with(case, point), f"at {point.rate:g} switches per second"
-    size, where = _compared_with(case, point), f"at {point.rate:g} switches a second"
     errors = math.hypot(point.error, other.error)
     known = Check(
         f"error of the mean velocity {what}",

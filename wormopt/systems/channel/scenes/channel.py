@@ -296,8 +296,9 @@ class SegmentShapesScene(BodyScene, frozen=True, kw_only=True):
     `softest` and `stiffest`, and whether the rest is `stable`; `iterations`; `field_error` of the
     series; `mesh_change` of the length with two thirds of the elements; `minimum` is "local". The
     status is `failed` if the imbalance is above 1e-6, the rest is not stable, or the change is
-    above 0.005. The exit code is 3 if the rod finds no rest or does not reach over the coils, if a
-    `sleeve` leaves the walls (rises above 1.669 coil distances), or if the degree is too small.
+    above 0.005. The exit code is 3 if the rod finds no rest or does not reach over the coils. It is
+    also 3 if a `sleeve` leaves the walls (rises above 1.669 coil distances), or if the degree is
+    too small.
     """
 
     scalars: ClassVar = {

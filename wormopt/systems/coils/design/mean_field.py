@@ -1,8 +1,8 @@
-"""Currents for a float by the mean field: the wave that shall hold it, and what makes its field.
+"""Currents for a float by the mean field: a wave that holds it, and currents for its field.
 
-The two designs one after the other that know nothing of a row's ripple and ends, nor of what the
-float does to the film: a cosine wave, the H² that holds it up against weight, surface tension and
-viscosity, and the currents whose H² is nearest to that in the interior of the row.
+The two successive designs ignore the ripple and ends of a row, and the effect of the float on the
+film: a cosine wave, the H² that holds it up against weight, surface tension and viscosity, and the
+currents whose H² is closest to that in the interior of the row.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ def wave_pattern(
     layer: Layer, row: CoilRow, ground: float, delta: float, rate: float, repeat: int,
     per_step: int, *, form: Form = "ramps", slew: float | None = None,
 ) -> Pattern | None:  # fmt: skip
-    """Currents whose mean field holds a cosine wave of amplitude `delta`, `repeat` coils long.
+    """Return currents whose mean field holds a cosine wave of amplitude `delta`, or None.
 
-    The field at the surface of the flat film, its magnetisation that of weak fields. None if they
-    are not found.
+    The wave is `repeat` coils long. The field is that at the surface of the flat film, with its
+    magnetisation in weak fields.
     """
     magnet, wavelength = layer.fluid, repeat * row.pitch
     chi = magnet.magnetisation.chi
@@ -39,7 +39,7 @@ def wave_pattern(
         turn,
     )  # fmt: skip
     wave, unit = CosineWave(delta), float(film.field(1.0)) ** 2
-    # the weight of a wave of one harmonic is a tension
+    # the weight of a wave of one harmonic acts like a tension
     held = film.tension + magnet.weight * layer.depth / film.pressure
     target = TravellingTarget(
         lambda xi: unit * np.asarray(wave.field_function(xi, held)),
@@ -61,5 +61,5 @@ def wave_pattern(
 
 
 def _held(nodes: np.ndarray, form: Form) -> np.ndarray:
-    """Corners of a polyline; of values that hold, the means of its pieces."""
+    """Return corners of a polyline; for values that hold, the means of its pieces."""
     return nodes if form == "ramps" else (nodes + np.roll(nodes, -1)) / 2

@@ -1,9 +1,9 @@
-"""Patterns of currents that go on along a row of coils, and what they cost.
+"""Patterns of currents that travel along a row of coils, and their power.
 
-All coils have one course, each later than its neighbour by the time of a step: the pattern moves on
-by a coil a step. It has `per_step` values a step, which hold, or are corners of a polyline. A
-current between two corners lies between theirs and its slope is that of the chord, so that limits
-at the corners are limits at all times.
+All coils have one waveform, delayed by one step from coil to coil: the pattern moves by a coil per
+step. It has `per_step` values per step, which hold, or are corners of a polyline. A current between
+two corners lies between theirs and its slope is that of the chord, so limits at the corners are
+limits at all times.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ Form = Literal["ramps", "steps"]
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Course of one coil over a period, which is the time in which the pattern repeats."""
+    """Waveform of one coil over a period, after which the pattern repeats."""
 
     values: np.ndarray  # (repeat * per_step,) ampere-turns of coil 0, equidistant from time 0 on
-    rate: float  # steps a second
-    per_step: int  # values a step
-    form: Form = "ramps"  # whether they are corners of a polyline, or hold
+    rate: float  # steps per second
+    per_step: int  # values per step
+    form: Form = "ramps"  # corners of a polyline, or values that hold
 
     @property
     def repeat(self) -> int:
-        """Coils after which the pattern repeats."""
+        """Number of coils after which the pattern repeats."""
         return len(self.values) // self.per_step
 
     def at(self, k: np.ndarray, count: int) -> np.ndarray:
-        """Ampere-turns (count, len(k)) of the coils, values k."""
+        """Return ampere-turns (count, len(k)) of the coils, values k."""
         own = k - self.per_step * np.arange(count)[:, None]
         return self.values[own % len(self.values)]
 
     def pieces(self, count: int, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Ampere-turns (count, pieces) at the begin of each piece of a time, slopes, and lengths.
+        """Return ampere-turns (count, pieces) at the start of each piece, slopes, and durations.
 
-        Slopes in ampere-turns a second, lengths in s; the last piece ends with the time.
+        Slopes are in ampere-turns per second, durations in s; the last piece ends at `time`.
         """
         whole = 1 / (self.rate * self.per_step)
         k = np.arange(max(1, math.ceil(time / whole - 1e-9)))
@@ -53,7 +53,7 @@ class Pattern:
         return begin, growth / whole, lengths
 
     def course(self, count: int) -> Gait:
-        """Ampere-turns of all coils over a period."""
+        """Return the ampere-turns of all coils over a period."""
         begin, slopes, lengths = self.pieces(count, self.repeat / self.rate)
         breaks = lengths[0] * np.arange(len(self.values) + 1)
         return Gait(breaks, np.stack([begin.T, slopes.T], axis=2))
@@ -65,7 +65,7 @@ class Pattern:
 
     @property
     def slew(self) -> float:
-        """Largest slope of a current, in ampere-turns a second; infinite where it jumps."""
+        """Largest slope of a current, in ampere-turns per second; infinite if it jumps."""
         jump = float(np.abs(np.diff(self.values, append=self.values[0])).max())
         if self.form == "steps":
             return np.inf if jump else 0.0
@@ -81,15 +81,15 @@ class Pattern:
         return float(np.mean(one**2 + one * other + other**2) / 3)
 
     def later(self, share: float) -> Pattern:
-        """Give the pattern by a share of its period later, to the nearest value."""
+        """Return the pattern delayed by a share of its period, to the nearest value."""
         return replace(self, values=np.roll(self.values, round(share * len(self.values))))
 
     def paced(self, share: float, rates: tuple[float, float]) -> Pattern:
-        """Give the pattern at a share of its rate, no farther than the rates go."""
+        """Return the pattern at a multiple of its rate, within the range of rates."""
         return replace(self, rate=float(np.clip(share * self.rate, *rates)))
 
     def kept(self, limit: float, slew: float | None = None) -> Pattern:
-        """Give the pattern within limits: too large values cut, too steep ones all drawn to 0."""
+        """Return the pattern within limits: too large values cut, too steep ones scaled to 0."""
         kept = replace(self, values=np.clip(self.values, -limit, limit))
         if slew is None or kept.slew <= slew:
             return kept
@@ -97,7 +97,7 @@ class Pattern:
 
 
 def block(on: int, amount: float, rate: float, repeat: int, per_step: int, form: Form) -> Pattern:
-    """Blocks of coils that are on: jumps as `magnetics.switched_course`, or ramps of a piece."""
+    """Return blocks of active coils: jumps as `magnetics.switched_course`, or ramps of a piece."""
     behind = -np.arange(repeat * per_step) % (repeat * per_step)
     lit = behind < on * per_step if form == "ramps" else (-(-behind // per_step)) % repeat < on
     return Pattern(np.where(lit, amount, 0.0), rate, per_step, form)
@@ -105,21 +105,21 @@ def block(on: int, amount: float, rate: float, repeat: int, per_step: int, form:
 
 @dataclass(frozen=True)
 class Copper:
-    """What a winding is made of, by which it costs power."""
+    """Material of a winding, which determines its power."""
 
     resistivity: float = 1.72e-8  # ohm m; copper at 20 degrees
     fill: float = 0.6  # share of the winding's section that is conductor
 
     def resistance(self, row: CoilRow) -> float:
-        """Resistance of a place of the row over the square of the turns, in ohm.
+        """Return the resistance of a place of the row over the squared turns, in ohm.
 
-        A turn at every radius has the mean length pi (inner + outer), as the current fills the
-        section evenly.
+        The mean length of a turn is pi (inner + outer), because the current fills the section
+        uniformly.
         """
         coil, sides = row.coil, 1 if row.gap is None else 2
         section = (coil.outer - coil.inner) * coil.length
         return sides * self.resistivity * np.pi * (coil.inner + coil.outer) / (self.fill * section)
 
     def power(self, row: CoilRow, pattern: Pattern) -> float:
-        """Mean power of all coils over a period, in W."""
+        """Return the mean power of all coils over a period, in W."""
         return self.resistance(row) * row.count * pattern.square

@@ -1,4 +1,4 @@
-"""A float's way by another integrator: SciPy's Radau, from corner to corner of the currents."""
+"""Displacement of a float by another integrator: SciPy's Radau, from corner to corner."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _TOLERANCE = 1e-5
 
 
 def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
-    """Way of the float in m, the Model's equations in SI and time in seconds."""
-    from scipy.integrate import solve_ivp  # only who checks needs it
+    """Return the float's displacement in m, with the Model's equations in SI and time in s."""
+    from scipy.integrate import solve_ivp  # needed by checks only
     from scipy.sparse import csc_array
 
     film = coil_film(

@@ -1,4 +1,4 @@
-"""How fast patterns of currents carry a float: the full film and float, made for many patterns.
+"""Speed of a float under patterns of currents: the full film and float, for many patterns.
 
 The Model of `film.py` over one piece of a pattern, its length and currents as parameters: one
 integrator serves all pieces of all patterns.
@@ -24,7 +24,7 @@ _STEPS = 1000
 
 @dataclass(frozen=True)
 class Rides:
-    """A float on a film over a row, along which patterns go for some time, from a flat film on."""
+    """A float on a film over a row, for a given time from a flat film, under patterns."""
 
     layer: Layer
     row: CoilRow
@@ -37,7 +37,7 @@ class Rides:
     tolerance: float = 1e-3
 
     def speed(self, pattern: Pattern) -> float:
-        """Mean speed in m/s; minus infinity where the film cannot be followed, or goes too high."""
+        """Return the mean speed in m/s; minus infinity if the simulation fails or leaves `top`."""
         state, solver = np.zeros(self.layer.cells + 1), _solver(self)
         state[-2] = self.start / self.cargo.length
         for begin, slope, length in zip(
@@ -58,12 +58,12 @@ class Rides:
 
 @lru_cache(maxsize=2)
 def _solver(rides: Rides) -> ca.Function:
-    """Integrator over a piece, from 0 to 1; states of nominal size 1."""
+    """Return the integrator over a piece, from 0 to 1; states of nominal size 1."""
     film = coil_film(
         rides.layer, rides.row, ground=rides.ground, top=rides.top, own_field=rides.own_field,
         cargo=rides.cargo,
     )  # fmt: skip
-    moved = film.x[:3]  # volume, position, velocity; what is counted besides is not needed
+    moved = film.x[:3]  # volume, position, velocity; further states are not needed
     states = ca.vertcat(*(one.symbol for one in moved))
     scale = np.concatenate([np.full(one.size, one.nominal) for one in moved])
     x, t, p = ca.SX.sym("x", len(scale)), ca.SX.sym("t"), ca.SX.sym("p", 2 * rides.row.count + 1)

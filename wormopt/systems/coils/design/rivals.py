@@ -1,7 +1,7 @@
-"""What a design must beat: plain blocks, and currents by the mean field, each tuned as it can be.
+"""Rivals of a design: plain blocks, and currents by the mean field, each tuned fully.
 
-Both are tuned by the same full simulation as the design: a block in its length, the distance to the
-next, rate, amount and place; the mean field's wave in amplitude, length, rate and place.
+Both are tuned by the same full simulation as the design: a block in its length, distance to the
+next, rate, amount and delay; the mean-field wave in amplitude, length, rate and delay.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Sort = Literal["block", "wave"]
 _RATES = 6
 _AMPLITUDES = (0.4, 0.5, 0.6, 0.7)
 _ON = (2, 3, 4)
-_AMOUNTS = (1.0, 0.7, 0.5)  # shares of the limit, where power counts
+_AMOUNTS = (1.0, 0.7, 0.5)  # shares of the limit, if power counts
 _ROUNDS = 4
 
 
@@ -40,7 +40,7 @@ class Rival:
     later: float = 0.0  # share of the period
 
     def judge(self, task: Task) -> Judged | None:
-        """Make its currents, and follow film and float; None where there are none."""
+        """Compute its currents, and simulate film and float; None if there are none."""
         rides = task.rides
         if self.sort == "block":
             found = block(
@@ -56,7 +56,7 @@ class Rival:
 
 
 def rivals(task: Task, repeats: Sequence[int], workers: Workers) -> list[Judged]:
-    """Best block and best wave of each length, tuned, best first."""
+    """Return the best block and the best wave of each length, tuned, best first."""
     rates = np.geomspace(*task.rates, _RATES).tolist()
     amounts = _AMOUNTS if task.seek == "power" else (1.0,)
     tried = [
@@ -90,7 +90,7 @@ def _judge(task: Task, rival: Rival) -> Judged | None:
 
 
 def _tuned(task: Task, judged: Judged, rival: Rival, workers: Workers) -> Judged:
-    """Tune rate, place, and amplitude or amount, by a compass search."""
+    """Tune rate, delay, and amplitude or amount, by a compass search."""
     most: list[Judged] = [judged]
     sized = "size" if rival.sort == "wave" else "amount"
     start = {"log_rate": np.log(rival.rate), "later": 0.0, sized: getattr(rival, sized)}

@@ -1,7 +1,7 @@
-"""Search for the best pattern: every value of one coil's course, and the rate, are free.
+"""Search for the best pattern, with every value of one coil's waveform and the rate free.
 
-Evolution strategy from the best blocks and the best waves of the mean field, then a compass search.
-What is found is local: nothing says that no other pattern is better.
+An evolution strategy starts from the best blocks and the best mean-field waves; a compass search
+follows. The result is a local optimum: a better pattern may exist.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from wormopt.progress import Report
 from wormopt.systems.coils.design.pattern import Pattern
 from wormopt.systems.coils.design.task import Judged, Task
 
-# Values are counted in the limit; a unit of the rate's number is two of its logarithm.
+# Values are relative to the limit; a unit of the rate's variable is two of its logarithm.
 _RATE_UNIT, _FIRST_STEP = 2.0, 0.2
 _COMPASS_STEP, _ROUNDS = 0.05, 2
 
 
 @dataclass(frozen=True)
 class Budget:
-    """How long is sought."""
+    """Effort of the search."""
 
     starts: int = 2
     generations: int = 25
@@ -35,7 +35,7 @@ class Budget:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What one start led to."""
+    """Result of one start."""
 
     start: Judged
     end: Judged
@@ -43,7 +43,7 @@ class Found:
 
 
 def starts_of(rivals: Sequence[Judged], count: int) -> list[Judged]:
-    """Best of each sort, then the next best, `count` in all, or one of each sort."""
+    """Return the best of each sort, then the next best, `count` in all, or one of each sort."""
     first = {one.name: one for one in reversed(rivals)}
     others = [one for one in rivals if one not in first.values()]
     return [*first.values(), *others[: max(0, count - len(first))]]
@@ -52,7 +52,7 @@ def starts_of(rivals: Sequence[Judged], count: int) -> list[Judged]:
 def search(
     task: Task, starts: Sequence[Judged], budget: Budget, workers: Workers, report: Report
 ) -> list[Found]:
-    """Search from every start, best first."""
+    """Return the searches from every start, best first."""
     found = []
     for k, start in enumerate(starts):
         report(f"search {k + 1} of {len(starts)}, from the best {start.name}", k / len(starts))
@@ -98,9 +98,9 @@ def _pattern(task: Task, start: Judged, point: np.ndarray) -> Pattern:
 
 
 def neighbours(task: Task, pattern: Pattern, share: float, workers: Workers) -> list[Judged]:
-    """What patterns do of which one value is changed by a share of the limit, or the rate by it.
+    """Return results of patterns with one value changed by a share of the limit, or the rate.
 
-    All are within the limits, as what is sought is.
+    All are within the limits, like the design.
     """
     jobs = []
     for sign in (share, -share):

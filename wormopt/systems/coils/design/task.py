@@ -1,4 +1,4 @@
-"""What currents are wanted for: the fastest float, or a speed of it with least power."""
+"""Objective of the currents: the fastest float, or a given speed with least power."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from wormopt.systems.coils.design.pattern import Copper, Form, Pattern
 from wormopt.systems.coils.design.rides import Rides
 
 Seek = Literal["speed", "power"]
-# A speed too low by a share counts as so many times that share of all power that the coils take.
+# Penalty: a relative shortfall of the speed counts as this multiple of it in power of all coils.
 _PENALTY = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """A pattern, and what it does."""
+    """A pattern, and its results."""
 
     pattern: Pattern
-    name: str  # which sort of pattern it is, or from which it came
-    speed: float  # m/s, mean of the float; -inf where the film cannot be followed
+    name: str  # sort of the pattern, or of its origin
+    speed: float  # m/s, mean of the float; -inf if the simulation fails
     power: float  # W, mean
-    value: float  # the larger, the better
+    value: float  # objective, to maximise
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is sought, and within which limits."""
+    """Objective and limits."""
 
     rides: Rides
     copper: Copper
     seek: Seek
     form: Form
-    per_step: int  # values a step
-    rates: tuple[float, float]  # steps a second
-    speed: float | None = None  # m/s, wanted; for seek = "power"
-    slew: float | None = None  # ampere-turns a second
+    per_step: int  # values per step
+    rates: tuple[float, float]  # steps per second
+    speed: float | None = None  # m/s, required; for seek = "power"
+    slew: float | None = None  # ampere-turns per second
 
     @property
     def limit(self) -> float:
@@ -46,14 +46,14 @@ class Task:
         return self.rides.row.coil.ampere_turns
 
     def judge(self, job: tuple[str, Pattern]) -> Judged:
-        """Follow film and float under a pattern, drawn within its limits."""
+        """Simulate film and float under a pattern, scaled to its limits."""
         name, pattern = job[0], job[1].kept(self.limit, self.slew)
         speed = self.rides.speed(pattern)
         power = self.copper.power(self.rides.row, pattern)
         return Judged(pattern, name, speed, power, self.value(speed, power))
 
     def value(self, speed: float, power: float) -> float:
-        """How good it is: the speed, or the power saved where the speed is kept."""
+        """Return the objective: the speed, or the power saved if the speed is met."""
         if self.seek == "speed" or not np.isfinite(speed):
             return speed
         assert self.speed is not None
@@ -62,5 +62,5 @@ class Task:
 
 
 def best(found: Iterable[Judged]) -> Judged:
-    """The one of the largest value."""
+    """Return the one of the largest value."""
     return max(found, key=lambda one: one.value)

@@ -29,7 +29,7 @@ _WINDING = "#D9A066"
 
 
 def coil_pressure(result: Result) -> Figure:
-    """Plot induction around the coil, surface, and bottom pressure: figure 25 of the WLLS chapter.
+    """Plot induction, surface and bottom pressure: figure 25 of Zimmermann et al. 2007.
 
     Coil and field have one scale above; the surface, in the middle, has a stretched height.
     """

@@ -122,11 +122,11 @@ class CoilDesignScene(SIScene, frozen=True, kw_only=True):
     questions: [theory-film.md](../theory-film.md#57-currents-that-carry-it-best). `units` must be
     `"SI"`.
 
-    The trust report has the checks `half the cells`, `smaller steps` (change of the float's speed),
-    `second integrator` (SciPy's Radau on the same equations), and `limits` (of the currents at all
-    times). `neighbours` is the gain of the best pattern with one value changed by a twentieth of
-    the limit, or the rate by a twentieth, on the search grid. Checks of a float are as in
-    `coil-film`. The report also has `searches` (each start and its result) and `rivals`. The
+    The trust report has the checks `half the cells` and `smaller steps` (change of the float's
+    speed), and `second integrator` (SciPy's Radau on the same equations). `limits` checks the
+    currents at all times. `neighbours` is the gain of the best pattern with one value changed by a
+    twentieth of the limit, or the rate by a twentieth, on the search grid. Checks of a float are as
+    in `coil-film`. The report also has `searches` (each start and its result) and `rivals`. The
     optimum is local. If no search improves on the best block or wave, that is the design, with a
     warning.
     """

@@ -143,11 +143,11 @@ class LineTable(Table, frozen=True, kw_only=True):
         """Yield a fault if the line meets a winding, or nothing is left of the row."""
         low, high = coils.taken
         if low <= abs(self.height) <= high:
-            inside = f", or below {low:g} from the middle" if low else ""
+            inside = f", or within {low:g}" if low else ""
             yield (
                 "line.height",
                 f"{self.height:g} puts a coil inside the fluid: the line meets windings, which "
-                f"reach from {low:g} to {high:g}; write a height above {high:g}{inside}",
+                f"reach from {low:g} to {high:g}; write a height beyond ±{high:g}{inside}",
             )
         if 2 * self.margin >= coils.count - 1:
             yield (

@@ -88,10 +88,10 @@ class CoilPressureScene(SIScene, frozen=True, kw_only=True):
     code 3). Theory and assumptions: [theory-hydrostatics.md](../theory-hydrostatics.md). Only
     `units = "SI"`.
 
-    The trust report has `degree` and `tail` (last coefficients), `defect` (error of the balance
-    between the points, over the thickness), `volume_error`, `force_imbalance` (of the fluid, over
-    its weight), `field_error`, the `accepted` values of these, `growth_rate` (of the slowest
-    deviation; must be below 0), `demagnetisation`, and `warnings`.
+    The trust report has `degree` and `tail` (last coefficients), and `defect` (error of the balance
+    between the points, over the thickness). It has `volume_error`, `force_imbalance` (of the fluid,
+    over its weight), `field_error`, and the `accepted` values of these. It also has `growth_rate`
+    (of the slowest deviation; must be below 0), `demagnetisation`, and `warnings`.
     """
 
     scalars: ClassVar = {

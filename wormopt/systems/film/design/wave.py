@@ -211,6 +211,11 @@ class WaveAim:
     ArgumentError
         If a flow is not between 0 and 1, a margin is not negative, or a wave of the least field has
         no requirement.
+
+    Examples
+    --------
+    >>> WaveAim("field", mean_flow=0.2)
+    WaveAim(seek='field', mean_flow=0.2, capture=False, margin=None)
     """
 
     seek: Seek = "mean_flow"

@@ -1,1 +1,1 @@
-"""Gaits that anchor in a tube: waves, ceilings on their speed, the fastest one, slides."""
+"""Gaits that anchor in a tube: waves, bounds of their speed, the fastest gait, slips."""

@@ -1,9 +1,10 @@
-"""Ceiling on the mean speed by rates of lengths and the number of anchors alone.
+"""Upper bound of the mean speed by rates of lengths and the number of anchors alone.
 
-The mode program: a share of time and a way of every ring for each set of anchored segments, all
-rings advance alike. It knows no order of the sets, no stroke and no clearance, so that no gait is
-faster, however many phases it has. It is the mode program of worms with spikes by another rule of
-who can rest; `mid` lets an anchored segment change its length about its resting middle.
+The mode program has a share of time and a displacement of every ring for each set of anchored
+segments; all rings have the same total advance. It ignores the order of the sets, the stroke and
+the clearance, so it bounds gaits with any number of phases. It is the mode program of worms with
+spikes with another rule of rest; `mid` lets an anchored segment change its length about its
+resting middle.
 """
 
 from __future__ import annotations
@@ -18,38 +19,40 @@ from wormopt.errors import ArgumentError
 from wormopt.numerics.linear_program import LinearProgram, Rows
 from wormopt.systems.peristaltic.segment.segment import Anchoring
 
-# So many sets are listed at most; 12 segments of which any may rest have fewer.
+# Largest number of sets; 12 segments with any subset at rest have fewer.
 _MOST_SETS = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class ModeBound:
-    """Why no gait is faster: no motion of any set of anchors has a larger weighted velocity."""
+    """Result of `mode_bound`: no motion of any set of anchors has a larger weighted velocity."""
 
-    speed: float  # upper bound on the mean speed; the least to about 1e-9
+    speed: float  # upper bound of the mean speed; the least bound to about 1e-9
     weights: np.ndarray  # (N + 1,) of the rings, with sum 1
 
 
 def mode_bound(
     segments: int, anchors: int, rate: tuple[float, float], anchoring: Anchoring = "clamp"
 ) -> ModeBound:
-    """Solve the mode program; the bound is proven in spite of rounding.
+    """Return an upper bound of the mean speed, rigorous under round-off.
+
+    Theory: docs/theory-peristaltic.md, section 3.
 
     Parameters
     ----------
     segments : int
         Number of segments N.
     anchors : int
-        At least so many are anchored at any time, 1 to N.
+        Least number of anchored segments at any time, 1 to N.
     rate : (float, float)
         Largest rates at which a length shrinks and grows.
     anchoring : {"clamp", "mid"}, optional
-        What rests of an anchored segment: both of its rings, or its middle.
+        Resting part of an anchored segment: both of its rings, or its middle.
 
     Returns
     -------
     ModeBound
-        In the unit of the rates.
+        The bound in the unit of the rates.
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""The fastest gait of a worm that anchors, and a bound that no gait exceeds.
+"""The fastest gait of a worm that anchors, and an upper bound of every gait's speed.
 
-Which segments are anchored in which phase is a table of zeros and ones; given it, durations,
-lengths and ways obey linear limits only. The speed, advance A over period T, is maximised as
-Dinkelbach does: where the maximum of A - v T over all gaits is 0, v is the largest speed; where it
-is more, the gait that reaches it is faster than v. Over all tables the maximum is a mixed program,
-and branch and bound proves it; for one table it is a linear program.
+A table of zeros and ones states which segments are anchored in which phase. For a given table
+durations, lengths and displacements satisfy linear constraints only. Dinkelbach's method maximises
+the speed, advance A over period T: if the maximum of A - v T over all gaits is 0, v is the highest
+speed; if it is positive, the maximising gait is faster than v. Over all tables the maximum is a
+mixed-integer program with a proof by branch and bound; for one table it is a linear program.
 """
 
 from __future__ import annotations
@@ -24,37 +24,37 @@ from wormopt.systems.peristaltic.anchored.ceilings import ModeBound, mode_bound
 from wormopt.systems.peristaltic.anchored.gait import AnchoredGait, order_of, table_of, wave_order
 from wormopt.systems.shared.sequences import Sequence_
 
-# Gains of this share of the speed end the search.
+# Relative gain in speed below which the search ends.
 _SAME = 1e-8
-# Weights of the rings are as good as this.
+# Accuracy of the weights of the rings.
 _ROUNDING = 1e-8
-# A column of zeros and ones is one from here on.
+# Value from which a binary column counts as one.
 _HALF = 0.5
-# Linear programs that one order takes at most; they square what is missing.
+# Largest number of linear programs of one order; each squares the error.
 _ROUNDS = 20
 
 
 @dataclass(frozen=True)
 class AnchorLimits:
-    """What a gait must keep to.
+    """Limits of a gait of a worm that anchors.
 
-    A segment is anchored while it is short, and rests then. Where a phase ends, every segment
-    that is anchored neither before nor after is at least the clearance longer. So each flight,
-    the time between two rests, has a phase in which the segment lifts, and one in which it lands.
+    A segment is anchored, and rests, while it is short. At the end of a phase every segment that is
+    anchored neither before nor after is longer by at least the clearance. Each flight, the time
+    between two rests, therefore has a phase in which the segment lifts and one in which it lands.
 
     Parameters
     ----------
     segments, anchors : int
-        Number N of segments, and of those anchored at any time, at least.
+        Number N of segments, and least number of anchored ones at any time.
     stroke, clearance : float
-        Longest less shortest length; length above the shortest of a segment that moves.
+        Longest less shortest length; length of a moving segment above the shortest.
     rate : (float, float)
         Largest rates of contraction and extension.
 
     Raises
     ------
     ArgumentError
-        Where no gait keeps to them.
+        If no gait satisfies them.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class AnchorLimits:
         if not 1 <= self.anchors <= self.segments - 2:
             raise ArgumentError(
                 f"{self.anchors} of {self.segments} segments anchored leave none to move; "
-                f"at most N - 2 = {self.segments - 2} can be"
+                f"give at most N - 2 = {self.segments - 2}"
             )
         if not 0 < self.clearance <= self.stroke or min(self.rate) <= 0:
             raise ArgumentError(
@@ -83,36 +83,36 @@ class AnchorLimits:
 
     @cached_property
     def ceiling(self) -> ModeBound:
-        """No gait of any number of phases is faster: the mode program of clamped segments."""
+        """Upper bound for any number of phases: the mode program of clamped segments."""
         return mode_bound(self.segments, self.anchors, self.rate)
 
     @property
     def shortest_period(self) -> float:
-        """No cycle that advances is shorter: a segment lifts and lands in it."""
+        """Least duration of a cycle that advances: a segment lifts and lands in it."""
         return sum(self.clearance / rate for rate in self.rate)
 
 
 @dataclass(frozen=True, eq=False)
 class Fastest:
-    """A designed gait, and how much better any could be."""
+    """Result of `fastest`: a designed gait, and upper bounds of the speed."""
 
     gait: AnchoredGait
-    ceiling: float  # no gait of any number of phases is faster, by rates and anchors alone
-    bound: float  # no gait of at most so many phases is faster
+    ceiling: float  # upper bound for any number of phases, by rates and anchors alone
+    bound: float  # upper bound for the given number of phases
     phases: int
-    nodes: int  # of all trees
+    nodes: int  # of all trees of branch and bound
 
     @property
     def gap(self) -> float:
-        """By which share of its speed a gait of at most so many phases could be faster."""
+        """Relative increase in speed still possible with the given number of phases."""
         return max(0.0, self.bound / self.gait.speed - 1)
 
 
 class _Program:
-    """All gaits of so many phases as a mixed program, in strokes and strokes over largest rate.
+    """All gaits with a number of phases as a mixed program, in strokes and strokes over rate.
 
-    Columns from 0: durations, lengths as a phase begins, ways, and whether anchored. No phase
-    need last longer than a whole stroke at the lower rate: no length changes by more.
+    Columns from 0: durations, initial lengths of phases, displacements, and anchors. No phase needs
+    to last longer than a whole stroke at the lower rate, because no length changes by more.
     """
 
     def __init__(self, limits: AnchorLimits, phases: int) -> None:
@@ -148,9 +148,9 @@ class _Program:
         self.lower = np.where(np.isin(np.arange(len(self.upper)), self.x), -self.upper, 0.0)
 
     def _add_ceiling(self) -> None:
-        """What the mode program says of each phase; branch and bound is done the sooner by it.
+        """Add the bound of the mode program for each phase, which speeds up branch and bound.
 
-        Head and tail may be exchanged where time may run backward.
+        Head and tail may be exchanged if time may run backward.
         """
         bound, rate = self._limits.ceiling, self._limits.rate
         speed = bound.speed / self._unit * (1 + _ROUNDING)
@@ -165,17 +165,17 @@ class _Program:
         return cost
 
     def any_order(self, speed: float, seconds: float) -> Mixed:
-        """Greatest advance less `speed` times period, over all orders."""
+        """Return the largest advance less `speed` times period, over all orders."""
         whole = self.a.ravel()
         cost = self._cost(speed)
         return maximise_mixed(cost, self.rows, self.lower, self.upper, whole, seconds)
 
     def of_order(self, order: Sequence_, speed: float) -> Maximum:
-        """The same of one order."""
+        """Return the largest advance less `speed` times period of one order."""
         return self._held(order, self._cost(speed)).maximise()
 
     def longest(self, order: Sequence_, speed: float) -> Maximum:
-        """Longest period of one order at a speed."""
+        """Return the longest period of one order at a speed."""
         lasts = np.where(np.isin(np.arange(len(self.upper)), self.h), 1.0, 0.0)
         program, rows, cost = self._held(order, lasts), Rows(), self._cost(speed)
         rows.add([(int(k), float(cost[k])) for k in np.flatnonzero(cost)], -1e-12, np.inf)
@@ -188,18 +188,18 @@ class _Program:
         return LinearProgram(cost, self.rows, lower, upper)
 
     def order(self, x: np.ndarray) -> Sequence_:
-        """Segments anchored in each phase of a point."""
+        """Return the segments anchored in each phase of a point."""
         return order_of(x[self.a] > _HALF)
 
     def gait(self, order: Sequence_, x: np.ndarray) -> AnchoredGait:
-        """The gait of a point, in the unit of the limits."""
+        """Return the gait of a point, in the unit of the limits."""
         stroke = self._limits.stroke
         durations = np.maximum(x[self.h], 0.0) * stroke / self._unit
         return AnchoredGait(order, durations, x[self.l] * stroke, x[self.x] * stroke)
 
 
 def fastest_of_order(limits: AnchorLimits, order: Sequence_) -> AnchoredGait | None:
-    """Fastest gait of one order, of the longest period of such; None where it does not advance."""
+    """Return the fastest gait of one order with the longest period, or None without advance."""
     program, speed, best = _Program(limits, len(order)), 0.0, None
     for _ in range(_ROUNDS):
         found = program.of_order(order, speed)
@@ -219,23 +219,25 @@ def fastest_of_order(limits: AnchorLimits, order: Sequence_) -> AnchoredGait | N
 def fastest(
     limits: AnchorLimits, phases: int, seconds: float = 50.0, report: Report = silent
 ) -> Fastest:
-    """Design the fastest gait of at most so many phases, and bound what any could do.
+    """Design the fastest gait with a limited number of phases, and bound the speed of any gait.
+
+    Theory: docs/theory-peristaltic.md, section 3.
 
     Parameters
     ----------
     limits : AnchorLimits
-        What it keeps to.
+        Limits of the gait.
     phases : int
-        Most phases of a cycle.
+        Largest number of phases in a cycle.
     seconds : float, optional
-        After which the bound stands as it is.
+        Time in s after which the proof of the bound stops.
     report : callable, optional
-        Called with what is done and the share of it that is behind.
+        Called with the current step and the share completed.
 
     Returns
     -------
     Fastest
-        Its ``gait``, never slower than `anchored_wave`; ``bound``, ``ceiling`` and ``gap``.
+        ``gait``, never slower than `anchored_wave`; ``bound``, ``ceiling`` and ``gap``.
 
     Examples
     --------
@@ -261,7 +263,7 @@ def fastest(
 
 
 def _constructed(limits: AnchorLimits) -> Iterator[AnchoredGait]:
-    """Waves of enough short segments and the accordion of two blocks, as fast as they can be."""
+    """Yield the fastest waves of enough short segments, and the accordion of two blocks."""
     n, k = limits.segments, limits.anchors
     head, tail, every = tuple(range(k)), tuple(range(n - k, n)), tuple(range(n))
     orders = [wave_order(n, short) for short in range(k + 1, n)]

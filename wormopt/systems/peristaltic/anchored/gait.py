@@ -1,7 +1,7 @@
 """Gaits of a worm that anchors: a segment rests on the wall of its tube while it is short.
 
-Segments are counted from 0 at the head, rings 0 to N bound them, forward is positive. Lengths are
-counted from the shortest, at which a segment touches the wall.
+Segments are numbered from 0 at the head; rings 0 to N bound them; forward is positive. Lengths are
+relative to the shortest, at which a segment touches the wall.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.systems.shared.sequences import Sequence_
 
-# Phases of a smaller share of the cycle last no time.
+# Share of the cycle below which a phase counts as having no duration.
 _NOTHING = 1e-9
-# Ways of a smaller part of the largest are none.
+# Share of the largest displacement below which one counts as none.
 _STILL = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
 class AnchoredGait:
-    """One cycle in phases; in each of them lengths change at constant rates.
+    """One cycle in phases, with constant rates of the lengths in each of them.
 
-    Segments that rest in a phase are anchored: short all the time, both of their rings at rest.
+    Segments that rest in a phase are anchored: short all the time, with both rings at rest.
     """
 
     order: Sequence_  # segments anchored in each phase, ascending
     durations: np.ndarray  # (phases,)
-    lengths: np.ndarray  # (phases, N) above the shortest, as each phase begins
-    ways: np.ndarray  # (phases, N + 1) of the rings in each phase
+    lengths: np.ndarray  # (phases, N) above the shortest, at the start of each phase
+    ways: np.ndarray  # (phases, N + 1) displacements of the rings in each phase
 
     @property
     def segments(self) -> int:
@@ -45,7 +45,7 @@ class AnchoredGait:
 
     @property
     def advance(self) -> float:
-        """Way per cycle, of every ring the same."""
+        """Displacement per cycle, the same for every ring."""
         return float(self.ways[:, 0].sum())
 
     @property
@@ -55,7 +55,7 @@ class AnchoredGait:
 
     @property
     def changes(self) -> np.ndarray:
-        """What lengths change by in each phase, (phases, N)."""
+        """Changes of the lengths in each phase, (phases, N)."""
         return -np.diff(self.ways, axis=1)
 
     @cached_property
@@ -65,27 +65,27 @@ class AnchoredGait:
 
     @property
     def lasting(self) -> np.ndarray:
-        """Whether a phase lasts, (phases,); one that does not is a touch of the wall."""
+        """Whether a phase has a duration, (phases,); one without is a touch of the wall."""
         return self.durations > _NOTHING * self.period
 
     def of_phases(self, kept: np.ndarray) -> AnchoredGait:
-        """These phases alone, (phases,) true or false."""
+        """Return the gait with the selected phases alone, (phases,) true or false."""
         order = tuple(rest for rest, keep in zip(self.order, kept, strict=True) if keep)
         return AnchoredGait(order, self.durations[kept], self.lengths[kept], self.ways[kept])
 
     def faults(self) -> np.ndarray:
-        """By how much lengths do not follow from the ways, and anchored segments move or are long.
+        """Return the mismatch of lengths and displacements, and the fault of anchored segments.
 
-        Two numbers that are 0 but for rounding.
+        Both numbers are 0 except for round-off.
         """
         course = np.roll(self.lengths, -1, axis=0) - self.lengths - self.changes
         moved = [self.ways[:, :-1], self.ways[:, 1:], self.lengths, np.roll(self.lengths, -1, 0)]
         return np.array([np.abs(course).max(), np.abs(np.where(self.anchored, moved, 0)).max()])
 
     def clearances(self) -> np.ndarray:
-        """Greatest length of each flight, the time between two rests of a segment, (flights,).
+        """Return the largest length of each flight, the time between two rests, (flights,).
 
-        Above the shortest; of a segment that never rests, its least length.
+        Lengths are above the shortest; for a segment that never rests, its least length.
         """
         tops: list[float] = []
         for lengths, rests in zip(self.lengths.T, self.anchored.T, strict=True):
@@ -99,16 +99,16 @@ class AnchoredGait:
                     landed = True
                 elif landed:
                     landed = False
-                    tops.append(float(length))  # 0, as the flight begins
+                    tops.append(float(length))  # 0, at the start of the flight
                 else:
                     tops[-1] = max(tops[-1], float(length))
         return np.array(tops)
 
     def reserves(self, hold: float, drag: float, load: float = 0.0) -> np.ndarray:
-        """By how many times anchors hold what they must, (phases,); NaN where one lasts no time.
+        """Return the holding reserve of each phase, (phases,); NaN for phases of no duration.
 
-        Friction of an anchored segment, drag of one that moves, load on the worm, as in
-        `anchors_needed`.
+        The reserve is the friction limit of the anchors over drag of moving segments plus load, as
+        in `anchors_needed`.
         """
         moved = np.abs(self.ways[:, :-1] + self.ways[:, 1:]) > _STILL * np.abs(self.ways).max()
         needed = load + drag * moved.sum(axis=1)
@@ -117,16 +117,16 @@ class AnchoredGait:
         return np.divide(holds, needed, out=np.full(len(holds), np.nan), where=lasts)
 
     def pushes(self, drag: float) -> np.ndarray:
-        """Drag of the segments ahead of the one that grows at the foremost ring at rest, (phases,).
+        """Return the drag ahead of the segment that grows at the foremost resting ring, (phases,).
 
-        What that one must push with; 0 where a phase lasts no time.
+        This segment must push with it; 0 for phases of no duration.
         """
         rests = np.abs(self.ways) <= _STILL * np.abs(self.ways).max()
         ahead = np.maximum(np.argmax(rests, axis=1) - 1, 0)
         return np.where(self.lasting & rests.any(axis=1), drag * ahead, 0.0)
 
     def gait(self, shortest: float) -> Gait:
-        """The cycle as lengths of all segments over time; phases of no duration are left out."""
+        """Return the cycle as lengths of all segments over time, without empty phases."""
         kept = self.of_phases(self.lasting)
         rates = kept.changes / kept.durations[:, None]
         pieces = np.stack([kept.lengths + shortest, rates], axis=2)
@@ -134,54 +134,54 @@ class AnchoredGait:
 
 
 def table_of(order: Sequence_, segments: int) -> np.ndarray:
-    """Whether a segment rests in a phase, (phases, N)."""
+    """Return whether a segment rests in a phase, (phases, N)."""
     return np.array([[j in rest for j in range(segments)] for rest in order])
 
 
 def order_of(table: np.ndarray) -> Sequence_:
-    """Segments that rest in each phase of a table (phases, N)."""
+    """Return the segments that rest in each phase of a table (phases, N)."""
     return tuple(tuple(np.flatnonzero(row).tolist()) for row in table)
 
 
 def running_block(segments: int, block: int) -> np.ndarray:
-    """Whether a segment belongs to a block as a step begins, (N, N); it runs from head to tail."""
+    """Return block membership at the start of each step, (N, N); it runs from head to tail."""
     steps = np.arange(segments)
     return (steps - steps[:, None]) % segments < block
 
 
 def wave_order(segments: int, short: int) -> Sequence_:
-    """Segments that rest in each step of the wave of so many short ones; from head to tail."""
+    """Return the resting segments in each step of a wave from head to tail."""
     block = running_block(segments, short)
     return order_of(block & np.roll(block, -1, axis=0))
 
 
 def anchored_wave(segments: int, short: int, stroke: float, step: float) -> AnchoredGait:
-    """Wave of a block of short segments that runs from head to tail, one segment per step.
+    """Return the wave of a block of short segments from head to tail, one segment per step.
 
-    In each of N steps the foremost of the block extends while the one behind it contracts; the
-    others of the block rest, and with them the ring behind the one that extends. With one short
-    segment that ring is all that rests: nothing holds it but what is outside this model.
+    In each of N steps the foremost segment of the block extends while the one behind the block
+    contracts. The others of the block rest, as does the ring behind the segment that extends. With
+    one short segment only this ring rests; nothing within this model holds it.
 
     Parameters
     ----------
     segments : int
         Number of segments N.
     short : int
-        Short ones m between steps, 1 to N - 1.
+        Number of short segments m between steps, 1 to N - 1.
     stroke : float
-        By what a segment changes its length, D; the worm advances (N - m) D per cycle.
+        Change of length D of a segment; the worm advances (N - m) D per cycle.
     step : float
         Duration of a step.
 
     Returns
     -------
     AnchoredGait
-        Of N phases.
+        A gait of N phases.
 
     Raises
     ------
     ArgumentError
-        If there are not 1 to N - 1 short segments.
+        If the number of short segments is not 1 to N - 1.
 
     Examples
     --------
@@ -207,29 +207,46 @@ def anchored_wave(segments: int, short: int, stroke: float, step: float) -> Anch
 def anchors_needed(
     segments: int, hold: float, drag: float, load: float = 0.0, reserve: float = 1.0
 ) -> int:
-    """Least number k of anchors that hold while all others move, with k `hold` >= reserve times.
+    """Return the least number k of anchors that hold while all others move.
+
+    k `hold` is at least `reserve` times load plus (N - k) `drag`.
 
     Parameters
     ----------
     segments : int
         Number of segments N.
     hold : float
-        Largest friction of an anchored segment on the wall, mu N_w.
+        Friction limit of an anchored segment on the wall, mu N_w.
     drag, load : float
-        Drag of each of the N - k that move; load on the worm against its advance.
+        Drag of each of the N - k moving segments; load on the worm against its advance.
     reserve : float, optional
-        By how many times anchors hold more than they must.
+        Least ratio of friction limit to required force.
+
+    Returns
+    -------
+    int
+
+    Returns
+    -------
+    int
+        Number of anchors k.
 
     Raises
     ------
     ArgumentError
-        If more than N - 2 are needed, which leave nothing to move; it tells what would do.
+        If more than N - 2 are needed, which leave none to move; the message gives the friction
+        limit that suffices.
+
+    Examples
+    --------
+    >>> anchors_needed(5, hold=3.0, drag=1.0)
+    2
     """
     for anchors in range(1, segments - 1):
         if anchors * hold >= reserve * (load + drag * (segments - anchors)):
             return anchors
     least = reserve * (load + 2 * drag) / (segments - 2) if segments > 2 else np.inf
     raise ArgumentError(
-        f"{segments} segments that hold {hold:g} each do not move {reserve:g} times the load "
-        f"{load:g} and the drag {drag:g} of each of the others; {least:.6g} each would do"
+        f"{segments} segments with a hold of {hold:g} each cannot carry {reserve:g} times the load "
+        f"{load:g} and the drag {drag:g} of each of the others; a hold of {least:.6g} suffices"
     )

@@ -1,9 +1,9 @@
 """Quasi-static motion: the worm slides as a whole at the velocity of least dissipation.
 
-Where inertia does not count, dry friction at all contacts adds up to the force on the worm. Given
-the velocities of the contacts but for a common one V, this is the condition for the least of the
-convex function sum F+ [v + V]+ + F- [-v - V]+ - force V: without a force V is a weighted median of
-the -v. Where the function is flat at its least, statics does not tell the motion.
+Without inertia, dry friction at all contacts balances the force on the worm. With contact
+velocities known except for a common velocity V, this is the optimality condition of the convex
+function sum F+ [v + V]+ + F- [-v - V]+ - force V. Without a force V is a weighted median of the -v.
+Where the function is flat at its minimum, statics does not determine the motion.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.systems.peristaltic.anchored.gait import AnchoredGait
 
-# Slopes below this share of all friction are none.
+# Share of all friction below which a slope counts as 0.
 _TIE = 1e-12
 
 
@@ -23,26 +23,28 @@ def common_velocity(
     backward: np.ndarray | float,
     force: float = 0.0,
 ) -> tuple[float, float]:
-    """Least and largest common velocity that dry friction allows; they differ where it is not told.
+    """Return the least and largest common velocity that dry friction allows.
+
+    They differ if statics does not determine the motion.
 
     Parameters
     ----------
     velocities : ndarray, shape (contacts,)
-        Velocities of the contacts but for the common one, forward positive.
+        Velocities of the contacts without the common one, forward positive.
     forward, backward : float or ndarray, shape (contacts,)
-        Friction F+ against motion forward, F- backward, not negative.
+        Friction F+ against forward and F- against backward motion, not negative.
     force : float, optional
         Outer force on the worm, forward positive.
 
     Returns
     -------
     (float, float)
-        Infinite where the force is just all the friction there is.
+        Infinite if the force equals all the friction.
 
     Raises
     ------
     ArgumentError
-        If friction does not hold the force.
+        If friction cannot hold the force.
 
     Examples
     --------
@@ -56,13 +58,13 @@ def common_velocity(
     resists = float((backward if force < 0 else forward).sum())
     if abs(force) > resists:
         raise ArgumentError(
-            f"the force {force:g} pulls the worm away: friction resists {resists:g} at most"
+            f"the force {force:g} exceeds the friction, at most {resists:g}; give a smaller force"
         )
     order = np.argsort(-velocities, kind="stable")
     stops = np.concatenate([[-np.inf], -velocities[order], [np.inf]])
     slopes = np.cumsum(np.append(-backward.sum() - force, (forward + backward)[order]))
     tie = _TIE * float((forward + backward).sum())
-    rises = np.append(slopes, np.inf)  # behind each of the stops
+    rises = np.append(slopes, np.inf)  # after each of the stops
     low, high = (stops[np.argmax(rises >= -tie)], stops[np.argmax(rises > tie)])
     return float(low) + 0.0, float(high) + 0.0  # no -0.0
 
@@ -73,23 +75,23 @@ def slides(
     backward: np.ndarray | float,
     force: float = 0.0,
 ) -> np.ndarray:
-    """By what the whole worm slides in each phase besides the ways of the gait, least and largest.
+    """Return the slip of the whole worm in each phase, least and largest.
 
-    Friction acts at the middles of the segments.
+    The slip adds to the displacements of the gait. Friction acts at the middles of the segments.
 
     Parameters
     ----------
     gait : AnchoredGait
-        With the ways of all rings.
+        Gait with the displacements of all rings.
     forward, backward : float or ndarray, shape (phases, N) or (N,)
-        Friction against motion forward and backward.
+        Friction against forward and backward motion.
     force : float, optional
         Outer force on the worm, forward positive.
 
     Returns
     -------
     ndarray, shape (phases, 2)
-        Nothing where anchors hold; the two differ where statics does not tell.
+        0 where anchors hold; the two differ where statics does not determine the motion.
 
     Examples
     --------
@@ -105,9 +107,9 @@ def slides(
 
 
 def slip(gait: AnchoredGait, hold: float, drag: float, load: float = 0.0) -> float:
-    """Largest way that anchors slip in a phase; as little of it as statics allows.
+    """Return the largest slip of anchors in a phase, the least that statics allows.
 
-    `hold` is the friction of an anchored segment, `drag` of one that moves.
+    `hold` is the friction limit of an anchored segment, `drag` that of a moving one.
     """
     lasting = gait.of_phases(gait.lasting)
     friction = np.where(lasting.anchored, hold, drag)

@@ -1,1 +1,1 @@
-"""Segments in a row as a Model of rings, on the ground or in a tube; waves; how it crawls."""
+"""Segments in a row as a Model of rings, on the ground or in a tube; waves; crawling."""

@@ -1,9 +1,10 @@
-"""A worm of membrane segments in a row, their ends as masses, on the ground or in a tube.
+"""A worm of membrane segments in a row, with their ends as masses, on the ground or in a tube.
 
-Rings x_0 > ... > x_N are point masses; segment j lies between rings j and j + 1 and gives half of
-its mass to each. Its pull is that of the membrane, of the coil and of a dashpot, less the push of
-the tube's wall. All energies and all powers that change them are outputs.
-Source: chapter 3.5; docs/theory-peristaltic.md, section chain.
+Rings x_0 > ... > x_N are point masses; segment j lies between rings j and j + 1 and contributes
+half of its mass to each. Its pull is that of membrane, coil and dashpot, less the push of the
+tube's wall. All energies and their powers are outputs.
+Source: section 3.5 of K. Zimmermann et al., "Worm-like Locomotion Systems (WLLS)", 2007;
+docs/theory-peristaltic.md, section chain.
 """
 
 from __future__ import annotations
@@ -25,35 +26,35 @@ from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround,
 from wormopt.systems.peristaltic.segment.segment import Anchoring, Segment
 
 POWERS = ("coil", "damping", "drag", "friction", "load")
-"""What does work on the rings: outputs ``<name>_power``, states ``<name>_work``."""
+"""Sources of work on the rings: outputs ``<name>_power``, states ``<name>_work``."""
 
-# Usual strain, by which solvers scale places, velocities and works.
+# Usual strain, by which solvers scale positions, velocities and works.
 _STRAIN = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The segments and what holds for all of them; SI units.
+    """Segments of a worm and their common parameters, in SI units.
 
     Parameters
     ----------
     segments : sequence of Segment
-        Head first.
+        Segments, head first.
     mass, damping : array_like, shape (N,)
-        Of each segment, and of the dashpot along it (N s/m); one number for all.
+        Mass (kg) of each segment, and damping along it (N s/m); a single value holds for all.
     mu_r : float, optional
         Relative permeability of the fluid.
     field_per_current : float, optional
-        Of each coil, 1/m; the inputs are fields where there is none.
+        Field per current of each coil, 1/m; if left out, the inputs are fields.
     gravity : float, optional
-        By which the worm weighs on the ground.
+        Acceleration of gravity, m/s².
     load : float, optional
-        Force against forward motion, N, shared by the rings as their mass is.
+        Force against forward motion, N, distributed over the rings like their mass.
 
     Raises
     ------
     ArgumentError
-        If a number is out of range.
+        If a value is out of range.
 
     Examples
     --------
@@ -74,28 +75,28 @@ class Body:
         for name in ("mass", "damping"):
             given = numbers(name, getattr(self, name))
             if given.size not in (1, n):
-                raise ArgumentError(f"{name}: {given.size} numbers, {n} segments")
+                raise ArgumentError(f"{name} has {given.size} numbers for {n} segments; give {n}")
             if not (np.all(given > 0) or (name == "damping" and np.all(given == 0))):
                 raise ArgumentError(f"{name} must be positive")
 
     def per_segment(self, name: str) -> np.ndarray:
-        """Mass or damping of every segment, (N,).
+        """Return mass or damping of every segment, (N,).
 
         Parameters
         ----------
         name : {"mass", "damping"}
-            Which.
+            Quantity to return.
         """
         return np.broadcast_to(numbers(name, getattr(self, name)).ravel(), len(self.segments))
 
     @property
     def ring_masses(self) -> np.ndarray:
-        """Half of the mass of both neighbours, (N + 1,)."""
+        """Half of the mass of both neighbours, (N + 1,), in kg."""
         return _halves(self.per_segment("mass"))
 
     @property
     def length(self) -> float:
-        """Mean unstressed length of a segment."""
+        """Mean unstressed length of a segment, in m."""
         return float(np.mean([segment.length for segment in self.segments]))
 
     @property
@@ -114,24 +115,27 @@ class Body:
 def peristaltic_worm(body: Body, ground: Ground, anchoring: Anchoring = "mid") -> Model:
     """Build the Model of a worm of N segments.
 
-    States ``position`` and ``velocity`` (N + 1 each), inputs ``current`` or ``field`` (N). Outputs
-    per segment ``length``, ``stretch``, ``radius``, ``magnetic_pressure``, ``wall_pressure``,
-    ``normal_force`` of the wall; per contact ``limit_forward``, ``limit_backward``; ``center`` of
-    mass, ``kinetic_energy``, ``elastic_energy``, ``wall_energy`` and the powers of `POWERS`.
+    States are ``position`` and ``velocity`` (N + 1 each), inputs ``current`` or ``field`` (N).
+    Outputs per segment are ``length``, ``stretch``, ``radius``, ``magnetic_pressure``,
+    ``wall_pressure``, and ``normal_force`` of the wall; per contact ``limit_forward``,
+    ``limit_backward``; ``center`` of mass, ``kinetic_energy``, ``elastic_energy``, ``wall_energy``
+    and the powers of `POWERS`. All are in SI units.
+
+    Theory: docs/theory-peristaltic.md, section 2.
 
     Parameters
     ----------
     body : Body
         The worm.
     ground : DryGround, DragGround or Bed
-        What it crawls on, or in.
+        Open ground, or a tube.
     anchoring : {"mid", "clamp"}, optional
-        What of a segment touches; drag is at its middle.
+        Contact of a segment: its middle, or its rings; drag acts at its middle.
 
     Returns
     -------
     Model
-        With one contact per segment, or per ring.
+        A model with one contact per segment, or per ring.
 
     Raises
     ------
@@ -192,7 +196,7 @@ def peristaltic_worm(body: Body, ground: Ground, anchoring: Anchoring = "mid") -
 
 
 def with_works(model: Model, nominal: float) -> Model:
-    """Add states that integrate the powers of `POWERS`: ``coil_work`` and so on, in J.
+    """Add states ``coil_work`` and so on, in J, that integrate the powers of `POWERS`.
 
     `nominal`: usual size of a work, by which solvers scale.
     """
@@ -216,7 +220,7 @@ def _inputs(body: Body) -> Signal:
 def _membranes(
     segments: Sequence[Segment], stretches: ca.SX, pressure: ca.SX
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Pulls of the coils and of the membranes, and the membranes' energy."""
+    """Return pulls of coils and membranes, and the membranes' energy."""
     each = list(enumerate(segments))
     coil = _column(s.coil_pull(stretches[j], pressure[j]) for j, s in each)
     elastic = _column(s.elastic_pull(stretches[j]) for j, s in each)
@@ -224,7 +228,7 @@ def _membranes(
 
 
 class _Walled:
-    """The segments at their present lengths, and what the wall of a tube does to them."""
+    """Segments at their present lengths, and the action of a tube's wall on them."""
 
     def __init__(self, ground: Ground, segments: Sequence[Segment], lengths: ca.SX) -> None:
         each = [(s, lengths[j] / s.length) for j, s in enumerate(segments)]
@@ -235,7 +239,7 @@ class _Walled:
         self.energy = ca.SX(0)
         if isinstance(ground, Bed):
             for segment in segments:
-                ground.tube.stretch_at_contact(segment)  # refuses what does not fit
+                ground.tube.stretch_at_contact(segment)  # refuses segments that do not fit
             self.pressure = _column(ground.pressure(*one) for one in each)
             self.push = _column(ground.push(*one) for one in each)
             self.normal_force = _column(ground.normal_force(*one) for one in each)
@@ -248,7 +252,7 @@ class _Walled:
 def _contacts(
     body: Body, ground: Ground, anchoring: Anchoring, v: ca.SX, wall: _Walled
 ) -> list[Contact]:
-    """Where the worm touches: at middles of segments (drag always), or at rings."""
+    """Return contacts: at middles of segments (drag always), or at rings."""
     middle, n = anchoring == "mid" or isinstance(ground, DragGround), len(body.segments)
     weight = body.per_segment("mass") * body.gravity
     if middle:
@@ -273,7 +277,7 @@ def _contacts(
 
 
 def _limits(contacts: Sequence[Contact], *, drags: bool) -> Iterator[Output]:
-    """What each contact can hold at rest: nothing, where it drags."""
+    """Yield what each contact can hold at rest: nothing, for drag."""
     if not drags:
         intervals = [contact.law.stick_interval for contact in contacts]
         yield Output("limit_forward", _column(-low for low, _ in intervals), "force")
@@ -294,12 +298,12 @@ def _column(entries: Iterable[Any]) -> ca.SX:
 
 
 def _halves(entries: Any) -> Any:
-    """Half of each entry for the ring before it and half for the one behind, as many and one."""
+    """Return sums of half of each entry for both of its rings, one more than entries."""
     if isinstance(entries, ca.SX):
         return (ca.vertcat(entries, 0) + ca.vertcat(0, entries)) / 2
     return (np.append(entries, 0.0) + np.append(0.0, entries)) / 2
 
 
 def _along(rates: ca.SX, velocity: ca.SX, forces: ca.SX) -> ca.SX:
-    """Forces on the rings that do the same work as forces along some rates."""
+    """Return forces on the rings with the same work as forces along some rates."""
     return ca.jacobian(rates, velocity).T @ forces

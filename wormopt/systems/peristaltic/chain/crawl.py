@@ -1,4 +1,4 @@
-"""A worm under a wave of currents, followed by events and by steps that know none; what it did."""
+"""Simulation of a worm under a wave of currents with events, and by time stepping; results."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.peristaltic.chain.chain import POWERS, with_works
 from wormopt.systems.peristaltic.chain.waves import held
 
-# A course that varies all the time is held for so many steps of the second route.
+# Number of steps of the second route within which a varying input is constant.
 _HELD = 10
-# Steps of the second route against the time constants of the fastest vibration and of the fastest
-# decay, where it need only be stable.
+# Steps of the second route over the time constants of the fastest vibration and of the fastest
+# decay; for the latter stability suffices.
 _STEP, _STABLE = 0.05, 0.8
-# A way of so many lengths of a segment is none; differences are not taken over less.
+# Displacement in segment lengths that counts as none; differences are relative to at least this.
 _AT_REST = 1e-9
 
 
@@ -40,10 +40,10 @@ def crawl(
     relative: float = 1e-10,
     report: Report = silent,
 ) -> Trajectory:
-    """Follow a worm exactly through cycles of its inputs, and sum up all works.
+    """Simulate a worm with exact contact through cycles of its inputs, and integrate all works.
 
-    `samples`: kept in each cycle; the last instant of one is the first of the next. Raises
-    SolveError or Interrupted as `simulate`.
+    `samples`: samples per cycle; the last instant of one is the first of the next. Raises
+    SolveError or Interrupted like `simulate`.
     """
     driven = drive(with_works(model, nominal_work), course, periodic=True)
     end = cycles * course.period
@@ -58,11 +58,11 @@ def crawl(
 
 @dataclass(frozen=True)
 class SecondRoute:
-    """Where steps of Moreau and Jean end, against the end found by events."""
+    """End by Moreau-Jean steps, compared with the end by events."""
 
     step: float  # the longer one of two; the other is a quarter of it
-    coarse: float  # largest difference of a place by the longer one, over the longest way
-    fine: float  # likewise by the shorter one: a quarter of it, at first order
+    coarse: float  # largest difference of a position by the longer one, over the longest path
+    fine: float  # the same by the shorter one: a quarter of it, at first order
 
 
 def second_route(
@@ -72,10 +72,10 @@ def second_route(
     step: float | None = None,
     report: Report = silent,
 ) -> SecondRoute:
-    """Follow the same worm by steps of one length, then of a quarter of it.
+    """Simulate the same worm with steps of one length, then of a quarter of it.
 
-    Friction is solved for in each step; there are no events. Errors are of first order. `model`
-    has inputs. Raises SolveError as `MoreauJean.march`.
+    Friction is solved for in each step, without events. Errors are of first order. `model` has
+    inputs. Raises SolveError like `MoreauJean.march`.
     """
     inputs, rings = sum(s.size for s in model.u), model.places()[0].size
     u, q = ca.SX.sym("u", inputs), ca.SX.sym("q", rings)
@@ -95,20 +95,20 @@ def second_route(
 
 
 def _drags_in_ode(model: Model) -> Model:
-    """The same worm, its drag a force like any other: contacts slide by the rate without them."""
+    """Return the same worm with drag as an ordinary force; contacts slide without it."""
     if not all(isinstance(contact.law, Viscous) for contact in model.contacts):
         return model
     return replace(model, ode=_sliding(model), contacts=(), outputs=())
 
 
 def _sliding(model: Model) -> ca.SX:
-    """The ode with all contacts sliding forward."""
+    """Return the ode with all contacts sliding forward."""
     slides = [contact.law.slip_force(contact.velocity, 1) for contact in model.contacts]
     return ca.substitute(model.ode, model.forces, ca.vertcat(ca.SX(0, 1), *slides))
 
 
 def fastest(model: Model, motion: Trajectory) -> tuple[float, float]:
-    """Largest angular frequency of vibrations and rate of decay about any sampled state."""
+    """Return the largest vibration frequency (rad/s) and decay rate about any sampled state."""
     rings = model.places()[0].size
     x, u = ca.vertcat(*(s.symbol for s in model.x)), model.u[0].symbol
     J = ca.jacobian(_sliding(model)[rings:], x)
@@ -119,11 +119,11 @@ def fastest(model: Model, motion: Trajectory) -> tuple[float, float]:
     return math.sqrt(float(values[0])), float(values[1])
 
 
-# -- what it did -----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def energy_error(motion: Trajectory) -> float:
-    """Largest difference of works and energy gained over time, over the largest work."""
+    """Return the largest difference of works and energy gained, over the largest work."""
     works = [motion[f"{name}_work"][0] for name in POWERS]
     gained = stored(motion)
     gap = np.abs(sum(works) - (gained - gained[0])).max()
@@ -131,7 +131,7 @@ def energy_error(motion: Trajectory) -> float:
 
 
 def stored(motion: Trajectory) -> np.ndarray:
-    """Kinetic and elastic energy, and that of the tube's wall, over time."""
+    """Return kinetic and elastic energy, and that of the tube's wall, over time."""
     names = ("kinetic", "elastic", "wall")
     return np.sum([motion[f"{name}_energy"][0] for name in names], axis=0)
 
@@ -144,13 +144,13 @@ class Anchors:
     samples: int  # of a cycle
 
     def held(self, cycles: int) -> np.ndarray:
-        """Which segments, at each sample but the last; shape (segments, cycles samples)."""
+        """Return these segments at each sample but the last; shape (segments, cycles samples)."""
         lit = self.course.polynomial[:, :, 0] > 0
         both = lit & np.roll(lit, 1, axis=0)
         return np.tile(np.repeat(both, self.samples // len(both), axis=0), (cycles, 1)).T
 
     def slip(self, motion: Trajectory, settle: int) -> float:
-        """Mean way of such segments in a cycle, whatever its direction."""
+        """Return the mean displacement of these segments per cycle, in absolute value."""
         x, per_step = motion["position"], self.samples // self.course.pieces
         middles = ((x[:-1] + x[1:]) / 2)[:, settle * self.samples :: per_step]
         ways = np.abs(np.diff(middles, axis=1))
@@ -159,7 +159,7 @@ class Anchors:
         return float((ways * which).sum() / max(which[:, 0].sum(), 1) / cycles)
 
     def reserve(self, motion: Trajectory, settle: int) -> float:
-        """Least share of their friction that is not used up."""
+        """Return the least unused share of their friction."""
         force = motion.observe(motion.system.model.forces)[:, settle * self.samples : -1]
         limits = [motion[f"limit_{way}"] for way in ("forward", "backward")]
         ahead, behind = (limit[:, settle * self.samples : -1] for limit in limits)

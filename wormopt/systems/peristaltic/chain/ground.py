@@ -1,4 +1,4 @@
-"""What a worm of segments crawls on: rough ground, a viscous film, or a tube that gives way.
+"""Grounds of a worm of segments: dry ground, a viscous film, or a tube with a compliant wall.
 
 Forces are in N, lengths in m; functions take numbers, arrays or CasADi expressions.
 """
@@ -24,7 +24,7 @@ class DryGround:
     Parameters
     ----------
     forward, backward : float, sequence or expression
-        Friction against sliding that way over the weight; one number, or one per contact.
+        Friction coefficients against forward and backward motion; one value, or one per contact.
 
     Examples
     --------
@@ -36,14 +36,14 @@ class DryGround:
     backward: Any
 
     def law(self, contact: int, weight: Any) -> Coulomb:
-        """Friction of a contact.
+        """Return the friction law of a contact.
 
         Parameters
         ----------
         contact : int
-            Which, from 0 at the head.
+            Index of the contact, from 0 at the head.
         weight : Any
-            That it carries, N.
+            Weight on the contact, N.
         """
         ahead, behind = (_of(given, contact) * weight for given in (self.forward, self.backward))
         return Coulomb(ahead, behind)
@@ -51,14 +51,14 @@ class DryGround:
 
 @dataclass(frozen=True)
 class DragGround:
-    """Viscous ground: the middles of segments are braked by c0 (l / L)^a times their velocity.
+    """Viscous ground: drag c0 (l / L)^a times velocity at the middles of segments.
 
     Parameters
     ----------
     coefficient : float
         c0, N s/m.
     exponent : float, optional
-        a: above 0 long segments hold on, below 0 short and thick ones, at 0 none.
+        a: if positive long segments grip, if negative short and thick ones, at 0 none.
 
     Raises
     ------
@@ -78,27 +78,27 @@ class DragGround:
         check_number("coefficient", self.coefficient)
 
     def law(self, stretch: Any) -> Viscous:
-        """Drag of a segment.
+        """Return the drag law of a segment.
 
         Parameters
         ----------
         stretch : Any
-            Its length over the unstressed one.
+            Length over unstressed length.
         """
         return Viscous(self.coefficient * stretch**self.exponent)
 
 
 @dataclass(frozen=True)
 class Bed:
-    """A tube whose wall gives way by p = k (r - R_t), so that forces on it follow from the state.
+    """A tube with a compliant wall, p = k (r - R_t), so that the state determines wall forces.
 
-    A segment of volume V at the radius r is pushed longer by p pi r² and pressed on by
-    p 2 pi r l = 2 p V / r; energy is kept. The rigid tube is the limit of great k.
+    The wall lengthens a segment of volume V and radius r with the force p pi r², and presses on it
+    with p 2 pi r l = 2 p V / r; energy is conserved. The rigid tube is the limit of large k.
 
     Parameters
     ----------
     tube : Tube
-        At rest.
+        The undeformed tube.
     stiffness : float
         k, Pa/m.
 
@@ -121,47 +121,47 @@ class Bed:
         check_number("stiffness", self.stiffness)
 
     def pressure(self, segment: Segment, stretch: Any) -> Any:
-        """Pressure of the wall on a sealed segment, in Pa; 0 off the wall.
+        """Return the pressure of the wall on a sealed segment, in Pa; 0 without contact.
 
         Parameters
         ----------
         segment : Segment
-            Sealed, thinner than the tube.
+            Sealed segment, thinner than the tube.
         stretch : float, ndarray or expression
-            Its length over the unstressed one.
+            Length over unstressed length.
         """
         depth = segment.radius_at(stretch) - self.tube.radius
         return self.stiffness * depth * (depth > 0)
 
     def push(self, segment: Segment, stretch: Any) -> Any:
-        """Axial force by which the wall lengthens the segment, in N.
+        """Return the axial force by which the wall lengthens the segment, in N.
 
         Parameters
         ----------
         segment, stretch : Any
-            As of `pressure`.
+            See `pressure`.
         """
         area = math.pi * segment.radius_at(stretch) ** 2
         return area * self.pressure(segment, stretch)
 
     def normal_force(self, segment: Segment, stretch: Any) -> Any:
-        """Force of the wall on the segment's whole surface, in N.
+        """Return the force of the wall on the segment's whole surface, in N.
 
         Parameters
         ----------
         segment, stretch : Any
-            As of `pressure`.
+            See `pressure`.
         """
         pressure = self.pressure(segment, stretch)
         return 2 * segment.volume * pressure / segment.radius_at(stretch)
 
     def energy(self, segment: Segment, stretch: Any) -> Any:
-        """Energy of the wall, 2 V k (d - R_t log(1 + d / R_t)) at the depth d, in J.
+        """Return the energy of the wall, 2 V k (d - R_t log(1 + d / R_t)) at the depth d, in J.
 
         Parameters
         ----------
         segment, stretch : Any
-            As of `pressure`.
+            See `pressure`.
         """
         room = self.tube.radius
         depth = segment.radius_at(stretch) - room
@@ -169,12 +169,12 @@ class Bed:
         return 2 * segment.volume * self.stiffness * (depth - room * ca.log1p(depth / room))
 
     def law(self, weight: Any, pressed: Any) -> Coulomb:
-        """Friction of a contact.
+        """Return the friction law of a contact.
 
         Parameters
         ----------
         weight, pressed : Any
-            That it carries; that the wall presses with, N.
+            Weight on the contact, and normal force of the wall, N.
         """
         limit = self.tube.friction * (weight + pressed)
         return Coulomb(limit, limit)
@@ -184,6 +184,6 @@ Ground = DryGround | DragGround | Bed
 
 
 def _of(given: Any, contact: int) -> Any:
-    """Number of one contact, of one number for all or one for each."""
+    """Return the value of one contact, from one value for all or one for each."""
     several = isinstance(given, Sequence) or (isinstance(given, ca.SX) and given.numel() > 1)
     return given[contact] if several else given

@@ -1,4 +1,4 @@
-"""Waves of coil currents along a worm: courses of its inputs, one cycle each."""
+"""Waves of coil currents along a worm: inputs over one cycle."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from wormopt.systems.peristaltic.anchored.gait import running_block
 
 
 def switched_wave(segments: int, on: int, *, step: float, size: float, retrograde: bool) -> Gait:
-    """A block of coils that are on, which goes on by one segment after each step.
+    """Return a block of coils that are on, which moves by one segment after each step.
 
-    In the first step it is at the end from which it runs; past the other it begins anew.
+    In the first step the block is at the end from which it runs. Beyond the other end it starts
+    again.
 
     Parameters
     ----------
     segments, on : int
         Number of segments, and of coils that are on at a time.
     step, size : float
-        How long a step lasts, s; the input of a coil that is on.
+        Duration of a step, s; input of a coil that is on.
     retrograde : bool
-        Whether it runs from head to tail.
+        Whether the wave runs from head to tail.
 
     Returns
     -------
@@ -43,18 +44,18 @@ def switched_wave(segments: int, on: int, *, step: float, size: float, retrograd
 def harmonic_wave(
     segments: int, lag: float, *, period: float, size: float, retrograde: bool
 ) -> Gait:
-    """Inputs size (1 + cos(2 pi (t / period - lag j))) / 2 in segment j; with -lag if direct.
+    """Return inputs size (1 + cos(2 pi (t / period - lag j))) / 2 of segment j; -lag if direct.
 
     Parameters
     ----------
     segments : int
         Number of segments.
     lag : float
-        Periods by which a segment is behind the one ahead of it.
+        Lag of a segment behind the one ahead of it, in periods.
     period, size : float
-        How long a cycle lasts, s; the largest input.
+        Duration of a cycle, s; largest input.
     retrograde : bool
-        Whether it runs from head to tail.
+        Whether the wave runs from head to tail.
 
     Returns
     -------
@@ -77,9 +78,9 @@ def harmonic_wave(
 
 
 def held(course: Gait, parts: int) -> Schedule:
-    """A course as values that are held, those of the middles of so many parts of each piece.
+    """Return a periodic gait as piecewise constant values, from the middles of equal parts.
 
-    It repeats. One part each is exact where the course is constant between its breaks.
+    Each piece has `parts` parts. One part is exact if the gait is constant between its breaks.
     """
     counted = np.arange(parts * course.pieces + 1) / parts
     breaks = np.interp(counted, np.arange(course.pieces + 1), course.breaks)

@@ -1,1 +1,1 @@
-"""The worm on drag that hangs on length: its Model, its best small and large gaits."""
+"""The worm on length-dependent drag: its Model, its best small and large gaits."""

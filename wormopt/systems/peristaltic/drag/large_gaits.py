@@ -22,31 +22,31 @@ from wormopt.systems.peristaltic.drag.worm import drag_worm
 _SOLVER = Ipopt(tolerance=1e-12)
 _ROUNDS = 4
 SHORTEST = 0.1
-"""Least length of a segment over L, where none is told: the best gait may run to length 0."""
-# A guess reaches at most this part of the way to a limit of the lengths.
+"""Default least length of a segment over L: the best gait may shorten it to 0."""
+# Largest share of the room to a limit of the lengths that a guess uses.
 _INSIDE = 0.9
 
 
 @dataclass(frozen=True)
 class DragAim:
-    """A worm on drag, and what its gait may cost and reach.
+    """A worm on drag, and the effort and limits of its gait.
 
     Parameters
     ----------
     segments : int
         Number of segments N.
     exponent : float
-        a of the law of drag, c0 (l / L)^a.
+        Exponent a of the drag law c0 (l / L)^a.
     cost : {"strain_rate", "dissipation"}
-        What is limited.
+        Kind of effort that is limited.
     effort : float
-        Most of it in a period: of strain rates 1 / time, of dissipation an energy.
+        Effort allowed per period: 1 / time for strain rates, an energy for dissipation.
     period, length, drag : float, optional
         Period, L and c0.
     mean : float, optional
         Mean length of each segment over the period; free if left out.
     keeps_length : bool, optional
-        Whether the length of the worm is the same at every instant.
+        Whether the total length of the worm is constant.
     limits : (float, float), optional
         Least and largest length of a segment.
 
@@ -70,7 +70,7 @@ class DragAim:
 
     @property
     def model(self) -> Model:
-        """The worm."""
+        """Model of the worm."""
         least, most = self.limits
         return drag_worm(
             self.segments, self.exponent, length=self.length, drag=self.drag,
@@ -80,22 +80,22 @@ class DragAim:
 
     @property
     def middle(self) -> float:
-        """Length about which a first guess swings."""
+        """Length about which an initial guess oscillates."""
         return sum(self.limits) / 2 if self.mean is None else self.mean
 
     @property
     def power(self) -> str:
-        """Output of the model whose integral is the cost."""
+        """Name of the output whose integral is the effort."""
         return "strain_power" if self.cost == "strain_rate" else "dissipation"
 
     @property
     def small(self) -> list[SmallGait]:
-        """Gaits that are best where the effort is small."""
+        """Optimal gaits for small effort."""
         return small_gaits(self.segments, self.exponent, self.cost, fixed_total=self.keeps_length)
 
     @property
     def strain(self) -> float:
-        """Usual strain: the largest of the best small gait, 1 where lengths may go anywhere."""
+        """Usual strain: the largest of the best small gait, 1 if lengths have no mean."""
         if self.mean is None:
             return 1.0
         small = self.small[0].scaled(self.strain_effort, self.period)
@@ -103,12 +103,12 @@ class DragAim:
 
     @property
     def small_way(self) -> float:
-        """Way in a period by the theory of small strains about the middle length."""
+        """Displacement per period by the theory of small strains about the middle length."""
         return self.small[0].way(self.exponent, self.strain_effort, self.middle, self.period)
 
     @property
     def scaled(self) -> DragAim:
-        """The same in units of length L, period and c0."""
+        """The same aim in units of length L, period and c0."""
         L, small = self.length, self.period / self.length**2 / self.drag
         return replace(
             self,
@@ -131,7 +131,7 @@ class DragAim:
 
 
 def gait_problem(aim: DragAim) -> Problem:
-    """Go as far as possible in a period, at no more than the effort."""
+    """Return the problem: largest displacement per period within the effort."""
     model = aim.model
     rows = model["length"] if aim.mean is not None else ca.SX(0, 1)
     count = rows.numel()
@@ -160,7 +160,7 @@ def gait_problem(aim: DragAim) -> Problem:
 
 
 def first_gait(aim: DragAim, small: SmallGait) -> Gait:
-    """A small gait at the effort asked for, smaller where limits are near."""
+    """Return a small gait at the given effort, or smaller near limits."""
     middle, (least, most) = aim.middle, aim.limits
     reach = middle * np.abs(small.scaled(aim.strain_effort, aim.period)).max()
     shrink = min(1.0, _INSIDE * min(middle - least, most - middle) / reach)
@@ -168,7 +168,7 @@ def first_gait(aim: DragAim, small: SmallGait) -> Gait:
 
 
 def guess_of(aim: DragAim, small: SmallGait) -> Guess:
-    """Begin with a small gait."""
+    """Return a small gait as a guess."""
     gait, free = first_gait(aim, small), aim.segments - aim.keeps_length
     return Guess(
         aim.period, lambda t: np.vstack([gait(t)[:free], 0 * t]), lambda t: gait(t, 1)[:free]
@@ -178,30 +178,33 @@ def guess_of(aim: DragAim, small: SmallGait) -> Guess:
 def best_gait(
     aim: DragAim, mesh: Mesh, tolerance: float, *, starts: int = 1, report: Report = silent
 ) -> tuple[Optimum, tuple[float, ...]]:
-    """Best gait from the `starts` best small ones, refined; also the objectives of all starts.
+    """Find the best gait from the `starts` best small ones, on a refined mesh.
+
+    Theory: docs/theory-peristaltic.md, section 4.
 
     Parameters
     ----------
     aim : DragAim
-        What is wanted.
+        The worm, its effort and limits.
     mesh : Mesh
-        To begin with.
+        Initial mesh.
     tolerance : float
-        Largest local error, to which it is refined.
+        Largest local error, to which the mesh is refined.
     starts : int, optional
-        Small gaits to begin with.
+        Number of small gaits to start from.
     report : callable, optional
-        Called with what is done and the share of it that is behind.
+        Called with the current step and the share completed.
 
     Returns
     -------
     Optimum, tuple of float
-        The objective is the negative way over L.
+        The best gait, whose objective is the negative displacement over L, and the objectives of
+        all starts.
 
     Raises
     ------
     SolveError
-        Where none is found.
+        If no gait is found.
 
     Examples
     --------
@@ -219,7 +222,7 @@ def best_gait(
 
 
 def touches(motion: Motion, aim: DragAim, within: float = 1e-6) -> bool:
-    """Whether some segment reaches a limit of its length, to a part of the usual length."""
+    """Return whether a segment reaches a limit of its length, to a share of the usual length."""
     lengths = motion.output("lengths", np.linspace(0, motion.duration, 2001))
     least, most = aim.limits
     near = within * aim.length

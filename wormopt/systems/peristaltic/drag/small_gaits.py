@@ -1,9 +1,9 @@
 """The best small gaits of a worm on drag: an eigenvalue problem, and its closed forms.
 
-With strains e_j of period T, to second order in them, a worm goes
-(a L / N) times the integral of e^T K e' in a period. At given cost, the integral of e'^T M e', the
-best gait is one harmonic: e = Re(v exp(2 pi i t / T)), v the eigenvector of i K v = k M v with the
-largest k, its conjugate where a < 0, and the way is |a| L T k / (2 pi N) times the cost.
+With strains e_j of period T, to second order in them, the displacement of a worm per period is
+(a L / N) times the integral of e^T K e'. For a given cost, the integral of e'^T M e', the best gait
+is one harmonic: e = Re(v exp(2 pi i t / T)), with the eigenvector v of i K v = k M v for the
+largest k (its conjugate if a < 0). The displacement is |a| L T k / (2 pi N) times the cost.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ Cost = Literal["strain_rate", "dissipation"]
 
 
 def area_matrix(segments: int) -> np.ndarray:
-    """Matrix K (N, N), by which pairs of strains enclose the way: (sgn(j-k) - (j-k)/N) / 2."""
+    """Return the matrix K (N, N) of the displacement: (sgn(j-k) - (j-k)/N) / 2."""
     j = np.arange(segments)
     apart = j[:, None] - j
     return (np.sign(apart) - apart / segments) / 2
 
 
 def cost_matrix(segments: int, cost: Cost) -> np.ndarray:
-    """Matrix M (N, N) of a cost: strain rates alike, or what drag dissipates over c0 L^2."""
+    """Return the matrix M (N, N) of a cost: squared strain rates, or dissipation over c0 L^2."""
     if cost == "strain_rate":
         return np.eye(segments)
     S = centres(segments)
@@ -38,9 +38,9 @@ def cost_matrix(segments: int, cost: Cost) -> np.ndarray:
 
 
 def strain_rate_gain(segments: int, *, fixed_total: bool = False) -> float:
-    """Gain k for the cost of strain rates in closed form: cot(phi / 2) / 2.
+    """Return the gain k for the cost of strain rates in closed form: cot(phi / 2) / 2.
 
-    phi is 2 pi / N where the total length is kept, which is a wave, else the root of
+    phi is 2 pi / N for a constant total length, which is a wave, else the root of
     tan(N phi / 2) = -(N / 3) tan(phi / 2) between pi / N and 2 pi / N.
     """
     N = segments
@@ -54,25 +54,25 @@ def strain_rate_gain(segments: int, *, fixed_total: bool = False) -> float:
 
 
 def mean_step(mode: np.ndarray) -> float:
-    """Mean phase of a harmonic from segment to segment, (N,); steps of weak ones count less."""
+    """Return the mean phase step of a harmonic (N,) between segments; weak ones count less."""
     return float(np.angle(np.sum(mode[1:] * mode[:-1].conj())))
 
 
 @dataclass(frozen=True, eq=False)
 class SmallGait:
-    """A harmonic gait that no other near it outdoes."""
+    """A harmonic gait that is locally optimal."""
 
     gain: float  # k
     mode: np.ndarray  # (N,) complex amplitudes v of strains, of cost 1: v^H M v = 1
 
     @property
     def steps(self) -> np.ndarray:
-        """Phase (N - 1,) of each segment less that of the one before it, in (-pi, pi]."""
+        """Phase (N - 1,) of each segment less that of the segment before, in (-pi, pi]."""
         return np.angle(self.mode[1:] / self.mode[:-1])
 
     @property
     def step(self) -> float:
-        """Their mean, `mean_step`."""
+        """Mean of `steps`, by `mean_step`."""
         return mean_step(self.mode)
 
     @property
@@ -82,16 +82,16 @@ class SmallGait:
         return size / size.max()
 
     def way(self, exponent: float, effort: float, length: float = 1, period: float = 1) -> float:
-        """Way in a period at a cost: integral of e'^T M e'."""
+        """Return the displacement per period at a cost: integral of e'^T M e'."""
         N = len(self.mode)
         return abs(exponent) * length * period * self.gain * effort / (2 * np.pi * N)
 
     def scaled(self, effort: float, period: float) -> np.ndarray:
-        """Complex amplitudes (N,) of the strains at a cost in a period."""
+        """Return complex amplitudes (N,) of the strains at a cost per period."""
         return self.mode * np.sqrt(2 * effort * period) / (2 * np.pi)
 
     def gait(self, effort: float, length: float = 1.0, period: float = 1.0) -> Gait:
-        """Lengths over a period at a cost."""
+        """Return the lengths over a period at a cost."""
         v = length * self.scaled(effort, period)
         return Gait(
             np.array([0.0, period]),
@@ -105,28 +105,30 @@ class SmallGait:
 def small_gaits(
     segments: int, exponent: float, cost: Cost = "strain_rate", *, fixed_total: bool = False
 ) -> list[SmallGait]:
-    """Harmonic gaits that go forward, the best first; those further on are no optima.
+    """Return the harmonic gaits that go forward, the best first; later ones are no optima.
+
+    Theory: docs/theory-peristaltic.md, section 4.
 
     Parameters
     ----------
     segments : int
         Number of segments N.
     exponent : float
-        a of the law of drag.
+        Exponent a of the drag law.
     cost : {"strain_rate", "dissipation"}, optional
-        Of which as little as possible is spent.
+        Kind of effort to minimise.
     fixed_total : bool, optional
-        Whether the worm keeps its length.
+        Whether the total length of the worm is constant.
 
     Returns
     -------
     list of SmallGait
-        With their ``gain``, ``way(exponent, effort)`` and ``gait(effort)``.
+        Each has ``gain``, ``way(exponent, effort)`` and ``gait(effort)``.
 
     Raises
     ------
     ArgumentError
-        Where none goes anywhere: exponent 0, or one free segment only.
+        If no gait has a net displacement: exponent 0, or a single free segment.
 
     Examples
     --------
@@ -135,7 +137,7 @@ def small_gaits(
     """
     if exponent == 0 or segments < 2 + fixed_total:
         raise ArgumentError(
-            "no gait goes anywhere: drag that does not hang on length, or too few segments"
+            "no gait has a net displacement: give an exponent other than 0, and more segments"
         )
     K, M = np.sign(exponent) * area_matrix(segments), cost_matrix(segments, cost)
     basis = np.eye(segments)

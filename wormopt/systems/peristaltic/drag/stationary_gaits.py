@@ -1,9 +1,9 @@
-"""The equations of Euler and Lagrange that a best gait obeys, as a second way to it.
+"""Euler-Lagrange equations of the best gait, as a second route to it.
 
-In units of length L, period and c0. With the way's integrand A(l) u, the cost's u^T M(l) u,
-multipliers mu of the cost and nu of the mean lengths, and p = 2 mu M u - A:
-l' = u, p' = d(-A u + mu u^T M u + nu l)/dl. That conserves an energy, so that one of the conditions
-of periodicity is too many; a number delta, which comes out as zero, takes its place.
+In units of length L, period and c0: with the displacement's integrand A(l) u, the cost's u^T M(l)
+u, multipliers mu of the cost and nu of the mean lengths, and p = 2 mu M u - A, the equations are l'
+= u, p' = d(-A u + mu u^T M u + nu l)/dl. They conserve an energy, so one of the conditions of
+periodicity is redundant; a number delta, which results as zero, replaces it.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from wormopt.ocp.motion import Motion
 from wormopt.systems.peristaltic.drag.large_gaits import DragAim
 
 _DEGREE, _MOST = 32, 128
-# Equal parts of the period by which multipliers are guessed.
+# Equal parts of the period by which multipliers are estimated.
 _SAMPLES = 128
 
 
 @dataclass(frozen=True)
 class Stationary:
-    """A gait that obeys the equations of Euler and Lagrange."""
+    """A gait that satisfies the Euler-Lagrange equations."""
 
-    way: float  # in a period
-    price: float  # mu: what more of the effort would add to the way
-    residual: float  # largest rest of the equations, in scaled units
+    way: float  # displacement per period
+    price: float  # mu: derivative of the displacement by the effort
+    residual: float  # largest residual of the equations, in scaled units
     drift: float  # delta, which vanishes
 
 
 class _Lagrangian:
-    """Way, cost and what follows from them, in scaled lengths q and rates u."""
+    """Displacement and cost, in scaled lengths q and rates u, with their derivatives."""
 
     def __init__(self, aim: DragAim) -> None:
         model = aim.model
@@ -48,7 +48,7 @@ class _Lagrangian:
 
     @cached_property
     def A(self) -> ca.SX:
-        """Slopes (n, 1) of the way by the rates."""
+        """Slopes (n, 1) of the displacement by the rates."""
         return ca.gradient(self.way, self.u)
 
     @cached_property
@@ -58,9 +58,9 @@ class _Lagrangian:
 
 
 def stationary(motion: Motion, aim: DragAim) -> Stationary:
-    """Solve the equations near a gait that keeps clear of the limits of the lengths.
+    """Solve the equations near a gait away from the limits of the lengths.
 
-    Raises SolveError where there is no such gait near by.
+    Raises SolveError if there is no solution nearby.
     """
     scaled = aim.scaled
     found = _Lagrangian(scaled)
@@ -89,13 +89,13 @@ def stationary(motion: Motion, aim: DragAim) -> Stationary:
 
 
 def _samples(motion: Motion, aim: DragAim, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scaled lengths and rates (n, m) of a motion at shares of its period."""
+    """Return scaled lengths and rates (n, m) of a motion at shares of its period."""
     t = s * aim.period
     return motion.state("length", t) / aim.length, motion.inputs(t) * aim.period / aim.length
 
 
 def _multipliers(found: _Lagrangian, lengths: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Price mu and the multipliers nu that fit the equations best on equal parts of a period."""
+    """Return price mu and multipliers nu that fit the equations best on equal parts."""
     symbols = [found.q, found.u]
     forces = (ca.gradient(found.way, found.q), ca.gradient(found.cost, found.q))
     parts = ca.Function("parts", symbols, [found.A, 2 * found.M @ found.u, *forces])
@@ -106,14 +106,14 @@ def _multipliers(found: _Lagrangian, lengths: np.ndarray, rates: np.ndarray) -> 
 
 
 def _slope(values: np.ndarray) -> np.ndarray:
-    """Derivatives (n, m) by the share of the period, of values on equal parts of it."""
+    """Return derivatives (n, m) by the share of the period, from values on equal parts of it."""
     waves = 2j * np.pi * np.fft.rfftfreq(values.shape[1], 1 / values.shape[1])
     waves[-1] = 0.0
     return np.fft.irfft(waves * np.fft.rfft(values, axis=1), values.shape[1], axis=1)
 
 
 def _equations(found: _Lagrangian, aim: DragAim, turned: int, begin: float) -> BoundaryProblem:
-    """The boundary value problem; the length `turned` is `begin` at both ends."""
+    """Return the boundary value problem; the length `turned` is `begin` at both ends."""
     n, means = found.q.numel(), found.means
     p, mu, delta = ca.SX.sym("p", n), ca.SX.sym("mu"), ca.SX.sym("delta")
     nu = ca.SX.sym("nu", means.numel())

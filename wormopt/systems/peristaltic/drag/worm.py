@@ -1,8 +1,8 @@
-"""A peristaltic worm on linear drag: its law, its Model, and how far a gait carries it.
+"""A peristaltic worm on linear drag: its law, its Model, and the displacement of a gait.
 
-Segment j of N lies behind segment j - 1 and is pulled back by c(l_j) times the velocity of its
-centre, c(l) = c0 (l / L)^a. Nothing else acts and nothing has mass, so that the drags of all
-segments sum to zero at every instant, and the velocity is linear in the rates of the lengths.
+Segment j of N lies behind segment j - 1. The drag on it is c(l_j) times the velocity of its centre,
+c(l) = c0 (l / L)^a. There is no other force and no mass, so the drags of all segments sum to zero
+at every instant, and the velocity is linear in the rates of the lengths.
 """
 
 from __future__ import annotations
@@ -14,29 +14,29 @@ from wormopt.errors import ArgumentError
 from wormopt.model.gait import Gait
 from wormopt.model.model import TINY, Model, Output, Signal
 
-# Points of Gauss on each part of a piece, and parts of a polynomial and of a harmonic one.
+# Gauss points on each part of a piece, and number of parts of polynomial and harmonic pieces.
 _POINTS, _PARTS, _HARMONIC = 16, 2, 16
 
 
 def centres(segments: int) -> np.ndarray:
-    """Matrix S (N, N) from lengths, head first, to places of centres less their mean."""
+    """Return the matrix S (N, N) from lengths, head first, to places of centres less their mean."""
     behind = _behind(segments)
     return behind - behind.mean(axis=0)
 
 
 def rings(position: ca.SX, lengths: ca.SX) -> ca.SX:
-    """Places (N + 1, 1) of the rings, head first, from the mean of all centres and lengths."""
+    """Return places (N + 1, 1) of the rings, head first, from mean centre and lengths."""
     head = position - ca.dot(ca.DM(_behind(lengths.numel()).mean(axis=0)), lengths)
     return ca.vertcat(head, head - ca.cumsum(lengths))
 
 
 def _behind(segments: int) -> np.ndarray:
-    """Matrix (N, N) from lengths to places of centres, those of the head being 0."""
+    """Return the matrix (N, N) from lengths to places of centres relative to the head's."""
     return -np.tril(np.ones((segments, segments)), -1) - np.eye(segments) / 2
 
 
 def drift(coefficients: ca.SX, rates: ca.SX) -> ca.SX:
-    """Velocity of the mean of all centres at which the drags of all segments sum to zero."""
+    """Return the velocity of the mean centre at which the drags of all segments sum to zero."""
     swing = ca.mtimes(ca.DM(centres(rates.numel())), rates)
     return -ca.dot(coefficients, swing) / ca.sum1(coefficients)
 
@@ -53,23 +53,26 @@ def drag_worm(
     time_nominal: float = 1.0,
     strain: float = 1.0,
 ) -> Model:
-    """Build a worm whose rates of length are its inputs.
+    """Build the Model of a worm on drag, with the rates of its lengths as inputs.
 
-    States ``length`` (of all segments, but of the last one where `total` length is kept) and
-    ``position``, the mean of all centres; input ``rate``, likewise; outputs ``lengths`` and
-    ``rates`` of all segments, ``strain_power`` sum (l' / L)^2, and ``dissipation``, with the drag
-    of a segment spread along it: sum c (v^2 + l'^2 / 12). Parameter ``exponent``: a.
+    States are ``length`` (of all segments, or all but the last if the `total` length is constant)
+    and ``position``, the mean of all centres. The input is ``rate``, of the same segments. Outputs
+    are ``lengths`` and ``rates`` of all segments, ``strain_power`` sum (l' / L)^2, and
+    ``dissipation`` with the drag of a segment spread along it: sum c (v^2 + l'^2 / 12). The
+    parameter ``exponent`` is a.
+
+    Theory: docs/theory-peristaltic.md, section 4.
 
     Parameters
     ----------
     segments : int
         Number of segments N.
     exponent : float
-        a of the law of drag, c0 (l / L)^a.
+        Exponent a of the drag law c0 (l / L)^a.
     length, drag : float, optional
         L and c0.
     total : float, optional
-        Length of the whole worm, where it is kept.
+        Constant length of the whole worm; free if left out.
     least, most : float, optional
         Bounds of the lengths.
     time_nominal, strain : float, optional
@@ -78,7 +81,7 @@ def drag_worm(
     Returns
     -------
     Model
-        Of one state less where the total length is kept.
+        With one state less if the total length is constant.
 
     Raises
     ------
@@ -92,7 +95,7 @@ def drag_worm(
     ([2, 1], 3)
     """
     if segments < 2 or not min(length, drag, total or 1.0) > 0:
-        raise ArgumentError("a worm on drag needs two segments or more, length and drag positive")
+        raise ArgumentError("a worm on drag needs two or more segments, length and drag above 0")
     free = segments - (total is not None)
     own, rate = ca.SX.sym("length", free), ca.SX.sym("rate", free)
     a, x = ca.SX.sym("exponent"), ca.SX.sym("position")
@@ -124,19 +127,19 @@ def drag_worm(
 
 
 def displacement(gait: Gait, exponent: float) -> float:
-    """How far a gait of all lengths carries the worm in a period, by Gauss's rule on its pieces.
+    """Return the displacement of a gait per period, by Gauss' rule on its pieces.
 
     Parameters
     ----------
     gait : Gait
         Lengths of all segments, head first.
     exponent : float
-        a; the law of drag enters by it alone.
+        Exponent a, the only parameter of the drag law that matters.
 
     Returns
     -------
     float
-        Way of the mean of all centres, forward positive.
+        Displacement of the mean of all centres, forward positive.
 
     Examples
     --------

@@ -1,7 +1,7 @@
-"""A sealed segment whose ends are held at its radius by rings: a barrel with a parabolic meridian.
+"""A sealed segment with ends held at its radius by rings: a barrel with a parabolic meridian.
 
-Its fluid has the volume of the unstressed cylinder. A guess of the shape, not the membrane's own:
-that is `membrane`. In a tube it touches in the middle only.
+Its fluid has the volume of the unstressed cylinder. The shape is an assumption; `membrane` computes
+the true one. In a tube it touches in the middle only.
 """
 
 from __future__ import annotations
@@ -12,21 +12,22 @@ from wormopt.errors import ArgumentError
 
 
 def barrel_swelling(stretch: Any) -> Any:
-    """Largest radius over that of the rings: 1 + (5/4)(sqrt(1 + 6 s / 5) - 1), s = 1 / lam - 1.
+    """Return the largest radius over that of the rings at a stretch lam.
 
-    3 s / 4 wider where s is small; a cylinder is s / 2 wider.
+    1 + (5/4)(sqrt(1 + 6 s / 5) - 1) with s = 1 / lam - 1: a growth of 3 s / 4 for small s, against
+    s / 2 of a cylinder.
     """
     return 1 + 1.25 * ((1 + 1.2 * (1 / stretch - 1)) ** 0.5 - 1)
 
 
 def barrel_stretch(swelling: Any) -> Any:
-    """Stretch at which the barrel is so wide: the inverse of `barrel_swelling`."""
+    """Return the stretch at a largest radius: the inverse of `barrel_swelling`."""
     wider = swelling - 1
     return 1 / (1 + wider * (4 / 3 + 8 * wider / 15))
 
 
 def barrel_meridian(stretch: float, share: Any) -> Any:
-    """Radius over that of the rings at shares -1 to 1 of the half length."""
+    """Return the radius over that of the rings at shares -1 to 1 of the half length."""
     if not 0 < stretch < 6:
-        raise ArgumentError(f"a barrel has a stretch between 0 and 6, not {stretch:g}")
+        raise ArgumentError(f"stretch must be between 0 and 6 for a barrel, not {stretch:g}")
     return 1 + (barrel_swelling(stretch) - 1) * (1 - share**2)

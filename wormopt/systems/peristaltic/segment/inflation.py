@@ -1,10 +1,10 @@
-"""A cylinder of membrane under a given pressure inside, its closed ends free: fluid may come in.
+"""A membrane cylinder under a given inner pressure with free closed ends: fluid may come in.
 
-Segments that share their fluid, or a pump. With w the energy of `rubber`, kappa the pressure times
-R / (G h) and th the hoop stretch, what is stationary is w - kappa th² lam / 2. The ends are free
-where w_lam = kappa th² / 2, the wall is at rest where w_th = kappa th lam; without kappa that is
-quadratic in lam². kappa rises with th up to the limit of inflation, where the determinant of the
-second derivatives vanishes; beyond it the tube goes on to swell by itself.
+This holds for segments that share their fluid, or have a pump. With the energy w of `rubber`, the
+pressure kappa in G h / R and the hoop stretch th, w - kappa th² lam / 2 is stationary: free ends
+satisfy w_lam = kappa th² / 2, the wall w_th = kappa th lam. Without kappa this is quadratic in
+lam². kappa increases with th up to the limit of inflation, where the determinant of the second
+derivatives vanishes; beyond it the tube is unstable and keeps swelling.
 Source: docs/theory-peristaltic.md.
 """
 
@@ -19,11 +19,11 @@ from wormopt.numerics.roots import root
 from wormopt.systems.peristaltic.segment.rubber import curvatures, slopes
 
 WIDEST = 8.0
-"""Hoop stretch up to which a limit is looked for; rubber tears before."""
+"""Hoop stretch up to which a limit is searched; rubber tears before."""
 
 
 class Inflated(NamedTuple):
-    """A cylinder at rest under a pressure."""
+    """A cylinder in equilibrium under a pressure."""
 
     loading: float  # kappa
     hoop: float  # over its unstressed radius
@@ -31,22 +31,22 @@ class Inflated(NamedTuple):
 
 
 def free_stretch(hoop: Any, neo_hookean: Any = 1.0) -> Any:
-    """Stretch along the axis at which ends are free, by the hoop stretch; closed form."""
+    """Return the axial stretch with free ends, by the hoop stretch; closed form."""
     y, a, b = hoop**2, neo_hookean, 1 - neo_hookean
     square, linear, rest = a + b * y / 2, (a * y - b / y) / 2, a / (2 * y) + b
     return ((linear + (linear**2 + 4 * square * rest) ** 0.5) / (2 * square)) ** 0.5
 
 
 def loading_at(hoop: Any, neo_hookean: Any = 1.0) -> Any:
-    """Pressure over G h / R that holds a hoop stretch, the ends free; closed form."""
+    """Return the pressure over G h / R for a hoop stretch with free ends; closed form."""
     stretch = free_stretch(hoop, neo_hookean)
     return slopes(stretch, hoop, neo_hookean)[1] / (hoop * stretch)
 
 
 def determinant(hoop: Any, neo_hookean: Any = 1.0) -> Any:
-    """Determinant of the second derivatives of energy less work, at rest at a hoop stretch.
+    """Return the determinant of second derivatives of energy less work, in equilibrium.
 
-    Above 0 where the rest is stable under its pressure.
+    It is positive if the equilibrium is stable at its pressure.
     """
     stretch, loading = free_stretch(hoop, neo_hookean), loading_at(hoop, neo_hookean)
     along, both, around = curvatures(stretch, hoop, neo_hookean)
@@ -54,7 +54,7 @@ def determinant(hoop: Any, neo_hookean: Any = 1.0) -> Any:
 
 
 def limit_of_inflation(neo_hookean: float = 1.0) -> Inflated | None:
-    """Where the pressure is largest, None if it rises with the hoop stretch throughout."""
+    """Return the state of largest pressure, or None if it always rises with the hoop stretch."""
     hoops = np.linspace(1.0, WIDEST, 701)
     beyond = np.flatnonzero(determinant(hoops, neo_hookean) < 0)
     if not beyond.size:
@@ -64,7 +64,7 @@ def limit_of_inflation(neo_hookean: float = 1.0) -> Inflated | None:
 
 
 def inflated(loading: float, neo_hookean: float = 1.0) -> Inflated:
-    """Rest under a pressure over G h / R, on the branch that begins unstressed.
+    """Return the equilibrium at a pressure over G h / R, on the branch from the unstressed state.
 
     Raises ArgumentError if the loading is below 0 or above its limit.
     """
@@ -73,7 +73,7 @@ def inflated(loading: float, neo_hookean: float = 1.0) -> Inflated:
     if not 0 <= loading <= most:
         end = "the limit of inflation" if limit else f"a hoop stretch of {WIDEST:g}"
         raise ArgumentError(
-            f"the pressure is {loading:.6g} G h / R; a tube rests from 0 to {end}, "
+            f"the pressure is {loading:.6g} G h / R; equilibria exist from 0 to {end}, "
             f"{most:.6g} G h / R"
         )
     rest = root(lambda hoop: loading_at(hoop, neo_hookean) - loading, 1.0, widest)
@@ -81,7 +81,7 @@ def inflated(loading: float, neo_hookean: float = 1.0) -> Inflated:
 
 
 def largest_loading(neo_hookean: float = 1.0) -> float:
-    """Largest pressure over G h / R: at the limit of inflation, or at `WIDEST` without one."""
+    """Return the largest pressure over G h / R: limit of inflation, or the value at `WIDEST`."""
     limit = limit_of_inflation(neo_hookean)
     return limit.loading if limit else float(loading_at(WIDEST, neo_hookean))
 

@@ -1,14 +1,15 @@
-"""The true shape of a membrane between rings of its own radius R, under pressure: no guess in it.
+"""The true shape of a membrane between rings of its own radius R, under pressure.
 
-Over R, with S the unstressed place from the middle to a ring, phi the angle of the meridian to the
-axis and n the force on the rings over 2 pi R G h: tension w_1(lam_1, rho) along the meridian,
+Lengths are over R. With S the unstressed distance from the middle to a ring, phi the angle of the
+meridian to the axis and n the force on the rings over 2 pi R G h: tension w_1(lam_1, rho) along the
+meridian,
 
     rho' = lam_1 sin phi,   zeta' = lam_1 cos phi,   w_1' = w_2 sin phi,
     w_1 phi' = w_2 cos phi - kappa rho lam_1,   w_1 cos phi - kappa rho² / 2 = n.
 
-The last is the balance along the axis and holds at every place; it is asked for in the middle. The
-pressure is given, or the volume, and then the pressure is what holds it. The membrane must be under
-tension throughout: it is thin, and would wrinkle. Source: docs/theory-peristaltic.md.
+The last equation is the axial balance and holds everywhere; it is imposed in the middle. Either the
+pressure is given, or the volume, which then determines the pressure. The membrane must be under
+tension everywhere: it is thin, and would wrinkle. Source: docs/theory-peristaltic.md.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from wormopt.numerics.boundary_values import BoundarySolution, solve_boundary
 from wormopt.systems.peristaltic.segment.rubber import curvatures, slopes
 
 Given = Literal["pressure", "volume"]
-# Solutions are followed from here, a short membrane well inflated.
+# Start of the continuation of solutions: a short, strongly inflated membrane.
 _START: dict[str, float] = {"pressure": 0.3, "volume": 1.147}
 _SLENDER = 2.0
 _DEGREE, _MOST, _POINTS = 32, 128, 101
@@ -32,7 +33,7 @@ STATES = ("radius", "place", "stretch", "angle", "volume")
 
 
 class Balloon(NamedTuple):
-    """A membrane at rest between its rings; lengths over R, the volume over the unstressed one."""
+    """A membrane in equilibrium between its rings; lengths over R, volume over unstressed."""
 
     radius: np.ndarray  # (m,) from the middle to a ring
     place: np.ndarray  # (m,) along the axis, from the middle
@@ -44,9 +45,9 @@ class Balloon(NamedTuple):
 
 
 def balloon_problem(held: Given, neo_hookean: float = 1.0) -> BoundaryProblem:
-    """State the problem of half a membrane under a given pressure or round a given volume.
+    """Return the problem of half a membrane with a given pressure or volume.
 
-    States `STATES` over the share of the half; unknown is kappa; given are kappa or the volume,
+    States `STATES` over the share of the half; the unknown is kappa; given are kappa or the volume,
     the force n, and the length over the radius.
     """
     y, start, end = (ca.SX.sym(name, len(STATES)) for name in ("y", "start", "end"))
@@ -82,17 +83,17 @@ def balloon(
     pull: float = 0.0,
     neo_hookean: float = 1.0,
 ) -> Balloon:
-    """Shape at rest of a membrane of length over radius `slenderness`.
+    """Return the equilibrium of a membrane of length over radius `slenderness`.
 
     Give `loading`, kappa, or `volume`, over the unstressed one; `pull` is the force that pulls the
-    rings apart over 2 pi R G h. Raises ArgumentError if both or neither are given, or the pressure
-    leaves the wall no tension; SolveError where no rest is found.
+    rings apart over 2 pi R G h. Raises ArgumentError if both or neither are given, or if the
+    pressure leaves the wall without tension; SolveError if no equilibrium is found.
     """
     if (loading is None) == (volume is None):
-        raise ArgumentError("give either the loading or the volume of a membrane")
+        raise ArgumentError("give either loading or volume of a membrane, not both")
     if loading is not None and not pull + loading / 2 > 0:
         raise ArgumentError(
-            f"a loading of {loading:g} leaves the wall no tension under a pull of {pull:g}; "
+            f"a loading of {loading:g} leaves the wall without tension at a pull of {pull:g}; "
             f"write more than {-2 * pull:g}"
         )
     held, amount = ("pressure", loading) if volume is None else ("volume", volume)
@@ -102,17 +103,17 @@ def balloon(
         found = solve_boundary(problem, _guess, path, degree=_DEGREE, most=_MOST)
     except SolveError as error:
         raise SolveError(
-            f"no rest of the membrane was found: {error.reason}",
-            "take less pressure, beyond whose limit it swells by itself, or more, without which "
-            "it bends at its rings only, or wrinkles",
+            f"no equilibrium of the membrane was found: {error.reason}",
+            "write less pressure, below the limit of inflation, or more, as it may bend only at "
+            "its rings or wrinkle",
             code=error.code,
         ) from None
     radius, place, stretch, angle, filled = found.at(np.linspace(0.0, 1.0, _POINTS))
     tension, _ = slopes(stretch, radius, neo_hookean)
     if tension.min() <= 0 or np.abs(angle).max() >= np.pi:
         raise SolveError(
-            "the membrane is not under tension throughout, or folds over its rings",
-            "take more volume, or less force that pushes the rings together",
+            "the membrane is not under tension everywhere, or folds over its rings",
+            "write more volume, or less force that pushes the rings together",
             code="wrinkled",
         )
     return Balloon(
@@ -122,7 +123,7 @@ def balloon(
 
 
 def _guess(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """States and kappa near those of the start: a parabola, evenly stretched."""
+    """Return states and kappa near those of the start: a parabola, uniformly stretched."""
     kappa = _START["pressure"]
     radius, angle = 1 + kappa / 3 * (1 - s**2), -4 / 3 * kappa / _SLENDER * s
     even = np.full_like(s, 1 + kappa / 4)

@@ -1,11 +1,12 @@
 """One segment: a sealed rubber tube full of magnetic fluid, in a coil, free or in a rigid tube.
 
 The tube is a thin incompressible membrane of unstressed length L, radius R, wall h and shear
-modulus G. At the stretch lam = l / L a sealed cylinder has the hoop stretch lam^(-1/2), so that
-the membrane is in simple tension and the pressure inside is 0 whatever lam is: a uniform pressure
-does nothing to it. A coil pulls because its field is stronger within than at the segment's ends.
-Forces along the axis are positive where they pull the ends together. Functions of the stretch take
-numbers, arrays or CasADi expressions. Source: chapter 3.5; docs/theory-peristaltic.md.
+modulus G. At the stretch lam = l / L a sealed cylinder has the hoop stretch lam^(-1/2), so the
+membrane is in simple tension and the inner pressure is 0 for any lam: a uniform pressure does not
+deform it. A coil pulls because its field is stronger inside than at the segment's ends. Axial
+forces are positive if they pull the ends together. Functions of the stretch take numbers, arrays or
+CasADi expressions. Source: section 3.5 of K. Zimmermann et al., "Worm-like Locomotion Systems
+(WLLS)", 2007; docs/theory-peristaltic.md.
 """
 
 from __future__ import annotations
@@ -22,21 +23,23 @@ from wormopt.numerics.roots import root
 from wormopt.systems.peristaltic.segment.rubber import density
 
 Anchoring = Literal["mid", "clamp"]
-"""What of a segment holds on: its middle, or the rings at both of its ends."""
-# Logarithm of the largest stretch that is looked for, and of the least with the other sign.
+"""Anchoring part of a segment: its middle, or the rings at both ends."""
+# Bound of the logarithm of the stretch in the search, for both signs.
 _FARTHEST = 20.0
 
 
 def checked(stretch: Any) -> Any:
-    """Give a stretch back: numbers are refused unless above 0, expressions pass."""
+    """Return a stretch; refuse numbers that are not above 0."""
     if isinstance(stretch, float | int | np.ndarray) and not np.all(np.asarray(stretch) > 0):
-        raise ArgumentError(f"a stretch is above 0, 1 where unstressed, not {stretch!r}")
+        raise ArgumentError(f"a stretch must be above 0 (1 if unstressed), not {stretch!r}")
     return stretch
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A sealed cylinder of membrane in its coil; SI units.
+    """A sealed membrane cylinder in its coil, in SI units.
+
+    Theory: docs/theory-peristaltic.md, section 1.
 
     Parameters
     ----------
@@ -47,7 +50,7 @@ class Segment:
     coil_share : float, optional
         Share c of L that lies in the coil's field.
     neo_hookean : float, optional
-        a of Mooney's energy a I1 + (1 - a) I2.
+        a of the Mooney-Rivlin energy a I1 + (1 - a) I2.
 
     Raises
     ------
@@ -86,7 +89,7 @@ class Segment:
         return math.pi * self.radius**2 * self.length
 
     def loading(self, pressure: Any) -> Any:
-        """Pressure against the wall, kappa = p R / (G h).
+        """Return the pressure relative to the wall, kappa = p R / (G h).
 
         Parameters
         ----------
@@ -96,7 +99,7 @@ class Segment:
         return pressure * self.radius / (self.shear_modulus * self.wall)
 
     def radius_at(self, stretch: Any) -> Any:
-        """Radius of the sealed cylinder, R lam^(-1/2), in m.
+        """Return the radius of the sealed cylinder, R lam^(-1/2), in m.
 
         Parameters
         ----------
@@ -106,7 +109,7 @@ class Segment:
         return self.radius * checked(stretch) ** -0.5
 
     def energy(self, stretch: Any) -> Any:
-        """Elastic energy of the sealed membrane, in J; 0 unstretched.
+        """Return the elastic energy of the sealed membrane, in J; 0 if unstressed.
 
         Parameters
         ----------
@@ -117,7 +120,7 @@ class Segment:
         return self.length * self.stiffness * density(stretch, hoop, self.neo_hookean)
 
     def elastic_pull(self, stretch: Any) -> Any:
-        """Pull of the sealed membrane, in N: derivative of `energy` by the length.
+        """Return the pull of the sealed membrane, in N: derivative of `energy` by the length.
 
         Parameters
         ----------
@@ -128,7 +131,7 @@ class Segment:
         return self.stiffness * (stretch - stretch**-2) * (a + (1 - a) / stretch)
 
     def coil_pull(self, stretch: Any, pressure: Any) -> Any:
-        """Pull of the coil, in N: p pi R² c / lam², 0 once the segment lies in the even field.
+        """Return the pull of the coil, in N: p pi R² c / lam², 0 if the segment is in the field.
 
         Parameters
         ----------
@@ -141,7 +144,7 @@ class Segment:
         return (stretch >= self.coil_share) * (pressure * share / stretch**2)
 
     def magnetic_energy(self, stretch: Any, pressure: Any) -> Any:
-        """Energy of the fluid in the coil's field, in J; its derivative by the length pulls.
+        """Return the energy of the fluid in the coil's field, in J; its derivative is the pull.
 
         Parameters
         ----------
@@ -154,7 +157,7 @@ class Segment:
         return -pressure * self.volume * ((inside <= 1) * inside + (inside > 1))
 
     def stretch_at(self, pressure: float = 0.0, load: float = 0.0) -> float:
-        """Stretch at rest; the coil's share where it pulls the ends into itself.
+        """Return the equilibrium stretch; the coil's share if the coil pulls the ends into itself.
 
         Parameters
         ----------
@@ -166,13 +169,13 @@ class Segment:
         Raises
         ------
         ArgumentError
-            If the pressure is below 0, or the rubber too soft for any stretch.
+            If the pressure is below 0, or the rubber is too soft for an equilibrium.
         """
         least = self.coil_share if pressure else 0.0
         return self._rest(pressure * self.coil_share, 2, load, least)
 
     def deepest_stretch(self, pressure: float) -> float:
-        """Least stretch that any coil reaches: the best is as long as the segment it leaves.
+        """Return the least stretch of any coil: the best coil has the length of the segment.
 
         lam³ + kappa lam / 2 = 1 if neo-Hookean.
 
@@ -184,12 +187,12 @@ class Segment:
         Raises
         ------
         ArgumentError
-            If the pressure is below 0, or the rubber too soft for any stretch.
+            If the pressure is below 0, or the rubber is too soft for an equilibrium.
         """
         return self._rest(pressure, 1)
 
     def _rest(self, pressure: float, power: int, load: float = 0.0, least: float = 0.0) -> float:
-        """Stretch at rest, `least` or above, where the coil pulls by p pi R² / lam^power."""
+        """Return the equilibrium stretch, at least `least`, for a pull p pi R² / lam^power."""
         if not 0 <= pressure < math.inf:
             raise ArgumentError(f"pressure must be 0 or above and finite, not {pressure!r}")
 
@@ -203,27 +206,27 @@ class Segment:
             return least
         if surplus(low) > 0 or surplus(high) < 0:
             raise ArgumentError(
-                f"rubber of {self.shear_modulus:g} Pa would be stretched to next to nothing or "
-                "without end; write a larger modulus, or a smaller pressure or load"
+                f"rubber of {self.shear_modulus:g} Pa would shrink to nothing or stretch without "
+                "limit; write a larger modulus, or a smaller pressure or load"
             )
         return math.exp(root(surplus, low, high))
 
 
 @dataclass(frozen=True)
 class Tube:
-    """A rigid tube that swollen segments hold on to; SI units.
+    """A rigid tube that swollen segments grip, in SI units.
 
     Parameters
     ----------
     radius : float
         R_t, m.
     friction : float
-        Coulomb's coefficient between membrane and tube.
+        Coulomb coefficient between membrane and tube.
 
     Raises
     ------
     ArgumentError
-        If a number is out of range.
+        If a value is out of range.
 
     Examples
     --------
@@ -241,17 +244,17 @@ class Tube:
             raise ArgumentError(f"friction must be 0 or above, not {self.friction!r}")
 
     def stretch_at_contact(self, segment: Segment) -> float:
-        """Stretch (R / R_t)² at which a sealed segment fills the tube.
+        """Return the stretch (R / R_t)² at which a sealed segment fills the tube.
 
         Parameters
         ----------
         segment : Segment
-            Thinner than the tube.
+            Segment, thinner than the tube.
 
         Raises
         ------
         ArgumentError
-            If it is not.
+            If the segment is not thinner.
         """
         if not segment.radius < self.radius:
             raise ArgumentError(
@@ -261,14 +264,14 @@ class Tube:
         return (segment.radius / self.radius) ** 2
 
     def surplus(self, segment: Segment, pressure: Any, pull: Any = 0.0) -> Any:
-        """Axial force, in N, that the wall takes from a segment that fills the tube.
+        """Return the axial force, in N, that the wall carries if a segment fills the tube.
 
-        Below 0 it is off the wall.
+        A negative value means no contact.
 
         Parameters
         ----------
         segment : Segment
-            Thinner than the tube.
+            Segment, thinner than the tube.
         pressure, pull : float, ndarray or expression
             Magnetic pressure, Pa; axial force by which the neighbours pull it apart, N.
         """
@@ -276,12 +279,12 @@ class Tube:
         return segment.coil_pull(stretch, pressure) + segment.elastic_pull(stretch) - pull
 
     def normal_force(self, segment: Segment, pressure: Any, pull: Any = 0.0) -> Any:
-        """Normal force between wall and segment, (2 l_c / R_t) times the `surplus`, in N.
+        """Return the normal force between wall and segment, (2 l_c / R_t) times `surplus`, in N.
 
         Parameters
         ----------
         segment, pressure, pull : Any
-            As of `surplus`.
+            See `surplus`.
         """
         length = segment.length * self.stretch_at_contact(segment)
         return 2 * length / self.radius * self.surplus(segment, pressure, pull)

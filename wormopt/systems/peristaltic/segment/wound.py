@@ -1,8 +1,8 @@
-"""A segment in a real coil: the field along it, the pull of that field, and the share c it is like.
+"""A segment in a real coil: the field along it, its pull, and the equivalent share c.
 
-The fluid's magnetic energy is -(V / l) times the integral of p_m over the length l, so that the
-ends are pulled together by the section V / l times (mean of p_m along the segment less p_m at its
-ends). p_m is that on the axis, in the middle of the coil; the fluid does not change the field.
+The fluid's magnetic energy is -(V / l) times the integral of p_m over the length l. The pull on the
+ends is therefore the section V / l times (mean of p_m along the segment less p_m at its ends). p_m
+is taken on the axis, in the middle of the coil; the fluid does not change the field.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from wormopt.magnetics.winding import Coil
 from wormopt.numerics.roots import root
 from wormopt.systems.peristaltic.segment.segment import Segment
 
-# Gauss's points over half of the segment.
+# Gauss points over half of the segment.
 _POINTS = 24
 
 
 @dataclass(frozen=True)
 class WoundSegment:
-    """A sealed cylinder in the middle of a coil round it, with a fluid of the susceptibility chi.
+    """A sealed cylinder in the middle of a coil, with a fluid of susceptibility chi.
 
     Raises ArgumentError if the segment does not fit into the coil.
     """
@@ -42,12 +42,12 @@ class WoundSegment:
             )
 
     def pressure(self, place: Any, ampere_turns: Any) -> Any:
-        """Magnetic pressure, in Pa, at a place on the axis, in m from the middle."""
+        """Return the magnetic pressure, in Pa, on the axis at a distance from the middle, in m."""
         axial, _ = self.coil.expression(0.0, place, self.coil.nodes(self.coil.inner))
         return magnetic_pressure(1 + self.chi, axial * ampere_turns)
 
     def coil_pull(self, stretch: Any, ampere_turns: Any) -> Any:
-        """Pull of the coil, in N, at a stretch (a number or expression)."""
+        """Return the pull of the coil, in N, at a stretch (a number or expression)."""
         half = stretch * self.segment.length / 2
         nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
         mean = sum(
@@ -58,12 +58,12 @@ class WoundSegment:
         return section * (mean - self.pressure(half, ampere_turns))
 
     def share(self, stretch: Any) -> Any:
-        """Share c of L of the ideal coil that pulls alike, with the pressure of the middle."""
+        """Return the share c of L of the ideal coil with equal pull and middle pressure."""
         section = math.pi * self.segment.radius**2
         return self.coil_pull(stretch, 1.0) * stretch**2 / (section * self.pressure(0.0, 1.0))
 
     def stretch_at(self, ampere_turns: float, load: float = 0.0) -> float:
-        """Stretch at rest under a current and a load (N) that pulls the ends apart."""
+        """Return the equilibrium stretch at a current and a load (N) that pulls the ends apart."""
 
         def surplus(log_stretch: float) -> float:
             stretch = math.exp(log_stretch)

@@ -1,1 +1,1 @@
-"""Coils that are on or off: the best times and order of switching them."""
+"""Coils that are on or off: optimal times and order of switching."""

@@ -1,9 +1,9 @@
-"""In which order coils are switched: all orders of a short worm, a search among those of others.
+"""Order of coil switching: all orders of a short worm, a search for longer worms.
 
-An order is a ring of events: number k < N puts coil k on, number N + k puts it off, and at number
-2 N + k segment k touches the wall, if it does. Events that fall together belong to several orders.
-From the best times of one order that lets two of them fall together the search goes on to the order
-in which these are exchanged.
+An order is a cyclic sequence of events: number k < N switches coil k on, N + k switches it off, and
+at number 2 N + k segment k touches the wall, if it does. Simultaneous events belong to several
+orders. From the best times of an order with simultaneous events, the search continues with the
+order in which these are exchanged.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from wormopt.systems.peristaltic.switching.switching import (
 Ring = tuple[int, ...]
 """Numbers of the events in their order, 0 first."""
 First = tuple[Ring, np.ndarray]
-"""An order and the durations of its arcs, to begin with."""
+"""An order and the initial durations of its arcs."""
 
-# Worms of so many segments, whose segments touch nothing, have all their orders tried.
+# Largest number of segments without a wall for which all orders are tried.
 MOST_TRIED = 3
-# Times of a long worm to begin with, of which the best are taken: waves with coils on for such
-# shares of a period, and so many random ones.
+# Initial times of a long worm, the best of which are used: waves with coils on for these shares of
+# a period, and this number of random ones.
 _DUTIES, _RANDOM = (0.3, 0.5, 0.7), 200
-# A period to begin with, in sums of both time constants; periods for worms that touch a wall.
+# Initial period, in sums of both time constants; periods for worms that touch a wall.
 _LONG, _LENGTHS = 3.0, (0.3, 1.0, 3.0, 10.0)
-# Events listed later that fall together come later by this part of a period.
+# Delay of simultaneous events in the order of their list, as a share of a period.
 _APART = 1e-6
-# A gain by a smaller part is none; an arc that lasts for a smaller part of the period has gone.
+# Smallest relative gain that counts; share of the period below which an arc counts as empty.
 _GAIN, _GONE = 1e-9, 1e-5
 
 
@@ -51,7 +51,7 @@ class Search:
 
     best: Switched
     ring: Ring
-    tried: int  # orders of which the best times were looked for
+    tried: int  # number of orders whose times were optimised
     complete: bool  # whether these were all
 
 
@@ -64,9 +64,9 @@ def search(
     seed: int = 0,
     report: Report = silent,
 ) -> Search:
-    """Find the best order and times of switching, a long worm's from `starts` first ones.
+    """Find the best order and times of switching, of a long worm from `starts` initial orders.
 
-    Raises SolveError where no order goes forward within the limits.
+    Raises SolveError if no order moves forward within the limits.
     """
     n = worm.segments
     touching = worm.ground.contact is not None
@@ -91,10 +91,10 @@ def search(
 
 
 def _nowhere(worm: SwitchedWorm, limits: SwitchLimits, starts: int, seed: int) -> SolveError:
-    """Say why no order was found, and how fast the worm can go."""
+    """Return why no order was found, and the highest speed of the worm."""
     if limits.speed is None:
         return SolveError(
-            "no order of switching goes forward within the limits",
+            "no order of switching moves forward within the limits",
             "write a longer limits.period, a larger limits.duty or limits.together, or a smaller "
             "limits.dwell",
             code="infeasible",
@@ -102,7 +102,7 @@ def _nowhere(worm: SwitchedWorm, limits: SwitchLimits, starts: int, seed: int) -
     free = search(worm, "speed", replace(limits, speed=None), starts=starts, seed=seed)
     return SolveError(
         f"no switching within the limits has a mean speed of {limits.speed:g}",
-        f"the fastest one found has {free.best.worth:.6g}: write a lower aim.speed",
+        f"the fastest one has {free.best.worth:.6g}: write a lower aim.speed",
         code="infeasible",
     )
 
@@ -115,7 +115,7 @@ def _climb(
     limits: SwitchLimits,
     found: dict[Ring, Switched | None],
 ) -> None:
-    """Solve an order, and go on to its neighbours as long as that gains."""
+    """Solve an order, and continue with its neighbours while the objective improves."""
     worth = -np.inf
     while ring not in found:
         best = found[ring] = program.best(states_of(ring, segments), first, limits)
@@ -133,23 +133,23 @@ def _climb(
 
 
 def all_rings(segments: int) -> Iterator[Ring]:
-    """All orders, (2 N - 1)! of them."""
+    """Yield all orders, (2 N - 1)! of them."""
     return ((0, *rest) for rest in permutations(range(1, 2 * segments)))
 
 
 def states_of(ring: Ring, segments: int) -> np.ndarray:
-    """States of all segments (events, N) on the arcs that begin with each event of an order."""
+    """Return states of all segments (events, N) on the arcs that begin with each event."""
     after = (ON, OFF, ANCHORED)
     state = np.zeros(segments, dtype=int)
     states = []
-    for event in ring + ring:  # what was before the first event shows after one turn
+    for event in ring + ring:  # the state before the first event is known after one cycle
         state[event % segments] = after[event // segments]
         states.append(state.copy())
     return np.array(states[len(ring) :])
 
 
 def exchanged(ring: Ring, durations: np.ndarray, arc: int) -> tuple[Ring, np.ndarray]:
-    """The order in which the switches at both ends of an arc change places, and its durations."""
+    """Return the order with the switches at both ends of an arc exchanged, and its durations."""
     switches, after = list(ring), (arc + 1) % len(ring)
     switches[arc], switches[after] = switches[after], switches[arc]
     first = switches.index(0)
@@ -157,7 +157,7 @@ def exchanged(ring: Ring, durations: np.ndarray, arc: int) -> tuple[Ring, np.nda
 
 
 def _same_coil(ring: Ring, arc: int, segments: int) -> bool:
-    """Whether the events at both ends of an arc are of one coil: they have no other order."""
+    """Return whether both events of an arc are of one coil, which cannot be exchanged."""
     return ring[arc] % segments == ring[(arc + 1) % len(ring)] % segments
 
 
@@ -168,7 +168,7 @@ def _promising(
     limits: SwitchLimits,
     starts: int,
 ) -> list[First]:
-    """Those that promise most as they are, each order with its best durations."""
+    """Return the most promising initial orders, each with its best durations."""
     promises: dict[Ring, tuple[float, np.ndarray]] = {}
     for ring, durations in tried:
         promise = program.promise(states_of(ring, segments), durations, limits)
@@ -179,7 +179,7 @@ def _promising(
 
 
 def _waves(worm: SwitchedWorm, limits: SwitchLimits, noise: np.random.Generator) -> Iterator[First]:
-    """Waves of all lengths, and random times."""
+    """Yield waves of all lengths, and random times."""
     n, period = worm.segments, float(np.clip(_LONG * worm.time, *limits.period))
     half_steps = np.arange(1, 2 * n) / (2 * n)  # turns from coil to coil, either way
     on = [np.arange(n) * step for step in half_steps for _ in _DUTIES]
@@ -189,7 +189,7 @@ def _waves(worm: SwitchedWorm, limits: SwitchLimits, noise: np.random.Generator)
 
 
 def _ordered(events: np.ndarray, turns: np.ndarray, period: float) -> First:
-    """Order and durations of events at so many turns; what falls together stays as it is listed."""
+    """Return order and durations of events at phases; simultaneous ones stay in list order."""
     at = np.mod(turns - turns[0] + _APART * np.arange(len(turns)), 1.0)
     places = np.argsort(at)
     return tuple(events[places].tolist()), period * np.diff(at[places], append=1.0)
@@ -198,7 +198,7 @@ def _ordered(events: np.ndarray, turns: np.ndarray, period: float) -> First:
 def _footsteps(
     worm: SwitchedWorm, limits: SwitchLimits, noise: np.random.Generator
 ) -> Iterator[First]:
-    """Segments anchored one after the other, in any order, each as long as the others."""
+    """Yield sequences of anchored segments, in any order, with equal durations."""
     n = worm.segments
     drawn = [
         tuple(noise.permutation(n)[:count].tolist())
@@ -213,13 +213,13 @@ def _footsteps(
 def _walk(
     worm: SwitchedWorm, steps: tuple[int, ...], period: float, noise: np.random.Generator
 ) -> First:
-    """Begin with the segments of `steps` anchored in turn.
+    """Return initial times in which the segments of `steps` are anchored in turn.
 
-    Each of the others goes on as the worm steps ahead over it, off as it steps back over it; it is
-    off for so long that it does not touch.
+    Each other segment goes on when the worm steps forward over it and off when it steps back over
+    it. It is off long enough that it does not touch.
     """
     n, count = worm.segments, len(steps)
-    passed = np.zeros((n, count))  # 1 where step k goes ahead over a segment, -1 where back
+    passed = np.zeros((n, count))  # 1 if step k goes forward over a segment, -1 if back
     for k, (before, after) in enumerate(zip(np.roll(steps, 1), steps, strict=True)):
         passed[min(before, after) + 1 : max(before, after), k] = np.sign(before - after)
     favour = passed + 0.5 * noise.random(passed.shape)
@@ -237,7 +237,7 @@ def _walk(
 
 
 def _time_off(worm: SwitchedWorm, flight: float) -> float:
-    """For how long a coil is off whose segment touches the wall again after so long."""
+    """Return the coil-off time of a segment that touches the wall again after a time of flight."""
     contact = worm.ground.contact
     assert contact is not None
     times = worm.tau_off * np.geomspace(1e-4, 20, 400)

@@ -1,4 +1,4 @@
-"""The best times of switching once more: phases with free durations, by collocation."""
+"""Second route to the best times of switching: phases with free durations, by collocation."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ROUNDS = 4
 def switching_problem(
     worm: SwitchedWorm, aim: Aim, limits: SwitchLimits, holding: np.ndarray
 ) -> Problem:
-    """Go as far as possible per time, or per time that coils are on.
+    """Return the problem: largest displacement per time, or per time that coils are on.
 
     `holding`: the segments that touch the wall.
     """
@@ -50,7 +50,7 @@ def switching_problem(
         slowest = limits.speed
         bounds.append(Constraint("aim.speed", way / ends.duration, slowest, nominal=slowest))
     if contact is not None:
-        # the length does not change at the wall: its mean there tells it, as one equation
+        # the length is constant at the wall, so its mean there gives it in one equation
         above = (model["anchored"] * (model["length"] - contact))[holding.tolist()]
         integrands = ca.vertcat(integrands, above)
         area = size * worm.time
@@ -75,9 +75,9 @@ def polish(
     tolerance: float,
     report: Report = silent,
 ) -> Optimum:
-    """Optimise the times of an order anew, from those found; `mesh` is that of one phase.
+    """Optimise the times of an order again, from those found; `mesh` is that of one phase.
 
-    Raises SolveError where that fails.
+    Raises SolveError if this fails.
     """
     order, durations = found.lasting
     given = _inputs(worm, order)
@@ -97,7 +97,7 @@ def polish(
 def guess_of(
     worm: SwitchedWorm, order: np.ndarray, durations: np.ndarray, start: np.ndarray
 ) -> Guess:
-    """The lengths of a switched motion over its arcs; how far it goes is left to the solver."""
+    """Return the lengths of a switched motion over its arcs, without its displacement."""
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
     targets = np.where(order != OFF, worm.on, worm.off)
     taus = np.where(order != OFF, worm.tau_on, worm.tau_off)
@@ -122,6 +122,6 @@ def guess_of(
 
 
 def _inputs(worm: SwitchedWorm, order: np.ndarray) -> np.ndarray:
-    """Inputs of the Model, arc by arc: coils on, and on a wall segments anchored."""
+    """Return inputs of the Model, arc by arc: coils on, and anchored segments in a tube."""
     coils, anchored = (order != OFF).astype(int), (order == ANCHORED).astype(int)
     return coils if worm.ground.contact is None else np.hstack([coils, anchored])

@@ -1,9 +1,9 @@
 """A worm whose coils are on or off: its arcs in closed form, and the best times to switch.
 
-Under a coil each segment relaxes to a length of its own, l' = (target - l) / tau, so that on an arc
-between two switches all lengths are exponentials, and so is their return after a period. On drag
-the way is an integral, for which Gauss's rule on each arc is exact to round-off. How lengths and
-rates make the worm move is the ground's business (`Ground`): drag, or anchors in a tube.
+In a coil each segment relaxes to a length of its own, l' = (target - l) / tau. On an arc between
+two switches all lengths are therefore exponentials, and so is their return after a period. On drag
+the displacement is an integral, for which Gauss' rule on each arc is exact to round-off. A
+`Ground`, drag or anchors in a tube, determines how lengths and rates move the worm.
 """
 
 from __future__ import annotations
@@ -21,42 +21,42 @@ from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.systems.peristaltic.drag.worm import centres, drift
 
 Aim = Literal["speed", "thrift"]
-"""What is most: way per time, or way per time that coils are on, all coils taken together."""
+"""Objective: displacement per time, or per time that coils are on, summed over all coils."""
 
 _POINTS = 16
-# Points are even over what a length with so many times the longest time constant has still to go.
+# Multiple of the longest time constant over which points are even in the remaining change.
 _SLOWER = 2.0
 _SOLVER = Ipopt(tolerance=1e-12, iterations=150, mu_init=1e-2)
 _VIOLATED, _PENALTY = 1e-8, 100.0
-# Arcs shorter than this part of the period last no time.
+# Share of the period below which an arc counts as empty.
 _NOTHING = 1e-7
-# After so many time constants a length has come to its target, to round-off.
+# Number of time constants after which a length has reached its target, to round-off.
 _RELAXED = 37.0
 
 OFF, ON, ANCHORED = 0, 1, 2
-"""States of a segment: its coil off; on; on while it rests on the wall."""
+"""States of a segment: coil off; coil on; coil on with rest on the wall."""
 
 
 class Ground(Protocol):
-    """How a worm moves on the ground where its lengths change."""
+    """Motion of a worm on the ground by its lengths."""
 
     @property
     def contact(self) -> float | None:
-        """Length at which a segment whose coil is on rests on the wall, until it is off."""
+        """Length at which a segment with its coil on rests on the wall, until it goes off."""
         ...
 
     def holds(self, anchored: np.ndarray) -> np.ndarray:
-        """Whether the worm may move with these segments anchored, (arcs, N) to (arcs,)."""
+        """Return whether the worm may move with these segments anchored, (arcs, N) to (arcs,)."""
         ...
 
     def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Velocity of the mean of all centres."""
+        """Return the velocity of the mean of all centres."""
         ...
 
 
 @dataclass(frozen=True)
 class Drag:
-    """Ground on which each segment is dragged back by (l / L)^exponent times its velocity."""
+    """Ground with drag (l / L)^exponent times velocity on each segment."""
 
     exponent: float
     contact: None = field(default=None, init=False)
@@ -66,46 +66,46 @@ class Drag:
         return np.ones(len(anchored), dtype=bool)
 
     def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Velocity at which all drags sum to zero."""
+        """Return the velocity at which all drags sum to zero."""
         return drift((lengths / lengths[0]) ** self.exponent, rates)
 
 
 @dataclass(frozen=True)
 class Tube:
-    """A tube on whose wall segments that are as short as `contact` are anchored."""
+    """A tube whose wall anchors segments as short as `contact`."""
 
     contact: float
 
     def holds(self, anchored: np.ndarray) -> np.ndarray:
-        """Where there are some, and none between them that move: else some would slip."""
+        """Return whether some are anchored and none between them move: else some would slip."""
         begins = np.diff(anchored, axis=1, prepend=0) > 0
         return begins.sum(axis=1) == 1
 
     def velocity(self, lengths: ca.SX, rates: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Velocity at which the anchored segments rest."""
+        """Return the velocity at which the anchored segments rest."""
         swing = ca.mtimes(ca.DM(centres(rates.numel())), rates)
         return -ca.dot(anchored, swing) / ca.sum1(anchored)
 
 
 @dataclass(frozen=True)
 class SwitchedWorm:
-    """Segments in their coils, on some ground. Raises ArgumentError for what is not positive."""
+    """Segments in their coils, on some ground; ArgumentError for values that are not positive."""
 
     segments: int
     on: float  # length to which a segment relaxes while its coil is on
-    off: float  # and while it is off
+    off: float  # length to which it relaxes while its coil is off
     tau_on: float  # time constants
     tau_off: float
     ground: Ground
 
     def __post_init__(self) -> None:
         if self.segments < 2 or not min(self.on, self.off, self.tau_on, self.tau_off) > 0:
-            raise ArgumentError("two segments or more, with positive lengths and time constants")
+            raise ArgumentError("give two or more segments, positive lengths and time constants")
         if self.ground.contact is not None and not self.on < self.ground.contact < self.off:
             raise ArgumentError("segments must touch the wall at a length between on and off")
 
     def rates(self, lengths: ca.SX, coils: ca.SX, anchored: ca.SX) -> ca.SX:
-        """Rates of the lengths; coils between off (0) and on (1) are between both."""
+        """Return rates of the lengths; coils between off (0) and on (1) interpolate."""
         return (1 - anchored) * (
             coils * (self.on - lengths) / self.tau_on
             + (1 - coils) * (self.off - lengths) / self.tau_off
@@ -158,19 +158,19 @@ class SwitchedWorm:
 
 @dataclass(frozen=True)
 class SwitchLimits:
-    """What times of switching must keep to."""
+    """Limits of the switching times."""
 
     period: tuple[float, float]  # shortest and longest
-    duty: float = 1.0  # most of the period that a coil is on
+    duty: float = 1.0  # largest share of the period that a coil is on
     dwell: float = 0.0  # shortest time on, and off
-    together: int | None = None  # most coils on at a time
+    together: int | None = None  # largest number of coils on at a time
     speed: float | None = None  # least mean speed
 
     def that_count(self, worm: SwitchedWorm) -> SwitchLimits:
-        """With no longer periods than a worm can use.
+        """Return limits without periods longer than a worm can use.
 
-        Where all arcs last until all lengths rest, and as long as coils must dwell, still longer
-        ones add no way; without this a longest period far away leaves programs badly scaled.
+        If all arcs last until all lengths rest, and as long as coils must dwell, longer periods add
+        no displacement. A far longest period would make programs badly scaled.
         """
         arcs = 3 * worm.segments if worm.ground.contact is not None else 2 * worm.segments
         arc = max(_RELAXED * max(worm.tau_on, worm.tau_off), self.dwell)
@@ -184,13 +184,13 @@ class Switched:
 
     order: np.ndarray  # (arcs, N) states of the segments: OFF, ON or ANCHORED
     durations: np.ndarray  # (arcs,)
-    start: np.ndarray  # (N,) lengths as the first arc begins
-    way: float  # in a period
-    worth: float  # what was maximised
+    start: np.ndarray  # (N,) lengths at the start of the first arc
+    way: float  # displacement per period
+    worth: float  # value of the objective
 
     @property
     def period(self) -> float:
-        """How long it takes."""
+        """Duration of the period."""
         return float(self.durations.sum())
 
     @property
@@ -200,7 +200,7 @@ class Switched:
 
     @property
     def lasting(self) -> tuple[np.ndarray, np.ndarray]:
-        """States and durations of the arcs that last, joined where nothing is switched."""
+        """States and durations of the arcs, joined where nothing is switched."""
         order: list[np.ndarray] = []
         durations: list[float] = []
         for state, d in zip(self.order, self.durations, strict=True):
@@ -215,9 +215,9 @@ class Switched:
 
 
 class SwitchingProgram:
-    """Best durations of at most so many arcs, for any order of switching: built once.
+    """Best durations of arcs for any order of switching, built once.
 
-    Each coil goes on once in a period, and off once.
+    Each coil goes on once and off once per period.
     """
 
     def __init__(self, worm: SwitchedWorm, arcs: int, aim: Aim) -> None:
@@ -239,19 +239,19 @@ class SwitchingProgram:
         self._nlp = NonlinearProgram(w, p, -best / worm.speed, bounded)
 
     def at(self, order: np.ndarray, durations: np.ndarray) -> Switched:
-        """Motion with an order (arcs, N) and durations (arcs,) of arcs."""
+        """Return the motion with an order (arcs, N) and durations (arcs,) of arcs."""
         start, way, worth, _ = self._course(self._filled(durations), self._given(order))
         return Switched(order, durations, np.asarray(start).ravel(), float(way), float(worth))
 
     def allowed(self, order: np.ndarray, limits: SwitchLimits) -> np.ndarray:
-        """Which arcs of an order may last, (arcs,)."""
+        """Return which arcs of an order may last, (arcs,)."""
         few = (order != OFF).sum(axis=1) <= (limits.together or self._worm.segments)
         return few & self._worm.ground.holds((order == ANCHORED).astype(int))
 
     def best(self, order: np.ndarray, first: np.ndarray, limits: SwitchLimits) -> Switched | None:
-        """Best durations of an order (arcs, N), begun at `first` (arcs,); None if none are found.
+        """Return the best durations of an order (arcs, N) from `first` (arcs,), or None.
 
-        A duration may become 0: coils are switched at the same time then.
+        A duration may become 0: coils are then switched at the same time.
         """
         bounds = self._bounds(order, limits)
         w0 = np.minimum(self._filled(first / self._worm.time), bounds.ubw)
@@ -263,7 +263,7 @@ class SwitchingProgram:
         return self.at(order, solution.w[: len(order)] * self._worm.time)
 
     def promise(self, order: np.ndarray, durations: np.ndarray, limits: SwitchLimits) -> float:
-        """What durations are worth as they are, less what they violate, over the usual speed."""
+        """Return the value of given durations, less their violations, over the usual speed."""
         bounds = self._bounds(order, limits)
         first = self._nlp.start(self._filled(durations / self._worm.time), bounds)
         return -first.objective - _PENALTY * first.violation
@@ -286,17 +286,17 @@ class SwitchingProgram:
         )
 
     def _filled(self, values: np.ndarray) -> np.ndarray:
-        """With zeros for the arcs that an order does not have."""
+        """Return values padded with zeros for arcs that an order does not have."""
         return np.concatenate([values, np.zeros(self._arcs - len(values))])
 
     def _given(self, order: np.ndarray) -> np.ndarray:
-        """Parameters of an order: coils on, segments anchored."""
+        """Return the parameters of an order: coils on, segments anchored."""
         states = order[np.minimum(np.arange(self._arcs), len(order) - 1)].ravel()
         return np.concatenate([states != OFF, states == ANCHORED]).astype(float)
 
 
 def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Lengths (N, 1) that return after all arcs, those as coils go off, and the way."""
+    """Return lengths (N, 1) that return after all arcs, those at switch-off, displacement."""
     n, arcs = coils.shape
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
     slow = _SLOWER * max(worm.tau_on, worm.tau_off)
@@ -314,7 +314,7 @@ def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca
         shortest += coils[:, i - 1] * (1 - coils[:, i]) * lengths
         begin, apart = lengths, lengths - target[:, i]
         lengths = target[:, i] + apart * ca.exp(-d[i] * pace[:, i])
-        if worm.ground.contact is not None:  # velocity hangs on rates alone: way on what they add
+        if worm.ground.contact is not None:  # velocity depends on rates alone
             way += worm.ground.velocity(begin, lengths - begin, rest[:, i])
             continue
         span = -ca.expm1(-d[i] / slow)
@@ -328,21 +328,21 @@ def _course(worm: SwitchedWorm, d: ca.SX, coils: ca.SX, rest: ca.SX) -> tuple[ca
 
 @dataclass(frozen=True)
 class Walk:
-    """What a worm in a tube does by its coils alone."""
+    """Motion of a worm in a tube by its coils alone."""
 
-    way: float  # in the time given
-    slip: float  # by how much anchored segments were pulled apart or together, in sum
-    loose: float  # how long nothing was anchored; it went on as if the last anchor held
+    way: float  # displacement in the given time
+    slip: float  # sum of relative displacements of anchored segments
+    loose: float  # time without any anchor, in which the last anchor is kept
 
 
 def walk(worm: SwitchedWorm, coils: np.ndarray, durations: np.ndarray, lengths: np.ndarray) -> Walk:
-    """Follow a worm from its lengths (N,) by coils (arcs, N): what touches is found on the way.
+    """Simulate a worm from its lengths (N,) by coils (arcs, N); contacts are found on the way.
 
-    Raises ArgumentError where there is no wall.
+    Raises ArgumentError without a wall.
     """
     contact = worm.ground.contact
     if contact is None:
-        raise ArgumentError("only a worm in a tube walks from anchor to anchor")
+        raise ArgumentError("only a worm in a tube walks from anchor to anchor; give a Tube")
     way = slip = loose = 0.0
     places, held = centres(worm.segments), np.zeros(worm.segments, dtype=bool)
     for on, duration in zip(coils != OFF, durations, strict=True):

@@ -1,1 +1,1 @@
-"""The body in the plane: where its points are for a shape, and how its shape goes round."""
+"""The body in the plane: its points by its shape, strokes of the shape, poses, and obstacles."""

@@ -1,4 +1,4 @@
-"""Obstacles in the plane: how far links stay from them, and how masses press against them."""
+"""Obstacles in the plane: their distance from links, and their contact with masses."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from wormopt.errors import ArgumentError
 
 
 class Obstacle(Protocol):
-    """Something in the plane that a body must not touch."""
+    """An obstacle in the plane that a body must not touch."""
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a (..., 2) to b (..., 2); 0 or below where they overlap."""
+        """Return distances of segments from a (..., 2) to b (..., 2); 0 or below for overlaps."""
         ...
 
     @property
     def disc(self) -> tuple[float, float, float]:
-        """X and y of the centre, and radius, of a disc around it."""
+        """Centre x and y, and radius, of a disc around it."""
         ...
 
 
@@ -33,16 +33,16 @@ class Disc:
     Parameters
     ----------
     centre : (float, float)
-        Where it stands.
+        Centre, in units of length.
     radius : float
-        Its radius, positive.
+        Radius, positive.
     friction : float, optional
-        Coefficient of friction on it, not negative: for masses that press against it.
+        Coefficient of dry friction, not negative, for masses that press against it.
 
     Raises
     ------
     ArgumentError
-        If the radius is not positive, or a number not finite.
+        If the radius is not positive, or a number is not finite.
 
     Examples
     --------
@@ -61,12 +61,12 @@ class Disc:
         _check_radius(self.radius, least=1e-300)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; below 0 by how deep they lie within.
+        """Return the distance of segments from a to b; negative by their depth in the disc.
 
         Parameters
         ----------
         a, b : ndarray, shape (..., 2)
-            Their ends.
+            Ends of the segments.
         """
         return to_point(np.asarray(self.centre, dtype=float), a, b) - self.radius
 
@@ -76,7 +76,7 @@ class Disc:
         return (*self.centre, self.radius)
 
     def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2), away from the centre.
+        """Return the unit normal at a place (2), away from the centre.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Disc:
         return away / ca.norm_2(away)
 
     def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the disc.
+        """Return the distance of a place from the disc.
 
         Parameters
         ----------
@@ -106,9 +106,9 @@ class Wall:
     point : (float, float)
         A point of the wall.
     angle : float
-        Direction of its normal, into the open.
+        Direction of its normal, in rad, which points into the open.
     friction : float, optional
-        Coefficient of friction on it, not negative: for masses that press against it.
+        Coefficient of dry friction, not negative, for masses that press against it.
 
     Examples
     --------
@@ -129,23 +129,23 @@ class Wall:
         return math.cos(self.angle), math.sin(self.angle)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; below 0 by how far they reach behind it.
+        """Return the distance of segments from a to b; negative by their depth behind the wall.
 
         Parameters
         ----------
         a, b : ndarray, shape (..., 2)
-            Their ends.
+            Ends of the segments.
         """
         ahead = [(end - np.asarray(self.point)) @ np.array(self._open) for end in (a, b)]
         return np.minimum(*ahead)
 
     @property
     def disc(self) -> tuple[float, float, float]:
-        """No disc is around it."""
+        """A disc of infinite radius: no disc encloses a wall."""
         return (*self.point, math.inf)
 
     def normal(self, place: ca.SX) -> ca.SX:
-        """Unit normal at a place (2).
+        """Return the unit normal (2) of the wall.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Wall:
         return ca.SX(ca.DM(list(self._open)))
 
     def gap(self, place: ca.SX) -> ca.SX:
-        """Distance of a place from the wall.
+        """Return the distance of a place from the wall.
 
         Parameters
         ----------
@@ -167,14 +167,14 @@ class Wall:
 
 @dataclass(frozen=True)
 class Capsule:
-    """All points at most a radius away from a segment: a fence, a rod.
+    """All points within a radius of a segment: a fence, a rod.
 
     Parameters
     ----------
     start, end : (float, float)
-        Ends of the segment; equal ones make a disc.
+        Ends of the segment; equal ends make a disc.
     radius : float, optional
-        Half its thickness, 0 or above.
+        Half its thickness, not negative.
     """
 
     start: tuple[float, float]
@@ -186,12 +186,12 @@ class Capsule:
         _check_radius(self.radius, least=0.0)
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; 0 less the radius where they cross.
+        """Return the distance of segments from a to b; minus the radius if they cross.
 
         Parameters
         ----------
         a, b : ndarray, shape (..., 2)
-            Their ends.
+            Ends of the segments.
         """
         start, end = (np.asarray(p, dtype=float) for p in (self.start, self.end))
         return between(start, end, a, b) - self.radius
@@ -210,7 +210,19 @@ class Block:
     Parameters
     ----------
     corners : sequence of (float, float)
-        Its corners in order, three or more.
+        Corners in order, at least three.
+
+    Raises
+    ------
+    ArgumentError
+        If the corners are fewer than three or span no area.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> square = Block([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    >>> square.distance(np.array([2.0, 0.0]), np.array([2.0, 1.0])).item()
+    1.0
     """
 
     corners: tuple[tuple[float, float], ...]
@@ -220,15 +232,15 @@ class Block:
         _check_points(*self.corners)
         points = np.array(self.corners)
         if len(points) < 3 or abs(_area(points)) <= 1e-12 * np.ptp(points, axis=0).max() ** 2:
-            raise ArgumentError(f"a block needs three corners or more that span an area: {points}")
+            raise ArgumentError(f"{points} span no area; a block needs three or more corners")
 
     def distance(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Distance of segments from a to b; 0 where they cross a side, -inf where they lie in.
+        """Return the distance of segments from a to b; 0 if they cross a side, -inf inside.
 
         Parameters
         ----------
         a, b : ndarray, shape (..., 2)
-            Their ends.
+            Ends of the segments.
         """
         p, q = self._sides
         least = between(p, q, a[..., None, :], b[..., None, :]).min(axis=-1)
@@ -252,7 +264,7 @@ class Block:
 
 
 def inside(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Whether points (..., 2) lie in a polygon (m, 2), by how often a ray crosses its sides."""
+    """Return whether points (..., 2) are in a polygon (m, 2), by the crossings of a ray."""
     x, y = point[..., :1], point[..., 1:]
     (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
     crosses = (y0 > y) != (y1 > y)
@@ -261,7 +273,7 @@ def inside(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 
 def to_point(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distance of points (..., 2) from segments a to b, all broadcast."""
+    """Return distances of points (..., 2) from segments a to b, all broadcast."""
     way = b - a
     square = np.maximum(np.sum(way**2, axis=-1), 1e-300)
     share = np.clip(np.sum((point - a) * way, axis=-1) / square, 0.0, 1.0)
@@ -270,7 +282,7 @@ def to_point(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def between(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distance of segments p to q from segments a to b, all broadcast; 0 where they cross."""
+    """Return distances of segments p to q from segments a to b, all broadcast; 0 if they cross."""
     ends = [to_point(p, a, b), to_point(q, a, b), to_point(a, p, q), to_point(b, p, q)]
     least = np.min(np.broadcast_arrays(*ends), axis=0)
     apart = (_side(a, b, p) * _side(a, b, q) >= 0) | (_side(p, q, a) * _side(p, q, b) >= 0)

@@ -1,4 +1,4 @@
-"""Poses in the plane: x, y and the angle of the heading, composed as rigid motions are."""
+"""Poses in the plane, (x, y, heading), and their composition as rigid motions."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from numpy.typing import ArrayLike
 
 
 def compose(first: ArrayLike, then: ArrayLike) -> np.ndarray:
-    """Pose reached by one displacement after another, each told in the frame it starts from.
+    """Return the pose after two successive displacements, each in the frame it starts from.
 
     Parameters
     ----------
     first, then : array_like, shape (..., 3)
-        x, y and angle; any but the last dimension is broadcast.
+        x, y (in units of length) and angle (in rad); leading dimensions broadcast.
 
     Returns
     -------
     ndarray, shape (..., 3)
+        x, y and angle of the pose.
 
     Examples
     --------
@@ -33,12 +34,12 @@ def compose(first: ArrayLike, then: ArrayLike) -> np.ndarray:
 
 
 def inverse(pose: ArrayLike) -> np.ndarray:
-    """Displacement that takes a pose back.
+    """Return the inverse of a displacement.
 
     Parameters
     ----------
     pose : array_like, shape (..., 3)
-        x, y and angle.
+        x, y and angle (in rad).
 
     Returns
     -------
@@ -50,14 +51,14 @@ def inverse(pose: ArrayLike) -> np.ndarray:
 
 
 def rotate(angle: ArrayLike, vectors: ArrayLike) -> np.ndarray:
-    """Turn vectors to the left.
+    """Rotate vectors to the left.
 
     Parameters
     ----------
     angle : array_like, shape (...,)
-        Angles.
+        Angles in rad.
     vectors : array_like, shape (..., 2)
-        What is turned.
+        Vectors.
 
     Returns
     -------
@@ -70,19 +71,19 @@ def rotate(angle: ArrayLike, vectors: ArrayLike) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Circle:
-    """Circle on which a body comes to lie that repeats one displacement."""
+    """Circle of a body that repeats one displacement."""
 
     centre: tuple[float, float]  # in the frame it starts from
     radius: float
 
 
 def circle_of(displacement: ArrayLike) -> Circle | None:
-    """Circle of a displacement that is repeated; None where it does not turn.
+    """Return the circle of a repeated displacement; None if it does not turn.
 
     Parameters
     ----------
     displacement : array_like, shape (3,)
-        x, y and angle of one repetition.
+        x, y and angle (in rad) of one repetition.
 
     Returns
     -------

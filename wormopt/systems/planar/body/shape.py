@@ -1,8 +1,8 @@
 """Shapes: the points of a body as functions of its shape variables, as CasADi expressions.
 
-A body of n links has masses 0 to n, head first; r_{j-1} - r_j = l_j e(psi_j), and the joints turn
-by phi_j = psi_j - psi_{j+1}, positive where the link in front is turned to the left. The frame of
-the body sits at the head and looks along the first link.
+A body of n links has masses 0 to n, head first; r_{j-1} - r_j = l_j e(psi_j). The joint angles are
+phi_j = psi_j - psi_{j+1}, positive if the link in front is turned to the left. The frame of the
+body has its origin at the head and its first axis along the first link.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ import casadi as ca
 from wormopt.errors import ArgumentError
 
 Heading = Literal["bisector", "front", "rear"]
-"""Along what an inner mass looks: between its links, or along the one in front or behind."""
+"""Heading of an inner mass: between its links, or along the link in front or in the rear."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Points of a body and where they look, by shape variables.
+    """Points and headings of a body by its shape variables.
 
     Parameters
     ----------
     s : casadi.SX
         Column of the shape variables: lengths, angles, or none for a rigid body.
     names : tuple of str
-        Their names.
+        Names of the shape variables.
     points : casadi.SX, shape (2, m)
-        Places of the points in the frame of the body.
+        Places of the points in the frame of the body, in units of length.
     headings : casadi.SX, shape (m, 1)
-        Angles from the body's heading to the points'.
+        Headings of the points relative to the body's heading, in rad.
     rates : casadi.SX
         Column of symbols of the time derivatives of ``s``.
     twist : casadi.SX
-        Three symbols: velocity of the frame, in the frame, and how fast it turns.
+        Three symbols: velocity of the frame, in the frame, and its angular velocity.
 
     Examples
     --------
@@ -56,7 +56,7 @@ class Shape:
 
     @property
     def n_points(self) -> int:
-        """How many points there are."""
+        """Number of points."""
         return int(self.points.size2())
 
     @cached_property
@@ -76,14 +76,14 @@ class Shape:
 
     @cached_property
     def turning(self) -> ca.SX:
-        """How fast the headings turn, shape (m, 1)."""
+        """Angular velocities of the headings, shape (m, 1)."""
         return self.twist[2] + ca.jtimes(self.headings, self.s, self.rates)
 
     @cached_property
     def kinematics(self) -> ca.Function:
-        """Places, headings, and the velocities of the points as J twist + B rates.
+        """Function of s for places, headings, and velocities of points J twist + B rates.
 
-        Of s; gives ``points`` (2, m), ``headings`` (m), ``J`` (2m, 3) and ``B`` (2m, n_s).
+        Returns ``points`` (2, m), ``headings`` (m), ``J`` (2m, 3) and ``B`` (2m, n_s).
         """
         v = ca.vec(self.velocities)
         J, B = ca.jacobian(v, self.twist), ca.jacobian(v, self.rates)
@@ -92,7 +92,7 @@ class Shape:
 
 
 def turned(angle: ca.SX, vector: ca.SX) -> ca.SX:
-    """Turn a vector (2) to the left by an angle."""
+    """Rotate a vector (2) to the left by an angle."""
     c, s = ca.cos(angle), ca.sin(angle)
     return ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1])
 
@@ -100,19 +100,19 @@ def turned(angle: ca.SX, vector: ca.SX) -> ca.SX:
 def rigid_shape(
     points: Sequence[Sequence[float]], headings: Sequence[float] | None = None
 ) -> Shape:
-    """Shape of a rigid body.
+    """Return the shape of a rigid body.
 
     Parameters
     ----------
     points : sequence of (float, float)
-        Places of its points in its frame.
+        Places of its points in its frame, in units of length.
     headings : sequence of float, optional
-        Angles from the body's heading to the points'; none differ if left out.
+        Headings of the points relative to the body's, in rad; all 0 by default.
 
     Returns
     -------
     Shape
-        Without shape variables.
+        A shape without shape variables.
 
     Examples
     --------
@@ -129,26 +129,26 @@ def rigid_shape(
 def chain_shape(
     n_links: int, *, lengths: Sequence[float] | None = None, heading: Heading = "bisector"
 ) -> Shape:
-    """Shape of a chain whose joints bend and whose links change their lengths.
+    """Return the shape of a chain of links with joints that bend.
 
     Parameters
     ----------
     n_links : int
         Number n of links; there are n + 1 masses, head first, and n - 1 joints.
     lengths : sequence of float, optional
-        Lengths of links that do not change; without them lengths are shape variables.
+        Lengths of links that do not change; if left out, lengths are shape variables.
     heading : {"bisector", "front", "rear"}, optional
-        Along what an inner mass looks.
+        Heading of an inner mass: between its links, or along the link in front or in the rear.
 
     Returns
     -------
     Shape
-        Shape variables are the lengths, if they vary, then the angles of the joints.
+        The shape variables are the lengths, if they vary, then the joint angles in rad.
 
     Raises
     ------
     ArgumentError
-        If there is no link, a length is not positive, or there are not n of them.
+        If there is no link, a length is not positive, or their number is not n.
 
     Examples
     --------
@@ -174,12 +174,12 @@ def chain_shape(
 
 
 def link_angles(angles: ca.SX) -> ca.SX:
-    """Angles of the links from the first one's, head first, by those of the joints."""
+    """Return the angles of the links relative to the first one, head first, by the joint angles."""
     return ca.vertcat(0, -ca.cumsum(angles)) if angles.numel() else ca.SX.zeros(1)
 
 
 def mass_headings(links: ca.SX, angles: ca.SX, heading: Heading) -> ca.SX:
-    """Angles along which the masses look, by those of links and joints."""
+    """Return the headings of the masses, by the angles of links and joints."""
     behind = {"bisector": 0.5, "front": 1.0, "rear": 0.0}
     if heading not in behind:
         raise ArgumentError(f"heading must be one of {', '.join(behind)}, not {heading!r}")

@@ -1,4 +1,4 @@
-"""Strokes: how the shape of a body goes round once, whatever the time it takes."""
+"""Strokes: closed curves of the shape of a body over a phase, independent of time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wormopt.errors import ArgumentError
 
 @runtime_checkable
 class Stroke(Protocol):
-    """A closed course of the shape variables over a phase tau from 0 to 1."""
+    """A closed curve of the shape variables over a phase tau from 0 to 1."""
 
     @property
     def n_s(self) -> int:
@@ -22,29 +22,34 @@ class Stroke(Protocol):
 
     @property
     def breaks(self) -> np.ndarray:
-        """Phases between which the course is smooth, 0 and 1 among them."""
+        """Phases between which the curve is smooth, including 0 and 1."""
         ...
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Shapes (m, n_s) at phases (m,), and their derivatives by the phase.
+        """Return shapes (m, n_s) at phases (m,), and their derivatives by the phase.
 
-        At a break the derivative is that of what follows, at 1 that of what ends there.
+        At a break the derivative is the right one, at 1 the left one.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Harmonics:
-    """Shape variables that swing by a few harmonics.
+    """A stroke of harmonic shape variables.
 
     s(tau) = mean + sum over h of cosine_h cos(2 pi h tau) + sine_h sin(2 pi h tau), h = 1, 2, ...
 
     Parameters
     ----------
     mean : array_like, shape (n_s,)
-        Mean shape.
+        Mean shape: link lengths, if they vary, then joint angles in rad.
     cosine, sine : array_like, shape (H, n_s)
         Coefficients of the harmonics.
+
+    Raises
+    ------
+    ArgumentError
+        If the shapes of the tables differ.
 
     Examples
     --------
@@ -53,7 +58,7 @@ class Harmonics:
     [[0.0, 1.0]]
     """
 
-    mean: Any  # kept as arrays
+    mean: Any  # stored as arrays
     cosine: Any
     sine: Any
 
@@ -63,7 +68,7 @@ class Harmonics:
             object.__setattr__(self, name, value)
         if self.cosine.shape != self.sine.shape or self.cosine.shape[1:] != self.mean.shape:
             raise ArgumentError(
-                f"harmonics of {len(self.mean)} shape variables need tables (H, {len(self.mean)}), "
+                f"{len(self.mean)} shape variables need tables of shape (H, {len(self.mean)}), "
                 f"not {self.cosine.shape} and {self.sine.shape}"
             )
 
@@ -74,11 +79,11 @@ class Harmonics:
 
     @property
     def breaks(self) -> np.ndarray:
-        """There are none but the ends."""
+        """Phases 0 and 1: the curve is smooth everywhere."""
         return np.array([0.0, 1.0])
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Shapes at phases, and their derivatives.
+        """Return shapes and their derivatives at phases.
 
         Parameters
         ----------
@@ -88,6 +93,7 @@ class Harmonics:
         Returns
         -------
         s, ds : ndarray, shape (m, n_s)
+            Shapes, and their derivatives by the phase.
         """
         orders = 2 * np.pi * np.arange(1, len(self.cosine) + 1)
         angle = np.atleast_1d(np.asarray(tau, dtype=float))[:, None] * orders
@@ -98,12 +104,18 @@ class Harmonics:
 
 @dataclass(frozen=True, eq=False)
 class Polygon:
-    """Shape variables that go straight from corner to corner, each side in the same time.
+    """A stroke that is linear from corner to corner, with equal durations of all sides.
 
     Parameters
     ----------
     corners : array_like, shape (m, n_s)
-        Shapes in order; after the last comes the first.
+        Shapes in order (link lengths, if they vary, then joint angles in rad); the last side
+        returns to the first corner.
+
+    Raises
+    ------
+    ArgumentError
+        If the corners are no table.
 
     Examples
     --------
@@ -111,13 +123,13 @@ class Polygon:
     [[2.0], [-2.0]]
     """
 
-    corners: Any  # kept as an array
+    corners: Any  # stored as an array
 
     def __post_init__(self) -> None:
         corners = np.array(self.corners, dtype=float)
         object.__setattr__(self, "corners", corners)
         if corners.ndim != 2 or len(corners) < 2:
-            raise ArgumentError(f"corners must be a table (m, n_s), not {corners.shape}")
+            raise ArgumentError(f"corners must have the shape (m, n_s), not {corners.shape}")
 
     @property
     def n_s(self) -> int:
@@ -130,7 +142,7 @@ class Polygon:
         return np.linspace(0.0, 1.0, len(self.corners) + 1)
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Shapes at phases, and their derivatives.
+        """Return shapes and their derivatives at phases.
 
         Parameters
         ----------
@@ -140,6 +152,7 @@ class Polygon:
         Returns
         -------
         s, ds : ndarray, shape (m, n_s)
+            Shapes, and their derivatives by the phase.
         """
         phase = np.atleast_1d(np.asarray(tau, dtype=float))
         m, closed = len(self.corners), np.vstack([self.corners, self.corners[:1]])

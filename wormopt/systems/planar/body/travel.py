@@ -1,4 +1,4 @@
-"""Travel in the plane: the pose of a body from its velocity in its own frame, by quadrature."""
+"""Pose of a body from its velocity in its own frame, by quadrature."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from wormopt.systems.planar.body.se2 import rotate
 Twists = Callable[[np.ndarray], np.ndarray]
 """Velocities (m, 3) of the frame, in the frame, by the phase, at phases (m,).
 
-Further columns are summed up beside the pose: a length, a work.
+Further columns, such as a length or a work, are integrated too.
 """
 
 _DEGREE, _MOST_PANELS = 16, 2048
@@ -23,20 +23,20 @@ _DEGREE, _MOST_PANELS = 16, 2048
 
 @dataclass(frozen=True, eq=False)
 class Travel:
-    """Course of the pose over a stroke, from the pose (0, 0, 0).
+    """Pose over a stroke, from the pose (0, 0, 0).
 
     `nodes` and `weights` integrate over the phase; at a node the velocity is `twists`.
     """
 
-    ends: np.ndarray  # (K + 1,) phases between which the quadrature works
-    poses: np.ndarray  # (K + 1, 3) there
+    ends: np.ndarray  # (K + 1,) ends of the panels of the quadrature
+    poses: np.ndarray  # (K + 1, 3) at the ends
     nodes: np.ndarray  # (K d,)
     weights: np.ndarray  # (K d,)
     twists: np.ndarray  # (K d, 3)
     node_poses: np.ndarray  # (K d, 3)
-    sums: np.ndarray  # (K + 1, c) of c further rates, at the ends
+    sums: np.ndarray  # (K + 1, c) integrals of c further rates, at the ends
     node_sums: np.ndarray  # (K d, c)
-    error: float  # of displacement and sums, about
+    error: float  # estimate, of displacement and sums
 
     @property
     def displacement(self) -> np.ndarray:
@@ -49,11 +49,11 @@ class Travel:
         return np.append(self.poses[-1], self.sums[-1])
 
     def fastest(self, velocities: np.ndarray) -> np.ndarray:
-        """Bound (K,) of vectors over each panel, by those (K d, n, 2) at the nodes.
+        """Return bounds (K,) of vectors over each panel, from those (K d, n, 2) at the nodes.
 
-        No Legendre polynomial passes 1: the sizes of the coefficients add up to a bound of the
-        polynomials by which the course is integrated, at every instant. The last two count twice,
-        for what polynomials leave out: on panels that resolve the course that is less.
+        Legendre polynomials are at most 1, so the sum of the coefficients' sizes bounds the
+        interpolating polynomial at every instant. The last two coefficients count twice, to include
+        the error of interpolation, which is smaller on panels that resolve the curve.
         """
         panels = len(self.ends) - 1
         at_nodes = velocities.reshape(panels, _DEGREE, -1, 2)
@@ -66,9 +66,8 @@ def travel(
 ) -> Travel:
     """Integrate velocities in the frame of the body over phases.
 
-    Velocities must be smooth between `breaks`; so many `panels` stand between two to begin with.
-    They are halved until displacement and sums change by less than `accuracy` of their size, or
-    of 1.
+    Velocities must be smooth between `breaks`. Each smooth part starts with `panels` panels, which
+    are halved until displacement and sums change by less than `accuracy` of their size, or of 1.
     """
     coarse = _uniform(twists, breaks, panels)
     while True:
@@ -89,7 +88,7 @@ def _uniform(twists: Twists, breaks: np.ndarray, panels: int) -> Travel:
 
 
 def travel_along(ends: np.ndarray, rates: np.ndarray, error: float) -> Travel:
-    """Course of the pose by rates (K, d, 3 + c) at Gauss' nodes between `ends` (K + 1,)."""
+    """Return the poses from rates (K, d, 3 + c) at Gauss nodes between `ends` (K + 1,)."""
     twists, h = rates[..., :3], np.diff(ends)
     turns, angle = _summed(h, twists[..., 2:])
     places, within = _summed(h, rotate(angle[..., 0], twists[..., :2]))
@@ -109,7 +108,7 @@ def travel_along(ends: np.ndarray, rates: np.ndarray, error: float) -> Travel:
 
 
 def _summed(h: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integrals (K + 1, c) from 0 to the ends of panels, and (K, d, c) to their nodes."""
+    """Return integrals (K + 1, c) from 0 to the ends of panels, and (K, d, c) to their nodes."""
     rule = gauss()
     whole = h[:, None] * np.einsum("kdc,d->kc", rates, rule.B)
     ends = np.vstack([np.zeros(rates.shape[-1]), np.cumsum(whole, axis=0)])
@@ -117,18 +116,18 @@ def _summed(h: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def gauss_nodes(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Phases (K, d) of Gauss' nodes between starts and ends (K,)."""
+    """Return phases (K, d) of Gauss nodes between starts and ends (K,)."""
     return start[:, None] + (end - start)[:, None] * gauss().tau
 
 
 @cache
 def gauss() -> Collocation:
-    """The rule on each panel."""
+    """Return the quadrature rule of each panel."""
     return Collocation(_DEGREE)
 
 
 def divided(course: Travel, longest: float) -> Travel:
-    """The same course on panels no longer than this."""
+    """Return the same poses on panels no longer than `longest`."""
     ends, xi = course.ends, course.twists.reshape(-1, _DEGREE, 3)
     parts = np.ceil(np.diff(ends) / longest).astype(int)
     cuts = [np.linspace(a, b, n + 1)[:-1] for (a, b), n in zip(pairwise(ends), parts, strict=True)]
@@ -143,7 +142,7 @@ def divided(course: Travel, longest: float) -> Travel:
 
 @cache
 def _to_series() -> np.ndarray:
-    """Coefficients (16, 16) of Legendre polynomials by values at the nodes."""
+    """Return the matrix (16, 16) from values at the nodes to Legendre coefficients."""
     rule, degrees = gauss(), np.arange(_DEGREE)
     at_nodes = np.polynomial.legendre.legvander(2 * rule.tau - 1, _DEGREE - 1)
     return (2 * degrees[:, None] + 1) * at_nodes.T * rule.B

@@ -1,1 +1,1 @@
-"""Slow crawling on dry ground: velocities of least power, their phases, and where a stroke ends."""
+"""Slow crawling on dry ground: velocities of least power, phases of rest, and displacements."""

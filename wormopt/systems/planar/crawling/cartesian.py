@@ -1,6 +1,6 @@
-"""Slow crawls by another way: smoothed laws, a frame at the tail, a product of exponentials.
+"""Second route to slow crawls: smoothed laws, a frame at the tail, a product of exponentials.
 
-Neither resting masses nor their breaks are looked for, and nothing of `Shape` or `Travel` is used.
+It finds neither resting masses nor their breaks, and uses nothing of `Shape` or `Travel`.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ def simulate_crawled(
     *,
     steps: int = 256,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places of the masses of a chain over one stroke, by steps of order 4 (2 across a break).
+    """Return places of the masses of a chain over one stroke, by steps of order 4.
 
-    `places` (n + 1, 2) at the start; `lengths` where links do not stretch (the stroke then tells
-    angles only). Gives phases (m,) and places (m, n + 1, 2), `looks` a smooth part of the stroke,
-    which is gone through in `steps` of them or more.
+    Across a break the order is 2. `places` (n + 1, 2) are the start; `lengths` are those of links
+    that do not stretch (the stroke then has angles only). Returns phases (m,) and places
+    (m, n + 1, 2): `looks` for each smooth part of the stroke, which takes at least `steps` steps.
     """
     dx, dy = places[-2] - places[-1]
     pose = np.array([*places[-1], np.arctan2(dy, dx)])
@@ -49,7 +49,7 @@ def simulate_crawled(
         moves = h / 2 * (first + second) + np.sqrt(3) / 12 * h**2 * _bracket(first, second)
         poses = _multiplied(pose, _exponential(moves))[each - 1 :: each]
         phases = ends[each::each]
-        # the shape at the very end of a part is that of the part, not of the next one
+        # at the end of a part the shape is that of this part, not of the next one
         shape = _chain(stroke.at(phases)[0], None, lengths)[0]
         tau.append(phases)
         course.append(poses[:, None, :2] + rotate(poses[:, None, 2], shape))
@@ -61,7 +61,7 @@ def _twists(
     stroke: Stroke, tau: np.ndarray, lengths: Sequence[float] | None, heading: Heading,
     ground: Ground,
 ) -> np.ndarray:  # fmt: skip
-    """Velocities (G, 2, 3) of the frame at the tail, by the phase, at pairs of phases (2 G,)."""
+    """Return velocities (G, 2, 3) of the tail's frame, by the phase, at pairs of phases (2 G,)."""
     s, ds = stroke.at(tau)
     places, rates, links, bends = _chain(s, ds, lengths)
     angle = np.concatenate(
@@ -74,7 +74,7 @@ def _twists(
     lever = np.stack([-places[..., 1], places[..., 0]], axis=-1) / size[:, None, None]
 
     def own(v: np.ndarray) -> np.ndarray:
-        """Along and across the headings."""
+        """Return components along and across the headings."""
         return np.stack([(along * v).sum(axis=-1), (across * v).sum(axis=-1)], axis=-1)
 
     J = np.stack([along, across], axis=-2)
@@ -90,7 +90,7 @@ def _twists(
 def _chain(
     s: np.ndarray, ds: np.ndarray | None, lengths: Sequence[float] | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Places and velocities (G, n + 1, 2) from the tail, angles (G, n) of links and of joints."""
+    """Return places, velocities (G, n + 1, 2) from the tail, angles (G, n) of links and joints."""
     ds = np.zeros_like(s) if ds is None else ds
     n = s.shape[1] + 1 if lengths is not None else (s.shape[1] + 1) // 2
     joints = s.shape[1] - (n - 1)
@@ -105,27 +105,27 @@ def _chain(
 
 
 def _summed(values: np.ndarray) -> np.ndarray:
-    """Sums (G, n + 1, ...) from the tail on, nothing at the tail, of what each of n adds."""
+    """Return cumulative sums (G, n + 1, ...) from the tail, starting at 0, of n terms."""
     sums = np.cumsum(values[:, ::-1], axis=1)[:, ::-1]
     return np.concatenate([sums, np.zeros_like(values[:, :1])], axis=1)
 
 
 def _bracket(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Lie bracket of twists (G, 3)."""
+    """Return the Lie bracket of twists (G, 3)."""
     x = b[:, 1] * -a[:, 2] + a[:, 1] * b[:, 2]
     y = b[:, 0] * a[:, 2] - a[:, 0] * b[:, 2]
     return np.stack([x, y, np.zeros_like(x)], axis=-1)
 
 
 def _exponential(moves: np.ndarray) -> np.ndarray:
-    """Displacements (G, 3) by steady twists."""
+    """Return displacements (G, 3) by constant twists."""
     half = moves[:, 2] / 2
     chord = np.sinc(half / np.pi)
     return np.column_stack([rotate(half, chord[:, None] * moves[:, :2]), moves[:, 2]])
 
 
 def _multiplied(start: np.ndarray, moves: np.ndarray) -> np.ndarray:
-    """Poses (G, 3) after displacements one after another."""
+    """Return poses (G, 3) after successive displacements."""
     angles = start[2] + np.cumsum(moves[:, 2])
     before = np.append(start[2], angles[:-1])
     places = start[:2] + np.cumsum(rotate(before, moves[:, :2]), axis=0)

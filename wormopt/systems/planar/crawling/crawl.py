@@ -1,4 +1,4 @@
-"""Where a stroke takes a body that crawls slowly on dry ground."""
+"""Displacement of a body that crawls slowly on dry ground over a stroke."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from wormopt.systems.planar.crawling.panels import Panel, joined, resolve
 from wormopt.systems.planar.crawling.phases import Course, Phase, Piece, closed
 from wormopt.systems.planar.crawling.velocity import Crawler
 
-# Share of a step between samples at which they begin: none falls on an instant of symmetry.
+# Share of a sampling step at which samples begin, so that none is at an instant of symmetry.
 _OFF = (np.sqrt(5) - 1) / 2
 _FEWEST, _ROUNDS = 16, 8
 
 
 @dataclass(frozen=True, eq=False)
 class Crawl:
-    """A stroke as a body goes through it slowly.
+    """Result of `crawl`: one stroke of a slow body.
 
     Parameters
     ----------
     phases : tuple of Phase
-        Parts of the stroke through which the same masses rest.
+        Parts of the stroke with the same resting masses.
     travel : Travel
-        Course of the pose, from (0, 0, 0).
+        Pose over the stroke, from (0, 0, 0).
     work : float
-        That the ground takes in a stroke.
+        Work dissipated by the ground per stroke.
     work_error : float
-        By how much it may be wrong, about.
+        Estimated error of the work.
     course : Course
-        The body and its stroke, to ask for the motion at other phases.
+        The body and its stroke, which give the motion at further phases.
 
     Examples
     --------
@@ -59,17 +59,17 @@ class Crawl:
 
     @property
     def displacement(self) -> np.ndarray:
-        """x, y and angle (3,) after one stroke, in the frame before."""
+        """x, y and angle (3,) after one stroke, in the frame at its start."""
         return self.travel.displacement
 
     @property
     def error(self) -> float:
-        """By how much the displacement may be wrong, about: what its quadrature tells."""
+        """Estimated error of the displacement, from its quadrature."""
         return self.travel.error
 
     @property
     def breaks(self) -> np.ndarray:
-        """Phases of the stroke between which the same masses rest, 0 and 1 among them."""
+        """Phases of the stroke between which the same masses rest, including 0 and 1."""
         return np.array([0.0, *(phase.end for phase in self.phases)])
 
     @property
@@ -86,11 +86,13 @@ def crawl(
     load: ArrayLike = (0.0, 0.0, 0.0),
     samples: int = 128,
 ) -> Crawl:
-    """Find where a stroke takes a body so slow that its inertia does not matter.
+    """Find the displacement of a body that moves so slowly that its inertia does not matter.
 
-    At every instant the body moves with the velocity of least power: sum over the masses of
-    psi_i(v_i), less the power of the load. Which masses rest, and when, follows; between these
-    breaks the motion is analytic in the phase, and Gauss' rule integrates it.
+    At every instant the body moves with the velocity of least power: the sum of psi_i(v_i) over
+    the masses, less the power of the load. This determines which masses rest, and when. Between
+    these breaks the motion is analytic in the phase, and Gauss' rule integrates it.
+
+    Theory: docs/theory-planar.md, section 3.
 
     Parameters
     ----------
@@ -99,26 +101,25 @@ def crawl(
     laws : Elliptic, or sequence of Elliptic
         Friction law of all masses, or of each.
     stroke : Stroke
-        Course of the shape variables over a phase from 0 to 1. The time it takes is without effect.
+        Shape variables over a phase from 0 to 1. The result does not depend on its duration.
     load : array_like, shape (3,), optional
-        Force on the frame of the body, along its heading and to the left, and moment. It turns
-        with the body, as a rope pulls that is drawn along; a slope's pull does not, so that on a
-        slope the motion is another one.
+        Force on the frame of the body, along its heading and to the left, and moment. The load
+        turns with the body, as that of a trailing rope does. Weight on a slope does not turn, so
+        motion on a slope differs.
     samples : int, optional
-        At how many phases changes are looked for at first.
+        Initial number of phases at which changes of rest are searched.
 
     Returns
     -------
     Crawl
-        Displacement, work, how far both may be wrong, and the phases through which the same masses
-        rest.
+        Displacement, work, their errors, and the phases with the same resting masses.
 
     Raises
     ------
     ArgumentError
-        If numbers do not match, or a law is not one of least power.
+        If dimensions differ, or a law has no principle of least power.
     SolveError
-        If the ground cannot hold the load, or leaves the motion open.
+        If the ground cannot hold the load, or the motion is not unique.
 
     Examples
     --------
@@ -132,7 +133,10 @@ def crawl(
     """
     crawler = Crawler.of(shape, laws, load)
     if stroke.n_s != len(shape.names):
-        raise ArgumentError(f"a stroke of {stroke.n_s} variables for {len(shape.names)} of a shape")
+        raise ArgumentError(
+            f"the stroke has {stroke.n_s} variables, but the shape has {len(shape.names)}; "
+            "give equal numbers"
+        )
     course = Course(crawler, stroke)
     ends = course.breaks
     pieces = [
@@ -144,7 +148,7 @@ def crawl(
 
 
 def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], list[Panel]]:
-    """Phases of pieces and panels on them, looked through until none shows another phase."""
+    """Return phases of pieces and panels on them, refined until no new phase appears."""
     known: dict[tuple[float, float], list[Panel]] = {}
     found: list[Phase] = []
     for turn in range(_ROUNDS + 1):
@@ -160,6 +164,6 @@ def _resolved(course: Course, pieces: list[Piece]) -> tuple[list[Phase], list[Pa
 
 
 def _instants(start: float, end: float, samples: int, breaks: int) -> np.ndarray:
-    """Phases at which changes are looked for at first."""
+    """Return the initial phases at which changes of rest are searched."""
     count = max(_FEWEST, samples // (breaks - 1))
     return start + (end - start) * (np.arange(count) + _OFF) / count

@@ -1,4 +1,4 @@
-"""How way, turn and work of a slow crawl change with its stroke and its ground."""
+"""Derivatives of displacement, turn and work of a slow crawl by its stroke and its ground."""
 
 from __future__ import annotations
 
@@ -24,14 +24,23 @@ _APART, _AT_LIMIT, _ACROSS, _SOFT = 1e-8, 1e-7, 1e-9, 1e-10
 
 @dataclass(frozen=True, eq=False)
 class CrawlGradient:
-    """Derivatives of the displacement (x, y and angle) and of the work of a stroke.
+    """Result of `crawl_gradient`: derivatives of the displacement and of the work of a stroke.
 
     Parameters
     ----------
     stroke : ndarray, shape (K, 4)
-        By the stroke in each of K directions: of x, y, angle and work.
+        Derivatives of x, y, angle and work in each of K directions of the stroke.
     ground : ndarray, shape (m, 3, 4)
-        By the resistances forward, backward and sideways of each mass.
+        Derivatives by the forward, backward and sideways resistances of each mass.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> worm = wo.planar.chain_shape(2, lengths=(1.0, 1.0))
+    >>> stroke = wo.planar.Harmonics([0.7], cosine=[[0.5]], sine=[[0.0]])
+    >>> found = wo.planar.crawl(worm, wo.Elliptic(1.0, 1.0, 3.0), stroke)
+    >>> wo.planar.crawl_gradient(found, [stroke]).ground.shape  # 3 masses, 3 resistances, 4 results
+    (3, 3, 4)
     """
 
     stroke: np.ndarray
@@ -40,47 +49,49 @@ class CrawlGradient:
 
 @dataclass(frozen=True, eq=False)
 class _Instants:
-    """What is known of a crawl at G phases."""
+    """Linearisation data of a crawl at G phases."""
 
     motion: Motion
     J: np.ndarray  # (G, m, 2, 3), velocities by the twist
-    by: np.ndarray  # (G, m, 2, D), and in D directions with the twist kept
+    by: np.ndarray  # (G, m, 2, D), velocities in D directions, with constant twist
     turned: np.ndarray  # (G, 3, D), pushes on the twist, as their arms and headings turn
     slope: np.ndarray  # (G, m, 2), of the power of each mass by its velocity
     curvature: np.ndarray  # (G, m, 2, 2)
-    power: np.ndarray  # (G, D), of the ground, where it changes and velocities do not
-    push: np.ndarray  # (G, m, 2, D), likewise
+    power: np.ndarray  # (G, D), change of the ground's power at constant velocities
+    push: np.ndarray  # (G, m, 2, D), change of the pushes at constant velocities
 
 
 def crawl_gradient(found: Crawl, strokes: Sequence[Stroke] = ()) -> CrawlGradient:
     """Differentiate displacement and work of a slow crawl.
 
-    At each instant the velocity of least power is differentiated as an implicit function: masses
-    at rest stay so, the others stay in balance. That breaks shift adds nothing, as the velocity
-    does not leap there.
+    At each instant the velocity of least power is differentiated as an implicit function: resting
+    masses stay at rest, the others stay in balance. Shifts of breaks contribute nothing, because
+    the velocity is continuous there.
+
+    Theory: docs/theory-planar.md, section 3.
 
     Parameters
     ----------
     found : Crawl
-        Of a stroke on ground of elliptic laws.
+        Crawl of a stroke on ground with elliptic laws.
     strokes : sequence of Stroke
-        Directions d(tau) in which the stroke is changed to s + eps d, smooth where it is smooth.
-        ``Polygon`` and ``Harmonics`` are linear in their numbers: with 1 in the place of one and
-        0 elsewhere they are the direction of that number.
+        Directions d(tau) of change, s + eps d, smooth where the stroke is smooth. ``Polygon`` and
+        ``Harmonics`` are linear in their coefficients. With one coefficient 1 and all others 0 they
+        are the direction of that coefficient.
 
     Returns
     -------
     CrawlGradient
-        By the strokes and by all resistances of the ground.
+        Derivatives by the strokes and by all resistances of the ground.
 
     Raises
     ------
     ArgumentError
-        If a direction has other shape variables or breaks where the stroke has none.
+        If a direction has other shape variables, or breaks where the stroke has none.
     SolveError
-        If there is no derivative: masses rest together only as long as the stroke is what it is, a
-        mass stays at the limit of what holds it, or slides right across where it is resisted
-        otherwise ahead than back.
+        If there is no derivative: masses rest together only for this stroke, a mass stays at its
+        limit of static friction, or a mass slides exactly sideways with unequal forward and
+        backward resistances.
 
     Examples
     --------
@@ -97,8 +108,8 @@ def crawl_gradient(found: Crawl, strokes: Sequence[Stroke] = ()) -> CrawlGradien
     for one in strokes:
         if one.n_s != stroke.n_s or not np.isin(one.breaks, stroke.breaks).all():
             raise ArgumentError(
-                f"a direction of a stroke needs its {stroke.n_s} variables and no breaks but its: "
-                f"this one has {one.n_s}, and breaks at {one.breaks.tolist()}"
+                f"the direction has {one.n_s} variables and breaks at {one.breaks.tolist()}; write "
+                f"{stroke.n_s} variables, and no breaks but those of the stroke"
             )
     tau = found.travel.nodes
     at = _instants(found, tau, strokes)
@@ -115,7 +126,7 @@ def crawl_gradient(found: Crawl, strokes: Sequence[Stroke] = ()) -> CrawlGradien
 
 
 def _instants(found: Crawl, tau: np.ndarray, strokes: Sequence[Stroke]) -> _Instants:
-    """Velocities, forces, and their derivatives with the twist kept."""
+    """Return velocities, forces, and their derivatives at constant twist."""
     course, motion = found.course, motion_at(found, tau)
     shape, ground = course.crawler.shape, course.crawler.ground
     G, m, n = len(tau), shape.n_points, course.stroke.n_s
@@ -139,13 +150,13 @@ def _instants(found: Crawl, tau: np.ndarray, strokes: Sequence[Stroke]) -> _Inst
 
 
 def _beside(values: np.ndarray, count: int, *, before: bool) -> np.ndarray:
-    """Zeros for `count` more directions, in front of the others or behind."""
+    """Return derivatives padded with zeros for `count` more directions, before or after."""
     zeros = np.zeros((*values.shape[:-1], count))
     return np.concatenate([zeros, values] if before else [values, zeros], axis=-1)
 
 
 def _derivatives(shape: Shape) -> ca.Function:
-    """Of velocities v (2m): by the twist, by (s, rates), and that of pushes.v by both."""
+    """Return derivatives of velocities v (2m) by twist and (s, rates), and of pushes.v by both."""
     v, f = ca.vec(shape.velocities), ca.SX.sym("f", 2 * shape.n_points)
     y = ca.vertcat(shape.s, shape.rates)
     J = ca.jacobian(v, shape.twist)
@@ -154,7 +165,7 @@ def _derivatives(shape: Shape) -> ca.Function:
 
 
 def _of_ground(ground: Ground, motion: Motion) -> tuple[np.ndarray, ...]:
-    """Slope (G, m, 2) and curvature of psi for moving masses; and psi and slope by resistances.
+    """Return slope (G, m, 2), curvature of psi for moving masses; psi and slope by resistances.
 
     Resistances are ordered forward, backward, sideways for each mass.
     """
@@ -177,7 +188,7 @@ def _of_ground(ground: Ground, motion: Motion) -> tuple[np.ndarray, ...]:
 
 
 def _implicit(at: _Instants, ground: Ground) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of the twist (G, 3, D) and of the power (G, D)."""
+    """Return derivatives of the twist (G, 3, D) and of the power (G, D)."""
     G, m, _, D = at.by.shape
     rest, J = at.motion.rest, at.J
     body = LeastPower(J, np.zeros((G, m, 2)), np.zeros((G, 3)), ground)
@@ -189,8 +200,8 @@ def _implicit(at: _Instants, ground: Ground) -> tuple[np.ndarray, np.ndarray]:
     size = np.abs(at.by).max(axis=(0, 1, 2), initial=0.0)
     if (off > _APART * np.maximum(size, 1e-300)).any():
         raise SolveError(
-            "masses rest together only as long as the stroke keeps their distance, and this "
-            "direction changes it: ways to both sides differ, and there is no derivative"
+            "masses rest together only while the stroke keeps their distance, and this direction "
+            "changes it: one-sided derivatives differ, and there is no derivative"
         )
     by = at.by + np.einsum("gmcn,gnd->gmcd", J, held)
     turn = np.einsum("gmce,gmed->gmcd", at.curvature, by) + at.push
@@ -206,17 +217,17 @@ def _implicit(at: _Instants, ground: Ground) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _check(found: Crawl, at: _Instants) -> None:
-    """Refuse crawls in which a mass stays at the limit of what holds it."""
+    """Refuse crawls in which a mass stays at its limit of static friction."""
     hold = at.motion.hold.reshape(len(found.travel.ends) - 1, -1)
     if (np.abs(hold - 1) < _AT_LIMIT).all(axis=1).any():
         raise SolveError(
-            "through a part of the stroke the ground just holds what rests: changes to both sides "
-            "have other effects, and there is no derivative"
+            "in a part of the stroke the resting masses are exactly at their limit: one-sided "
+            "derivatives differ, and there is no derivative"
         )
 
 
 def _check_across(at: _Instants, ground: Ground, v: np.ndarray) -> None:
-    """Refuse changes (G, m, 2, D) that turn a mass that slides right across ahead or back."""
+    """Refuse changes (G, m, 2, D) that turn an exactly sideways slip forward or backward."""
     sizes = np.abs(at.motion.velocities).max(axis=(1, 2))[:, None]
     across = ~at.motion.rest & ground.one_sided
     across &= np.abs(at.motion.velocities[..., 0]) < _ACROSS * sizes
@@ -224,6 +235,6 @@ def _check_across(at: _Instants, ground: Ground, v: np.ndarray) -> None:
     turned = across[..., None] & (np.abs(v[..., 0, :]) > _SOFT**0.5 * most)
     if turned.any():
         raise SolveError(
-            "a mass slides right across its heading and would turn ahead or back, where it is "
-            "resisted otherwise: there is no derivative"
+            "a mass slides exactly across its heading and would turn forward or backward, where "
+            "resistances differ: there is no derivative"
         )

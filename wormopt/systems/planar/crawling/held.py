@@ -1,4 +1,4 @@
-"""Least power where some masses are held, and what they then push against the ground with."""
+"""Least power with some masses held, and their pushes on the ground."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ import numpy as np
 from wormopt.systems.planar.crawling.balance import LeastPower
 from wormopt.systems.planar.crawling.reactions import RANK, reactions
 
-FITS = 1e-12  # velocities that masses have which can rest together
+FITS = 1e-12  # residual velocities of masses that can rest together
 _NARROW = 10.0 ** -np.arange(0, 12)
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Bodies of which some masses are held."""
+    """Bodies with some masses held."""
 
     x: np.ndarray  # (G, n)
     rest: np.ndarray  # (G, m), the masses held
     fits: np.ndarray  # (G,), whether these masses can rest at once
     balances: np.ndarray  # (G,), whether the others, all moving, balance
     v: np.ndarray  # (G, m, 2), velocities
-    push: np.ndarray  # (G, m, 2), what each mass pushes against the ground with
-    hold: np.ndarray  # (G,), least largest gauge of the pushes of the masses held
-    slips: np.ndarray  # (G, m), which of them slip when the ground cannot hold all
-    stiffness: np.ndarray  # (G,), least curvature where unknowns are left, infinite where none
+    push: np.ndarray  # (G, m, 2), push of each mass on the ground
+    hold: np.ndarray  # (G,), least possible largest gauge of the held masses' pushes
+    slips: np.ndarray  # (G, m), which of them slip if the ground cannot hold all
+    stiffness: np.ndarray  # (G,), least curvature in remaining unknowns, infinite without any
 
     def put(self, where: np.ndarray, other: Held) -> None:
-        """Put others in the place of some."""
+        """Replace some bodies by others."""
         for field in fields(Held):
             getattr(self, field.name)[where] = getattr(other, field.name)
 
     def of(self, points: np.ndarray) -> Held:
-        """Some of the bodies."""
+        """Return some of the bodies."""
         return Held(*(getattr(self, field.name)[points] for field in fields(Held)))
 
 
 def freedom(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Nearest `x` (G, n) where masses `rest` (G, m) rest, ways left, and ways hindered.
+    """Return the nearest `x` (G, n) with masses `rest` (G, m) at rest, free and fixed directions.
 
-    Both are square (G, n, n), in columns and in rows, with zeros for what does not belong.
+    Both directions are square (G, n, n), in columns and in rows, padded with zeros.
     """
     G, n = x.shape
     near, free, hindered = x.copy(), np.tile(np.eye(n), (G, 1, 1)), np.zeros((G, n, n))
@@ -63,9 +63,9 @@ def freedom(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> tuple[np.ndarr
 
 
 def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = True) -> Held:
-    """Least power where the masses `rest` (G, m) are held, begun at `x` (G, n).
+    """Minimise the power with the masses `rest` (G, m) held, starting at `x` (G, n).
 
-    `careful`: where the others do not balance at once, they are approached by smoothing.
+    `careful`: if the others do not balance at once, smoothing is used.
     """
     G, n = x.shape
     x, N, Q = freedom(body, x, rest)
@@ -103,9 +103,9 @@ def held(body: LeastPower, x: np.ndarray, rest: np.ndarray, *, careful: bool = T
 
 
 def _from_lines(body: LeastPower, N: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least power (G, n) on the ways N (G, n, n), its velocities, and whether it was found.
+    """Return least power (G, n) in the directions N (G, n, n), its velocities, and a flag.
 
-    With a single way to go, and where Newton's steps end at a kink, the line along it is halved.
+    In a single direction, and where Newton's steps end at a kink, bisection is used.
     """
     z, v, found = body.sharp(np.zeros(body.load.shape))
     ways = np.abs(N).max(axis=1) > 0

@@ -1,10 +1,10 @@
-"""The velocity of a body that takes the least power from dry ground, for many bodies at a time.
+"""Velocities of bodies on dry ground with the least power, for many bodies at a time.
 
-Masses move with v_i = b_i + J_i x; sought is the least of sum psi_i(v_i) - load.x, psi being the
-norms of `Ground`. Where masses rest the sum has no slope. By convexity a set of resting masses is
-the right one if the ground can hold it while the others balance. Without a guess of it every mass
-is tried: with one at rest a single number is left, and where none of these motions is held by the
-ground no mass rests at all.
+Masses move with v_i = b_i + J_i x. The unknown x minimises sum psi_i(v_i) - load.x, where psi are
+the norms of `Ground`. At resting masses the sum has no slope. By convexity a set of resting masses
+is the right one if the ground can hold it while the others balance. Without a guess every mass is
+tried: with one mass at rest a single unknown is left. If the ground holds none of these motions, no
+mass rests.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from wormopt.systems.planar.crawling.held import FITS, Held, held
 from wormopt.systems.planar.crawling.pivots import pivots
 from wormopt.systems.planar.crawling.reactions import load_gauge, turned_out
 
-# By so much a gauge may pass 1; masses are tried whose power is as near the least; how often a
-# guess is changed. By how much a gauge may pass 1 where rounding keeps a mass from slipping.
+# Accepted excess of a gauge over 1; relative power up to which masses are tried; largest number of
+# changes of a guess. Accepted excess of a gauge where round-off keeps a mass from slipping.
 _SLACK, _SAME, _CHANGES = 1e-11, 1e-8, 4
 _DOUBTFUL = 1e-8
 _ALL_BUT = 1e-4
-_SLOW = (1e-10, 1e-9, 1e-8)  # powers that rounding may make
+_SLOW = (1e-10, 1e-9, 1e-8)  # powers due to round-off
 
 
 def least_power(body: LeastPower) -> Held:
-    """Find velocities of least power; SolveError where none exist."""
+    """Return velocities of least power; raises SolveError if none exist."""
     check_load(body)
     least = _pivoted(body)
     open_ = np.flatnonzero(~_good(least))
     if open_.size:
         some = body.of(open_)
         moving = _let_go(some, least.of(open_))
-        # Where rounding keeps a mass that hardly slips from balance, it is left at rest.
+        # A mass that hardly slips, and that round-off keeps from balance, is set at rest.
         takes = moving.balances | (least.hold[open_] > 1 + _DOUBTFUL) | ~least.fits[open_]
         least.put(open_[moving.balances], moving.of(moving.balances))
         left = takes & ~moving.balances
@@ -46,9 +46,9 @@ def least_power(body: LeastPower) -> Held:
 
 
 def _settled(body: LeastPower, least: Held) -> Held:
-    """Motions in which masses rest that hardly move, wherever the ground can hold them.
+    """Return motions with masses that hardly move set at rest, if the ground can hold them.
 
-    Of so slow a mass rounding tells the direction: any may seem to balance. At rest it is certain.
+    Round-off determines the direction of a slow mass: any may seem to balance. Rest is certain.
     """
     slow = ~least.rest & (body.powers(least.x) < _SLOW[-1])
     some = np.flatnonzero(slow.any(axis=1))
@@ -61,10 +61,10 @@ def _settled(body: LeastPower, least: Held) -> Held:
 
 
 def _nearly(body: LeastPower, x: np.ndarray, pivoted: Held) -> Held:
-    """Motions in which masses so slow that rounding decides count as at rest.
+    """Return motions in which masses whose slow motion is due to round-off count as resting.
 
-    They are of least power for velocities changed by as little. Where that does not help, the best
-    motion about a mass at rest, if the ground all but holds it.
+    They have least power for velocities changed by as little. If that fails, the result is the best
+    motion about a resting mass that the ground almost holds.
     """
     least = held(body, x, body.powers(x) < _SLOW[0])
     bad = np.flatnonzero(~(least.balances & (least.hold <= 1 + _SLACK)))
@@ -80,7 +80,7 @@ def _nearly(body: LeastPower, x: np.ndarray, pivoted: Held) -> Held:
 
 
 def _pivoted(body: LeastPower) -> Held:
-    """The best of the motions about a mass at rest."""
+    """Return the best of the motions about a resting mass."""
     x, value = pivots(body)
     best = value.min(axis=1)
     of, i = np.nonzero(value <= (best + _SAME * (1 + np.abs(best)))[:, None])
@@ -93,7 +93,7 @@ def _pivoted(body: LeastPower) -> Held:
 
 
 def _let_go(body: LeastPower, least: Held) -> Held:
-    """Motions in which masses at rest go that the ground cannot hold, and no mass rests."""
+    """Return motions in which resting masses beyond their limit slip, and no mass rests."""
     way, none = way_out(body, least), np.zeros_like(least.rest)
     seen = body.seen_from(least.x, least.rest)
     start = seen.along(0 * least.x, way).least()[:, None] * way
@@ -102,7 +102,7 @@ def _let_go(body: LeastPower, least: Held) -> Held:
 
 
 def way_out(body: LeastPower, least: Held) -> np.ndarray:
-    """Change (G, n) of the velocities with which the masses at rest go first, or resist least."""
+    """Return the change (G, n) of velocities in which resting masses slip first."""
     push = least.push * ~least.rest[..., None]
     way = turned_out(body, push, least.rest.argmax(axis=1))[1]
     many = np.flatnonzero(least.rest.sum(axis=1) > 1)
@@ -115,24 +115,24 @@ def way_out(body: LeastPower, least: Held) -> np.ndarray:
 
 
 def _good(found: Held) -> np.ndarray:
-    """Whether the ground can hold what rests while all else balances."""
+    """Return whether the ground can hold resting masses while all else balances."""
     return found.fits & found.balances & (found.hold <= 1 + _SLACK)
 
 
 def check_load(body: LeastPower) -> None:
-    """Refuse loads that outrun the ground: even all masses at rest could not hold them."""
+    """Refuse loads that the ground cannot hold even with all masses at rest."""
     loaded = np.flatnonzero(np.abs(body.load).max(axis=1) > 0)
     if loaded.size:
         most = float(load_gauge(body.of(loaded))[1].max())
         if most >= 1:
             raise SolveError(
-                f"the load is {most:.4g} times the largest that the ground can hold: the body "
-                "would run off with it, and no slow motion exists"
+                f"the load is {most:.4g} times the largest that the ground can hold, so no slow "
+                "motion exists"
             )
 
 
 def near(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> Held:
-    """Find them by guesses of the velocities (G, n) and of the resting masses (G, m)."""
+    """Find motions from guesses of the velocities (G, n) and of the resting masses (G, m)."""
     first = body.powers(x)
     least = held(body, x, rest, careful=False)
     open_ = np.flatnonzero(~_good(least))
@@ -148,9 +148,9 @@ def near(body: LeastPower, x: np.ndarray, rest: np.ndarray) -> Held:
 
 
 def _other(body: LeastPower, found: Held, first: np.ndarray) -> np.ndarray:
-    """Sets of resting masses (G, m) to try instead.
+    """Return other sets of resting masses (G, m) to try.
 
-    Where the search for a balance got stuck, it did so at a kink: the mass that hardly moved there.
+    If the search for a balance stopped, it did so at a kink: at the mass that hardly moved there.
     """
     rest = found.rest
     tried, every = rest.copy(), np.arange(len(first))

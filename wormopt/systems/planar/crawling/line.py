@@ -1,4 +1,4 @@
-"""Least power over a single number, for many bodies at a time."""
+"""Least power over a single unknown, for many bodies at a time."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _DOUBLED, _LAST, _TINY = 60, 1e-17, 1e-100
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Least of sum psi_i(v_i + w a_i) - w load over w, for G bodies at a time.
+    """Problem of G bodies: minimise sum psi_i(v_i + w a_i) - w load over w.
 
-    Arrays are (m, G), masses first: sums over them are then quick.
+    Arrays are (m, G), masses first, which makes sums over them fast.
     """
 
     v: np.ndarray  # along the headings
@@ -25,7 +25,7 @@ class Line:
     load: np.ndarray  # (G,)
 
     def slope(self, w: np.ndarray) -> np.ndarray:
-        """Slope (G,) at w (G,): it never falls, and leaps where masses stop."""
+        """Return the slope (G,) at w (G,), which never falls and jumps where masses stop."""
         along, aside = self.v + w * self.a, self.v_n + w * self.a_n
         force = np.where(along >= 0, self.ahead, self.back)
         along *= force
@@ -33,7 +33,7 @@ class Line:
         return ((along * force * self.a + aside * self.a_n) / size).sum(axis=0) - self.load
 
     def least(self) -> np.ndarray:
-        """Where the sum is least (G,), halved down to the last digit: no other way is as sure."""
+        """Return the minimum (G,) by bisection to the last digit, the most reliable method."""
         force = np.where(self.v >= 0, self.ahead, self.back)
         square = (force * self.a) ** 2 + self.a_n**2
         product = force**2 * self.v * self.a + self.v_n * self.a_n
@@ -50,7 +50,7 @@ class Line:
         return self._stopped(low, high, stops, gap)
 
     def _beyond(self, end: np.ndarray, reach: np.ndarray) -> np.ndarray:
-        """An end of the bracket, moved out until the slope there leads back."""
+        """Return an end of the bracket, moved out until the slope leads back."""
         for _ in range(_DOUBLED):
             out = np.sign(reach) * self.slope(end) < 0
             if not out.any():
@@ -62,7 +62,7 @@ class Line:
     def _stopped(
         self, low: np.ndarray, high: np.ndarray, stops: np.ndarray, gap: np.ndarray
     ) -> np.ndarray:
-        """The better end of the last bracket, or the very stop of a mass that is beside it."""
+        """Return the better end of the last bracket, or the stop of a mass beside it."""
         w = np.where(np.abs(self.slope(low)) < np.abs(self.slope(high)), low, high)
         off = np.abs(stops - w)
         nearest = np.take_along_axis(stops, off.argmin(axis=0)[None], axis=0)[0]

@@ -1,4 +1,4 @@
-"""Motion along a stroke at Gauss' nodes of panels, halved until polynomials follow it."""
+"""Motion along a stroke at Gauss nodes of panels, refined until polynomials resolve it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.polynomial.legendre import legvander
 from wormopt.systems.planar.body.travel import Travel, gauss, gauss_nodes, travel_along
 from wormopt.systems.planar.crawling.phases import THIN, Course, Phase, Sample
 
-# What a panel may miss, as a share of how far the stroke moves the masses in the body; and how
-# often a panel is halved.
+# Accepted error of a panel, relative to the path of the masses in the body over the stroke; and
+# largest number of halvings.
 _MISSED, _HALVINGS = 1e-12, 24
-# Between the outermost nodes and the ends a kink would go unseen: so near to the ends polynomials
-# are held against the motion. A kink at a distance changes values by that, and integrals by its
-# square.
+# A kink between the outermost nodes and the ends would be missed: polynomials are compared with the
+# motion this close to the ends. A kink changes values by its distance from the end, and integrals
+# by the square of it.
 _END, _LEAPT = 1e-6, 1e-6
-_WIDE = 1e2 * THIN  # nodes of narrower panels lie so near breaks that rounding decides what rests
+_WIDE = 1e2 * THIN  # nodes of narrower panels are so close to breaks that round-off decides rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,15 +29,15 @@ class Panel:
     start: float
     twist: np.ndarray  # (d, 3)
     power: np.ndarray  # (d,)
-    missed: np.ndarray  # (4,), what the integrals of twist and power may miss
+    missed: np.ndarray  # (4,), errors of the integrals of twist and power
 
 
 def joined(panels: Sequence[Panel]) -> tuple[Travel, float, float]:
-    """Course of the pose over panels that follow each other up to 1, work, and error of work."""
+    """Return the pose over consecutive panels up to 1, work, and error of work."""
     ends = np.array([*(one.start for one in panels), 1.0])
     missed = np.sum([one.missed for one in panels], axis=0)
     course = travel_along(ends, np.array([one.twist for one in panels]), 0.0)
-    # A wrong angle takes the rest of the way in a wrong direction.
+    # An error of the angle changes the direction of the remaining path.
     error = float(missed[:2].max() + missed[2] * max(1.0, np.abs(course.poses[:, :2]).max()))
     power = np.concatenate([one.power for one in panels])
     return replace(course, error=error), float(course.weights @ power), float(missed[3])
@@ -46,11 +46,11 @@ def joined(panels: Sequence[Panel]) -> tuple[Travel, float, float]:
 def resolve(
     course: Course, found: list[Phase], *, strict: bool
 ) -> tuple[list[list[Panel]], list[Sample]]:
-    """Panels of each phase, halved until polynomials follow the motion.
+    """Return panels of each phase, halved until polynomials resolve the motion.
 
-    Where a node shows that other masses rest than the phase has it, the samples of the panel are
-    given beside, for the phases to be found anew; that phase has no panels. If not `strict`, what
-    rests is of no concern: halving closes in on breaks too, only more slowly.
+    If a node shows other resting masses than its phase, the panel's samples are also returned, so
+    that the phases can be found again; that phase has no panels. If not `strict`, resting masses
+    are ignored: halving also resolves breaks, but more slowly.
     """
     seen: list[Sample] = []
     done: list[list[Panel]] = [[] for _ in found]
@@ -90,7 +90,7 @@ def resolve(
 
 
 def _missed(twist: np.ndarray, power: np.ndarray) -> np.ndarray:
-    """Last coefficients (K, 4) of the Legendre series of twists and powers on K panels."""
+    """Return the last coefficients (K, 4) of the Legendre series of twists and powers."""
     values = np.concatenate([twist, power[..., None]], axis=2)
     last = np.einsum("kd,pdc->pkc", _last_rows(), values)
     return np.abs(last).max(axis=1)
@@ -100,7 +100,7 @@ def _follows(
     course: Course, start: np.ndarray, end: np.ndarray, within: list[Phase],
     twist: np.ndarray, power: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Whether the polynomials of K panels lead to the motion near their ends."""
+    """Return whether the polynomials of K panels agree with the motion near their ends."""
     if not within:
         return np.zeros(0, bool)
     tau = start[:, None] + (end - start)[:, None] * np.array([_END, 1 - _END])
@@ -112,7 +112,7 @@ def _follows(
 
 @cache
 def _to_ends() -> np.ndarray:
-    """What takes values at the nodes to those near both ends, (2, d)."""
+    """Return the matrix from values at the nodes to those near both ends, (2, d)."""
     tau = gauss().tau
     near = legvander(np.array([2 * _END - 1, 1 - 2 * _END]), len(tau) - 1)
     return near @ np.linalg.inv(legvander(2 * tau - 1, len(tau) - 1))
@@ -120,6 +120,6 @@ def _to_ends() -> np.ndarray:
 
 @cache
 def _last_rows() -> np.ndarray:
-    """What takes values at the nodes to the last two coefficients of their series, (2, d)."""
+    """Return the matrix from values at the nodes to the last two coefficients, (2, d)."""
     tau = gauss().tau
     return np.linalg.inv(legvander(2 * tau - 1, len(tau) - 1))[-2:]

@@ -1,4 +1,4 @@
-"""Phases of a stroke: which masses rest in each, and exactly where they end."""
+"""Phases of a stroke: which masses rest in each, and exact ends."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from scipy.optimize import brentq
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.crawling.velocity import Crawler, Motion
 
-# How closely breaks are closed in on, and at which shares of a gap is looked. A phase so thin is
-# left out: as the velocity is continuous, it adds to no integral more than its square.
+# Accuracy of breaks, and samples within a gap. Thinner phases are left out: as the velocity is
+# continuous, they contribute at most their squared width to an integral.
 _POINT, _PARTS, THIN = 1e-12, np.arange(1, 10) / 10, 1e-8
 _ASIDE = 1e-9
 _LEAST, _LOOKS = 1e-14, 64  # at the stroke, for its size
-# Looks for reversals between two breaks, and how near to one a kink does not matter.
+# Samples for reversals between two breaks, and distance from a break at which kinks are ignored.
 _TURNS, _ASIDE_OF_BREAKS = 1024, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """A part of a stroke through which the same masses rest and slide, none turning back."""
+    """A part of a stroke with the same resting and sliding masses and no reversal."""
 
     start: float
     end: float
     rest: np.ndarray  # (m,), whether a mass rests
-    back: np.ndarray  # (m,), whether a mass slides back where it is resisted otherwise than ahead
-    twist: np.ndarray  # (3,), somewhere in it
+    back: np.ndarray  # (m,), whether a mass slides backward with another resistance than forward
+    twist: np.ndarray  # (3,), somewhere in the phase
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What moves how at a phase of the stroke."""
+    """Motion at a phase of the stroke."""
 
     tau: float
     rest: np.ndarray  # (m,)
@@ -43,20 +43,20 @@ class Sample:
     twist: np.ndarray  # (3,)
 
     def as_in(self, other: Sample | Phase) -> bool:
-        """Whether the same masses rest and slide back."""
+        """Return whether the same masses rest and slide backward."""
         return bool((self.rest == other.rest).all() and (self.back == other.back).all())
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A crawler that goes through a stroke."""
+    """A crawler with its stroke."""
 
     crawler: Crawler
     stroke: Stroke
 
     @cached_property
     def sizes(self) -> np.ndarray:
-        """What a twist and a power (4,) usually come to over the stroke, by the shape alone."""
+        """Usual sizes of twist and power (4,) over the stroke, from the shape alone."""
         tau = (np.arange(_LOOKS) + 0.5) / _LOOKS
         bodies = self.crawler.bodies(*self.stroke.at(tau))
         length = float(bodies.sizes[:, 2].mean())
@@ -67,8 +67,8 @@ class Course:
     def breaks(self) -> np.ndarray:
         """Phases between which the motion can be smooth: breaks of the stroke, and reversals.
 
-        The velocity goes with the size of the rates of the shape, so that it has a kink where they
-        all pass through 0 at once, as where a single joint turns back.
+        The velocity is proportional to the rates of the shape, so it has a kink where all of them
+        pass through 0 at once, for example where a single joint reverses.
         """
         found = [self.stroke.breaks]
         for a, b in pairwise(self.stroke.breaks):
@@ -82,15 +82,15 @@ class Course:
         return np.sort(np.concatenate(found))
 
     def _turn(self, start: float, end: float, ahead: np.ndarray) -> float:
-        """Where the rates no longer go `ahead`, as they do at the start only."""
+        """Return the phase at which the rates no longer go `ahead`, as they do at the start."""
         return brentq(lambda t: float(self.stroke.at([t])[1][0] @ ahead), start, end, xtol=1e-15)
 
     def sample(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> list[Sample]:
-        """Which masses rest and slide back at phases, by samples near each if there are."""
+        """Return which masses rest and slide backward at phases, from nearby samples if given."""
         return self.samples_of(tau, self.at(tau, near))
 
     def at(self, tau: np.ndarray, near: Sequence[Sample | Phase] | None = None) -> Motion:
-        """Motion at phases, by the phase."""
+        """Return the motion at phases, by the phase."""
         s, ds = self.stroke.at(tau)
         if near is None:
             return self.crawler.move(s, ds)
@@ -98,7 +98,7 @@ class Course:
         return self.crawler.follow(s, ds, rest, twist)
 
     def samples_of(self, tau: np.ndarray, motion: Motion) -> list[Sample]:
-        """Samples of motions at phases."""
+        """Return samples of motions at phases."""
         back = (ahead(motion) < 0) & self.crawler.ground.one_sided & ~motion.rest
         rows = zip(tau, motion.rest, back, motion.twist, strict=True)
         return [Sample(float(t), *row) for t, *row in rows]
@@ -106,20 +106,20 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A smooth piece of a stroke, and what was seen of it."""
+    """A smooth piece of a stroke, with its samples."""
 
     start: float
     end: float
     seen: list[Sample]  # in order
 
     def joined(self, samples: list[Sample]) -> Piece:
-        """With those samples added that lie in it."""
+        """Return the piece with further samples that lie in it."""
         own = [one for one in samples if self.start < one.tau < self.end]
         return replace(self, seen=sorted([*self.seen, *own], key=lambda one: one.tau))
 
     @property
     def phases(self) -> list[Phase]:
-        """Phases, if samples close in on every break."""
+        """Phases, if samples enclose every break."""
         changes = [k for k, (a, b) in enumerate(pairwise(self.seen)) if not a.as_in(b)]
         stays = [self.seen[k] for k in (*changes, -1)]
         begins = [self.start, *(self.seen[k].tau for k in changes), self.end]
@@ -137,7 +137,7 @@ class Piece:
 
 
 def closed(course: Course, seen: list[Sample]) -> list[Sample]:
-    """Add samples until two enclose every break as closely as numbers can."""
+    """Add samples until two enclose every break to machine accuracy."""
     while gaps := [(a, b) for a, b in pairwise(seen) if _open(a, b)]:
         asked = [a.tau + (b.tau - a.tau) * _PARTS for a, b in gaps]
         sides = zip(asked, gaps, strict=True)
@@ -151,7 +151,7 @@ def closed(course: Course, seen: list[Sample]) -> list[Sample]:
 
 
 def _thinned(found: list[Sample], a: Sample, b: Sample) -> list[Sample]:
-    """Samples of a gap so thin that no phase is told in it: up to where `a` ends, `b` after it."""
+    """Return samples of a gap too thin for a phase: up to the end of `a`, then `b`."""
     stays = list(takewhile(lambda one: (one.rest == a.rest).all(), found))
     rest = found[len(stays) :]
     begun = [replace(b, tau=rest[0].tau)] if rest else []
@@ -159,13 +159,13 @@ def _thinned(found: list[Sample], a: Sample, b: Sample) -> list[Sample]:
 
 
 def _open(a: Sample, b: Sample) -> bool:
-    """Whether a break between samples is not closed in on."""
-    if (a.rest == b.rest).all():  # turning back is less of a break: forces do not leap
+    """Return whether a break between samples is not enclosed."""
+    if (a.rest == b.rest).all():  # a reversal is a weaker break: forces do not jump
         return b.tau - a.tau > THIN / 10 and not a.as_in(b)
     return b.tau - a.tau > _POINT
 
 
 def ahead(motion: Motion) -> np.ndarray:
-    """Velocities (G, m) along the headings, 0 counted as ahead: a neighbour at rest keeps it 0."""
+    """Return velocities (G, m) along headings; 0 counts as forward, beside a resting mass."""
     largest = np.abs(motion.velocities).max(axis=(1, 2))
     return motion.velocities[..., 0] + _ASIDE * largest[:, None]

@@ -1,4 +1,4 @@
-"""Where a mass rests and the body turns about it."""
+"""Least power with one mass at rest, about which the body turns."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _SINGULAR = 1e-20
 
 
 def pivots(body: LeastPower) -> tuple[np.ndarray, np.ndarray]:
-    """Least power for every mass at rest, of three unknowns or of two: x (G, m, n), value (G, m).
+    """Return least power with each mass at rest: x (G, m, n), value (G, m), for n of 2 or 3.
 
-    If any mass rests where the power is least, the lowest of these is that power. The value is
-    infinite where a mass cannot rest.
+    If any mass rests at least power, the lowest of these is that power. The value is infinite if a
+    mass cannot rest.
     """
     G, m, _, n = body.J.shape
     each = np.repeat(np.arange(G), m)
@@ -31,7 +31,7 @@ def pivots(body: LeastPower) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _resting(J: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The nearest x (K, n) at which a mass rests."""
+    """Return the nearest x (K, n) at which a mass rests."""
     across = J @ J.transpose(0, 2, 1)
     across[_stays(J)] = np.eye(2)
     off = b + (J @ x[..., None])[..., 0]
@@ -39,5 +39,5 @@ def _resting(J: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _stays(J: np.ndarray) -> np.ndarray:
-    """Whether a mass (K,) has a velocity, in one direction at least, that no x changes."""
+    """Return whether a mass (K,) has a velocity, in at least one direction, that no x changes."""
     return np.linalg.det(J @ J.transpose(0, 2, 1)) < _SINGULAR

@@ -1,4 +1,4 @@
-"""What resting masses push against the ground with: shared out as evenly as the ground allows."""
+"""Pushes of resting masses on the ground, distributed as evenly as the ground allows."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from wormopt.systems.planar.crawling.ground import Ground
 from wormopt.systems.planar.crawling.pivots import pivots
 
 RANK = 1e-9
-_SAME = 1e-9  # gauges nearer than this are the same
+_SAME = 1e-9  # gauges closer than this count as equal
 _TINY = 1e-100
 
 
 def reactions(body: LeastPower, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pushes (G, k, 2) of least largest gauge that bear a load, that gauge, and who slips.
+    """Return pushes (G, k, 2) of least largest gauge that carry a load, that gauge, who slips.
 
-    Q (G, n, n) spans in its rows what the masses, which all rest, hinder.
+    The rows of Q (G, n, n) span the directions that the masses, all at rest, block.
     """
     G, k, _, n = body.J.shape
     rows = body.J.reshape(G, 2 * k, n)
@@ -49,17 +49,17 @@ def reactions(body: LeastPower, Q: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
 
 
 def load_gauge(body: LeastPower) -> tuple[np.ndarray, ...]:
-    """How much of what all masses at rest can hold a load is, by duality.
+    """Return the load relative to the largest that all masses at rest can hold, by duality.
 
-    It is the largest load.x among motions x that take the power 1. Gives the pushes (G, m, 2),
-    the gauge (G,), which masses slip first (G, m), and in what motion (G, n).
+    It is the largest load.x among motions x of power 1. Returns the pushes (G, m, 2), the gauge
+    (G,), which masses slip first (G, m), and their motion (G, n).
     """
     size = np.linalg.norm(body.load, axis=1)
     along = body.load / size[:, None] ** 2
     M = np.linalg.svd(body.load[:, None, :])[2][:, 1:].transpose(0, 2, 1)
     inner = body.restricted(along, np.ones(body.b.shape[:2], bool), M)
     inner = replace(inner, b=np.einsum("gmcn,gn->gmc", body.J, along), load=0 * inner.load)
-    # Motions along the load alone, and its unit, as they are for a body without load.
+    # Motions along the load alone, and its unit, as for a body without load.
     scale = np.abs(inner.b).max(axis=(1, 2))
     scale[scale == 0] = 1.0
     inner = replace(inner, b=inner.b / scale[:, None, None])
@@ -70,7 +70,7 @@ def load_gauge(body: LeastPower) -> tuple[np.ndarray, ...]:
 
 
 def _on_a_line(body: LeastPower) -> tuple[np.ndarray, ...]:
-    """Pushes, who slips, the power and z, of a body that has one way to go, or none."""
+    """Return pushes, slipping masses, power and z, with one direction of motion or none."""
     z = np.zeros(body.load.shape)
     if z.size:
         z[:, 0] = body.along(z, np.ones(z.shape)).least()
@@ -79,7 +79,7 @@ def _on_a_line(body: LeastPower) -> tuple[np.ndarray, ...]:
 
 
 def _across(body: LeastPower) -> tuple[np.ndarray, ...]:
-    """The same for two ways: one mass rests where the others turn about it, or none does."""
+    """Return the same for two directions: one mass rests and the others turn about it, or none."""
     G, m = body.b.shape[:2]
     z, value = pivots(body)
     i, every = value.argmin(axis=1), np.arange(G)
@@ -101,13 +101,13 @@ def _across(body: LeastPower) -> tuple[np.ndarray, ...]:
 
 
 def _pushes(body: LeastPower, v: np.ndarray) -> np.ndarray:
-    """Pushes of masses with velocities `v` (G, m, 2), none of those at rest."""
+    """Return pushes of masses with velocities `v` (G, m, 2), 0 for resting ones."""
     power = body.ground.power(v)
     return body.ground.squares(v) * v / np.maximum(power, _TINY)[..., None]
 
 
 def turned_out(body: LeastPower, push: np.ndarray, i: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Push (G, 2) of a mass i (G,) at rest by those of the others, and where it would go (G, n)."""
+    """Return the push (G, 2) of a resting mass i (G,) from the others', and its slip (G, n)."""
     every = np.arange(len(i))
     slope = np.einsum("gmcn,gmc->gn", body.J, push) - body.load
     back = np.linalg.pinv(body.J[every, i], rcond=RANK)
@@ -120,11 +120,11 @@ def turned_out(body: LeastPower, push: np.ndarray, i: np.ndarray) -> tuple[np.nd
 def split_pair(
     push: np.ndarray, way: np.ndarray, ground: Ground
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of the pushes (G, 2, 2) of two masses along a line, those whose larger gauge is least.
+    """Return the pushes (G, 2, 2) of two masses along a line with the least larger gauge.
 
-    All pushes that balance are `push` + a `way`. Each gauge squared is made of parabolas in a,
-    one for each side of the ground ahead and back, so that the best a is the lowest point of one
-    of them, or where two cross. Gives the pushes, the gauge, and which masses are at it (G, 2).
+    All pushes that balance are `push` + a `way`. Each squared gauge consists of parabolas in a, one
+    for each of forward and backward resistance. The best a is therefore the minimum of one of them,
+    or a crossing of two. Returns the pushes, the gauge, and which masses are at it (G, 2).
     """
     ahead = np.abs(way[..., 0]) > _TINY  # others do not turn, however far
     turns = np.divide(-push[..., 0], way[..., 0], out=np.zeros_like(push[..., 0]), where=ahead)
@@ -151,7 +151,7 @@ def split_pair(
 
 
 def _crossings(c2: np.ndarray, c1: np.ndarray, c0: np.ndarray) -> list[np.ndarray]:
-    """Both roots of parabolas, NaN where there are none."""
+    """Return both roots of parabolas, NaN if there are none."""
     with np.errstate(all="ignore"):
         root = np.sqrt(c1**2 - 4 * c2 * c0)
         q = -(c1 + np.where(c1 >= 0, root, -root)) / 2

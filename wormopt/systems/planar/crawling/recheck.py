@@ -1,8 +1,8 @@
-"""Slow crawling again by other ways: forces sought instead of velocities, and even phases.
+"""Second routes to slow crawling: forces as unknowns instead of velocities, and even phases.
 
-Least power has a dual: of all forces that the ground can give and that balance the load, nature
-takes those that resist the changing shape most. Its unknowns are forces, its only curved limits
-ellipses, and the multipliers of its balance are the twist of the body.
+Least power has a dual: among all forces of the ground that balance the load, the actual ones resist
+the changing shape most. Its unknowns are forces, its only curved limits are ellipses, and the
+multipliers of its balance are the twist of the body.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from wormopt.systems.planar.body.se2 import compose, rotate
 from wormopt.systems.planar.crawling.phases import Course, Phase
 from wormopt.systems.planar.crawling.velocity import Crawler, refuse_open
 
-_FEW = 8  # middles next to one instant at which the motion is open
+_FEW = 8  # midpoints next to an instant at which the motion is not unique
 _IPOPT = Ipopt(tolerance=1e-11, iterations=300)
 
 
 @dataclass(frozen=True, eq=False)
 class MostResistance:
-    """What the dual found at G instants."""
+    """Solution of the dual at G instants."""
 
-    power: np.ndarray  # (G,), no motion can take less
+    power: np.ndarray  # (G,), lower bound of any motion's power
     twist: np.ndarray  # (G, 3)
-    violation: np.ndarray  # (G,), of balance and limits, as a share
+    violation: np.ndarray  # (G,), of balance and limits, relative
 
 
 def most_resistance(crawler: Crawler, s: np.ndarray, ds: np.ndarray) -> MostResistance:
@@ -55,7 +55,7 @@ def most_resistance(crawler: Crawler, s: np.ndarray, ds: np.ndarray) -> MostResi
 
 
 def _program(forward: np.ndarray, backward: np.ndarray, sideways: np.ndarray) -> NonlinearProgram:
-    """Program over the pushes F+ a - F- c along and Fn n aside, (a + c)^2 + n^2 <= 1."""
+    """Return the program over the pushes F+ a - F- c along and Fn n aside, (a + c)^2 + n^2 <= 1."""
     m = len(forward)
     w, p = ca.MX.sym("w", 3 * m), ca.MX.sym("p", 8 * m + 3)
     a, c, aside = ca.vertsplit(w, m)
@@ -67,11 +67,11 @@ def _program(forward: np.ndarray, backward: np.ndarray, sideways: np.ndarray) ->
 
 
 def even_displacement(course: Course, count: int, known: Sequence[Phase] = ()) -> np.ndarray:
-    """Displacement (3,) of a stroke by the middles of even phases, whatever its breaks.
+    """Return the displacement (3,) of a stroke by midpoints of even phases, ignoring breaks.
 
-    The velocity of each is found anew. The error falls as 1/count^2. A middle may fall so near to
-    an instant at which the motion is open that its velocity cannot be told by itself: there it
-    follows what is `known` of the stroke. More than a few are a part of the stroke, and refused.
+    The velocity at each midpoint is found anew. The error falls as 1/count^2. Close to an instant
+    at which the motion is not unique the velocity cannot be found independently: there it follows
+    what is `known` of the stroke. If there are more than a few, the stroke is refused.
     """
     ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, count + 1), course.breaks]))
     step = np.diff(ends)
@@ -93,11 +93,11 @@ def even_displacement(course: Course, count: int, known: Sequence[Phase] = ()) -
 def actuator_loads(
     points: np.ndarray, forces: np.ndarray, load: np.ndarray, *, lengths: bool
 ) -> np.ndarray:
-    """Loads of the actuators of a chain, from the head down: of links if `lengths`, then joints.
+    """Return the actuator loads of a chain, head first: of links if `lengths`, then of joints.
 
-    `points` (G, m, 2) and `forces` (G, m, 2) on them stand in the frame of the body, as does the
-    `load` (3,) on its head. A link's actuator pushes its masses apart, a joint's turns the link
-    in front to the left.
+    `points` (G, m, 2), `forces` (G, m, 2) on them and the `load` (3,) on the head are in the frame
+    of the body. A link's actuator pushes its masses apart; a joint's turns the link in front to the
+    left.
     """
     ahead = np.cumsum(forces, axis=1) + load[:2]
     moments = np.cumsum(cross(points, forces), axis=1) + load[2]
@@ -109,12 +109,12 @@ def actuator_loads(
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products of vectors (..., 2)."""
+    """Return cross products of vectors (..., 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def repeated(displacement: np.ndarray, poses: np.ndarray, cycles: int) -> np.ndarray:
-    """Poses (cycles (m - 1) + 1, 3) of a stroke's (m, 3) done again and again."""
+    """Return poses (cycles (m - 1) + 1, 3) of the stroke's poses (m, 3), repeated."""
     start, found = np.zeros(3), []
     for _ in range(cycles):
         found.append(compose(start, poses[:-1]))

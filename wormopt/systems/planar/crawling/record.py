@@ -1,4 +1,4 @@
-"""A crawl at even phases: places, velocities and forces, for results and pictures."""
+"""A crawl at even phases: places, velocities and forces, for results and plots."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from wormopt.systems.planar.crawling.recheck import actuator_loads
 from wormopt.systems.planar.crawling.velocity import Motion
 
 _DEGREE = 6
-# Panels of the quadrature are halved where they miss more than this share of how far the stroke
-# moves the masses, down to a width at which rounding decides what rests.
+# Panels of the quadrature are halved if their error exceeds this share of the path of the masses
+# over the stroke, down to a width at which round-off decides rest.
 _MISSED, _NARROW = 1e-11, 1e-6
-_APART = 1e-9  # breaks nearer to a phase are not told from it: what barely moves there is rounding
+_APART = 1e-9  # breaks closer to a phase are not distinguished: motion there is round-off
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Record:
     shapes: np.ndarray  # (m, n_s)
     rates: np.ndarray  # (m, n_s), by the phase
     points: np.ndarray  # (m, masses, 2), in the frame of the body
-    headings: np.ndarray  # (m, masses), likewise
+    headings: np.ndarray  # (m, masses), in the frame of the body
     motion: Motion
     actuators: np.ndarray  # (m, n_s), their loads
 
@@ -39,7 +39,7 @@ class Record:
 
 
 def record(crawl: Crawl, tau: np.ndarray) -> Record:
-    """A crawl at phases that ascend from 0 on."""
+    """Return a crawl at phases that ascend from 0."""
     course = crawl.course
     crawler = course.crawler
     shapes, rates = course.stroke.at(tau)
@@ -56,7 +56,7 @@ def record(crawl: Crawl, tau: np.ndarray) -> Record:
 
 
 def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
-    """Motion at phases, near that of the stages they are in."""
+    """Return the motion at phases, near that of their stages."""
     within = np.clip(np.searchsorted(crawl.breaks, tau, side="right") - 1, 0, len(crawl.phases) - 1)
     near = [crawl.phases[k] for k in within]
     return crawl.course.at(tau, near)  # type: ignore[arg-type]  # a stage has what is asked
@@ -64,7 +64,7 @@ def motion_at(crawl: Crawl, tau: np.ndarray) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class Quadrature:
-    """Gauss' rule between phases (m,) that ascend from 0 to 1, and the poses (m, 3) it gives."""
+    """Gauss' rule between phases (m,) that ascend from 0 to 1, and its poses (m, 3)."""
 
     tau: np.ndarray  # (m,)
     nodes: np.ndarray  # (q,)
@@ -73,9 +73,9 @@ class Quadrature:
 
 
 def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
-    """Follow the pose anew between phases, and between the breaks among them.
+    """Integrate the pose again between phases, and between the breaks among them.
 
-    Panels are halved about kinks that are no breaks, as where a single joint turns back.
+    Panels are halved about kinks that are no breaks, for example where a single joint reverses.
     """
     breaks = np.union1d(crawl.breaks, crawl.course.breaks)
     after = np.searchsorted(tau, breaks).clip(1, len(tau) - 1)
@@ -93,7 +93,7 @@ def quadrature(crawl: Crawl, tau: np.ndarray) -> Quadrature:
 
 
 def _halved(crawl: Crawl, ends: np.ndarray) -> np.ndarray:
-    """Ends of panels on which Gauss' rule follows twist and power, by those to begin with."""
+    """Return ends of panels on which Gauss' rule resolves twist and power, from initial ends."""
     tau = Collocation(_DEGREE).tau
     last = np.linalg.inv(legvander(2 * tau - 1, _DEGREE - 1))[-2:]  # coefficients of a series
     start, step = ends[:-1], np.diff(ends)

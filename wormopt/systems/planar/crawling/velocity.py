@@ -21,32 +21,32 @@ _EVEN, _ASIDE = 1e-8, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How a body moves at G instants."""
+    """Motion of a body at G instants."""
 
-    twist: np.ndarray  # (G, 3), velocity of the frame in the frame, and how fast it turns
+    twist: np.ndarray  # (G, 3), velocity of the frame in the frame, and its angular velocity
     rest: np.ndarray  # (G, m), whether a mass rests
     velocities: np.ndarray  # (G, m, 2), along each mass' heading and to its left
     forces: np.ndarray  # (G, m, 2), of the ground on the worm, in the same directions
-    hold: np.ndarray  # (G,), by how much of what it can the ground holds those at rest
-    power: np.ndarray  # (G,), that the ground takes
+    hold: np.ndarray  # (G,), friction of resting masses relative to its limit
+    power: np.ndarray  # (G,), dissipated by the ground
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Bodies in units that make forces, velocities and lengths usual, and these units."""
+    """Bodies in units that scale forces, velocities and lengths to 1, and these units."""
 
     body: LeastPower
     speed: np.ndarray  # (G,)
-    sizes: np.ndarray  # (G, 3), what the twist is multiplied by
+    sizes: np.ndarray  # (G, 3), scale factors of the twist
 
     def scaled(self, twist: np.ndarray) -> np.ndarray:
-        """A twist in these units."""
+        """Return a twist in these units."""
         return twist * self.sizes / self.speed[:, None]
 
 
 @dataclass(frozen=True, eq=False)
 class Crawler:
-    """A body on its ground: shapes and rates in, motions out."""
+    """A body on its ground, which maps shapes and rates to motions."""
 
     shape: Shape
     ground: Ground
@@ -54,7 +54,7 @@ class Crawler:
 
     @classmethod
     def of(cls, shape: Shape, laws: PlanarLaw | Sequence[PlanarLaw], load: ArrayLike) -> Crawler:
-        """A body by its laws."""
+        """Return a crawler from its laws."""
         given = np.asarray(load, dtype=float)
         if given.shape != (3,) or not np.isfinite(given).all():
             raise ArgumentError(f"load must be two forces and a moment, not {load}")
@@ -66,7 +66,7 @@ class Crawler:
         return float(self.ground.sideways.mean())
 
     def bodies(self, s: np.ndarray, ds: np.ndarray) -> Bodies:
-        """Bodies at shapes (G, n_s) and rates."""
+        """Return bodies at shapes (G, n_s) and rates."""
         G, m = len(s), self.shape.n_points
         mapped = self.shape.kinematics.map(G)
         _, _, J, B = (np.array(part) for part in mapped.call([s.T]))
@@ -84,24 +84,24 @@ class Crawler:
         return Bodies(body, speed, sizes)
 
     def move(self, s: np.ndarray, ds: np.ndarray) -> Motion:
-        """Motions of least power; refused where others take as little."""
+        """Return motions of least power; refuse motions that are not unique."""
         motion, open_ = self.sought(s, ds)
         refuse_open(self.shape, s, open_)
         return motion
 
     def sought(self, s: np.ndarray, ds: np.ndarray) -> tuple[Motion, np.ndarray]:
-        """Motions of least power, and whether (G,) others take as little."""
+        """Return motions of least power, and whether (G,) they are not unique."""
         bodies = self.bodies(s, ds)
         least = least_power(bodies.body)
         return self._told(bodies, least), open_instants(bodies.body, least)
 
     def follow(self, s: np.ndarray, ds: np.ndarray, rest: np.ndarray, twist: np.ndarray) -> Motion:
-        """The same, by a guess (G, m) of the resting masses and one (G, 3) of the twist."""
+        """Return the same from guesses (G, m) of the resting masses and (G, 3) of the twist."""
         bodies = self.bodies(s, ds)
         return self._told(bodies, near(bodies.body, bodies.scaled(twist), rest))
 
     def _told(self, bodies: Bodies, least: Held) -> Motion:
-        """What was found, in the units asked for."""
+        """Return the motion in the units of the caller."""
         v = np.where(least.rest[..., None], 0.0, least.v)
         power = bodies.body.ground.power(v).sum(axis=1) * bodies.speed * self.force
         return Motion(
@@ -115,7 +115,7 @@ class Crawler:
 
 
 def open_instants(body: LeastPower, least: Held) -> np.ndarray:
-    """Whether (G,) other velocities take as little power."""
+    """Return whether (G,) other velocities have as little power."""
     at_limit = least.rest.any(axis=1) & (np.abs(least.hold - 1) < _EVEN)
     open_ = least.stiffness < _EVEN
     some = np.flatnonzero(at_limit & ~open_)
@@ -124,7 +124,7 @@ def open_instants(body: LeastPower, least: Held) -> np.ndarray:
         way = way_out(tried, limit)
         way *= _ASIDE / np.abs(way).max(axis=1)[:, None]
         x = limit.x + way
-        # While the masses at rest go that way, the others turn as takes least power.
+        # While the resting masses slip, the others turn with least power.
         turning = freedom(tried, limit.x, limit.rest)[1].sum(axis=2)
         x += tried.along(x, turning).least()[:, None] * turning
         more = tried.smooth_value(x, 0.0) - tried.smooth_value(limit.x, 0.0)
@@ -133,18 +133,18 @@ def open_instants(body: LeastPower, least: Held) -> np.ndarray:
 
 
 def refuse_open(shape: Shape, s: np.ndarray, open_: np.ndarray) -> None:
-    """Refuse instants at which the motion is open."""
+    """Refuse instants at which the motion is not unique."""
     if open_.any():
         first = s[np.flatnonzero(open_)[0]]
         named = zip(shape.names, first, strict=True)
         told = ", ".join(f"{name} {value:.4g}" for name, value in named)
         raise SolveError(
-            f"the ground leaves the motion open at {open_.sum()} of {len(open_)} instants, the "
-            f"first at {told}: other velocities take as little power, as where links of one length "
-            "could turn in place of each other, or a straight chain has as much resistance to "
-            "those of its masses that go ahead as to those that go back",
-            "make the resistance of a mass, or the length of a link at an end, differ by 1 %, or "
-            "let the stroke keep off this shape",
+            f"the motion is not unique at {open_.sum()} of {len(open_)} instants, the first at "
+            f"{told}: other velocities have as little power. Links of one length may turn in place "
+            "of each other, or masses of a straight chain that move forward may have the same "
+            "resistance as those that move backward",
+            "change the resistance of a mass, or the length of an end link, by 1 %, or let the "
+            "stroke avoid this shape",
         )
 
 
@@ -156,7 +156,9 @@ def crawl_velocity(
     *,
     load: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Motion:
-    """Velocity of a body that crawls so slowly that inertia does not matter.
+    """Return the velocity of a body that crawls so slowly that its inertia does not matter.
+
+    Theory: docs/theory-planar.md, section 3.
 
     Parameters
     ----------
@@ -165,7 +167,7 @@ def crawl_velocity(
     laws : Elliptic, or sequence of Elliptic
         Friction law of all masses, or of each.
     s, ds : array_like, shape (G, n_s) or (n_s,)
-        Shapes, and how fast they change.
+        Shapes (lengths, angles in rad), and their rates.
     load : array_like, shape (3,), optional
         Force on the frame of the body, along its heading and to the left, and moment.
 
@@ -177,9 +179,9 @@ def crawl_velocity(
     Raises
     ------
     ArgumentError
-        If numbers do not match, or a law is not one of least power.
+        If dimensions differ, or a law has no principle of least power.
     SolveError
-        If the ground cannot hold the load, or leaves the motion open.
+        If the ground cannot hold the load, or the motion is not unique.
 
     Examples
     --------

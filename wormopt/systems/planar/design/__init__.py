@@ -1,1 +1,1 @@
-"""Gaits of planar worms by optimal control: fast, turning, cheap, and through passages."""
+"""Gait design for planar worms by optimal control: fast, turning, cheap, and through passages."""

@@ -1,4 +1,4 @@
-"""What a planar gait shall do, and what its shape, its rates and its room must keep to."""
+"""Objective of a planar gait, and limits of its shape, rates and room."""
 
 from __future__ import annotations
 
@@ -14,28 +14,33 @@ from wormopt.systems.planar.design.ground import Dry, ground_of
 
 Purpose = Literal["speed", "turn", "work"]
 _STROKES = 20
-"""The smallest stroke takes this part of the time of the usual one."""
+"""Duration of the smallest stroke over that of the usual one."""
 PIVOTS = ("any", "centre")
 
 
 @dataclass(frozen=True)
 class PlanarLimits:
-    """What a gait must keep to.
+    """Limits of a gait.
 
     Parameters
     ----------
     length : (float, float), optional
-        Least and largest length of links that vary.
+        Least and largest length of links whose lengths vary.
     angle : (float, float), optional
-        Least and largest angle of a joint.
+        Least and largest joint angle, in rad.
     length_rate, angle_rate : float, optional
-        Largest rate of a length and of an angle.
+        Largest rate of a length (length per time) and of an angle (rad per time).
     effort : float, optional
-        Most work in a cycle.
+        Largest work per cycle.
     half_width : float, optional
-        Half the width of a passage along the way; free if left out.
+        Half the width of a passage along the displacement; unlimited if left out.
     radius : float, optional
-        Of the links, as rods with round ends, in the passage.
+        Radius of the links, rods with round ends, in the passage.
+
+    Raises
+    ------
+    ArgumentError
+        If a limit is inconsistent.
 
     Examples
     --------
@@ -57,13 +62,13 @@ class PlanarLimits:
             if not least < most:
                 raise ArgumentError(f"{name} must go from less to more, not {least} to {most}")
         if self.length[0] <= 0:
-            raise ArgumentError(f"links must be longer than 0, not {self.length[0]}")
+            raise ArgumentError(f"link lengths must be above 0, not {self.length[0]}")
         if max(map(abs, self.angle)) >= np.pi:
-            raise ArgumentError("angles of joints stay below pi to either side")
+            raise ArgumentError("joint angles must be within ±pi")
         if min(self.length_rate, self.angle_rate) <= 0:
             raise ArgumentError("rates must be positive")
         if self.half_width is not None and self.half_width <= self.radius:
-            raise ArgumentError("the passage is narrower than a link")
+            raise ArgumentError("the passage is narrower than a link; give a larger half_width")
 
 
 def _kind(name: str) -> str:
@@ -72,7 +77,7 @@ def _kind(name: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PlanarAim:
-    """A body on its ground, and what its gait is for.
+    """A body on its ground, and the objective of its gait.
 
     Parameters
     ----------
@@ -81,23 +86,28 @@ class PlanarAim:
     ground : Elliptic, sequence of Elliptic, or Swimmer
         Dry friction of all masses, or of each, head first; or the same body with its drags.
     limits : PlanarLimits
-        What the gait must keep to.
+        Limits of the gait.
     purpose : {"speed", "turn", "work"}
-        Fastest without net turn; fastest turn in place; least work to a pose.
+        Highest speed without net turn; fastest turn in place; least work to a pose.
     pose : (float, float, float), optional
-        Of ``"work"``: x, y and angle of the head to reach, seen from the one at the start.
+        For ``"work"``: x, y and angle (rad) of the head to reach, in its frame at the start.
     cycles : int, optional
-        Cycles in which it is reached.
+        Number of cycles in which the pose is reached.
     closed : bool, optional
-        Whether the shape returns.
+        Whether the shape must return to its start.
     start : tuple of float, optional
-        Shape to begin with; free if left out.
+        Initial shape; free if left out.
     pivot : int or {"any", "centre"}, optional
-        Of ``"turn"``: the mass, the masses' centre, or nothing, that is where it was after a cycle.
+        For ``"turn"``: the point that returns after a cycle: a mass, the masses' centre, or none.
     corners : int, optional
-        Corners of the stroke, joined by straight sides.
+        Number of corners of the stroke, joined by straight sides.
     time : float, optional
-        Of ``"work"``: that a cycle takes, of which drag's work depends.
+        For ``"work"``: duration of a cycle, on which the work of drag depends.
+
+    Raises
+    ------
+    ArgumentError
+        If the objective is inconsistent.
 
     Examples
     --------
@@ -109,7 +119,7 @@ class PlanarAim:
     """
 
     shape: Shape
-    ground: Any  # kept as Dry or Viscous
+    ground: Any  # stored as Dry or Viscous
     limits: PlanarLimits
     purpose: Purpose = "speed"
     pose: tuple[float, float, float] | None = None
@@ -124,25 +134,25 @@ class PlanarAim:
         object.__setattr__(self, "ground", ground_of(self.ground))
         n_s = len(self.shape.names)
         if n_s == 0:
-            raise ArgumentError("a rigid body has no gait")
+            raise ArgumentError("a rigid body has no gait; give a shape with shape variables")
         if (self.purpose == "work") != (self.pose is not None):
-            raise ArgumentError("a pose is what the purpose 'work', and it alone, needs")
+            raise ArgumentError("purpose 'work' needs a pose; other purposes have none")
         if self.purpose != "work" and not self.closed:
-            raise ArgumentError("only a course to a pose may end with another shape")
+            raise ArgumentError("only purpose 'work' may end with another shape; set closed")
         if not self.closed and self.cycles > 1:
-            raise ArgumentError("a course whose shape does not return has one cycle")
+            raise ArgumentError("a path with another final shape has one cycle; set cycles=1")
         if self.start is not None and len(self.start) != n_s:
             raise ArgumentError(f"start needs {n_s} numbers, not {len(self.start)}")
         if self.limits.effort is not None and self.timed and not isinstance(self.ground, Dry):
-            raise ArgumentError("linear drag's work knows no least time; leave the effort out")
+            raise ArgumentError("on linear drag the work has no least time; leave effort out")
         if isinstance(self.pivot, int) and not 0 <= self.pivot < self.shape.n_points:
             raise ArgumentError(f"there is no mass {self.pivot}")
         if isinstance(self.pivot, str) and self.pivot not in PIVOTS:
-            raise ArgumentError(f"pivot is a mass, 'any' or 'centre', not {self.pivot!r}")
+            raise ArgumentError(f"pivot must be a mass, 'any' or 'centre', not {self.pivot!r}")
         if self.closed and n_s == 1 and self.ground.symmetric:
             raise ArgumentError(
-                "one shape variable goes there and back on the same way, and ground with F+ = F- "
-                "takes the body back with it: let lengths vary, or take more joints"
+                "one shape variable goes to and fro on one curve, and ground with F+ = F- "
+                "returns the body; let lengths vary, or use more joints"
             )
 
         self._refuse_an_anchor()
@@ -154,8 +164,8 @@ class PlanarAim:
         held = self.ground.anchor(self.shape)
         if held is not None and (self.purpose == "speed" or straight):
             raise ArgumentError(
-                f"mass {held} holds what all others together can pull, hence never moves, and a "
-                "closed gait without a turn gets nowhere: let it grip less than their sum"
+                f"mass {held} holds the pull of all others together and never moves, so a closed "
+                "gait without turn has no displacement; give it less friction than their sum"
             )
 
     @property
@@ -171,19 +181,19 @@ class PlanarAim:
 
     @cached_property
     def length(self) -> float:
-        """Length of the body, its shape in the middle of its ranges."""
+        """Length of the body with its shape in the middle of its ranges."""
         points = np.asarray(self.shape.kinematics(self.ranges.mean(axis=1))[0])
         return float(np.hypot(*np.diff(points, axis=1)).sum())
 
     @cached_property
     def reaches(self) -> np.ndarray:
-        """How far each shape variable may move a part of the body, (n_s,)."""
+        """Largest displacement of a part of the body by each shape variable, (n_s,)."""
         sizes = [1.0 if _kind(name) == "length" else self.length for name in self.shape.names]
         return np.ptp(self.ranges, axis=1) * sizes
 
     @property
     def usual(self) -> float:
-        """Usual size of what is sought: a speed, a rate of turning, or a work."""
+        """Usual size of the objective: a speed, a turn rate, or a work."""
         if self.purpose == "turn":
             return 1.0 / self.duration_usual
         if self.purpose == "speed":
@@ -208,28 +218,28 @@ class PlanarAim:
 
     @property
     def shortest(self) -> float:
-        """Least time of a cycle: on dry ground small strokes may be as fast as large ones."""
+        """Least duration of a cycle: on dry ground small strokes may be as fast as large ones."""
         return self.duration_usual / _STROKES
 
     @property
     def timed(self) -> bool:
-        """Whether the time it takes counts."""
+        """Whether the duration matters."""
         return self.purpose != "work"
 
     @property
     def work_factor(self) -> float:
-        """Work by the integral of the power over a phase that lasts 1."""
+        """Ratio of work to the integral of the power over a phase of unit duration."""
         return 1.0 if isinstance(self.ground, Dry) else 1.0 / self.time
 
     @property
     def step(self) -> np.ndarray:
-        """Pose (3,) to reach in one cycle, repeated to reach the pose."""
+        """Pose (3,) to reach in one cycle, whose repetition leads to `pose`."""
         assert self.pose is not None
         return root(np.array(self.pose), self.cycles)
 
 
 def root(pose: np.ndarray, cycles: int) -> np.ndarray:
-    """Displacement (3,) that leads to a pose when repeated so often."""
+    """Return the displacement (3,) that leads to a pose after `cycles` repetitions."""
     turn = pose[2] / cycles
     factor = np.exp(1j * turn * np.arange(cycles)).sum()
     first = complex(pose[0], pose[1]) / factor

@@ -1,4 +1,4 @@
-"""The verb of planar gait design: an aim in, the best gait found out, by its exact motion."""
+"""Design of planar gaits: the best gait for an objective, by its exact motion."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from wormopt.systems.planar.design.starts import first_corners
 from wormopt.systems.planar.swimming.stroke import swim
 
 CLOSED = 1e-9
-"""Largest miss of a turn, a place or a pose."""
-# Corners nearer to the one before than this part of the ranges are one with it.
+"""Accepted residual of a turn, a place or a pose."""
+# Corners nearer to the previous one than this share of the ranges are merged with it.
 _SAME = 1e-7
-# Numbers so near to a limit or each other, over the ranges, are made equal: the first that will do.
+# Values this close to a limit or each other, over the ranges, are set equal: the first that works.
 _NEAR = (1e-6, 1e-5, 1e-4, 1e-3)
 _CORRECTIONS, _NARROWINGS = 12, 5
-# Steps of the last search, on friction as good as set-valued: each takes long, few gain anything.
+# Iterations of the last search with almost set-valued friction: each is slow, few improve anything.
 _LAST = 15
-# Part of what was found at given instants that the exact motion may lack.
+# Accepted loss of the exact motion against that at fixed instants.
 _LOST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Shape variables that go straight from corner to corner and end at the last.
+    """Shape variables that are linear from corner to corner and end at the last.
 
-    A stroke but for its end: each side takes the same part of the phase.
+    Like a stroke, but not closed: each side takes the same part of the phase.
     """
 
     corners: np.ndarray
@@ -66,20 +66,20 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class PlanarDesign:
-    """A gait or course found, moved exactly: a local optimum.
+    """Result of `design_stroke`: a gait or path by its exact motion, a local optimum.
 
     Parameters
     ----------
     aim : PlanarAim
-        What was wanted.
+        The objective.
     corners : ndarray, shape (k, n_s)
-        Of the shape variables, joined by straight sides.
+        Corners of the shape variables, joined by straight sides.
     displacement : ndarray, shape (3,)
-        x, y and angle of the head after a cycle, in the frame before.
+        x, y and angle of the head after a cycle, in its frame before.
     work : float
-        That the ground takes in a cycle; of linear drag, in `duration` at constant power.
+        Work dissipated per cycle; on linear drag, in `duration` at constant power.
     tried : tuple of float
-        What every start led to, as `value`; NaN where to nothing.
+        Objective reached from every start, like `value`; NaN if none.
     """
 
     aim: PlanarAim
@@ -95,22 +95,22 @@ class PlanarDesign:
 
     @property
     def times(self) -> np.ndarray:
-        """Times of the sides at the fastest pace."""
+        """Durations of the sides at the highest rates allowed."""
         return side_times(self.aim, self.corners)[: None if self.aim.closed else -1]
 
     @property
     def duration(self) -> float:
-        """Time of a cycle: at the fastest pace, or as the aim tells where work counts."""
+        """Duration of a cycle at the highest rates allowed, or that of the aim on linear drag."""
         return float(self.times.sum()) if self.aim.timed else self.aim.time
 
     @property
     def distance(self) -> float:
-        """How far the head gets."""
+        """Distance of the head per cycle."""
         return float(np.hypot(*self.displacement[:2]))
 
     @property
     def value(self) -> float:
-        """Speed, rate of turning, or work: what was sought."""
+        """Objective: speed, turn rate, or work."""
         if self.aim.purpose == "work":
             return self.work
         gain = self.displacement[2] if self.aim.purpose == "turn" else self.distance
@@ -118,14 +118,14 @@ class PlanarDesign:
 
     @cached_property
     def misses(self) -> np.ndarray:
-        """What should vanish: the turn, the way of the pivot, what lacks to the pose."""
+        """Residuals of the requirements: turn, drift of the pivot, difference to the pose."""
         return _task(self.aim, self.corners).conditions(self.displacement, self.corners)[0]
 
     @property
     def work_bound(self) -> float | None:
-        """Least work that moves every mass so far on dry ground.
+        """Lower bound of the work that moves every mass by its displacement on dry ground.
 
-        Each mass goes from where it was to where it is, against its least resistance.
+        Each mass moves straight to its end place against its least resistance.
         """
         if not isinstance(self.aim.ground, Dry):
             return None
@@ -137,35 +137,37 @@ class PlanarDesign:
 
     @property
     def turn_bound(self) -> float | None:
-        """Largest rate of turning of two links of which one rests at any instant."""
+        """Largest turn rate of two links one of which always rests."""
         if self.aim.shape.names != ("length 1", "length 2", "angle 1"):
             return None
         return self.aim.limits.angle_rate / 2
 
     def places(self, per_side: int = 24) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Times (m,), shapes (m, n_s), poses (m, 3), and places (m, masses, 2) over a cycle."""
+        """Return times (m,), shapes (m, n_s), poses (m, 3), places (m, masses, 2) of a cycle."""
         return _places(self, per_side)
 
 
 def design_stroke(
     aim: PlanarAim, *, starts: int = 4, seed: int = 0, report: Report = silent
 ) -> PlanarDesign:
-    """Find the best gait or course for an aim: a local optimum, the best of several.
+    """Find the best gait or path for an objective: a local optimum, the best of several.
 
-    From strokes by chance, programs of optimal control with ever steeper friction lead to
-    polygons, whose corners are then made best by the set-valued motion itself and its derivatives.
+    From random strokes, optimal control with increasingly steep friction finds polygons. Their
+    corners are then refined with the set-valued motion itself and its derivatives.
+
+    Theory: docs/theory-planar.md, section 9.
 
     Parameters
     ----------
     aim : PlanarAim
-        What is wanted.
+        The objective.
     starts : int, optional
-        Strokes to begin with: on dry ground, where lengths vary, a wave of lengths first if the way
-        ahead counts; others by chance.
+        Number of initial strokes. On dry ground with varying lengths a wave of lengths comes first
+        if forward displacement counts; the others are random.
     seed : int, optional
-        Of chance.
+        Seed of the random numbers.
     report : callable, optional
-        Called with what is done and the share of it that is behind.
+        Called with the current step and the share completed.
 
     Returns
     -------
@@ -174,7 +176,7 @@ def design_stroke(
     Raises
     ------
     SolveError
-        If no start leads to a gait that keeps to what is asked.
+        If no start leads to a gait within the limits.
 
     Examples
     --------
@@ -217,17 +219,17 @@ def design_stroke(
         if sign * design.value <= sign * value * (1 + sign * _LOST):
             return design
         refusal = SolveError(
-            f"a gait of {value:.6g} is one of {design.value:.6g} by its exact motion",
+            f"the gait has the objective {value:.6g}, but {design.value:.6g} by its exact motion",
             "write more corners, or more starts",
         )
     raise refusal or SolveError(
-        f"none of {starts} starts led to a gait that keeps to what is asked",
+        f"none of {starts} starts led to a gait within the limits",
         "write wider limits, more corners, or more starts",
     )
 
 
 def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
-    """Make a gait best once more, and exact; narrower where it leaves a passage between corners."""
+    """Refine a gait once more and move it exactly; narrow it if it leaves a passage."""
     room, half = aim.limits.half_width, aim.limits.half_width
     for _ in range(_NARROWINGS if room is not None else 1):
         held = replace(aim, limits=replace(aim.limits, half_width=room))
@@ -247,18 +249,18 @@ def _exact(aim: PlanarAim, corners: np.ndarray, tried: tuple[float, ...]) -> Pla
 
 
 def _steep(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
-    """Best corners near by, by friction as good as set-valued."""
+    """Return the best corners nearby, with almost set-valued friction."""
     return polish(aim, corners, parts=4, iterations=_LAST, widths=STEEP).corners
 
 
 def _made_exact(aim: PlanarAim, best: np.ndarray, tried: tuple[float, ...]) -> PlanarDesign:
-    """The design by exact motion, with the least that must be made equal for it to be found."""
+    """Return the design by exact motion, with as few values set equal as needed."""
     refusal: SolveError | None = None
     for near in _NEAR:
         corners, ties = _tied(aim, best, near)
         try:
             return _closed(aim, corners, ties, tried)
-        except SolveError as error:  # a crawl that hardly tells rest from motion
+        except SolveError as error:  # a crawl in which rest and motion hardly differ
             refusal = error
     assert refusal is not None
     raise refusal
@@ -267,7 +269,7 @@ def _made_exact(aim: PlanarAim, best: np.ndarray, tried: tuple[float, ...]) -> P
 def _closed(
     aim: PlanarAim, corners: np.ndarray, ties: np.ndarray, tried: tuple[float, ...]
 ) -> PlanarDesign:
-    """Change corners as little as makes vanish what should, by the exact motion."""
+    """Change corners by the least that satisfies the requirements in the exact motion."""
     task = _task(aim, corners)
     displacement, work = moved(aim, corners)
     for _ in range(_CORRECTIONS):
@@ -276,7 +278,7 @@ def _closed(
             break
         by = task.equal_by(task.pack(corners))[:, : corners.size]
         if not np.isfinite(by).all():
-            raise SolveError("the gait found has shapes whose motion is open", "write more starts")
+            raise SolveError("the motion is not unique in the gait found", "write more starts")
         step = -np.linalg.lstsq(by @ ties, miss / task.units, rcond=None)[0]
         change = (ties @ step).reshape(corners.shape) * task.sizes
         corners = np.clip(corners + change, *aim.ranges.T)
@@ -285,10 +287,10 @@ def _closed(
 
 
 def _tied(aim: PlanarAim, corners: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """Corners put on limits and on sides that change one variable alone, where they nearly are.
+    """Set corners onto limits and sides that change one variable alone, where they nearly are.
 
-    Also the matrix from free changes to those of all numbers: what is on a limit stays, and what
-    is alike at both ends of a side stays alike.
+    Also return the matrix from free changes to those of all values: values on a limit stay there,
+    and values equal at both ends of a side stay equal.
     """
     corners, (low, high) = corners.copy(), aim.ranges.T
     near = share * (high - low)
@@ -313,7 +315,7 @@ def _tied(aim: PlanarAim, corners: np.ndarray, share: float) -> tuple[np.ndarray
 
 
 def _distinct(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
-    """Corners without those that lie on the one before."""
+    """Return corners without those equal to the previous one."""
     size = np.ptp(aim.ranges, axis=1)
     kept = [corners[0]]
     for corner in corners[1:]:
@@ -322,7 +324,7 @@ def _distinct(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
     if aim.closed and len(kept) > 2 and np.abs((kept[-1] - kept[0]) / size).max() <= _SAME:
         kept.pop()
     if len(kept) < 2:
-        raise SolveError("the best gait found is to rest", "write wider limits, or more starts")
+        raise SolveError("the best gait found does not move", "write wider limits, or more starts")
     return np.array(kept)
 
 
@@ -331,7 +333,7 @@ def _task(aim: PlanarAim, corners: np.ndarray) -> Polish:
 
 
 def moved(aim: PlanarAim, corners: np.ndarray) -> tuple[np.ndarray, float]:
-    """Displacement (3,) and work of a cycle by the exact motion: crawling, or swimming."""
+    """Return displacement (3,) and work of a cycle by the exact motion: crawling, or swimming."""
     stroke = Polygon(corners) if aim.closed else Course(corners)
     if isinstance(aim.ground, Dry):
         found = crawl(aim.shape, aim.ground.each_law(aim.shape), stroke)
@@ -360,7 +362,7 @@ def _places(
 
 
 def widest(design: PlanarDesign) -> float:
-    """Half the width that the links take: across the way, or across the first heading to a pose."""
+    """Return half the width of the links, across the displacement or the first heading."""
     aim, places = design.aim, design.places()[3]
     along = np.array([1.0, 0.0])
     if aim.purpose == "speed" and design.distance > 0:
@@ -372,7 +374,7 @@ def widest(design: PlanarDesign) -> float:
 
 
 def crossings(places: np.ndarray) -> Iterator[tuple[int, int]]:
-    """Links (i, j) that cross at some instant, by the places (m, masses, 2)."""
+    """Yield links (i, j) that cross at some instant, from the places (m, masses, 2)."""
     links = places.shape[1] - 1
     for i in range(links):
         for j in range(i + 2, links):

@@ -1,4 +1,4 @@
-"""What the ground takes for the motion of a shape: potentials whose minimum is the motion."""
+"""Potentials of the ground whose minimum is the motion of a changing shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 @dataclass(frozen=True, eq=False)
 class Dry:
-    """Dry friction on every mass, that of most power.
+    """Dry friction with maximal dissipation on every mass.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Dry:
     laws: tuple[Elliptic, ...]
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Sum of sqrt(psi² + width²) less the width: what the twist makes least.
+        """Return the sum of sqrt(psi² + width²) less the width, which the twist minimises.
 
         Parameters
         ----------
@@ -46,21 +46,21 @@ class Dry:
         Returns
         -------
         casadi.SX
-            By the shape, its rates and the twist.
+            Expression in the shape, its rates and the twist.
         """
         laws = self.each_law(shape)
         squares = [_squared(law, shape.velocities[:, i]) for i, law in enumerate(laws)]
         return sum((ca.sqrt(one + width**2) - width for one in squares), start=ca.SX(0))
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Power that the ground takes, up to the width; smooth at rest.
+        """Return the power dissipated by the ground, up to the width; smooth at rest.
 
         Parameters
         ----------
         shape : Shape
-            As of `potential`.
+            The body.
         width : casadi.SX
-            As of `potential`.
+            Power below which friction is smooth.
 
         Returns
         -------
@@ -69,7 +69,7 @@ class Dry:
         return self.potential(shape, width)
 
     def each_law(self, shape: Shape) -> list[Elliptic]:
-        """Law of every mass.
+        """Return the law of every mass.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class Dry:
         return list(self.laws) * (shape.n_points if len(self.laws) == 1 else 1)
 
     def least_each(self, shape: Shape) -> np.ndarray:
-        """Least resistance of every mass.
+        """Return the least resistance of every mass.
 
         Parameters
         ----------
@@ -100,10 +100,10 @@ class Dry:
         return np.array([min(_numbers(law)) for law in laws])
 
     def anchor(self, shape: Shape) -> int | None:
-        """Mass that holds at least as much as all others together can pull: it never moves.
+        """Return the mass that holds the pull of all others together and never moves, or None.
 
-        With it at rest the body turns about it so that moments balance, and it bears what the
-        others exert, which it can: that is of least power, whatever the shape does.
+        With this mass at rest the body turns about it so that moments balance, and it carries the
+        forces of the others, which it can. This motion has least power for any change of shape.
 
         Parameters
         ----------
@@ -126,12 +126,12 @@ class Dry:
 
     @property
     def mean(self) -> float:
-        """Mean resistance of the masses, ahead, back and to both sides."""
+        """Mean resistance of the masses, forward, backward and to both sides."""
         return float(np.mean([(*_numbers(law), float(law.sideways)) for law in self.laws]))
 
     @property
     def symmetric(self) -> bool:
-        """Whether a reversed stroke goes back the same way."""
+        """Whether a reversed stroke returns the body."""
         return all(float(law.forward) == float(law.backward) for law in self.laws)
 
 
@@ -147,7 +147,7 @@ class Viscous:
     Raises
     ------
     ArgumentError
-        If it is asked for another shape than the swimmer's.
+        If the shape is not that of the swimmer.
 
     Examples
     --------
@@ -159,14 +159,14 @@ class Viscous:
     swimmer: Swimmer
 
     def potential(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Half the power: the twist makes it least.
+        """Return half the power, which the twist minimises.
 
         Parameters
         ----------
         shape : Shape
-            The swimmer's.
+            The swimmer's shape.
         width : casadi.SX
-            Without effect.
+            Has no effect.
 
         Returns
         -------
@@ -175,32 +175,32 @@ class Viscous:
         return self.power(shape, width) / 2
 
     def power(self, shape: Shape, width: ca.SX) -> ca.SX:
-        """Power that the ground takes.
+        """Return the power dissipated by the ground.
 
         Parameters
         ----------
         shape : Shape
-            As of `potential`.
+            The swimmer's shape.
         width : casadi.SX
-            As of `potential`.
+            Has no effect.
 
         Returns
         -------
         casadi.SX
         """
         if shape is not self.swimmer.shape:
-            raise ArgumentError("the swimmer has another shape")
+            raise ArgumentError("the shape is not that of the swimmer; give the same one")
         return self.swimmer.power
 
     symmetric: ClassVar = True
-    """A reversed stroke goes back the same way."""
+    """Whether a reversed stroke returns the body."""
 
 
 Ground = Dry | Viscous
 
 
 def ground_of(given: Ground | Swimmer | Elliptic | Sequence[Elliptic]) -> Ground:
-    """Ground by a law for all masses, one for each, or a body with its drags."""
+    """Return the ground from a law for all masses, one for each, or a body with its drags."""
     if isinstance(given, Dry | Viscous):
         return given
     if isinstance(given, Swimmer):
@@ -209,7 +209,7 @@ def ground_of(given: Ground | Swimmer | Elliptic | Sequence[Elliptic]) -> Ground
 
 
 def _squared(law: Elliptic, v: ca.SX) -> ca.SX:
-    """The law's power squared, without the root that has no slope at rest."""
+    """Return the squared power of the law, which is differentiable at rest."""
     return (law.along(v[0]) * v[0]) ** 2 + (law.sideways * v[1]) ** 2
 
 

@@ -1,4 +1,4 @@
-"""The last steps of a design: the corners of a stroke on the set-valued motion itself."""
+"""Refinement of a design: the corners of a stroke with almost set-valued friction."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from wormopt.systems.planar.design.polygons import Sides, Steps
 from wormopt.systems.planar.design.room import Room
 
 _KEPT = 1e-3
-"""What a point may miss and still count."""
+"""Accepted residual of a point."""
 _PRICE = 30.0
-"""Of a miss, in usual sizes of what is sought."""
+"""Weight of a residual, in usual sizes of the objective."""
 SEARCHED, STEEP = (1e-2, 1e-3, 1e-5), (1e-5, 1e-7)
-"""Widths of the potential, one after the other: where masses stop and start there is no slope."""
+"""Successive widths of the potential: where masses stop and start there is no slope."""
 
 
-# Gain, in usual sizes, below which a search ends: a tenth of this, or of the width; if smooth.
+# Gain, in usual sizes, below which a search ends: a tenth of the width; or this if smooth.
 _ENOUGH, _SMOOTH = 1e-7, 1e-9
-# Parts of a side, at whose ends the body must be in a passage.
+# Parts of a side at whose ends the body must be in a passage.
 _SPLIT = 4
 
 
@@ -39,7 +39,7 @@ class Polish:
     aim: PlanarAim
     steps: Steps
     count: int
-    split: int = 1  # parts of a side, at whose ends a passage is looked at
+    split: int = 1  # parts of a side at whose ends the passage is checked
 
     @cached_property
     def sizes(self) -> np.ndarray:
@@ -48,7 +48,7 @@ class Polish:
 
     @cached_property
     def splitting(self) -> np.ndarray:
-        """Matrix (ends of parts, corners) of the ends of parts by the corners."""
+        """Matrix (ends of parts, corners) from corners to ends of parts."""
         k, m = self.count, self.split
         sides = k if self.aim.closed else k - 1
         rows = np.zeros((sides * m, k))
@@ -60,11 +60,11 @@ class Polish:
 
     @property
     def drifts(self) -> bool:
-        """Whether the vector ends with where the middle of the passage is."""
+        """Whether the vector ends with the position of the passage's middle."""
         return self.aim.limits.half_width is not None and self.aim.purpose == "speed"
 
     def pack(self, corners: np.ndarray) -> np.ndarray:
-        """Vector of corners and the least times of the sides, and the middle of the passage."""
+        """Return the vector of corners, least times of the sides, and middle of the passage."""
         parts = [(corners / self.sizes).ravel()]
         if self.aim.timed:
             parts.append(side_times(self.aim, corners) / self.aim.duration_usual)
@@ -75,14 +75,14 @@ class Polish:
         return np.concatenate(parts)
 
     def unpack(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners and times."""
+        """Return corners and times."""
         n = self.count * len(self.sizes)
         corners = w[:n].reshape(self.count, -1) * self.sizes
         times = w[n : n + self.count * self.aim.timed]
         return corners, times * self.aim.duration_usual
 
     def told(self, w: np.ndarray) -> tuple[Sides, np.ndarray, np.ndarray]:
-        """Displacements, corners and times; remembers the last."""
+        """Return displacements, corners and times; cache the last."""
         memory = self._memory
         if memory.get("w") is None or not np.array_equal(memory["w"], w):
             corners, times = self.unpack(w)
@@ -95,7 +95,7 @@ class Polish:
         return {}
 
     def _chain(self, by_ends: np.ndarray, by_times: float = 0.0) -> np.ndarray:
-        """Derivatives by the vector from those by ends of parts (..., ends, n_s) and by times."""
+        """Return derivatives by the vector, from those by ends (..., ends, n_s) and by times."""
         by_corners = np.einsum("ek,...en->...kn", self.splitting, by_ends)
         lead = by_corners.shape[:-2]
         parts = [(by_corners * self.sizes).reshape(*lead, -1)]
@@ -106,7 +106,7 @@ class Polish:
         return np.concatenate(parts, axis=-1)
 
     def objective(self, w: np.ndarray) -> tuple[float, np.ndarray]:
-        """What is made least, over its usual size, and its gradient."""
+        """Return the objective to minimise, over its usual size, and its gradient."""
         value, by = self._sought(w)
         return value / self.aim.usual, by / self.aim.usual
 
@@ -128,19 +128,19 @@ class Polish:
 
     @property
     def _work_factor(self) -> float:
-        """Work by that of parts that each take the time 1."""
+        """Ratio of work to that of parts of unit duration."""
         if isinstance(self.aim.ground, Dry):
             return 1.0
         ends = len(self.splitting)
         return (ends if self.aim.closed else ends - 1) / self.aim.time
 
     def equal(self, w: np.ndarray) -> np.ndarray:
-        """What vanishes, over its usual size."""
+        """Return the equality residuals, over their usual sizes."""
         sides, corners, _ = self.told(w)
         return self.conditions(sides.total, corners)[0] / self.units
 
     def equal_by(self, w: np.ndarray) -> np.ndarray:
-        """Its derivatives."""
+        """Return the derivatives of the equality residuals."""
         sides, corners, _ = self.told(w)
         _, by_total, by_first = self.conditions(sides.total, corners)
         by = np.einsum("ri,ikn->rkn", by_total, sides.gradient(self.aim.closed))
@@ -149,7 +149,7 @@ class Polish:
 
     @property
     def units(self) -> np.ndarray:
-        """Usual sizes of what vanishes."""
+        """Usual sizes of the equality residuals."""
         if self.aim.purpose == "turn":
             return np.full(0 if self.aim.pivot == "any" else 2, self.aim.length)
         return np.array([self.aim.length] * 2 + [1.0])[-1 if self.aim.purpose == "speed" else 0 :]
@@ -157,7 +157,7 @@ class Polish:
     def conditions(
         self, total: np.ndarray, corners: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Conditions, their derivatives by the pose, and by the first corner."""
+        """Return equality conditions, their derivatives by the pose, and by the first corner."""
         n_s = len(self.sizes)
         aim = self.aim
         if aim.purpose == "turn":
@@ -190,7 +190,7 @@ class Polish:
         return mean(points), slope
 
     def within(self, w: np.ndarray) -> np.ndarray:
-        """Stays above 0: times less those that the rates need, what effort and room are left."""
+        """Return margins, at least 0: times less those the rates need, effort left, room left."""
         rows = [self._linear @ w]
         limits = self.aim.limits
         if self.aim.timed:
@@ -207,7 +207,7 @@ class Polish:
         return np.concatenate(rows)
 
     def within_by(self, w: np.ndarray) -> np.ndarray:
-        """Its derivatives."""
+        """Return the derivatives of the margins."""
         rows, limits = [self._linear], self.aim.limits
         if self.aim.timed:
             by = np.zeros((1, len(w)))
@@ -247,7 +247,7 @@ class Polish:
         return out
 
     def bounds(self) -> list[tuple[float, float]]:
-        """Limits of the vector."""
+        """Return the limits of the vector."""
         low, high = (self.aim.ranges / self.sizes[:, None]).T
         pairs = [(a, b) for _ in range(self.count) for a, b in zip(low, high, strict=True)]
         if self.aim.start is not None:
@@ -260,18 +260,18 @@ class Polish:
 
 
 def side_times(aim: PlanarAim, corners: np.ndarray) -> np.ndarray:
-    """Times (k,) of the sides at the fastest pace."""
+    """Return the times (k,) of the sides at the highest rates allowed."""
     ends = np.roll(corners, -1, axis=0) if aim.closed else np.vstack([corners[1:], corners[-1:]])
     return np.abs((ends - corners) / aim.rates).max(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Polished:
-    """Where SciPy's sequential quadratic programs ended."""
+    """Result of SciPy's sequential quadratic programs."""
 
     corners: np.ndarray
-    value: float  # speed, rate of turning, or work
-    miss: float  # largest of what should vanish
+    value: float  # speed, turn rate, or work
+    miss: float  # largest residual
 
 
 def polish(
@@ -282,7 +282,7 @@ def polish(
     iterations: int = 60,
     widths: Sequence[float] = SEARCHED,
 ) -> Polished:
-    """Best corners near by, by ever steeper friction; `parts`: of a side, see `Steps`."""
+    """Return the best corners nearby, by increasingly steep friction; `parts`: see `Steps`."""
     split = _SPLIT if aim.limits.half_width is not None else 1
     steps = Steps(aim.shape, aim.ground, parts=-(-parts // split), points=6)
     best = Polished(corners, 0.0, np.inf)
@@ -295,7 +295,7 @@ def polish(
 
 
 def _climbed(task: Polish, corners: np.ndarray, iterations: int, gain: float) -> Polished:
-    """Where SciPy's sequential quadratic programs end, or the best point on the way there."""
+    """Return the result of sequential quadratic programs, or their best intermediate point."""
     aim = task.aim
     constraints = [{"type": "ineq", "fun": task.within, "jac": task.within_by}]
     first = task.pack(corners)
@@ -304,7 +304,7 @@ def _climbed(task: Polish, corners: np.ndarray, iterations: int, gain: float) ->
     best: list[Polished] = []
 
     def seen(w: np.ndarray) -> None:
-        """Keep the best of the points that lead where they should: steps may lead away again."""
+        """Keep the best of the points that satisfy the conditions: later steps may violate them."""
         one = _polished(task, w)
         if not best or _merit(aim, one) < _merit(aim, best[0]):
             best[:] = [one]
@@ -325,7 +325,7 @@ def _climbed(task: Polish, corners: np.ndarray, iterations: int, gain: float) ->
 
 
 def _polished(task: Polish, w: np.ndarray) -> Polished:
-    """What a point is worth with its sides at the fastest pace."""
+    """Return the value of a point with its sides at the highest rates allowed."""
     aim = task.aim
     corners = np.clip(task.unpack(w)[0], *aim.ranges.T)
     w = task.pack(corners)
@@ -335,7 +335,7 @@ def _polished(task: Polish, w: np.ndarray) -> Polished:
 
 
 def _merit(aim: PlanarAim, one: Polished) -> tuple[bool, float]:
-    """Order: what nearly keeps to its conditions first, by value and miss; else by the miss."""
+    """Return a sort key: points that nearly satisfy their conditions first, then by residual."""
     if one.miss > _KEPT:
         return True, one.miss
     gain = -one.value if aim.purpose == "work" else one.value

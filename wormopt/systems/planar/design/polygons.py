@@ -1,7 +1,7 @@
 """Displacement, work and their derivatives by the corners of a stroke of straight sides.
 
-The twist is that of least power at Gauss points of each side, all sides at once; derivatives follow
-from the theorem of implicit functions for a potential that is smoothed over almost nothing.
+The twist has least power at Gauss points of each side, all sides at once. Derivatives follow from
+the implicit function theorem, for a potential smoothed over a very small width.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from wormopt.systems.planar.body.se2 import compose
 from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.design.ground import Dry, Ground
 
-# Width of the potential from which derivatives come, in usual powers; steps of Newton's method.
+# Width of the potential for derivatives, in usual powers; Newton's steps.
 _ITERATIONS, _NEAR, _ROUGHLY, _OPEN, _SLOW = 60, 1e-9, 1e-2, 1e-15, 1e-3
 _WIDTHS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-7, 1e-9)
 
@@ -43,12 +43,12 @@ class Sides:
 
     @property
     def total(self) -> np.ndarray:
-        """Pose (3,) after all."""
+        """Pose (3,) after all sides."""
         *_, end = self.running
         return end
 
     def gradients(self, closed: bool = True) -> Iterator[np.ndarray]:
-        """Derivatives (3, corners, n_s) of each of `running`."""
+        """Yield derivatives (3, corners, n_s) of each of `running`."""
         k, _, twice = self.pose_by.shape
         n_s = twice // 2
         by = np.zeros((3, k if closed else k + 1, n_s))
@@ -67,12 +67,12 @@ class Sides:
             yield by
 
     def gradient(self, closed: bool = True) -> np.ndarray:
-        """Derivatives (3, corners, n_s) of `total`."""
+        """Return derivatives (3, corners, n_s) of `total`."""
         *_, by = self.gradients(closed)
         return by
 
     def work_gradient(self, closed: bool = True) -> np.ndarray:
-        """Derivatives (corners, n_s) of the sum of `work`."""
+        """Return derivatives (corners, n_s) of the sum of `work`."""
         k, twice = self.work_by.shape
         n_s = twice // 2
         by = np.zeros((k if closed else k + 1, n_s))
@@ -84,7 +84,7 @@ class Sides:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """How a shape on a ground moves while its variables change along straight lines.
+    """Motion of a shape on a ground while its variables change along straight lines.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ class Steps:
     ground : Dry or Viscous
         The ground.
     parts : int, optional
-        Equal parts of a side, each with so many Gauss points as `points` says.
+        Equal parts of a side, each with `points` Gauss points.
     points : int, optional
-        See there.
+        Gauss points of each part.
     width : float, optional
-        Of the potential at last, in usual powers.
+        Final width of the potential, in usual powers.
     """
 
     shape: Shape
@@ -131,7 +131,7 @@ class Steps:
     def twists(
         self, s: np.ndarray, rates: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, float | np.ndarray]:
-        """Twists (m, 3) at shapes (m, n_s) with rates (m, n_s); those by a width, and the width."""
+        """Return twists (m, 3) at shapes (m, n_s) with rates, those at a width, and the width."""
         if not isinstance(self.ground, Dry):
             xi = self._minimise(np.zeros((len(s), 3)), s, rates, 1.0, _NEAR)
             return xi, xi, 1.0
@@ -144,7 +144,7 @@ class Steps:
         for k, width in enumerate(widths):
             near = _NEAR if width == widths[-1] else _ROUGHLY * width
             guess = xi
-            if before is not None:  # masses at rest creep in proportion to the width
+            if before is not None:  # resting masses creep in proportion to the width
                 guess = xi + (xi - before) * (widths[k - 1] - width) / (
                     widths[k - 2] - widths[k - 1]
                 )
@@ -156,7 +156,7 @@ class Steps:
 
     @cached_property
     def _last(self) -> dict[str, np.ndarray]:
-        """Twists found last, from which the next are sought."""
+        """Last twists, from which the next ones start."""
         return {}
 
     def _minimise(
@@ -164,7 +164,7 @@ class Steps:
     ) -> np.ndarray:
         newton, _ = self._functions
         xi, function = xi.copy(), newton.map(len(s))
-        slow = _SLOW * np.abs(rates).max(axis=1)  # where the head rests its twist is nothing
+        slow = _SLOW * np.abs(rates).max(axis=1)  # where the head rests its twist is 0
         value, slope, hessian = _mapped(function, xi, s, rates, width)
         for _ in range(_ITERATIONS):
             step = -np.linalg.solve(_regular(hessian), slope[..., None])[..., 0]
@@ -189,7 +189,7 @@ class Steps:
         return xi
 
     def sides(self, corners: np.ndarray, closed: bool = True) -> Sides:
-        """Displacements along a polygon (k, n_s) of corners, back to the first if `closed`."""
+        """Return displacements along a polygon (k, n_s), back to the first corner if `closed`."""
         begin = corners if closed else corners[:-1]
         end = np.roll(corners, -1, axis=0) if closed else corners[1:]
         k, n_s = begin.shape
@@ -268,7 +268,7 @@ def _mapped(
     rates: np.ndarray,
     width: float | np.ndarray,
 ) -> list[np.ndarray]:
-    """Values of a function at many instants, one row each (column-major within a row)."""
+    """Return values of a function at many instants, one row each (column-major within a row)."""
     m = len(s)
     found = function(xi.T, s.T, rates.T, np.broadcast_to(width, (m, 1)).T)
     return [
@@ -278,7 +278,7 @@ def _mapped(
 
 
 def _regular(hessian: np.ndarray) -> np.ndarray:
-    """Hessians (m, 3, 3) that have an inverse where motions are open: straight chains."""
+    """Return regularised Hessians (m, 3, 3), for motions that are not unique: straight chains."""
     found = hessian.reshape(-1, 3, 3)
     size = np.trace(found, axis1=1, axis2=2)[:, None, None]
     return found + (_OPEN * size + 1e-300) * np.eye(3)

@@ -1,8 +1,8 @@
-"""Gaits of planar worms as problems of optimal control, over a phase from 0 to 1.
+"""Gaits of planar worms as optimal control problems over a phase from 0 to 1.
 
-Inputs are how the shape changes with the phase and, where time counts, how fast that passes: no
-rate is above its limit then. Motion is as far at any pace. On dry ground the twist is an algebraic
-variable: the potential, smoothed over a width that is a parameter, has no slope there.
+Inputs are the derivatives of the shape by the phase and, if time matters, the pace: no rate exceeds
+its limit. The displacement does not depend on the pace. On dry ground the twist is an algebraic
+variable at which the potential, smoothed over a width that is a parameter, has no slope.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from wormopt.systems.planar.design.ground import Dry
 
 
 def planar_plant(aim: PlanarAim) -> Model:
-    """Body whose shape is driven by its rates; pose is that of the head."""
+    """Return the body whose shape is driven by its rates; the pose is that of the head."""
     shape, width = aim.shape, ca.SX.sym("width")
     position, heading = ca.SX.sym("position", 2), ca.SX.sym("heading")
     twist = shape.twist if isinstance(aim.ground, Dry) else _explicit(aim, shape)
@@ -81,7 +81,7 @@ def _twists(aim: PlanarAim, shape: Shape) -> list[Signal]:
 
 
 def _stationary(aim: PlanarAim, width: ca.SX) -> ca.SX:
-    """Slope of the potential by the twist, over the largest resistance."""
+    """Return the slope of the potential by the twist, over the largest resistance."""
     assert isinstance(aim.ground, Dry)
     potential = aim.ground.potential(aim.shape, width)
     sizes = ca.DM([1.0, 1.0, 1.0 / aim.length]) / (aim.ground.most * aim.shape.n_points)
@@ -89,14 +89,14 @@ def _stationary(aim: PlanarAim, width: ca.SX) -> ca.SX:
 
 
 def _explicit(aim: PlanarAim, shape: Shape) -> ca.SX:
-    """Twist on linear drag: the power is quadratic."""
+    """Return the twist on linear drag, where the power is quadratic."""
     hessian, slope = ca.hessian(aim.ground.potential(shape, ca.SX(0)), shape.twist)
     at_rest = ca.substitute(slope, shape.twist, ca.SX.zeros(3))
     return -ca.inv_minor(hessian) @ at_rest
 
 
 def gait_problem(aim: PlanarAim) -> Problem:
-    """State the best gait or course for an aim."""
+    """Return the optimal control problem of an objective."""
     plant = planar_plant(aim)
     ends = Ends.of(plant, 1)
     n_s = len(aim.shape.names)
@@ -152,7 +152,7 @@ def gait_problem(aim: PlanarAim) -> Problem:
 
 
 def _in_place(aim: PlanarAim, begin: ca.SX, last: ca.SX) -> list[Constraint]:
-    """The pivot, seen at the start, is where it was."""
+    """Require that the pivot, in the frame at the start, returns."""
     if aim.pivot == "any":
         return []
     points = ca.substitute(aim.shape.points, aim.shape.s, begin)
@@ -163,7 +163,7 @@ def _in_place(aim: PlanarAim, begin: ca.SX, last: ca.SX) -> list[Constraint]:
 
 
 def _within_rates(aim: PlanarAim, plant: Model) -> list[Constraint]:
-    """No shape variable changes faster than at its rate."""
+    """Require that no shape variable exceeds its rate."""
     pace, rates = plant["pace"], ca.SX(ca.DM(aim.rates))
     change = aim.shape.rates / rates
     usual = aim.duration_usual

@@ -1,4 +1,4 @@
-"""The room that a body takes aside of its way, and its derivatives by the corners of a stroke."""
+"""Room of a body across its displacement, and its derivatives by the corners of a stroke."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wormopt.systems.planar.design.polygons import Sides
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """How far aside of its way a body reaches where parts of the sides end."""
+    """Distances of a body across its displacement at the ends of parts of the sides."""
 
     aim: PlanarAim
     ends: np.ndarray  # (e, n_s)
@@ -24,13 +24,13 @@ class Room:
 
     @property
     def across(self) -> np.ndarray:
-        """Ways aside, of all masses at all ends."""
+        """Distances across the displacement, of all masses at all ends."""
         along = self._along[0]
         return (along[0] * self._places[..., 1] - along[1] * self._places[..., 0]).ravel()
 
     @property
     def across_by(self) -> np.ndarray:
-        """Their derivatives, (ways, ends, n_s)."""
+        """Derivatives of these distances, (distances, ends, n_s)."""
         along, along_by = self._along
         places, by = self._places, self._places_by
         aside = along[0] * by[:, :, 1] - along[1] * by[:, :, 0]
@@ -40,7 +40,7 @@ class Room:
 
     @cached_property
     def _along(self) -> tuple[np.ndarray, np.ndarray]:
-        """Direction of the way, and its derivatives: that of the gait, or of the first heading."""
+        """Direction of the displacement or of the first heading, and its derivatives."""
         by = self.sides.gradient(self.aim.closed)[:2]
         if self.aim.purpose != "speed":
             return np.array([1.0, 0.0]), 0 * by

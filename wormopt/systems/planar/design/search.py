@@ -1,4 +1,4 @@
-"""The search: from strokes by chance, by ever steeper friction, to the best polygon near by."""
+"""Search from random strokes, with increasingly steep friction, to the best polygon nearby."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _DEGREE = 4
 
 @dataclass(frozen=True, eq=False)
 class Relaxed:
-    """What the programs of one start led to."""
+    """Result of the programs of one start."""
 
     corners: np.ndarray  # (k, n_s)
-    objective: float  # of the last program solved, NaN where none was
+    objective: float  # of the last solved program, NaN if none
     optimum: Optimum | None
 
 
 def relaxed(aim: PlanarAim, problem: Problem, first: np.ndarray) -> Relaxed:
-    """Best corners near `first` by smoothed friction; those of the last width that is solved."""
+    """Return the best corners near `first` by smoothed friction, at the last solved width."""
     mesh = Mesh.even(1, aim.corners, Collocation(_DEGREE))
     guess, best = guess_from(aim, first), None
     dry = isinstance(aim.ground, Dry)

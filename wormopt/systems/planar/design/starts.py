@@ -1,4 +1,4 @@
-"""Where the search for gaits begins: strokes by chance within the limits, and how they move."""
+"""Initial strokes of the search for gaits: random strokes within the limits, and their motion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _BENT = 0.55
 
 
 def chance_corners(aim: PlanarAim, random: np.random.Generator) -> np.ndarray:
-    """Corners (k, n_s) of a stroke of a few harmonics by chance, within the limits."""
+    """Return corners (k, n_s) of a random stroke of a few harmonics, within the limits."""
     ranges = aim.ranges
     n_s = len(ranges)
     orders = 1.0 / np.arange(1, _HARMONICS + 1)[:, None] ** 2
@@ -42,9 +42,9 @@ def chance_corners(aim: PlanarAim, random: np.random.Generator) -> np.ndarray:
 
 
 def first_corners(aim: PlanarAim, seed: int, k: int) -> np.ndarray:
-    """Corners (k, n_s) of the start of that number: a wave of lengths first where it leads ahead.
+    """Return corners (k, n_s) of start k: first a wave of lengths, if it moves forward.
 
-    Then by chance, of a seed.
+    Further starts are random, from a seed.
     """
     lengths = np.char.startswith(np.array(aim.shape.names), "length")
     ahead = aim.purpose == "speed" and isinstance(aim.ground, Dry) and aim.start is None
@@ -54,7 +54,7 @@ def first_corners(aim: PlanarAim, seed: int, k: int) -> np.ndarray:
 
 
 def _wave(aim: PlanarAim, lengths: np.ndarray) -> np.ndarray:
-    """All links short but one, which runs from the head to the tail: an inchworm, a little bent."""
+    """Return an inchworm, slightly bent: one long link runs from head to tail, the rest short."""
     low, high = aim.ranges.T
     middle = low + _BENT * (high - low)
     table = np.tile(middle, (len(lengths) + 2, 1))
@@ -66,7 +66,7 @@ def _wave(aim: PlanarAim, lengths: np.ndarray) -> np.ndarray:
 
 
 def guess_from(aim: PlanarAim, corners: np.ndarray) -> Guess:
-    """The motion along a polygon at the fastest pace, or evenly where time does not count."""
+    """Return the motion along a polygon at the highest rates, or uniform if time is irrelevant."""
     steps = Steps(aim.shape, aim.ground, parts=1, points=4)
     ends = np.roll(corners, -1, axis=0) if aim.closed else np.vstack([corners[1:], corners[-1:]])
     k = len(corners)

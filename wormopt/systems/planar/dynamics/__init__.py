@@ -1,1 +1,1 @@
-"""Dynamics in the plane: chains of masses, and bodies whose shape is prescribed."""
+"""Dynamics in the plane: chains of masses, and bodies with prescribed shape."""

@@ -1,4 +1,4 @@
-"""The planar chain: point masses in the plane, links that change length, joints that bend."""
+"""The planar chain: point masses in the plane, extensible links, joints that bend."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from wormopt.systems.shared.parameters import (
 )
 
 POWERS = ("input", "torque", "damping", "ground", "pull")
-"""What works are told of: outputs ``<name>_power``."""
+"""Names of works, from outputs ``<name>_power``."""
 
 
 def planar_chain(
@@ -50,62 +50,64 @@ def planar_chain(
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
 ) -> Model:
-    """Build n+1 point masses in the plane that n visco-elastic links with actuators join.
+    """Build a chain of n+1 point masses in the plane with n visco-elastic, actuated links.
 
-    Masses have the numbers 0 (head) to n. With d_j = r_{j-1} - r_j, lengths l_j = |d_j| and angles
-    phi_j of the joints from the link behind to the one in front (positive: the front is turned to
-    the left), m_i r_i'' = F_i + g_i - (dy/dr_i)^T mu, where y = (l, phi) and
-    mu = (c (l - l0) + d l' - u, kappa (phi - phi0) + delta phi' - w). Angles are told from -pi to
-    pi: a joint must not bend so far that it folds.
+    Masses have the numbers 0 (head) to n. With d_j = r_{j-1} - r_j, lengths l_j = |d_j| and joint
+    angles phi_j from the link behind to the one in front (positive: the front is turned to the
+    left), m_i r_i'' = F_i + g_i - (dy/dr_i)^T mu, where y = (l, phi) and
+    mu = (c (l - l0) + d l' - u, kappa (phi - phi0) + delta phi' - w). Angles are in [-pi, pi]: a
+    joint must not bend so far that it folds.
+
+    Theory: docs/theory-planar.md, section 2.
 
     Parameters
     ----------
     links : int
         Number of links n.
     mass : array_like, shape (n+1,)
-        Point masses, positive. One number serves for all, here as below.
+        Point masses, positive. For all array_like parameters a single value holds for all.
     stiffness, damping : array_like or ParameterPath, shape (n,)
         Spring constants c and dashpot constants d of the links, not negative.
     rest_length : array_like or ParameterPath, shape (n,)
         Lengths l0 of the links without force.
     bending_stiffness, bending_damping : array_like or ParameterPath, shape (n-1,), optional
-        The same of the joints: kappa, torque per angle, and delta.
+        Joint stiffness kappa, torque per angle (rad), and joint damping delta.
     rest_angle : array_like or ParameterPath, shape (n-1,), optional
-        Angles phi0 of the joints without torque.
+        Joint angles phi0 without torque, in rad.
     rod_mass : array_like, shape (n,), optional
-        Masses of uniform rods along the links, which stretch evenly; then all masses are coupled.
+        Masses of uniform rods along the links, which stretch uniformly and couple all masses.
     law : Elliptic, AnisotropicCoulomb, Axes, or sequence of these or None, optional
-        Ground under each mass; none where there is none.
+        Friction law under each mass; None for no ground.
     pull : array_like, shape (2,) or (n+1, 2), optional
-        Constant force on each mass, the weight along a slope for instance.
+        Constant force on each mass, for example the weight along a slope.
     heading : {"bisector", "front", "rear"}, optional
-        Along what an inner mass looks: between its links, or along the one in front or behind.
+        Heading of an inner mass: between its links, or along the link in front or in the rear.
     obstacles : sequence of Wall or Disc, optional
-        What stands in the plane; masses do not pass. Such a model is simulated after
-        `smooth_walls`, or by steps of Moreau and Jean.
+        Obstacles that masses cannot enter. Simulate such a model after `smooth_walls`, or with
+        Moreau-Jean time stepping.
     position, velocity : array_like, shape (n+1, 2), optional
-        Where the masses start and how fast (one for all: shape (2,)). By default all links and
-        joints are at rest, the tail is at the origin and its link looks along x.
+        Initial places and velocities of the masses (shape (2,): one for all). By default all links
+        and joints are at rest, the tail is at the origin, and its link is along x.
     length_nominal, time_nominal : float, optional
-        Usual size of a link length and of a period; solvers scale by them.
+        Usual sizes of a link length and of a period, by which solvers scale.
 
     Returns
     -------
     Model
-        States ``position`` and ``velocity``, x and y of one mass after the other; inputs ``input``
-        (n forces u that push the masses of a link apart) and ``torque`` (n-1 torques w that turn
-        the front of a joint to the left). Outputs ``length``, ``angle`` and their rates ``rate``
-        and ``turning``, ``link_force`` and ``joint_torque`` mu, ``heading`` of the masses,
-        ``ground_force`` in the plane, ``speed``, ``energy`` (kinetic and elastic),
+        States are ``position`` and ``velocity``, x and y of one mass after the other. Inputs are
+        ``input`` (n forces u that push the masses of a link apart) and ``torque`` (n-1 torques w
+        that turn the front of a joint to the left). Outputs are ``length``, ``angle`` and their
+        rates ``rate`` and ``turning``, ``link_force`` and ``joint_torque`` mu, ``heading`` of the
+        masses, ``ground_force`` in the plane, ``speed``, ``energy`` (kinetic and elastic),
         ``kinetic_energy``, ``center_of_mass``, ``center_velocity``, ``power`` of each actuator
-        (links, then joints) and powers ``input_power``, ``torque_power``, ``damping_power``,
-        ``ground_power`` and ``pull_power`` that the worm takes up.
+        (links, then joints) and the powers ``input_power``, ``torque_power``, ``damping_power``,
+        ``ground_power`` and ``pull_power`` that act on the worm.
 
     Raises
     ------
     ArgumentError
-        If links is no whole number from 1 on, a number or length of a sequence wrong, or a law no
-        law of the plane.
+        If links is not a whole number above 0, a value or length of a sequence is wrong, or a law
+        is no law of the plane.
 
     Examples
     --------
@@ -117,7 +119,7 @@ def planar_chain(
     (12, ['input', 'torque'], 6, (2.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     """
     if not isinstance(links, Integral) or links < 1:
-        raise ArgumentError(f"a chain has at least one link, and whole ones, not {links!r}")
+        raise ArgumentError(f"links must be a whole number above 0, not {links!r}")
     t = ca.SX.sym("t")
     size = float(np.mean(numbers_of("mass", mass, links + 1)))
     units = _Units(length_nominal, time_nominal, size)
@@ -155,7 +157,7 @@ def planar_chain(
 
 @dataclass(frozen=True)
 class _Units:
-    """Usual sizes."""
+    """Usual sizes of a chain."""
 
     length: float
     time: float
@@ -172,7 +174,7 @@ class _Units:
 
 @dataclass(frozen=True, eq=False)
 class _Springs:
-    """Springs and dashpots of links and joints: expressions, and what gives their numbers."""
+    """Springs and dashpots of links and joints: expressions, parameters and schedules."""
 
     told: dict[str, tuple[ca.SX, Signal | Schedule]]
 
@@ -181,12 +183,12 @@ class _Springs:
 
     @property
     def stiffness(self) -> ca.SX:
-        """Of links, then of joints; as below."""
+        """Stiffness of links, then of joints."""
         return self._both("stiffness", "bending_stiffness")
 
     @property
     def damping(self) -> ca.SX:
-        """Of dashpots."""
+        """Damping of links, then of joints."""
         return self._both("damping", "bending_damping")
 
     @property
@@ -196,17 +198,17 @@ class _Springs:
 
     @property
     def parameters(self) -> list[Signal]:
-        """Those that are constant."""
+        """Constant parameters."""
         return [s for _, s in self.told.values() if isinstance(s, Signal) and s.size]
 
     @property
     def schedules(self) -> list[Schedule]:
-        """Those that vary."""
+        """Parameters that vary in time."""
         return [s for _, s in self.told.values() if isinstance(s, Schedule)]
 
 
 class _Chain:
-    """Masses that springs, dashpots and actuators join."""
+    """Masses joined by springs, dashpots and actuators."""
 
     def __init__(
         self, links: int, heading: Heading, springs: _Springs, weights: list[Signal]
@@ -239,7 +241,7 @@ class _Chain:
         ground: Touching,
         stands: tuple[list[Contact], ca.SX],
     ) -> Model:
-        """Under forces of the ground and of what stands there."""
+        """Return the model under forces of ground and obstacles."""
         geometry, springs, (walls, pressed) = self.geometry, self._springs, stands
         grounded = ca.vec(geometry.turned(ground.forces))
         outer = self._weights[1].symbol + grounded + ca.vec(pressed)
@@ -262,7 +264,7 @@ class _Chain:
         )
 
     def _shape(self, grounded: ca.SX) -> list[Output]:
-        """Shape, loads, headings."""
+        """Return outputs of shape, loads and headings."""
         geometry, n = self.geometry, self._links
         return [
             Output("length", geometry.lengths, "length"),
@@ -277,7 +279,7 @@ class _Chain:
         ]
 
     def _energies(self) -> list[Output]:
-        """Energies, and the centre of mass."""
+        """Return outputs of energies and centre of mass."""
         kinetic = self.inertia.kinetic(self.v)
         stored = ca.dot(self._springs.stiffness, self._stretch**2) / 2
         return [
@@ -288,7 +290,7 @@ class _Chain:
         ]
 
     def _powers(self, grounded: ca.SX) -> list[Output]:
-        """Powers that the worm takes up."""
+        """Return outputs of the powers on the worm."""
         rate, turning = ca.vertsplit(self.geometry.rates, [0, self._links, 2 * self._links - 1])
         powers = {
             "power": ca.vertcat(self.u * rate, self.w * turning),
@@ -317,35 +319,35 @@ class Geometry:
 
     @staticmethod
     def plane(stacked: ca.SX) -> ca.SX:
-        """One column (2) for each mass."""
+        """Return one column (2) for each mass."""
         return ca.reshape(stacked, 2, stacked.numel() // 2)
 
     @property
     def headings(self) -> ca.SX:
-        """Angles from -pi to pi along which the masses look."""
+        """Headings of the masses, in [-pi, pi]."""
         return ca.atan2(self._looks[1, :], self._looks[0, :]).T
 
     def pulled(self, mu: ca.SX) -> ca.SX:
-        """Forces (dy/dr)^T mu, stacked."""
+        """Return forces (dy/dr)^T mu, stacked."""
         return ca.jtimes(self._y, self._r, mu, True)
 
     def along(self, v: ca.SX) -> ca.SX:
-        """Components (2, masses) of vectors along the headings and to their left."""
+        """Return components (2, masses) of vectors along the headings and to their left."""
         looks, vectors = self._looks, self.plane(v)
         left = ca.vertcat(-looks[1, :], looks[0, :])
         return ca.vertcat(ca.sum1(looks * vectors), ca.sum1(left * vectors))
 
     def turned(self, components: ca.SX) -> ca.SX:
-        """Vectors in the plane (2, masses) by their components along the headings and left."""
+        """Return vectors in the plane (2, masses) from components along the headings and left."""
         looks, left = self._looks, ca.vertcat(-self._looks[1, :], self._looks[0, :])
         ahead, aside = (ca.repmat(components[k, :], 2, 1) for k in range(2))
         return ahead * looks + aside * left
 
 
 def _looks(along: ca.SX, heading: Heading) -> ca.SX:
-    """Unit vectors (2, masses) along which masses look, by those of the links, head first."""
+    """Return unit headings (2, masses) of masses from those of the links, head first."""
     front, behind = along[:, :-1], along[:, 1:]
-    middle = front + behind  # no angle is needed: their sum bisects them
+    middle = front + behind  # their sum bisects them, without an angle
     size = ca.sqrt(ca.sum1(middle**2))
     inner = {"front": front, "rear": behind, "bisector": middle / ca.repmat(size, 2, 1)}
     if heading not in inner:
@@ -359,7 +361,7 @@ def _pull(given: ArrayLike, masses: int) -> Signal:
 
 
 def pairs(name: str, given: ArrayLike, masses: int) -> tuple[float, ...]:
-    """Pairs of numbers, one for all masses or one for each, stacked."""
+    """Return pairs of numbers, one for all masses or one for each, stacked."""
     values = numbers(name, given)
     if values.shape == (2 * masses,) and masses > 1:
         values = values.reshape(masses, 2)  # as the model itself has them
@@ -372,14 +374,14 @@ def pairs(name: str, given: ArrayLike, masses: int) -> tuple[float, ...]:
 
 
 def _relaxed(rest_length: Any, rest_angle: Any, links: int) -> np.ndarray:
-    """Places (n+1, 2) with all links and joints at rest, the tail at 0 and its link along x."""
+    """Return places (n+1, 2) with all links and joints at rest, the tail at 0, its link along x."""
     lengths = first_numbers("rest_length", rest_length, links)
     angles = first_numbers("rest_angle", rest_angle, links - 1)
     return chain_places(lengths, angles)
 
 
 def chain_places(lengths: ArrayLike, angles: ArrayLike) -> np.ndarray:
-    """Places (n+1, 2) of masses by lengths (n,) and angles (n-1,): tail at 0, its link along x."""
+    """Return places (n+1, 2) from lengths (n,) and angles (n-1,): tail at 0, its link along x."""
     sizes, bends = np.asarray(lengths, dtype=float), np.asarray(angles, dtype=float)
     psi = np.append(np.cumsum(bends[::-1])[::-1], 0.0)
     steps = sizes[:, None] * np.stack([np.cos(psi), np.sin(psi)], axis=1)

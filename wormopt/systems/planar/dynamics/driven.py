@@ -1,4 +1,4 @@
-"""A body in the plane whose shape is prescribed over time: three degrees of freedom are left."""
+"""A body in the plane with prescribed shape over time: three degrees of freedom remain."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from wormopt.systems.planar.dynamics.ground import Ground, ground_laws, touch
 from wormopt.systems.shared.parameters import parameter
 
 Course = Gait | Callable[[ca.SX], ca.SX]
-"""Shape variables over time: a gait, which repeats, or a function of the symbol of time."""
+"""Shape variables over time: a periodic gait, or a function of the symbol of time."""
 
 
 def driven_shape(
@@ -39,51 +39,53 @@ def driven_shape(
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
 ) -> Model:
-    """Build a body of given shape whose points touch the ground: its momentum and its spin.
+    """Build a body with prescribed shape whose points touch the ground.
 
-    With c the centre of mass, V its velocity, omega how fast the frame of the body turns,
-    m V' = sum (F_i + g_i) and (I omega + h)' = sum (r_i - c) x (F_i + g_i), where h is the spin
-    of the change of shape in the body's frame. Actuators do what the shape needs: their loads
-    follow from the head down, and are 0 behind the tail.
+    With c the centre of mass, V its velocity, and omega the angular velocity of the frame of the
+    body, m V' = sum (F_i + g_i) and (I omega + h)' = sum (r_i - c) x (F_i + g_i), where h is the
+    angular momentum of the change of shape in the body's frame. Actuators enforce the shape: their
+    loads follow from the head down, and are 0 behind the tail.
+
+    Theory: docs/theory-planar.md, section 2.
 
     Parameters
     ----------
     shape : Shape
         Points of the body; those of a chain are its masses, head first.
     course : Gait or callable, optional
-        The shape variables over time: a Gait that repeats, with one row for each, or a function
-        from the symbol of time to a column of them. It must be smooth but for breaks of a Gait,
-        where accelerations may jump. Not for shapes without variables.
+        Shape variables over time: a periodic Gait with one row for each, or a function from the
+        symbol of time to a column of them. It must be smooth except at breaks of a Gait, where
+        accelerations may jump. Not for shapes without variables.
     mass : array_like, shape (points,)
-        Masses of the points, positive. One number serves for all, here as below.
+        Masses of the points, positive. For all array_like parameters a single value holds for all.
     inertia : float, optional
-        Moment of inertia, not negative, of the head about itself: it turns with the body's frame.
+        Moment of inertia of the head about itself, not negative: it turns with the body's frame.
     law : Elliptic, AnisotropicCoulomb, Axes, or sequence of these or None, optional
-        Ground under each point; none where there is none.
+        Friction law under each point; None for no ground.
     pull : array_like, shape (2,) or (points, 2), optional
         Constant force on each point.
     center, velocity : array_like, shape (2,), optional
-        Where the centre of mass starts and how fast.
+        Initial place and velocity of the centre of mass.
     angle, turning : float, optional
-        Angle from x at which the frame of the body starts, and how fast it turns.
+        Initial angle of the body's frame from x, in rad, and its angular velocity.
     length_nominal, time_nominal : float, optional
-        Usual size of the body and of a period; solvers scale by them.
+        Usual sizes of the body and of a period, by which solvers scale.
 
     Returns
     -------
     Model
-        States ``center``, ``angle``, ``center_velocity``, ``turning``. Outputs ``position`` and
-        ``velocity`` of the points (x and y of one after the other), ``heading``, ``shape``,
-        ``shape_rate``, ``ground_force`` in the plane, ``kinetic_energy`` and powers
-        ``ground_power``, ``pull_power`` and ``actuator_power``. Of a chain also ``input`` (forces
-        that push the masses of a link apart) and ``torque`` (torques that turn the front of a
-        joint to the left), and ``left_over``: force (2) and moment behind the tail, which are 0.
+        States are ``center``, ``angle``, ``center_velocity``, ``turning``. Outputs are ``position``
+        and ``velocity`` of the points (x and y of one after the other), ``heading``, ``shape``,
+        ``shape_rate``, ``ground_force`` in the plane, ``kinetic_energy`` and the powers
+        ``ground_power``, ``pull_power`` and ``actuator_power``. A chain also has ``input`` (forces
+        that push the masses of a link apart), ``torque`` (torques that turn the front of a joint to
+        the left), and ``left_over``: force (2) and moment behind the tail, which are 0.
 
     Raises
     ------
     ArgumentError
-        If sizes or numbers do not fit, a shape with variables has no course, or a body of one
-        place has no moment of inertia.
+        If sizes or values do not fit, a shape with variables has no course, or a body with all
+        points in one place has no moment of inertia.
 
     Examples
     --------
@@ -121,7 +123,7 @@ def driven_shape(
 
 
 class _Body:
-    """Kinematics of the points, by the shape's own symbols, which `put` replaces in the end."""
+    """Kinematics of the points, by the shape's own symbols, which `put` replaces at the end."""
 
     def __init__(self, shape: Shape, course: Reference, m: ca.SX, pull: ca.SX, own: ca.SX) -> None:
         self.shape, self.mass, self.pull, self.own = shape, m, pull, own
@@ -133,7 +135,7 @@ class _Body:
         self.inner = shape.points - ca.repmat(shape.points @ m / ca.sum1(m), 1, shape.n_points)
 
     def states(self, length: float, speed: float) -> list[Signal]:
-        """States, of usual sizes."""
+        """Return the states, with usual sizes."""
         return [
             Signal("center", self.center, "length", length),
             Signal("angle", self.angle, "angle"),
@@ -142,29 +144,29 @@ class _Body:
         ]
 
     def by_shape(self, expression: ca.SX) -> ca.SX:
-        """Time derivative as far as it comes from the change of shape."""
+        """Return the part of the time derivative due to the change of shape."""
         shape = self.shape
         by_place = ca.jtimes(expression, shape.s, shape.rates)
         return by_place + ca.jtimes(expression, shape.rates, self._acceleration)
 
     def put(self, expression: ca.SX) -> ca.SX:
-        """The expression with the shape as a function of time."""
+        """Return the expression with the shape as a function of time."""
         old = ca.vertcat(self.shape.s, self.shape.rates, self._acceleration)
         new = ca.vertcat(self._course.value, self._course.rate, self._course.acceleration)
         return ca.substitute(expression, old, ca.densify(new)) if old.numel() else expression
 
     def check(self, given: Sequence[Signal]) -> None:
-        """Refuse a rigid body of one place that has no moment of inertia."""
+        """Refuse a rigid body with all points in one place and no moment of inertia."""
         if self.shape.s.numel():
             return
         symbols = [signal.symbol for signal in given]
         inertia = ca.Function("inertia", symbols, [self.inertia])
         if not float(inertia(*(np.asarray(signal.value, float) for signal in given))) > 0:
-            raise ArgumentError("a body whose points are all in one place needs an inertia")
+            raise ArgumentError("all points of the body are in one place; give an inertia")
 
     @cached_property
     def looks(self) -> ca.SX:
-        """Angles along which the points look."""
+        """Headings of the points."""
         return self.angle + self.shape.headings
 
     @cached_property
@@ -174,7 +176,7 @@ class _Body:
 
     @cached_property
     def velocities(self) -> ca.SX:
-        """Of the points, (2, points)."""
+        """Velocities of the points, (2, points)."""
         turned = self.turning * ca.vertcat(-self.arms[1, :], self.arms[0, :])
         moved = ca.reshape(self.by_shape(ca.vec(self.arms)), 2, self.shape.n_points)
         return ca.repmat(self.velocity, 1, self.shape.n_points) + turned + moved
@@ -191,12 +193,12 @@ class _Body:
 
     @cached_property
     def spin(self) -> ca.SX:
-        """Spin of the change of shape in the body's frame."""
+        """Angular momentum of the change of shape in the body's frame."""
         moved = ca.reshape(self.by_shape(ca.vec(self.inner)), 2, self.shape.n_points)
         return ca.dot(self.mass, _cross(self.inner, moved).T)
 
     def pushed(self, ground: ca.SX) -> _Pushed:
-        """How it moves where the ground exerts forces (2, points) along and across headings."""
+        """Return the motion under ground forces (2, points) along and across headings."""
         return _Pushed(self, _rotated(self.looks.T, ground))
 
 
@@ -214,7 +216,7 @@ class _Pushed:
 
     @cached_property
     def spun(self) -> ca.SX:
-        """How fast turning changes."""
+        """Angular acceleration."""
         body = self.body
         moment = ca.sum2(_cross(body.arms, self.outer))
         changed = body.by_shape(body.inertia) * body.turning + body.by_shape(body.spin)
@@ -228,7 +230,7 @@ class _Pushed:
         return ca.vertcat(body.velocity, body.turning, pushed, self.spun)
 
     def outputs(self) -> list[Output]:
-        """What a user wants to see."""
+        """Return the outputs."""
         body, stacked = self.body, ca.vec(self.body.velocities)
         places = ca.repmat(body.center, 1, body.shape.n_points) + body.arms
         kinetic = ca.dot(body.mass, ca.sum1(body.velocities**2).T)
@@ -247,7 +249,7 @@ class _Pushed:
         return found + (self._loads(places) if _is_chain(body.shape) else [])
 
     def _loads(self, places: ca.SX) -> list[Output]:
-        """What actuators of a chain do: what the part in front of a cut needs, from the head."""
+        """Return actuator loads of a chain: those that the part in front of a cut needs."""
         body, n = self.body, self.body.shape.n_points - 1
         a = ca.jtimes(ca.vec(body.velocities), body.x, self.ode)
         a = ca.reshape(a + body.by_shape(ca.vec(body.velocities)), 2, n + 1)
@@ -284,11 +286,11 @@ def _is_chain(shape: Shape) -> bool:
 
 
 def _reference(shape: Shape, course: Course | None, t: ca.SX) -> Reference:
-    """Shape variables over time, with two derivatives."""
+    """Return the shape variables over time, with two derivatives."""
     size = shape.s.numel()
     if course is None:
         if size:
-            raise ArgumentError(f"a shape of {size} variables needs a course of them")
+            raise ArgumentError(f"a shape of {size} variables needs a course; give one")
         nothing = ca.SX(0, 1)
         return Reference(nothing, nothing, nothing)
     if isinstance(course, Gait):
@@ -298,12 +300,12 @@ def _reference(shape: Shape, course: Course | None, t: ca.SX) -> Reference:
         rate = ca.jacobian(value, t)
         found = Reference(value, rate, ca.jacobian(rate, t))
     if found.value.shape != (size, 1):
-        raise ArgumentError(f"the course has {found.value.numel()} rows, the shape {size}")
+        raise ArgumentError(f"the course has {found.value.numel()} rows, but the shape {size}")
     return found
 
 
 def _rotated(angles: ca.SX, vectors: ca.SX) -> ca.SX:
-    """Columns (2, m) turned to the left, by one angle or by one each (1, m)."""
+    """Return columns (2, m) rotated to the left, by one angle or by one each (1, m)."""
     c, s = ca.cos(angles), ca.sin(angles)
     x, y = vectors[0, :], vectors[1, :]
     return ca.vertcat(c * x - s * y, s * x + c * y)

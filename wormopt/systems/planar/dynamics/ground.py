@@ -1,4 +1,4 @@
-"""How points of a body touch the ground of the plane and what stands on it, as Contacts."""
+"""Contacts of points of a body with the ground of the plane and with obstacles."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ from wormopt.systems.planar.body.obstacles import Disc, Wall
 
 @dataclass(frozen=True)
 class Axes:
-    """Ground that resists along a point's heading and across it, each by a law of its own.
+    """Ground with independent friction laws along a point's heading and across it.
 
     Two `Viscous` laws are linear drag, two `Coulomb` laws a box of forces. `NoSlip` across is a
-    skid or a wheel, a `Spike` along is one, both are a skid with spikes, `NoSlip` twice is a pin.
+    skid or a wheel, a `Spike` along is a spike, both are a skid with spikes, and two `NoSlip` laws
+    are a pin.
 
     Parameters
     ----------
     along, across : Law, optional
-        Laws; nothing resists where there is none.
+        Laws; None for no resistance.
 
     Raises
     ------
     ArgumentError
-        If one is no friction law of a single direction.
+        If a law is no friction law of a single direction.
 
     Examples
     --------
@@ -75,7 +76,7 @@ class Touching:
 
 
 def ground_laws(law: Any, points: int) -> list[Ground | None]:
-    """Law of every point, from one for all or a sequence; ArgumentError for anything else."""
+    """Return the law of every point, from one for all or a sequence; else raise ArgumentError."""
     laws: list[Any] = (
         [*law] if isinstance(law, Sequence) and not isinstance(law, str) else [law] * points
     )
@@ -92,9 +93,9 @@ def ground_laws(law: Any, points: int) -> list[Ground | None]:
 
 
 def touch(laws: Sequence[Ground | None], velocities: ca.SX, force: float, speed: float) -> Touching:
-    """Contacts of points that move with `velocities` (2, points) along and across their headings.
+    """Return contacts of points with `velocities` (2, points) along and across their headings.
 
-    `force` and `speed` are usual sizes. Numbers of the laws become parameters.
+    `force` and `speed` are usual sizes. Values of the laws become parameters.
     """
     told = [*_told(laws)]
     lifted, parameters = lift([law for *_, law in told])
@@ -107,7 +108,7 @@ def touch(laws: Sequence[Ground | None], velocities: ca.SX, force: float, speed:
 
 
 def _told(laws: Sequence[Ground | None]) -> Iterator[tuple[str, int, list[int], Any]]:
-    """Name, point, components and law of every contact."""
+    """Yield name, point, components and law of every contact."""
     for i, law in enumerate(laws):
         if not isinstance(law, Axes):
             if law is not None:
@@ -118,20 +119,20 @@ def _told(laws: Sequence[Ground | None]) -> Iterator[tuple[str, int, list[int], 
                 yield f"mass {i} {word}", i, [row], one
 
 
-# -- what stands on the ground ---------------------------------------------------------------------
+# -- obstacles -------------------------------------------------------------------------------------
 
 
 def press(
     obstacles: Sequence[Wall | Disc], places: ca.SX, velocities: ca.SX, force: float, speed: float
 ) -> tuple[list[Contact], ca.SX]:
-    """Contacts of points with obstacles, and the forces (2, points) that these exert.
+    """Return contacts of points with obstacles, and their forces (2, points).
 
     `places` and `velocities` (2, points) are in the plane.
     """
     contacts, forces = [], ca.SX.zeros(2, places.size2())
     for k, obstacle in enumerate(obstacles):
         if not isinstance(obstacle, Wall | Disc):
-            raise ArgumentError(f"obstacles are Wall and Disc, not {obstacle!r:.60}")
+            raise ArgumentError(f"obstacles must be Wall or Disc, not {obstacle!r:.60}")
         for i in range(places.size2()):
             normal = obstacle.normal(places[:, i])
             aside = ca.vertcat(-normal[1], normal[0])

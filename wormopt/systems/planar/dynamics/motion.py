@@ -1,4 +1,4 @@
-"""What moves a body in the plane over time, and where the energy goes."""
+"""Harmonic inputs of a body in the plane, and its works over time."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ _POWER = "_power"
 
 
 def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
-    """Feed inputs of a plant with harmonics of time; the phase is 0 at time 0.
+    """Replace inputs of a plant by harmonics of time; the phase is 0 at time 0.
 
     Parameters
     ----------
     plant : Model
-        With inputs of these names.
+        Model with inputs of these names.
     period : float
         Period, positive.
     courses : dict
-        Course of each input, by its name; an input that is not named stays.
+        Harmonics of each input, by its name; other inputs stay.
 
     Returns
     -------
     Model
-        Outputs are called as the inputs were; mean and coefficients are parameters
+        Outputs have the names of the inputs; mean and coefficients are parameters
         ``<input>_mean``, ``<input>_cosine``, ``<input>_sine``, and the period is ``period``.
 
     Raises
     ------
     ArgumentError
-        If there is no such input, or not of this size.
+        If an input does not exist, or has another size.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def swing(plant: Model, period: float, courses: dict[str, Harmonics]) -> Model:
     for name, course in courses.items():
         if name not in known or known[name].size != course.n_s:
             sizes = ", ".join(f"{s.name} of {s.size}" for s in plant.u)
-            raise ArgumentError(f"{name} of {course.n_s} is none of the inputs: {sizes}")
+            raise ArgumentError(f"{name} of size {course.n_s} is none of the inputs: {sizes}")
         value, own = _course(name, known[name].unit, course, 2 * ca.pi * plant.t / T.symbol)
         expressions.append(value)
         parameters += own
@@ -77,7 +77,7 @@ def _course(name: str, unit: str, course: Harmonics, phase: ca.SX) -> tuple[ca.S
 
 
 def measure_works(model: Model, nominal: float) -> Model:
-    """Add states that integrate the outputs ``<name>_power``, called ``<name>_work``.
+    """Add states ``<name>_work`` that integrate the outputs ``<name>_power``.
 
     Their usual size is `nominal`.
     """
@@ -99,10 +99,10 @@ def measure_works(model: Model, nominal: float) -> Model:
 
 
 def watch_links(model: Model, least: float) -> Model:
-    """End the motion of a chain where a link gets shorter than `least`.
+    """End the motion of a chain if a link gets shorter than `least`.
 
-    A link of no length has no direction: its mass turns about the other ever faster. Links that
-    are shorter from the start are let be until they have been longer.
+    A link without length has no direction: its mass turns about the other ever faster. Links that
+    are shorter at the start are ignored until they have been longer.
     """
     lengths = model["length"]
     closes = [
@@ -113,13 +113,13 @@ def watch_links(model: Model, least: float) -> Model:
 
 
 def closed_link(motion: Trajectory) -> str:
-    """Which link has ended a motion of a model of `watch_links`, "link 1" say; else empty."""
+    """Return the link that ended a motion of a model of `watch_links`, for example "link 1"."""
     last = motion.events[-1] if motion.events else None
     return last.name.removesuffix(" closes") if last and last.kind == "switch" else ""
 
 
 def energy_error(motion: Trajectory, stored: str) -> float:
-    """Largest difference over time of all works and the energy `stored`, over the largest of them.
+    """Return the largest difference of all works and the energy `stored`, over the largest.
 
     The motion is of a model of `measure_works`.
     """
@@ -131,10 +131,10 @@ def energy_error(motion: Trajectory, stored: str) -> float:
 
 
 def resting_masses(motion: Trajectory) -> np.ndarray:
-    """Which points rest at the samples, by all contacts they have; shape (points, m).
+    """Return which points rest at the samples, by all their contacts; shape (points, m).
 
-    A point rests where its contacts hold it along its heading and across. What only one direction
-    resists never counts as resting; nor does anything where contact is smooth.
+    A point rests if its contacts hold it along its heading and across. Points with resistance in a
+    single direction never count as resting, nor does anything with smooth contact.
     """
     model = motion.system.model
     points = model["heading"].numel()

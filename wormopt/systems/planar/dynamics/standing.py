@@ -1,4 +1,4 @@
-"""A worm among obstacles that give way a little: any treatment of the ground takes it."""
+"""A worm among compliant obstacles, for any treatment of the ground."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from wormopt.model.model import Model, Output, pack
 from wormopt.model.values import signal_values
 from wormopt.simulation.walls import smooth_walls
 
-_TOUCHES = 1e-3  # of the usual force: with so much an obstacle pushes what just touches it
+_TOUCHES = 1e-3  # of the usual force: push of an obstacle that is just touched
 _DAMPED = 2.1  # times sqrt(m / k): above 2 a mass does not bounce
 
 
 @dataclass(frozen=True)
 class Yielding:
-    """How obstacles give way."""
+    """Compliance of obstacles."""
 
     stiffness: float  # force per depth, positive
-    mass: float  # the largest of a mass that hits
-    v_reg: float = math.inf  # width of velocities over which friction on them is steep
+    mass: float  # largest mass that hits one
+    v_reg: float = math.inf  # width of velocities over which their friction is steep
 
 
 def let_give_way(worm: Model, obstacles: Yielding) -> Model:
     """Let obstacles push by explicit forces; the worm keeps the contacts with its ground.
 
-    Masses enter obstacles by their force over the stiffness, and do not bounce. Friction on
-    obstacles is smooth; none by default, as masses creep then, and creep does not go with exact
-    contact: the slower a mass, the faster its friction turns. Adds outputs ``wall_force`` and
-    ``wall_gap``, one for each mass and obstacle, and ``wall_power`` that the worm takes up.
+    Masses enter obstacles by force over stiffness, and do not bounce. Friction on obstacles is
+    smooth, and 0 by default: masses creep with it, which is incompatible with exact contact,
+    because the direction of friction turns faster for slower masses. Adds outputs ``wall_force``
+    and ``wall_gap``, one for each mass and obstacle, and ``wall_power`` on the worm.
     """
     k = obstacles.stiffness
     touching = [contact for contact in worm.contacts if contact.gap is not None]
@@ -65,7 +65,7 @@ def let_give_way(worm: Model, obstacles: Yielding) -> Model:
 
 
 def gaps_at_start(worm: Model) -> np.ndarray:
-    """Distances (obstacles, masses) of the masses from obstacles where the worm starts."""
+    """Return distances (obstacles, masses) of the masses from obstacles at the start."""
     gaps = [contact.gap for contact in worm.contacts if contact.gap is not None]
     function = ca.Function("gaps", [pack(worm.x)], [ca.vertcat(*gaps)])
     start = signal_values(worm.x, None, "state", fill=0.0)

@@ -1,4 +1,4 @@
-"""A worm of the plane by steps of fixed length that know no events: a second route."""
+"""Second route to a planar worm: time stepping with fixed steps and without events."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from wormopt.progress import Report, silent
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.trajectory import Trajectory
 
-_FINER = 4  # the second step is so many times shorter
-# Where an event lies within its step adds to the error at first order, and by chance: a mass that
-# turns back slides to one side for the whole step. So several lengths tell the longer one's error.
+_FINER = 4  # ratio of both steps
+# The place of an event within its step changes the error at first order, randomly: a mass that
+# reverses slides to one side for the whole step. So several steps estimate the longer one's error.
 _LENGTHS = (1.0, 0.93, 0.87, 0.81)
 _SHARE = 0.005  # of the longest stable step
-_PER_WAY = 1e-9  # of the usual size: a way that is none
+_PER_WAY = 1e-9  # of the usual size: a displacement below counts as none
 
 
 @dataclass(frozen=True)
 class Stepped:
-    """Where steps of Moreau and Jean end, against the end found by events."""
+    """End by Moreau-Jean steps, compared with the end by events."""
 
     step: float  # the longer one of two; the other is a quarter of it
-    # largest difference of a place over the longest way, by the longer one: root of the mean square
-    # over lengths near it, told for its own
+    # largest difference of a place over the longest displacement, by the longer step: root mean
+    # square over steps near it, for its own
     coarse: float
     fine: float  # by the shorter one: about a quarter of it, at first order
-    rounding: float  # what adding up so many short steps may cost, over the same way
+    rounding: float  # possible round-off of the short steps, over the same displacement
 
 
 def stepper_of(worm: Model) -> MoreauJean | None:
-    """Steps of a planar chain without inputs; None where these do not treat its ground.
+    """Return the time stepper of a planar chain without inputs; None if it cannot treat its ground.
 
-    They treat laws that fill an ellipse or a box and linear drag, with rods or without.
+    It treats laws with an elliptic or box set of forces and linear drag, with rods or without.
     """
     try:
         return MoreauJean(_with_clock(_drags_in_ode(worm)))
@@ -49,10 +49,10 @@ def stepper_of(worm: Model) -> MoreauJean | None:
 def step_again(
     stepper: MoreauJean, motion: Trajectory, step: float | None = None, report: Report = silent
 ) -> Stepped:
-    """Follow the same worm by steps of one length, then of a quarter of it.
+    """Simulate the same worm with steps of one length, then of a quarter of it.
 
-    Errors are of first order. `motion` is of the worm, from time 0, its places the first states.
-    Raises SolveError or Interrupted as `MoreauJean.march`.
+    Errors are of first order. `motion` is that of the worm, from time 0, with places as first
+    states. Raises SolveError or Interrupted like `MoreauJean.march`.
     """
     model = stepper.model
     if step is None:
@@ -73,12 +73,12 @@ def step_again(
 
 
 def longest_way(places: np.ndarray, nominal: float) -> float:
-    """Longest way of a coordinate (rows over time), a billionth of the usual size at least."""
+    """Return the longest displacement of a coordinate, at least a billionth of the usual size."""
     return float(max(np.abs(np.diff(places, axis=1)).sum(axis=1).max(), _PER_WAY * nominal))
 
 
 def _with_clock(worm: Model) -> Model:
-    """The same worm, time being a place that moves at the rate 1."""
+    """Return the same worm with time as a place that moves at rate 1."""
     clock, tick = ca.SX.sym("clock"), ca.SX.sym("tick")
     (place, speed), half = worm.x, worm.n_x // 2
     ode = ca.vertcat(worm.ode[:half], tick, worm.ode[half:], 0)
@@ -97,7 +97,7 @@ def _with_clock(worm: Model) -> Model:
 
 
 def _drags_in_ode(worm: Model) -> Model:
-    """The same worm, linear drag being a force like any other."""
+    """Return the same worm with linear drag as an ordinary force."""
     drags = [c for c in worm.contacts if isinstance(c.law, Viscous)]
     if not drags:
         return worm

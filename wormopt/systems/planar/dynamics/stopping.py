@@ -1,10 +1,10 @@
-"""How a block comes to rest on dry ground, by a time in which it never does.
+"""Stop of a block on dry ground, by a transformed time in which it never stops.
 
-With dt = psi dT, psi being the power that the ground takes by the velocity v, the force is no more
-than linear in v: m dv/dT = f psi - (Ft² v_t, Fn² v_n). For the law of unit directions |v| takes the
-place of psi, and F that of F². The direction of v then obeys an equation of its own and tends to
-one that stays, along which the speed falls as exp(-cT): what is left of time and way is known in
-closed form. The stop at a finite time t lies at T = infinity. No event is located.
+With dt = psi dT, where psi is the power of the ground by the velocity v, the force is at most
+linear in v: m dv/dT = f psi - (Ft² v_t, Fn² v_n). For the law of unit directions |v| replaces psi,
+and F replaces F². The direction of v then has an equation of its own and tends to a fixed one,
+along which the speed falls as exp(-cT): the remaining time and displacement have a closed form. The
+stop at a finite time t is at T = infinity. No event is located.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from scipy.integrate import solve_ivp
 from wormopt.errors import SolveError
 from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 
-_SMALL = 1e-14  # share of the speed that is none
+_SMALL = 1e-14  # share of the speed that counts as none
 _LONGEST = 1e12  # T in units of mass over the largest resistance, squared or not
-_NEWTON = 3  # of Newton, to the direction that stays
+_NEWTON = 3  # Newton steps to the fixed direction
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Where and when a block stops."""
+    """Place and time of a stop."""
 
     time: float
-    place: tuple[float, float]  # from where it started, along its heading and to its left
+    place: tuple[float, float]  # from the start, along its heading and to its left
 
 
 def stop_of(
@@ -37,16 +37,16 @@ def stop_of(
     velocity: tuple[float, float],
     pull: tuple[float, float],
 ) -> Stop:
-    """Stop of a block that starts with a velocity not 0 under a constant pull.
+    """Return the stop of a block that starts with a velocity other than 0 under a constant pull.
 
     Parameters
     ----------
     law : Elliptic or AnisotropicCoulomb
-        Friction, of numbers.
+        Friction law with numbers.
     mass : float
-        Its mass.
+        Mass of the block.
     velocity, pull : (float, float)
-        Along its heading, which stays, and to its left.
+        Components along its heading, which is constant, and to its left.
 
     Returns
     -------
@@ -55,11 +55,11 @@ def stop_of(
     Raises
     ------
     SolveError
-        If the pull outruns friction: it does not stop.
+        If the pull exceeds friction, so that it does not stop.
 
     Examples
     --------
-    A block thrown across a pull of half of what holds it, isotropic friction 2:
+    A block is thrown across a pull of half its friction limit, with isotropic friction 2:
 
     >>> stop = stop_of(Elliptic(2.0, 2.0, 2.0), 1.0, (0.0, 1.0), (1.0, 0.0))
     >>> round(stop.time, 10), [round(x, 10) for x in stop.place]

@@ -1,1 +1,1 @@
-"""Motions that pins and skids determine, and what these must bear."""
+"""Motions determined by pins and skids, and the loads of these."""

@@ -1,7 +1,7 @@
-"""The same motions by another way: places of all masses as unknowns, integrated in time.
+"""Second route to these motions: places of all masses as unknowns, integrated in time.
 
-Nothing of the frame of the body, its quadrature or its kinematics is used: every instant solves for
-the velocities of all masses with which links and joints change as told and constraints hold.
+It uses neither the frame of the body nor its quadrature or kinematics. At every instant it solves
+for the velocities of all masses with the given rates of links and joints and with the constraints.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ def simulate_held(
     *,
     accuracy: float = 1e-11,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places of the masses of a chain over one stroke, by Runge-Kutta steps of order 8.
+    """Return places of the masses of a chain over one stroke, by Runge-Kutta steps of order 8.
 
-    `places` (n + 1, 2) at the start; `lengths` where links do not stretch (the stroke then tells
-    angles only). Gives phases (m,) and places (m, n + 1, 2), `looks` a smooth part of the stroke.
+    `places` (n + 1, 2) are the start; `lengths` are those of links that do not stretch (the stroke
+    then has angles only). Returns phases (m,) and places (m, n + 1, 2), `looks` for each smooth
+    part of the stroke.
     """
     n = len(places) - 1
     ends = np.union1d(stroke.breaks, [phase.until for phase in phases])
@@ -60,7 +61,7 @@ def simulate_held(
 def _velocities(
     r: np.ndarray, stretch: np.ndarray, bend: np.ndarray, held: Constraints, heading: Heading
 ) -> np.ndarray:
-    """Velocities of all masses, (2 (n + 1),), by rows for links, joints and constraints."""
+    """Return velocities of all masses, (2 (n + 1),), from rows for links, joints, constraints."""
     n = len(r) - 1
     d = r[:-1] - r[1:]
     size = np.hypot(d[:, 0], d[:, 1])

@@ -1,4 +1,4 @@
-"""Pins and skids: which velocity of the body they leave, and which shapes they do not suit."""
+"""Pins and skids: the velocity of the body they determine, and shapes where they fail."""
 
 from __future__ import annotations
 
@@ -10,34 +10,36 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.systems.planar.body.shape import Shape
 
 CONSISTENT = 1e-9
-"""By how much, of the fastest rate, more constraints than three may contradict one another."""
+"""Accepted contradiction of more than three constraints, relative to the fastest rate."""
 SINGULAR = 1e-7
-"""Inverse condition number from which on a shape is refused."""
+"""Inverse condition number below which a shape is refused."""
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """What holds a body to the ground: pins, skids, and spikes.
+    """Constraints of a body on the ground: pins, skids, and spikes.
 
     Parameters
     ----------
     pins : tuple of int, optional
-        Masses that do not move; each takes two velocities away.
+        Masses that do not move; each removes two velocities.
     skids : tuple of int, optional
-        Masses that move along their heading only; each takes one away.
+        Masses that move only along their heading; each removes one velocity.
     spikes : tuple of int, optional
-        Masses that must not move back: those that are pins too are held against sliding back
-        alone, the others are looked at for whether they ever do. They determine nothing.
+        Masses that cannot move backward. Spikes that are also pins are held against backward
+        sliding alone; for the others the result shows whether they ever slide backward. Spikes do
+        not determine the motion.
 
     Raises
     ------
     ArgumentError
-        If a mass is pin and skid, stands twice, or fewer than three velocities are taken away.
+        If a mass is both pin and skid, is listed twice, or fewer than three velocities are removed.
 
     Notes
     -----
-    A pin and a skid are the least that determines a motion, and ask nothing of the shape. Two pins
-    need their distance constant, more of them and of skids need more; this is checked when a
+    A pin and a skid are the least that determines a motion, without a condition on the shape. Two
+    pins need a constant distance; more pins and skids need further conditions. These are checked
+    when a motion is computed.
     motion is made.
 
     Examples
@@ -57,13 +59,13 @@ class Constraints:
             if len(set(masses)) < len(masses) or (masses and masses[0] < 0):
                 raise ArgumentError(f"{name} must be different masses from 0 on, not {masses}")
         if both := set(self.pins) & set(self.skids):
-            raise ArgumentError(f"mass {min(both)} is a pin already; leave it out of the skids")
+            raise ArgumentError(f"mass {min(both)} is a pin and a skid; leave it out of the skids")
         if self.count < 3:
-            raise ArgumentError(f"{self._left()}; a pin and a skid are the least that determines")
+            raise ArgumentError(f"{self._left()}; give at least a pin and a skid")
 
     @property
     def count(self) -> int:
-        """How many velocities they take away; three are needed."""
+        """Number of velocities that they remove; three are needed."""
         return 2 * len(self.pins) + len(self.skids)
 
     @property
@@ -73,7 +75,7 @@ class Constraints:
         return pinned + [2 * mass + 1 for mass in self.skids]
 
     def check(self, shape: Shape) -> None:
-        """Raise ArgumentError where a mass is not there.
+        """Raise ArgumentError if a mass does not exist.
 
         Parameters
         ----------
@@ -89,18 +91,18 @@ class Constraints:
 
     def _left(self) -> str:
         if len(self.pins) == 1:
-            return f"the body turns freely about mass {self.pins[0]}"
-        return f"constraints take {self.count} of three velocities away"
+            return f"the body can turn freely about mass {self.pins[0]}"
+        return f"constraints remove {self.count} of three velocities"
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Velocities of a body that is held, at m shapes."""
+    """Velocities of a constrained body at m shapes."""
 
     twist: np.ndarray  # (m, 3)
-    condition: np.ndarray  # (m,) of the constraints, free of units and of the frame
-    contradiction: np.ndarray  # (m,) largest velocity that a constraint still has
-    scale: np.ndarray  # (m,) size of the velocities that shapes alone would give
+    condition: np.ndarray  # (m,) of the constraints, independent of units and frame
+    contradiction: np.ndarray  # (m,) largest residual velocity of a constraint
+    scale: np.ndarray  # (m,) size of the velocities from the shape alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ class Kinematics:
 
     @property
     def scaling(self) -> np.ndarray:
-        """Twists (m, 3, 3) by velocities of the middle of the points, and by turning times size."""
+        """Matrices (m, 3, 3) from twists to mean velocities, and rotation times size."""
         middle = self.points.mean(axis=1)
         spread = self.points - middle[:, None]
         size = np.sqrt(np.mean(np.sum(spread**2, axis=-1), axis=-1))
@@ -125,7 +127,7 @@ class Kinematics:
 
 
 def kinematics_at(shape: Shape, s: np.ndarray) -> Kinematics:
-    """Evaluate the kinematics at shapes (m, n_s)."""
+    """Return the kinematics at shapes (m, n_s)."""
     m, n = len(s), shape.n_points
     points, headings, J, B = (np.asarray(part) for part in shape.kinematics(s.T))
     return Kinematics(
@@ -137,7 +139,7 @@ def kinematics_at(shape: Shape, s: np.ndarray) -> Kinematics:
 
 
 def held(at: Kinematics, rates: np.ndarray, constraints: Constraints) -> Held:
-    """Velocity of the body by its rates of shape (m, n_s), by least squares."""
+    """Return the velocity of the body from its rates of shape (m, n_s), by least squares."""
     rows, T = constraints.rows, at.scaling
     C = at.J[:, rows] @ T
     given = -np.einsum("mrs,ms->mr", at.B[:, rows], rates)
@@ -155,7 +157,7 @@ def held(at: Kinematics, rates: np.ndarray, constraints: Constraints) -> Held:
 def refuse_contradiction(
     shape: Shape, s: np.ndarray, found: Held, constraints: Constraints
 ) -> None:
-    """Raise SolveError where constraints contradict one another, at shapes (m, n_s)."""
+    """Raise SolveError if constraints contradict one another, at shapes (m, n_s)."""
     with np.errstate(invalid="ignore"):
         off = found.contradiction > CONSISTENT * np.maximum(found.scale, found.scale.max())
     if constraints.count > 3 and off.any():
@@ -170,16 +172,16 @@ def refuse_contradiction(
 
 def _mend(constraints: Constraints) -> str:
     if len(constraints.pins) >= 2:
-        return "change the shape so that the distance of the pins stays, or take away a pin"
-    return "hold by three rows only: a pin and a skid, or three skids"
+        return "change the shape so that the distance of the pins is constant, or remove a pin"
+    return "use three rows only: a pin and a skid, or three skids"
 
 
 def singular_error(shape: Shape, s: np.ndarray, constraints: Constraints) -> SolveError:
-    """What is wrong with a shape (n_s) that constraints do not suit."""
+    """Return the error of a shape (n_s) at which constraints do not determine the motion."""
     return SolveError(
         f"{_words(constraints)} do not determine the motion at {shape_words(shape, s)}: "
         f"{_why(shape, s, constraints)}",
-        "keep the stroke away from this shape, or hold other masses",
+        "keep the stroke away from this shape, or constrain other masses",
         code="singular",
     )
 
@@ -196,7 +198,7 @@ def _why(shape: Shape, s: np.ndarray, constraints: Constraints) -> str:
         free = f"it can turn about the point ({-y / w:.3g}, {x / w:.3g}) of its frame"
     if len(constraints.pins) == 1 and len(constraints.skids) == 1:
         a, b = constraints.pins[0], constraints.skids[0]
-        free += f", as the heading of mass {b} is perpendicular to the way from mass {a} to it"
+        free += f", as the heading of mass {b} is perpendicular to the line from mass {a} to it"
     elif not constraints.pins:
         normals = "are parallel" if "move" in free else "meet there"
         free += f", as the normals of all skids {normals}"

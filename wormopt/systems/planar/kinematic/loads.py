@@ -1,4 +1,4 @@
-"""What pins and skids must bear while a body moves slowly, and what the motion costs."""
+"""Loads of pins and skids while a body moves slowly, and the work of the motion."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from wormopt.systems.planar.body.shape import Shape
 from wormopt.systems.planar.kinematic.constraints import Constraints, kinematics_at
 from wormopt.systems.planar.kinematic.motion import KinematicMotion, _held, _which
 
-_RESTS = 1e-11  # of the fastest mass; slower ones rest, and dry ground does not tell their force
+_RESTS = 1e-11  # over the fastest mass; slower ones rest, where dry friction is not determined
 
 
 class Slips(Protocol):
-    """A law of the ground that tells the force of sliding: dry or viscous."""
+    """A law of the ground with a force of sliding: dry or viscous."""
 
     def slip_force(self, v: ca.SX) -> ca.SX:
-        """Force while sliding with velocity ``v`` (2)."""
+        """Return the force of sliding with velocity ``v`` (2)."""
         ...
 
 
 Ground = Slips | Sequence[Slips | None] | None
-"""Law of all masses, or of each; None where the ground does not resist."""
+"""Law of all masses, or of each; None if the ground does not resist."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +38,14 @@ class Loads:
     tau : ndarray, shape (m,)
         Phases of the stroke.
     force : ndarray, shape (m, n, 2)
-        On every mass along its heading and to its left. Where loads are not determined, those of
-        all that balance that have the least sum of squares; NaN where nothing balances.
+        Force on every mass along its heading and to its left. If loads are not determined, the
+        balanced ones with the least sum of squares; NaN if none balance.
     determined : ndarray, shape (m,)
-        Whether balance alone tells the loads of pins and skids.
+        Whether balance alone determines the loads of pins and skids.
     power : ndarray, shape (m,)
-        What sliding takes, by the phase.
+        Power dissipated by sliding, by the phase.
     velocity : ndarray, shape (m, n, 2)
-        Of the masses along their headings and to their left, by the phase.
+        Velocities of the masses along their headings and to their left, by the phase.
     pinned : ndarray, shape (m, n)
         Which masses are pins.
     """
@@ -59,21 +59,21 @@ class Loads:
 
     @property
     def pin_load(self) -> float:
-        """Largest force that a pin bears; 0 without pins."""
+        """Largest force on a pin; 0 without pins."""
         size = np.hypot(self.force[..., 0], self.force[..., 1])
         return float(size[self.pinned].max()) if self.pinned.any() else 0.0
 
 
 def loads(motion: KinematicMotion, ground: Ground, tau: np.ndarray | None = None) -> Loads:
-    """Find what pins and skids bear, for the friction of what slides.
+    """Return the loads of pins and skids, for given friction of sliding masses.
 
     Parameters
     ----------
     motion : KinematicMotion
         The motion.
     ground : law, sequence of laws or None
-        What resists sliding: of all masses or one for each, None where nothing does. A pin
-        has no friction beside its load, a skid that along its heading.
+        Resistance to sliding of all masses, or of each; None for no resistance. A pin has no
+        friction beside its load; a skid has that along its heading.
     tau : ndarray, shape (m,), optional
         Phases; those of the quadrature if left out, with which ``power`` integrates to the work.
 
@@ -84,13 +84,13 @@ def loads(motion: KinematicMotion, ground: Ground, tau: np.ndarray | None = None
     Raises
     ------
     ArgumentError
-        If there are not as many laws as masses.
+        If the number of laws is not that of the masses.
 
     Notes
     -----
     Force and moment balance without inertia. Three rows of constraints are statically determined;
-    each further one leaves a load open. A mass that rests without a pin bears a force on dry ground
-    that is not told either; it counts as none, and the instant as not determined.
+    each further one leaves a load undetermined. The force on a mass that rests on dry ground
+    without a pin is undetermined too; it counts as none, and the instant as not determined.
     """
     shape = motion.shape
     tau = motion.course.nodes if tau is None else np.asarray(tau, dtype=float)
@@ -128,7 +128,7 @@ def _slide(
     laws: Sequence[ca.Function | None],
     least: float,
 ) -> None:
-    """Friction of what slides, in place."""
+    """Add the friction of sliding masses in place."""
     for i, law in enumerate(laws):
         if law is None or i in constraints.pins:
             continue
@@ -148,7 +148,7 @@ def _slide(
 def _balance(
     J: np.ndarray, T: np.ndarray, force: np.ndarray, constraints: Constraints
 ) -> np.ndarray:
-    """Least reactions (m, r) of constraints that balance forces (m, n, 2)."""
+    """Return least reactions (m, r) of constraints that balance forces (m, n, 2)."""
     C = J[:, constraints.rows] @ T
     on = np.einsum("mrj,mr->mj", J @ T, force.reshape(len(force), -1))
     return -np.einsum("mrj,mj->mr", np.linalg.pinv(np.swapaxes(C, 1, 2)), on)
@@ -158,7 +158,7 @@ def _laws(shape: Shape, ground: Ground) -> list[ca.Function | None]:
     n = shape.n_points
     laws = list(ground) if isinstance(ground, Sequence) else [ground] * n
     if len(laws) != n:
-        raise ArgumentError(f"{len(laws)} laws for {n} masses")
+        raise ArgumentError(f"{len(laws)} laws for {n} masses; give one, or one for each")
     return [None if law is None else _function(law) for law in laws]
 
 
@@ -169,14 +169,14 @@ def _function(law: Slips) -> ca.Function:
 
 @dataclass(frozen=True)
 class SpikeMargins:
-    """Whether spikes do what they can: none slides back, none must pull where it holds."""
+    """Margins of spikes: against sliding backward, and against pulling while they hold."""
 
-    slip: float  # least velocity of a free spike along its heading, by the phase; inf without
-    pull: float  # least force forward on a spike that holds; inf without
+    slip: float  # least velocity of a free spike along its heading, by the phase; inf if none
+    pull: float  # least forward force on a spike that holds; inf if none
 
 
 def spike_margins(motion: KinematicMotion, found: Loads) -> SpikeMargins:
-    """Look at spikes at the instants of loads; what is below 0 (by more than round-off) fails."""
+    """Return margins of spikes at the instants of loads; negative ones beyond round-off fail."""
     which = _which(motion.phases, found.tau)
     slip, pull = np.inf, np.inf
     for k in np.unique(which):

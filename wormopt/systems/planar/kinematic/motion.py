@@ -1,4 +1,4 @@
-"""Motions that constraints determine: phases of a stroke, the way in a stroke, singular shapes."""
+"""Motions that constraints determine: phases of a stroke, displacement, singular shapes."""
 
 from __future__ import annotations
 
@@ -25,19 +25,24 @@ from wormopt.systems.planar.kinematic.constraints import (
     singular_error,
 )
 
-_SINGULAR_LOOKS = 64  # looks between two breaks, in search of singular shapes
+_SINGULAR_LOOKS = 64  # samples between two breaks, in search of singular shapes
 
 
 @dataclass(frozen=True)
 class Phase:
-    """Constraints that hold up to a phase of the stroke, from where those before end.
+    """Constraints until a phase of the stroke, from the end of the previous ones.
 
     Parameters
     ----------
     until : float
         Phase of the stroke, at most 1.
     constraints : Constraints
-        What holds.
+        The constraints.
+
+    Examples
+    --------
+    >>> Phase(0.5, Constraints(pins=(2,), skids=(0,))).until
+    0.5
     """
 
     until: float
@@ -46,24 +51,24 @@ class Phase:
 
 @dataclass(frozen=True, eq=False)
 class KinematicMotion:
-    """A body whose velocity follows from its shape and what is held.
+    """Result of `kinematic_motion`: the velocity follows from shape and constraints.
 
     Parameters
     ----------
     shape : Shape
         The body.
     stroke : Stroke
-        How its shape goes round.
+        Its shape over a phase.
     phases : tuple of Phase
-        What is held when.
+        Constraints over the stroke.
     course : Travel
         Its pose over the stroke.
     condition : float
         Largest condition number of the constraints over the stroke.
     worst_phase : float
-        Where that is.
+        Phase of that condition number.
     contradiction : float
-        Largest velocity left of a constraint, in units of the fastest that shapes alone would give.
+        Largest residual velocity of a constraint, over the fastest one from the shape alone.
     """
 
     shape: Shape
@@ -76,20 +81,20 @@ class KinematicMotion:
 
     @property
     def displacement(self) -> np.ndarray:
-        """x, y and angle by which a stroke moves the frame of the body, told in it, (3,)."""
+        """x, y and angle of the frame after one stroke, in the frame at its start, (3,)."""
         return self.course.displacement
 
     def held_at(self, tau: float) -> Constraints:
-        """What holds just after a phase."""
+        """Return the constraints just after a phase."""
         return self.phases[_which(self.phases, np.array([tau]))[0]].constraints
 
     def points(self, tau: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Places (m, n, 2) of the masses at phases (m,), with the frame at poses (m, 3)."""
+        """Return places (m, n, 2) of the masses at phases (m,), with the frame at poses (m, 3)."""
         at = kinematics_at(self.shape, self.stroke.at(tau)[0])
         return poses[:, None, :2] + rotate(poses[:, None, 2], at.points)
 
     def repeated(self, times: int) -> np.ndarray:
-        """Poses (times + 1, 3) of the frame before the first stroke and after each."""
+        """Return poses (times + 1, 3) of the frame before the first stroke and after each."""
         poses = [np.zeros(3)]
         for _ in range(times):
             poses.append(compose(poses[-1], self.displacement))
@@ -99,40 +104,43 @@ class KinematicMotion:
 def kinematic_motion(
     shape: Shape, stroke: Stroke, phases: Constraints | Sequence[Phase]
 ) -> KinematicMotion:
-    """Move a body by the change of its shape and by what holds it to the ground.
+    """Return the motion of a body from the change of its shape and its constraints.
+
+    Theory: docs/theory-planar.md, section 7.
 
     Parameters
     ----------
     shape : Shape
         The body.
     stroke : Stroke
-        How its shape goes round once; pace and timing do not matter.
+        Its shape over a phase; the result does not depend on the pace.
     phases : Constraints or sequence of Phase
-        What holds all the time, or up to which phase; the last one up to 1.
+        Constraints for the whole stroke, or until phases, the last of which is 1.
 
     Returns
     -------
     KinematicMotion
-        Its displacement is that of the frame at the head in one stroke.
+        Its displacement is that of the frame at the head per stroke.
 
     Raises
     ------
     ArgumentError
-        If phases do not rise to 1, a mass is not there, or the stroke is of another body.
+        If phases do not ascend to 1, a mass does not exist, or the stroke is of another body.
     SolveError
-        If a shape on the way is singular, or constraints contradict one another; the shape is
-        named.
+        If a shape of the stroke is singular, or constraints contradict one another; the message
+        names the shape.
 
     Notes
     -----
-    Two pins hold at once only while their distance stays. A pin a and a skid b are singular where
-    the heading of b is perpendicular to the way from a to it, three skids where their normals meet
-    in one point or are parallel. The condition number refers to velocities of the middle of the
-    masses, and to turning times their mean distance from it, so that it does not hang on the frame.
+    Two pins hold at once only while their distance is constant. A pin a and a skid b are singular
+    if the heading of b is perpendicular to the line from a to b. Three skids are singular if their
+    normals meet in one point or are parallel. The condition number is based on velocities of the
+    masses' mean place, and on rotation times their mean distance from it, so it does not depend on
+    the frame.
 
     Examples
     --------
-    The tail is pinned, the head has a skid; straight links that stretch push it ahead.
+    The tail is pinned, the head has a skid; straight links that stretch push it forward.
 
     >>> import wormopt as wo
     >>> from wormopt.systems.planar.kinematic.motion import kinematic_motion
@@ -166,16 +174,18 @@ def _checked(
     parts = (Phase(1.0, phases),) if isinstance(phases, Constraints) else tuple(phases)
     ends = np.array([0.0, *(part.until for part in parts)])
     if len(parts) == 0 or (np.diff(ends) <= 0).any() or ends[-1] != 1.0:
-        raise ArgumentError(f"phases must rise from above 0 to 1, not {ends[1:].tolist()}")
+        raise ArgumentError(f"phases must ascend from above 0 to 1, not {ends[1:].tolist()}")
     if stroke.n_s != shape.s.numel():
-        raise ArgumentError(f"a stroke of {stroke.n_s} variables for {shape.s.numel()} of the body")
+        raise ArgumentError(
+            f"the stroke has {stroke.n_s} variables, but the body has {shape.s.numel()}"
+        )
     for part in parts:
         part.constraints.check(shape)
     return parts
 
 
 def _which(parts: Sequence[Phase], tau: np.ndarray) -> np.ndarray:
-    """Number of the phase that each of m phases of the stroke lies in, (m,)."""
+    """Return the index of the phase of each of m phases of the stroke, (m,)."""
     ends = np.array([part.until for part in parts])
     return np.minimum(np.searchsorted(ends, tau, side="right"), len(parts) - 1)
 
@@ -201,7 +211,7 @@ def _held(
 def _worst(
     shape: Shape, stroke: Stroke, parts: Sequence[Phase], breaks: np.ndarray
 ) -> tuple[float, float]:
-    """Largest condition number over the stroke, and where; refuses singular shapes."""
+    """Return the largest condition number and its phase; refuse singular shapes."""
     worst, where = 0.0, 0.0
     for a, b in pairwise(breaks):
         part = parts[_which(parts, np.array([(a + b) / 2]))[0]]
@@ -220,7 +230,7 @@ def _worst(
 
 
 def _least(inverse: Callable[[np.ndarray], np.ndarray], a: float, b: float) -> tuple[float, float]:
-    """Where between a and b a function (m,) -> (m,) is least, and how small it is."""
+    """Return where between a and b a function (m,) -> (m,) is least, and its value."""
     tau = np.linspace(a, b, _SINGULAR_LOOKS + 1)
     value = inverse(tau)
     k = int(np.argmin(value))

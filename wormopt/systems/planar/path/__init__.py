@@ -1,1 +1,1 @@
-"""Paths in the plane, put together from the steps of a few gaits."""
+"""Paths in the plane, composed of steps of a few gaits."""

@@ -1,4 +1,4 @@
-"""Families of steps whose changes of shape grow in proportion to an amplitude."""
+"""Families of steps whose changes of shape are proportional to an amplitude."""
 
 from __future__ import annotations
 
@@ -30,30 +30,30 @@ def gait_family(
     held: Constraints | Sequence[Phase] | None = None,
     rates: Sequence[float] | float = 1.0,
 ) -> Family:
-    """Family of strokes from a shape at rest through others and back, by an amplitude.
+    """Return a family of strokes from a rest shape through others and back, by an amplitude.
 
-    What pins and skids hold moves as its shape tells; what nothing holds crawls, so slowly that
-    friction tells how.
+    With pins and skids the shape determines the motion. Without them the body crawls slowly, and
+    friction determines the motion.
 
     Parameters
     ----------
     name : str
-        Of the gait.
+        Name of the gait.
     shape : Shape
         The body.
     rest : array_like, shape (n_s,)
-        Shape that the stroke begins and ends with.
+        Shape at the start and end of the stroke.
     changes : array_like, shape (k, n_s)
-        Shapes in between, less that at rest, at amplitude 1.
+        Shapes in between, less the rest shape, at amplitude 1.
     amplitudes : sequence of float
-        Those that a search may use, ascending.
+        Amplitudes that a search may use, ascending.
     ground : law, sequence of laws or None, optional
-        Friction of all masses, or of each: `Elliptic` where nothing is held; else what resists
-        sliding, for the work.
+        Friction of all masses, or of each: `Elliptic` for a crawl; with constraints the resistance
+        to sliding, for the work.
     held : Constraints or sequence of Phase, optional
-        What holds; if left out, nothing does.
+        Constraints; none if left out.
     rates : float or sequence of float, optional
-        Largest rates of the shape variables, for the time.
+        Largest rates of the shape variables, for the duration.
 
     Returns
     -------
@@ -62,11 +62,11 @@ def gait_family(
     Raises
     ------
     ArgumentError
-        If nothing is held and no ground resists.
+        If there are neither constraints nor ground.
 
     Examples
     --------
-    Two links stretch, one after the other; the ground resists more the way back.
+    Two links stretch, one after the other; the ground resists backward motion more.
 
     >>> import wormopt as wo
     >>> worm, law = wo.planar.chain_shape(2), wo.Elliptic(1.0, 3.0, 2.0)
@@ -77,7 +77,7 @@ def gait_family(
     """
     stroke = _strokes(rest, changes)
     if held is None and ground is None:
-        raise ArgumentError("what nothing holds and no ground resists does not move: give a ground")
+        raise ArgumentError("without constraints and ground the body does not move; give a ground")
 
     def make(amplitude: float) -> GaitStep:
         if held is not None:
@@ -88,11 +88,11 @@ def gait_family(
 
     if held is not None:
         return Family(name, make, tuple(amplitudes))
-    # phases come and go with the amplitude: a polynomial is no better of many points
+    # phases appear and vanish with the amplitude: more points do not improve a polynomial
     return Family(name, make, tuple(amplitudes), degree=6)
 
 
 def _strokes(rest: ArrayLike, changes: ArrayLike) -> Callable[[float], Polygon]:
-    """Strokes by their amplitude, from rest through other shapes and back."""
+    """Return strokes by their amplitude, from rest through other shapes and back."""
     start, way = np.asarray(rest, dtype=float), np.atleast_2d(np.asarray(changes, dtype=float))
     return lambda amplitude: Polygon(np.vstack([start, start + amplitude * way]))

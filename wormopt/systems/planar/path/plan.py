@@ -1,4 +1,4 @@
-"""Paths through the plane: the cheapest steps of a library, with amplitudes that end in a goal."""
+"""Paths through the plane: the cheapest steps of a library, with amplitudes that meet a goal."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, lea
 from wormopt.systems.planar.path.steps import GaitStep, Library, chained
 from wormopt.systems.planar.path.task import Cost, PathTask, Tolerance, cost_of, rest_fault
 
-_ROUTES = 200  # routes that are polished before the plan gives up
+_ROUTES = 200  # routes whose amplitudes are optimised before the plan stops
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedPath:
-    """Steps one after another that lead to a goal and touch nothing.
+    """Result of `plan_path`: successive steps that lead to a goal without contact.
 
     Parameters
     ----------
     task : PathTask
-        What was asked.
+        The task.
     library : Library
-        Of what steps.
+        Library of the steps.
     steps : tuple of GaitStep
-        The steps, with the amplitudes of the end.
+        The steps, with their final amplitudes.
     poses : ndarray, shape (m + 1, 3)
         Poses before the first step and after each.
     route : Route
-        What the search found, before the polish.
+        Result of the search, before amplitudes change.
     looked : Looked
-        How far the search has gone.
+        Progress of the search.
     tried : int
-        How many routes were polished.
+        Number of routes whose amplitudes were optimised.
     room : float
-        Least distance, beyond radius and clearance, from anything over all instants.
+        Least distance from anything, less radius and clearance, over all instants.
     """
 
     task: PathTask
@@ -50,7 +50,7 @@ class PlannedPath:
     room: float
 
     def cost(self, kind: Cost) -> float:
-        """Steps, work or time in all."""
+        """Return the total number of steps, work or time."""
         return float(sum(cost_of(step, kind) for step in self.steps))
 
     @property
@@ -70,28 +70,30 @@ def plan_path(
     accuracy: float = 1e-10,
     report: Report | None = None,
 ) -> PlannedPath:
-    """Find steps of a library that lead from a pose to another and touch nothing on the way.
+    """Find steps of a library that lead from a pose to another without contact.
+
+    Theory: docs/theory-planar.md, section 8.
 
     Parameters
     ----------
     task : PathTask
-        Start, goal, obstacles, places on the way.
+        Start, goal, obstacles, via points.
     library : Library
         Gaits, each with a few amplitudes.
     capture : Tolerance or (float, float)
-        How near to the goal, a distance and an angle, the search must come with the amplitudes of
-        the library; from there amplitudes are changed until the goal is met.
+        Distance and angle (rad) from the goal at which the search with the amplitudes of the
+        library ends; from there amplitudes are optimised until the path meets the goal.
     cost : {"steps", "work", "time"}, optional
-        What is least.
+        Quantity to minimise.
     cell : (float, float), optional
-        Length and angle of cells of which only the cheapest pose is kept; with (0, 0) nothing is
-        lost, and long searches do not end.
+        Length and angle (rad) of cells in which only the cheapest pose is kept. With (0, 0) the
+        search is exact, but long searches do not end.
     most : int, optional
-        Number of poses after which the search gives up.
+        Number of poses after which the search stops.
     accuracy : float, optional
-        To what the pose is met, in x, y and angle.
+        Accuracy of the final pose, in x, y and angle.
     report : callable, optional
-        Told how far it is.
+        Called with the progress.
 
     Returns
     -------
@@ -100,17 +102,17 @@ def plan_path(
     Raises
     ------
     SolveError
-        If the body touches something at start or goal, the goal is too far, or no path is found.
+        If the body touches an obstacle at start or goal, the goal is too far, or no path is found.
 
     Notes
     -----
-    A* over exact poses; its bound of the cost to go is that no mass gets farther for its cost than
-    with the step that takes it farthest. Without cells the route is the best of the library within
-    `capture`; with them it may lose. The amplitudes that follow are a local optimum.
+    The search is A* over exact poses. Its lower bound of the remaining cost: no mass moves farther
+    per cost than in its best step. Without cells the route is the best of the library within
+    `capture`; with cells it may be worse. The final amplitudes are a local optimum.
 
     Examples
     --------
-    A pinned tail, a pinned head: links that stretch in between push the worm ahead.
+    Either the tail or the head is pinned: links that stretch in between push the worm forward.
 
     >>> import wormopt as wo
     >>> P, worm = wo.planar, wo.planar.chain_shape(2)
@@ -129,7 +131,7 @@ def plan_path(
     options, looked, capture = SearchOptions(cost, cell, most), Looked(), Tolerance.of(capture)
     if (least := least_steps(task, library, capture)) > most:
         raise SolveError(
-            f"the goal is {least:.3g} or more steps away, and the search looks at {most} poses",
+            f"the goal is {least:.3g} or more steps away, but the search has {most} poses at most",
             "give a nearer goal, larger steps or more poses",
             code="too_far",
         )
@@ -165,9 +167,9 @@ def _planned(
 def _fitting(
     task: PathTask, library: Library, fits: list[Fitted], route: Route, accuracy: float
 ) -> list[tuple[list[GaitStep], float]] | None:
-    """Steps of a route that end in the goal and touch nothing, and their room.
+    """Return steps of a route that end in the goal without contact, and their room.
 
-    The amplitudes of least cost are tried first; none where all touch, None where none end in it.
+    Amplitudes of least cost are tried first. Empty if all touch, None if no amplitudes reach it.
     """
     if not route.steps:
         return None
@@ -185,7 +187,7 @@ def _fitting(
 
 
 def _room(task: PathTask, library: Library, steps: list[GaitStep], poses: np.ndarray) -> float:
-    """Least room over all instants, bounded from below; far obstacles are looked at as well."""
+    """Return the least room over all instants, bounded from below, including far obstacles."""
     rooms = [
         float((task.room(step.placed(pose), library.radius) - step.margins).min())
         for pose, step in zip(poses, steps, strict=False)
@@ -194,7 +196,7 @@ def _room(task: PathTask, library: Library, steps: list[GaitStep], poses: np.nda
 
 
 def _comes_by(task: PathTask, poses: np.ndarray) -> bool:
-    """Whether poses come by all places on the way in order."""
+    """Return whether poses pass all via points in order."""
     k = 0
     for pose in poses:
         while k < len(task.via) and np.hypot(*(pose[:2] - task.via[k])) <= task.via_radius:
@@ -204,17 +206,17 @@ def _comes_by(task: PathTask, poses: np.ndarray) -> bool:
 
 def _none(looked: Looked, tried: int, options: SearchOptions) -> SolveError:
     if tried:
-        why = f"{tried} routes end near the goal, but with no amplitudes in it without a touch"
-        mend = "allow more amplitudes, or a wider capture"
+        why = f"{tried} routes end near the goal, but no amplitudes meet it without contact"
+        mend = "give more amplitudes, or a wider capture"
     elif looked.exhausted:
-        why = f"no sequence of steps leads to the goal: all {looked.poses} poses were looked at"
-        mend = "add steps to the library, or make room"
+        why = f"no sequence of steps leads to the goal; all {looked.poses} poses were searched"
+        mend = "add steps to the library, or more room"
     else:
         why = (
-            f"{looked.poses} poses were looked at, none near the goal; the nearest is "
+            f"{looked.poses} poses were searched, none near the goal; the nearest is "
             f"{looked.nearest:.3g} away"
         )
-        mend = "allow more poses, larger cells, a wider capture, or larger steps"
+        mend = "give more poses, larger cells, a wider capture, or larger steps"
     if looked.exhausted and options.cell[0] > 0:
         mend += "; or smaller cells"
     return SolveError(why, mend, code="no_path")

@@ -64,10 +64,11 @@ def polished(
     by_cost: bool,
     accuracy: float,
 ) -> list[GaitStep] | None:
-    """Steps of a route whose end is the goal to `accuracy`; None if no amplitudes do it.
+    """Return steps of a route that end in the goal to `accuracy`; None if no amplitudes do.
 
-    `amplitudes` (m,) are those to begin with; the result costs least near by, or with `by_cost`
-    False is the nearest. Series lead there; the last digits are those of the steps themselves.
+    `amplitudes` (m,) are the start. The result is a local minimum of the cost, or the nearest
+    amplitudes if `by_cost` is False. Series approximate the steps; the last digits come from the
+    steps themselves.
     """
     bounds = np.array([fit.ends for fit in route])
     if np.sum(bounds[:, 1] > bounds[:, 0]) < 3:
@@ -87,7 +88,7 @@ def polished(
         if not by_cost:
             return float(off @ off), 2 * off / width
         found = [fit.at(x) for fit, x in zip(route, a, strict=True)]
-        # a little of the distance keeps amplitudes apart that cost the same
+        # a small penalty of the distance separates amplitudes of equal cost
         value = sum(f[3] for f, _ in found) / scale + 1e-6 * float(off @ off)
         return float(value), np.array([d[3] for _, d in found]) / scale + 2e-6 * off / width
 
@@ -108,7 +109,7 @@ def polished(
 def _reaching(
     task: PathTask, route: Sequence[Fitted], amplitudes: np.ndarray, bounds: np.ndarray
 ) -> np.ndarray | None:
-    """Some amplitudes with which the series end in the goal; None where there seem to be none."""
+    """Return amplitudes with which the series end in the goal; None if none are found."""
     free = bounds[:, 1] > bounds[:, 0]
     a = amplitudes.copy()
 
@@ -146,7 +147,7 @@ def _exactly(
 
 
 def _end(task: PathTask, route: Sequence[Fitted], a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pose at the end (3,) by the series, and its derivatives by the amplitudes (3, m)."""
+    """Return the end pose (3,) by the series, and its derivatives by the amplitudes (3, m)."""
     found = [fit.at(x) for fit, x in zip(route, a, strict=True)]
     poses = [task.start]
     for value, _ in found:

@@ -13,25 +13,25 @@ from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.path.steps import Library
 from wormopt.systems.planar.path.task import Cost, PathTask, Tolerance, cost_of, wrapped
 
-# Cells are larger by this, so that steps of round lengths do not end on the sides of cells, and
-# costs are told apart by this share of the least: neither then hangs on rounding.
+# Cells are larger by this share, so that steps of round lengths do not end on sides of cells, and
+# costs closer than this share count as equal: neither then depends on round-off.
 _ODD, _APART = 1.00371, 1e-9
 
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How a search goes about.
+    """Options of a search.
 
     Parameters
     ----------
     cost : {"steps", "work", "time"}, optional
-        What is least.
+        Quantity to minimise.
     cell : (float, float), optional
-        Length and angle of cells of which only the cheapest pose is kept. What is found is then the
-        best of the library but for paths through poses that lie beside a cheaper one in their cell;
-        with (0, 0) nothing is lost, and long searches do not end.
+        Length and angle of cells in which only the cheapest pose is kept. The result is then the
+        best of the library, except paths through poses beside a cheaper one in their cell. With
+        (0, 0) the search is exact, but long searches do not end.
     most : int, optional
-        Number of poses after which the search gives up.
+        Number of poses after which the search stops.
     """
 
     cost: Cost = "steps"
@@ -50,7 +50,7 @@ class Route:
 
 @dataclass(eq=False)
 class Looked:
-    """What a search has seen, as it goes on."""
+    """Progress of a search."""
 
     poses: int = 0
     pruned: int = 0
@@ -67,10 +67,10 @@ def routes(
     looked: Looked,
     report: Report | None = None,
 ) -> Iterator[Route]:
-    """Give sequences of steps that end within `capture` of the goal, the cheapest first.
+    """Yield sequences of steps that end within `capture` of the goal, the cheapest first.
 
-    Steps are tried against obstacles when they are taken up, not before. `looked` is kept up to
-    date. Ends where there is nothing left, or `options.most` is reached.
+    Steps are checked against obstacles when they are expanded. `looked` is kept up to date. Ends if
+    nothing is left, or at `options.most`.
     """
     steps = library.steps
     costs = np.array([cost_of(step, options.cost) for step in steps])
@@ -116,7 +116,7 @@ def routes(
 
 
 def least_steps(task: PathTask, library: Library, capture: Tolerance) -> float:
-    """Number of steps below which no sequence gets from the start to the goal."""
+    """Return a lower bound of the number of steps from the start to the goal."""
     moves = np.array([step.displacement for step in library.steps])
     bound = _bound(task, library, capture, np.ones(len(moves)), moves)
     return float(bound(task.start[None])[0])
@@ -128,11 +128,11 @@ class _Node:
     cost: float
     before: int
     step: int
-    passed: int  # how many places on the way have been come by
+    passed: int  # number of via points passed
 
 
 def _passed(task: PathTask, node: _Node) -> int:
-    """How many places on the way a pose has come by."""
+    """Return the number of via points that a pose has passed."""
     k = node.passed
     while k < len(task.via) and np.hypot(*(node.pose[:2] - task.via[k])) <= task.via_radius:
         k += 1
@@ -148,7 +148,7 @@ def _steps_to(nodes: list[_Node], node: _Node) -> tuple[int, ...]:
 
 
 def _key(task: PathTask, node: _Node, cell: tuple[float, float]) -> tuple[int, ...] | None:
-    """Cell of a pose, the start in the middle of one: a task that is turned has the same ones."""
+    """Return the cell of a pose; the start is in the middle of one, so rotations do not matter."""
     if cell[0] <= 0 or cell[1] <= 0:
         return None
     off = compose(inverse(task.start), node.pose) / _ODD
@@ -159,10 +159,10 @@ def _key(task: PathTask, node: _Node, cell: tuple[float, float]) -> tuple[int, .
 def _bound(
     task: PathTask, library: Library, capture: Tolerance, costs: np.ndarray, moves: np.ndarray
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Least cost from poses (m, 3) to the goal, (m,): by what a step gains at best for its cost.
+    """Return lower bounds (m,) of the cost from poses (m, 3) to the goal.
 
-    Every mass has a way to go, and no step takes it farther for its cost than the best one does;
-    so has the heading.
+    Every mass has a distance to go, and no step moves it farther per cost than the best one does.
+    The same holds for the heading.
     """
     rest = np.vstack([[0.0, 0.0], library.rest])
     ends = np.array([compose(move, _lifted(rest))[:, :2] for move in moves])

@@ -1,4 +1,4 @@
-"""A planned path once more, by other ways than it was planned."""
+"""Simulation of a planned path by independent methods."""
 
 from __future__ import annotations
 
@@ -40,22 +40,22 @@ def simulate_path(
     heading: Heading = "bisector",
     looks: int = 64,
 ) -> Course:
-    """Go through all steps of a path, one after another from the start, by independent ways.
+    """Simulate all steps of a path, one after another from the start, by independent methods.
 
-    What pins and skids determine is integrated with all masses in Cartesian coordinates; slow
-    crawls by smoothed laws, without rest or breaks, in a frame at the tail. Each step begins where
-    the one before has ended, errors and all.
+    Motions with pins and skids are integrated with all masses in Cartesian coordinates. Slow crawls
+    use smoothed laws, without rest or breaks, in a frame at the tail. Each step begins where the
+    previous one ended, including its error.
 
     Parameters
     ----------
     path : PlannedPath
         Its steps must come from `gait_family`.
     lengths : sequence of float, optional
-        Of the links, where they are no shape variables.
+        Link lengths, if they are no shape variables.
     heading : {"bisector", "front", "rear"}, optional
-        Along what an inner mass looks.
+        Heading of inner masses.
     looks : int, optional
-        Instants that are kept of each smooth part of a stroke.
+        Instants kept of each smooth part of a stroke.
 
     Returns
     -------
@@ -65,7 +65,21 @@ def simulate_path(
     Raises
     ------
     ArgumentError
-        If a step was made in another way.
+        If a step has another origin.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> P, worm = wo.planar, wo.planar.chain_shape(2)
+    >>> push = P.Phase(0.5, P.Constraints(pins=(2,), skids=(0,)))
+    >>> pull = P.Phase(1.0, P.Constraints(pins=(0,), skids=(2,)))
+    >>> ahead = P.gait_family(
+    ...     "ahead", worm, (0.6, 0.6, 0.0), [(0.4, 0.4, 0.0)], (0.5, 1.0), held=[push, pull]
+    ... )
+    >>> task = P.PathTask((0.0, 0.0, 0.0), (1.5, 0.0, 0.0), (1e-9, 1e-9))
+    >>> path = P.plan_path(task, P.Library([ahead]), (0.3, 0.1), cost="time")
+    >>> bool(abs(P.simulate_path(path).pose - [1.5, 0.0, 0.0]).max() < 1e-9)
+    True
     """
     start = path.task.start
     places = start[:2] + rotate(start[2], path.library.rest)
@@ -82,23 +96,25 @@ def simulate_path(
                 places, own.stroke, own.crawler.ground, lengths, heading, looks
             )
         else:
-            raise ArgumentError(f"{step.name!r} is neither held by pins and skids nor a crawl")
+            raise ArgumentError(
+                f"{step.name!r} is neither constrained nor a crawl; make it by gait_family"
+            )
         when.append(k + tau[1:])
         course.append(found[1:])
     return Course(np.concatenate(when), np.concatenate(course))
 
 
 def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points: int = 41) -> float:
-    """Least distance of points along all links (m, n, 2) from obstacles, by points alone.
+    """Return the least distance of points along all links (m, n, 2) from obstacles.
 
-    Neither distances of segments nor bounds of the plan are used: a second route to them.
+    It uses points alone, neither distances of segments nor bounds of the plan: a second route.
 
     Parameters
     ----------
     course : ndarray, shape (m, n, 2)
         Places of the masses.
     obstacles : sequence of Obstacle
-        From what.
+        The obstacles.
     points : int, optional
         Points of each link.
 
@@ -113,7 +129,7 @@ def least_distance(course: np.ndarray, obstacles: Sequence[Obstacle], *, points:
 
 
 def _from(obstacle: Obstacle, points: np.ndarray) -> np.ndarray:
-    """Distance of points (m, 2) from an obstacle, below 0 within."""
+    """Return distances of points (m, 2) from an obstacle, negative inside."""
     if isinstance(obstacle, Disc):
         off = points - np.array(obstacle.centre)
         return np.hypot(off[:, 0], off[:, 1]) - obstacle.radius
@@ -132,7 +148,7 @@ def _from(obstacle: Obstacle, points: np.ndarray) -> np.ndarray:
 
 
 def _from_segment(points: np.ndarray, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Distance of points from a segment, along and across it."""
+    """Return distances of points from a segment, from components along and across it."""
     size = float(np.hypot(*(q - p)))
     if size == 0:
         return np.hypot(*(points - p).T)

@@ -1,4 +1,4 @@
-"""Steps of gaits: what a stroke does as a whole, wherever it begins."""
+"""Steps of gaits: the effect of a whole stroke, independent of where it begins."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from wormopt.systems.planar.kinematic.constraints import kinematics_at
 from wormopt.systems.planar.kinematic.loads import Ground, loads
 from wormopt.systems.planar.kinematic.motion import KinematicMotion
 
-_LONGEST = 1 / 24  # share of a stroke: crawls have long panels, and all are looked at as often
+_LONGEST = 1 / 24  # share of a stroke: crawls have long panels, which get as many samples
 
 
 @dataclass(frozen=True, eq=False)
 class GaitStep:
-    """One stroke of a gait: where it takes the body, at what cost, and over what it sweeps.
+    """One stroke of a gait: its displacement, its cost, and the area it sweeps.
 
     Parameters
     ----------
     name : str
-        Of the gait.
+        Name of the gait.
     amplitude : float
-        Which of its family it is.
+        Amplitude within the family.
     poses : ndarray, shape (K + 1, 3)
         Poses of the frame of the body at instants of the stroke, from (0, 0, 0).
     points : ndarray, shape (K + 1, n, 2)
-        Places of the masses then, told in the frame at the start.
+        Places of the masses at these instants, in the frame at the start.
     tau, clock : ndarray, shape (K + 1,)
-        Phases of the stroke and instants of these.
+        Phases of the stroke, and times.
     slack : ndarray, shape (K,)
-        No point of the body is farther than this, in between two instants, from where it is at the
-        nearer of them: half the time between by a bound of the speeds of all masses.
+        Bound of the distance of any point of the body, between two instants, from its place at the
+        nearer of them: half the time between, times a bound of the speeds of all masses.
     work : float
-        What the stroke takes.
+        Work of the stroke.
     motion : object, optional
-        The motion it was made from.
+        The motion from which it was made.
     """
 
     name: str
@@ -60,17 +60,17 @@ class GaitStep:
 
     @property
     def time(self) -> float:
-        """What the stroke takes."""
+        """Duration of the stroke."""
         return float(self.clock[-1])
 
     @property
     def displacement(self) -> np.ndarray:
-        """x, y and angle by which the frame moves, (3,)."""
+        """x, y and angle of the frame after the stroke, (3,)."""
         return self.poses[-1]
 
     @cached_property
     def disc(self) -> tuple[np.ndarray, float]:
-        """Centre (2,) and radius of a disc in which the body stays."""
+        """Centre (2,) and radius of a disc that contains the body."""
         low, high = self.points.min(axis=(0, 1)), self.points.max(axis=(0, 1))
         middle = (low + high) / 2
         far = np.linalg.norm(self.points - middle, axis=-1).max()
@@ -78,11 +78,11 @@ class GaitStep:
 
     @cached_property
     def margins(self) -> np.ndarray:
-        """By how much a distance at an instant may be more than those near it, (K + 1,)."""
+        """Largest excess of the distance at an instant over those near it, (K + 1,)."""
         return np.maximum(np.append(self.slack, 0.0), np.append(0.0, self.slack))
 
     def placed(self, pose: np.ndarray) -> np.ndarray:
-        """Places (K + 1, n, 2) of the masses when the step begins at a pose.
+        """Return places (K + 1, n, 2) of the masses if the step begins at a pose.
 
         Parameters
         ----------
@@ -104,9 +104,9 @@ def swept(
     looks: int = 8,
     motion: Any = None,
 ) -> GaitStep:
-    """Make a step of a course of poses, gone through as fast as the largest rates let.
+    """Return a step from poses, at the highest speed that the largest rates allow.
 
-    Every panel is looked at so many times or more.
+    Every panel has at least `looks` samples.
     """
     tau, poses, way = _sampled(course, stroke, shape, looks)
     body = kinematics_at(shape, stroke.at(tau)[0]).points
@@ -121,9 +121,9 @@ def swept(
 def _sampled(
     course: Travel, stroke: Stroke, shape: Shape, looks: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Phases and poses at ends of panels and nodes within, and bounds of ways in between.
+    """Return phases and poses at ends of panels and nodes, and bounds of displacements between.
 
-    A bound is the time between two looks by a bound of the speeds of all masses in the panel.
+    A bound is the time between two samples times a bound of the speeds of all masses.
     """
     panels = len(course.ends) - 1
     nodes = course.nodes.reshape(panels, -1)
@@ -139,9 +139,9 @@ def _sampled(
 
 
 def _velocities(course: Travel, stroke: Stroke, shape: Shape) -> np.ndarray:
-    """Velocities (m, n, 2) of the masses by the phase, in the frame of the body at the nodes.
+    """Return velocities (m, n, 2) of the masses by the phase, in the frame of the body.
 
-    Their own headings turn: there a series would converge no better, but say less of the frame.
+    Their own headings turn, so a series in these converges no better.
     """
     s, ds = stroke.at(course.nodes)
     at = kinematics_at(shape, s)
@@ -157,20 +157,20 @@ def kinematic_step(
     ground: Ground = None,
     rates: Sequence[float] | float = 1.0,
 ) -> GaitStep:
-    """Make a step of a motion that pins and skids determine.
+    """Return a step of a motion that pins and skids determine.
 
     Parameters
     ----------
     name : str
-        Of the gait.
+        Name of the gait.
     motion : KinematicMotion
         The motion.
     amplitude : float, optional
-        Which of its family it is.
+        Amplitude within the family.
     ground : law, sequence of laws or None, optional
-        What resists sliding, for the work.
+        Resistance to sliding, for the work.
     rates : float or sequence of float, optional
-        Largest rates of the shape variables: the stroke is gone through as fast as they let.
+        Largest rates of the shape variables, which determine the duration.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def crawl_step(
     amplitude: float = 1.0,
     rates: Sequence[float] | float = 1.0,
 ) -> GaitStep:
-    """Make a step of a slow crawl; its work is that of the ground, its time by largest rates."""
+    """Return a step of a slow crawl, with the ground's work and the time by largest rates."""
     return swept(
         name, amplitude, divided(found.travel, _LONGEST), found.course.stroke,
         found.course.crawler.shape,
@@ -205,13 +205,13 @@ class Family:
     Parameters
     ----------
     name : str
-        Of the gait.
+        Name of the gait.
     make : callable
-        GaitStep of an amplitude.
+        Function from an amplitude to a GaitStep.
     amplitudes : sequence of float
-        Those that a search may use, ascending; a polish may use all in between.
+        Amplitudes that a search may use, ascending; refinement may use all in between.
     degree : int, optional
-        Of polynomials in the amplitude that lead a polish; its last digits are those of the steps.
+        Degree of the polynomials in the amplitude that approximate steps during refinement.
     """
 
     name: str
@@ -228,14 +228,28 @@ class Family:
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Steps that may follow one another: all begin and end in the same shape.
+    """Steps that may follow one another, because all begin and end in the same shape.
 
     Parameters
     ----------
     families : sequence of Family
         Gaits, each with a few amplitudes.
     radius : float
-        Half the thickness of the body: its links are capsules.
+        Half the thickness of the body, whose links are capsules.
+
+    Raises
+    ------
+    ArgumentError
+        If names are equal, the radius is negative, or rest shapes differ.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> P, worm = wo.planar, wo.planar.chain_shape(2)
+    >>> hold = P.Constraints(pins=(2,), skids=(0,))
+    >>> nod = P.gait_family("nod", worm, (0.6, 0.6, 0.0), [(0.2, 0.2, 0.0)], (1.0,), held=hold)
+    >>> P.Library([nod], radius=0.05).rest.shape
+    (3, 2)
     """
 
     families: tuple[Family, ...]
@@ -245,7 +259,7 @@ class Library:
         object.__setattr__(self, "families", tuple(self.families))
         names = [family.name for family in self.families]
         if not names or len(set(names)) < len(names):
-            raise ArgumentError(f"a library needs families of different names, not {names}")
+            raise ArgumentError(f"families must have different names, not {names}")
         if not 0 <= self.radius < np.inf:
             raise ArgumentError(f"radius must be 0 or above, not {self.radius}")
         rest = self.steps[0].points[0]
@@ -253,8 +267,8 @@ class Library:
             ends = step.points[0], _back(step)
             if max(np.abs(end - rest).max() for end in ends) > 1e-9 * np.abs(rest).max():
                 raise ArgumentError(
-                    f"{step.name!r} does not begin and end in the shape of {names[0]!r}; steps "
-                    "that follow one another must share it"
+                    f"{step.name!r} does not begin and end in the shape of {names[0]!r}; give all "
+                    "families the same rest shape"
                 )
 
     @cached_property
@@ -264,23 +278,23 @@ class Library:
 
     @cached_property
     def owners(self) -> tuple[int, ...]:
-        """To which family each step belongs."""
+        """Index of the family of each step."""
         return tuple(k for k, f in enumerate(self.families) for _ in f.amplitudes)
 
     @property
     def rest(self) -> np.ndarray:
-        """Places (n, 2) of the masses in the shape that all steps share."""
+        """Places (n, 2) of the masses in the common rest shape."""
         return self.steps[0].points[0]
 
 
 def _back(step: GaitStep) -> np.ndarray:
-    """Places of the masses at the end, in the frame there."""
+    """Return places of the masses at the end, in the frame at the end."""
     pose = step.displacement
     return rotate(-pose[2], step.points[-1] - pose[:2])
 
 
 def chained(start: np.ndarray, steps: Sequence[GaitStep]) -> np.ndarray:
-    """Poses (m + 1, 3) before the first of m steps and after each."""
+    """Return poses (m + 1, 3) before the first of m steps and after each."""
     poses = [np.asarray(start, dtype=float)]
     for step in steps:
         poses.append(compose(poses[-1], step.displacement))

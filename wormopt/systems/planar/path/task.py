@@ -1,4 +1,4 @@
-"""What is asked of a path: poses, obstacles, a corridor, costs."""
+"""Path tasks: poses, obstacles, a corridor, costs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Near: TypeAlias = "Tolerance | tuple[float, float]"
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How near a pose must be met.
+    """Accepted distance and angle from a pose.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Tolerance:
 
     @classmethod
     def of(cls, given: Near) -> Tolerance:
-        """Make one of a distance and an angle."""
+        """Return a tolerance from a distance and an angle."""
         return given if isinstance(given, Tolerance) else cls(*given)
 
     def __post_init__(self) -> None:
@@ -43,7 +43,7 @@ class Tolerance:
             raise ArgumentError(f"tolerances must be positive, not {self.place}, {self.angle}")
 
     def met(self, off: np.ndarray) -> np.ndarray:
-        """Whether poses less the one asked for, (..., 3), lie within.
+        """Return whether differences (..., 3) from a pose are within the tolerance.
 
         Parameters
         ----------
@@ -56,14 +56,14 @@ class Tolerance:
 
 @dataclass(frozen=True, eq=False)
 class Corridor:
-    """A line of straight pieces which all masses must keep near to.
+    """A polyline with a strip to both sides that no mass may leave.
 
     Parameters
     ----------
     line : array_like, shape (m, 2)
         Its corners in order.
     width : float
-        Largest distance of a mass to either side.
+        Largest distance of a mass from the line to either side.
     """
 
     line: np.ndarray
@@ -73,10 +73,10 @@ class Corridor:
         line = np.array(self.line, dtype=float)
         object.__setattr__(self, "line", line)
         if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not self.width > 0:
-            raise ArgumentError("a corridor needs a line of two points or more and a width above 0")
+            raise ArgumentError("a corridor needs a line of two or more points and a width above 0")
 
     def room(self, points: np.ndarray) -> np.ndarray:
-        """By how much points (..., 2) are nearer to the line than they must be.
+        """Return the distance left to points (..., 2) until they leave the corridor.
 
         Parameters
         ----------
@@ -89,24 +89,29 @@ class Corridor:
 
 @dataclass(frozen=True, eq=False)
 class PathTask:
-    """A path to find: from a pose to another, past obstacles, through places on the way.
+    """A path to find: from a pose to another, past obstacles, through via points.
 
     Parameters
     ----------
     start, goal : array_like, shape (3,)
-        Poses of the frame at the head: x, y, heading. A goal holds modulo 2 pi.
+        Poses of the frame at the head: x, y, heading (rad). A goal holds modulo 2 pi.
     tolerance : Tolerance or (float, float)
-        How near the goal must be met: a distance and an angle.
+        Accepted distance and angle (rad) from the goal.
     obstacles : sequence of Obstacle, optional
-        What the body must not touch.
+        Obstacles that the body may not touch.
     clearance : float, optional
         Least distance from obstacles.
     via : sequence of (float, float), optional
-        Places that the head must come near to in this order, between two steps.
+        Places that the head must pass in this order, between two steps.
     via_radius : float, optional
-        How near.
+        Accepted distance from these places.
     corridor : Corridor or (array_like, float), optional
-        What the masses must stay in: corners (m, 2) of a line, and how far from it they may be.
+        Strip that no mass may leave: corners (m, 2) of a line, and the distance to either side.
+
+    Raises
+    ------
+    ArgumentError
+        If a pose, tolerance, radius or clearance is out of range.
 
     Examples
     --------
@@ -117,12 +122,12 @@ class PathTask:
 
     start: np.ndarray
     goal: np.ndarray
-    tolerance: Any  # kept as a Tolerance
+    tolerance: Any  # stored as a Tolerance
     obstacles: Sequence[Obstacle] = ()
     clearance: float = 0.0
     via: Sequence[tuple[float, float]] = ()
     via_radius: float = 0.0
-    corridor: Any = None  # kept as a Corridor
+    corridor: Any = None  # stored as a Corridor
 
     def __post_init__(self) -> None:
         for name in ("start", "goal"):
@@ -136,12 +141,12 @@ class PathTask:
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
         object.__setattr__(self, "via", tuple((float(x), float(y)) for x, y in self.via))
         if self.via and not self.via_radius > 0:
-            raise ArgumentError("places on the way need a via_radius above 0")
+            raise ArgumentError("via points need a via_radius above 0")
         if not self.clearance >= 0:
             raise ArgumentError(f"clearance must be 0 or above, not {self.clearance}")
 
     def off(self, poses: np.ndarray) -> np.ndarray:
-        """Poses less the goal, angles between -pi and pi.
+        """Return poses less the goal, with angles between -pi and pi.
 
         Parameters
         ----------
@@ -155,18 +160,18 @@ class PathTask:
     def room(
         self, places: np.ndarray, radius: float, obstacles: Sequence[Obstacle] | None = None
     ) -> np.ndarray:
-        """Least room (...,) that bodies with masses at places (..., n, 2) have; below 0 they touch.
+        """Return the least room (...,) of bodies at places (..., n, 2); negative on contact.
 
-        Room is distance to obstacles less radius and clearance, or to the edge of the corridor.
+        Room is the distance to obstacles less radius and clearance, or to the edge of the corridor.
 
         Parameters
         ----------
         places : ndarray, shape (..., n, 2)
-            Of the masses.
+            Places of the masses.
         radius : float
             Half the thickness of the links.
         obstacles : sequence of Obstacle, optional
-            Those that are looked at; all if left out.
+            Obstacles to include; all if left out.
         """
         a, b = places[..., :-1, :], places[..., 1:, :]
         found = np.full(places.shape[:-2], np.inf)
@@ -178,12 +183,12 @@ class PathTask:
         return found
 
     def step_room(self, pose: np.ndarray, step: GaitStep, radius: float) -> float:
-        """Least room over all instants of a step from a pose, bounded from below.
+        """Return the least room over all instants of a step from a pose, bounded from below.
 
         Parameters
         ----------
         pose : ndarray, shape (3,)
-            Where it begins.
+            Initial pose.
         step : GaitStep
             The step.
         radius : float
@@ -206,22 +211,22 @@ class PathTask:
 
 
 def cost_of(step: GaitStep, cost: Cost) -> float:
-    """What a step costs."""
+    """Return the cost of a step."""
     return 1.0 if cost == "steps" else float(getattr(step, cost))
 
 
 def rest_fault(task: PathTask, library: Library) -> str:
-    """Why a task cannot be met whatever the steps: the body touches something at either end."""
+    """Return why no steps can meet a task: the body touches an obstacle at either end."""
     for name, pose in (("start", task.start), ("goal", task.goal)):
         places = pose[:2] + rotate(pose[2], library.rest)
         room = float(task.room(places, library.radius))
         if room == -np.inf:
             return f"at the {name} the body lies inside an obstacle"
         if room < 0:
-            return f"at the {name} the body lacks {-room:.3g} of room to what it must not touch"
+            return f"at the {name} the body lacks {-room:.3g} of room to obstacles or corridor"
     return ""
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles between -pi and pi."""
+    """Return angles between -pi and pi."""
     return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi

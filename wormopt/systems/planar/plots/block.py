@@ -32,8 +32,8 @@ def block(result: Result) -> Figure:
     way.plot(x[-1], y[-1], "o", color=RED, label="at rest")
     way.set_aspect("equal", adjustable="datalim")
     way.margins(0.1)
-    way.set_xlabel(label("place $x$", result["x"].unit))
-    way.set_ylabel(label("place $y$", result["y"].unit))
+    way.set_xlabel(label("position $x$", result["x"].unit))
+    way.set_ylabel(label("position $y$", result["y"].unit))
     way.legend(frameon=False, fontsize=7.5)
     for axes, kind, words in (
         (speed, "{}_velocity", "velocity"),
@@ -69,7 +69,7 @@ def _draw_ellipse(axes: Axes, result: Result) -> None:
               linewidth=0.9, label="limit of friction")  # fmt: skip
     fx, fy = result["friction_x"].values, result["friction_y"].values
     slides = result["time"].values < needed(result, "stop_time")
-    axes.plot(fx[slides], fy[slides], color=LINKS[0], linewidth=2, label="during the slide")
+    axes.plot(fx[slides], fy[slides], color=LINKS[0], linewidth=2, label="sliding")
     axes.plot(fx[-1], fy[-1], "o", color=RED, label="at rest")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(label("friction along $x$", result["friction_x"].unit))

@@ -101,8 +101,8 @@ def stage(axes: Axes, result: Result) -> None:
     axes.set_aspect("equal", adjustable="box")
     for each in result.attributes.get("obstacles") or []:
         draw_obstacle(axes, each)
-    axes.set_xlabel(label("place $x$", result["x"].unit))
-    axes.set_ylabel(label("place $y$", result["y"].unit))
+    axes.set_xlabel(label("position $x$", result["x"].unit))
+    axes.set_ylabel(label("position $y$", result["y"].unit))
 
 
 def body(axes: Axes, result: Result, t: float, strength: float) -> None:

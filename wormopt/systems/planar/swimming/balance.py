@@ -1,7 +1,7 @@
-"""The way of a stroke again: forces and moments balanced point by point, poses stepped in time.
+"""Second route to the displacement of a stroke: balances of force and moment, stepped in time.
 
-Nothing is shared with the local connection: drags act at Gauss's points of the rods as vectors in
-the plane, the pose is that in the plane, and SciPy's DOP853 steps it.
+It shares nothing with the local connection: drags act at Gauss points of the rods as vectors in the
+plane, the pose is that in the plane, and SciPy's DOP853 integrates it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _AT = np.array([-1.0, 1.0]) / (2 * np.sqrt(3.0))  # Gauss's points from the midd
 
 
 def balanced(swimmer: Swimmer, s: np.ndarray, rates: np.ndarray) -> tuple[np.ndarray, float]:
-    """Twist (3) of the body's frame at which all drags balance, and the power they take."""
+    """Return the twist (3) of the body's frame at which all drags balance, and their power."""
     places, headings, J, B = map(np.asarray, swimmer.shape.kinematics(s))
     places, headings = places.T, headings.ravel()
     own = J.reshape(-1, 2, 3), (B @ rates).reshape(-1, 2)
@@ -56,7 +56,7 @@ def balanced(swimmer: Swimmer, s: np.ndarray, rates: np.ndarray) -> tuple[np.nda
 
 
 def stepped(swimmer: Swimmer, stroke: Stroke, tolerance: float = 1e-10) -> np.ndarray:
-    """Displacement (3) of a stroke, stepped from break to break, and work at even phase last."""
+    """Return displacement (3) of a stroke, from break to break, and work at even phases."""
 
     def moves(tau: float, pose: np.ndarray, end: float) -> np.ndarray:
         s, rates = stroke.at(np.array([min(tau, end)]))

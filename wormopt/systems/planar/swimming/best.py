@@ -31,16 +31,16 @@ Aim = Literal["efficiency", "distance"]
 _SOLVER = Ipopt(tolerance=1e-10, iterations=400)
 _MESH = Mesh.even(1, 16, Collocation(6, "legendre"), 5)
 _ROUNDS = 4
-# Strokes to begin with go round so far from their centre, and centres lie so far out, in parts of
-# the room that limits leave.
+# Size of initial strokes around their centre, and distance of the centres, as shares of the room
+# within the limits.
 _AMPLITUDE, _OUT, _LARGEST = 0.5, 0.5, 1.0
-# A stroke repeats a loop up to so often, where other harmonics are below this share of the largest.
+# Largest number of repeated loops in a stroke; other harmonics are then below this share.
 _MOST_LOOPS, _REPEATED, _TRIES = 8, 1e-2, 3
 
 
 @dataclass(frozen=True, eq=False)
 class StrokeAim:
-    """A body on viscous ground, and what its stroke shall be best at.
+    """A body on viscous ground, and the objective of its stroke.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class StrokeAim:
     lower, upper : ndarray, shape (n_s,)
         Limits of the shape variables.
     maximise : {"efficiency", "distance"}, optional
-        Of strokes that do not turn the body: work to tow it over work, or the way alone.
+        Objective, for strokes without net turn: towing work over work, or the distance.
     """
 
     swimmer: Swimmer
@@ -63,20 +63,20 @@ class StrokeAim:
             value = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), n_s).copy()
             object.__setattr__(self, name, value)
         if n_s < 2 or not np.all(np.isfinite(self.upper - self.lower)):
-            raise ArgumentError("a best stroke needs two shape variables or more, and their limits")
+            raise ArgumentError("a best stroke needs two or more shape variables, and their limits")
         if not np.all(self.lower < self.upper):
             raise ArgumentError("every lower limit of a shape variable must be below the upper one")
         if self.maximise not in ("efficiency", "distance"):
-            raise ArgumentError(f"maximise efficiency or distance, not {self.maximise!r}")
+            raise ArgumentError(f"maximise must be efficiency or distance, not {self.maximise!r}")
 
     @cached_property
     def seen(self) -> Swimmer:
-        """The body from its middle, where it moves less."""
+        """The body seen from its middle, which moves less."""
         return in_frame(self.swimmer, "middle")
 
     @cached_property
     def drag(self) -> float:
-        """Drag that tows the straight body, its rods as short as limits allow."""
+        """Drag of the straight body, with rods as short as limits allow."""
         return self.swimmer.towing_drag(self.lower)
 
     @cached_property
@@ -111,7 +111,7 @@ class StrokeAim:
 
 
 def stroke_problem(aim: StrokeAim) -> Problem:
-    """Go round once in unit time, without a turn; the work is the integral."""
+    """Return the problem: one closed loop in unit time without net turn; work is the integral."""
     model = aim.model
     ends = Ends.of(model, 1)
     n = aim.swimmer.shape.s.numel()
@@ -122,7 +122,7 @@ def stroke_problem(aim: StrokeAim) -> Problem:
     design, along = [], []
     if aim.maximise == "efficiency":
         cost = -100 * square / work
-    else:  # any pace goes as far: an even one is told
+    else:  # the displacement does not depend on the pace: use a uniform one
         cost = -square
         size = 2 * np.pi * float((aim.upper - aim.lower).max()) / 2
         design = [Signal("pace", pace, "rate", size, lower=0.0)]
@@ -144,10 +144,10 @@ def stroke_problem(aim: StrokeAim) -> Problem:
 
 
 def first_strokes(aim: StrokeAim, starts: int) -> list[Harmonics]:
-    """Ellipses to begin with: the best small one about the middle, larger, then about others.
+    """Return initial ellipses: the best small one around the middle, larger ones, then others.
 
-    About a shape, the small stroke of most way by action lies in the plane of the largest singular
-    value of the curvature in units of the metric: G^-1/2 F G^-1/2.
+    Around a shape, the small stroke with the longest displacement per action lies in the plane of
+    the largest singular value of the curvature in units of the metric: G^-1/2 F G^-1/2.
     """
     middle, room = (aim.lower + aim.upper) / 2, (aim.upper - aim.lower) / 2
     n = len(middle)
@@ -181,7 +181,7 @@ def _ellipse(aim: StrokeAim, centre: np.ndarray, share: float) -> Harmonics:
 
 
 def _guess(aim: StrokeAim, stroke: Harmonics) -> Guess:
-    """A stroke as curves, with the way it takes."""
+    """Return a stroke as a guess, with its displacement."""
     done = swim(aim.seen, stroke)
 
     def states(t: np.ndarray) -> np.ndarray:
@@ -194,7 +194,7 @@ def _guess(aim: StrokeAim, stroke: Harmonics) -> Guess:
 
 @dataclass(frozen=True, eq=False)
 class MotionStroke:
-    """A stroke found on a mesh: polynomials on every arc, in unit time."""
+    """A stroke on a mesh: polynomials on every arc, in unit time."""
 
     motion: Motion
 
@@ -205,32 +205,32 @@ class MotionStroke:
 
     @property
     def breaks(self) -> np.ndarray:
-        """Where arcs join."""
+        """Phases at which arcs join."""
         found = self.motion.breaks / self.motion.duration
         return np.concatenate([found[:-1], [1.0]])
 
     def at(self, tau: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Shapes (m, n_s) at phases, and rates: inputs are the derivatives, to round-off."""
+        """Return shapes (m, n_s) at phases, and rates: inputs are the derivatives, to round-off."""
         t = np.atleast_1d(np.asarray(tau, dtype=float)) * self.motion.duration
         return self.motion.state("shape", t).T, self.motion.inputs(t).T
 
 
 @dataclass(frozen=True, eq=False)
 class BestStroke:
-    """The best of the strokes found from several starts: a local optimum.
+    """Result of `best_stroke`: the best stroke from several starts, a local optimum.
 
     Parameters
     ----------
     optimum : Optimum
-        How it was found.
+        The numerical solution.
     value : float
-        Its efficiency, or its way, by quadrature.
+        Efficiency, or distance, by quadrature.
     tried : tuple of float
-        The same of every start, NaN where none was found.
+        The same from every start, NaN if none was found.
     stroke : MotionStroke
-        It, over phases.
+        The stroke over phases.
     harmonics : Harmonics
-        The same as a sum of harmonics.
+        The stroke as a sum of harmonics.
     """
 
     optimum: Optimum
@@ -258,23 +258,25 @@ def best_stroke(
 ) -> BestStroke:
     """Find the best stroke that does not turn a body on viscous ground.
 
+    Theory: docs/theory-planar.md, section 5.
+
     Parameters
     ----------
     swimmer : Swimmer
-        The body, with two shape variables or more.
+        The body, with two or more shape variables.
     lower, upper : float or array_like, shape (n_s,)
-        Limits of the shape variables.
+        Limits of the shape variables (lengths, angles in rad).
     maximise : {"efficiency", "distance"}, optional
-        drag X^2 / (T W), of which the pace is best too, or the way X.
+        drag X^2 / (T W) at the optimal pace, or the distance X.
     starts : int, optional
-        Ellipses to begin with: about the middle of the limits, and of three about a bent and a
-        folded shape too.
+        Number of initial ellipses: around the middle of the limits; with three starts also around
+        a bent and a folded shape.
     mesh : Mesh, optional
-        To begin with.
+        Initial mesh.
     tolerance : float, optional
         Largest local error, to which the mesh is refined.
     report : callable, optional
-        Called with what is done and the share of it that is behind.
+        Called with the current step and the share completed.
 
     Returns
     -------
@@ -290,7 +292,7 @@ def best_stroke(
 
     Examples
     --------
-    A coarse mesh, for a first look; the default one leads to 0.01236415.
+    A coarse mesh gives a first result; the default mesh gives 0.01236415.
 
     >>> import wormopt as wo
     >>> purcell = Swimmer(wo.planar.chain_shape(3, lengths=(1.0, 1.0, 1.0)), rods=(1.0, 2.0))
@@ -301,7 +303,7 @@ def best_stroke(
     """
     aim = StrokeAim(swimmer, np.asarray(lower), np.asarray(upper), maximise)
     problem, found, tried = stroke_problem(aim), [], []
-    refusal = SolveError("no start leads to a stroke", "other limits or more starts")
+    refusal = SolveError("no start leads to a stroke", "write other limits or more starts")
     for k, first in enumerate(first_strokes(aim, starts)):
         try:
             optimum = _single_loop(aim, problem, mesh, first)
@@ -315,7 +317,7 @@ def best_stroke(
     if not found:
         raise refusal
     best = max(found, key=lambda one: one[0])[1]
-    if maximise == "efficiency":  # the way is best along limits, with corners that no mesh meets
+    if maximise == "efficiency":  # the best distance follows limits, with corners no mesh resolves
         best = refine(best, tolerance, rounds=_ROUNDS, solver=_SOLVER, report=report)
     motion = best.motion
     return BestStroke(
@@ -324,10 +326,10 @@ def best_stroke(
 
 
 def _single_loop(aim: StrokeAim, problem: Problem, mesh: Mesh, first: Harmonics) -> Optimum:
-    """Best stroke from a first one; where it repeats a shorter loop, the best from that loop.
+    """Return the best stroke from a first one; if it repeats a shorter loop, that from the loop.
 
-    Repetition leaves the efficiency as it is and multiplies the way, so that neither the error of
-    the mesh nor the aim may choose it.
+    Repetition does not change the efficiency and multiplies the distance, so neither mesh errors
+    nor the objective may choose it.
     """
     begin: Harmonics | None = first
     for _ in range(_TRIES):
@@ -335,13 +337,13 @@ def _single_loop(aim: StrokeAim, problem: Problem, mesh: Mesh, first: Harmonics)
         begin = once(harmonics_of(optimum.motion))
         if begin is None:
             return optimum
-    raise SolveError("a start leads to a loop that is gone round more than once", "other limits")
+    raise SolveError("a start leads to a loop repeated more than once", "write other limits")
 
 
 def once(stroke: Harmonics) -> Harmonics | None:
-    """Return the loop that a stroke repeats, or None if it repeats none.
+    """Return the loop that a stroke repeats, or None.
 
-    Of a loop that is repeated m times, only every m-th harmonic is there.
+    A loop repeated m times has only every m-th harmonic.
     """
     sizes = np.hypot(stroke.cosine, stroke.sine).max(axis=1)
     for m in range(_MOST_LOOPS, 1, -1):
@@ -352,7 +354,7 @@ def once(stroke: Harmonics) -> Harmonics | None:
 
 
 def _value(aim: StrokeAim, motion: Motion) -> float:
-    """Efficiency or way of a stroke by quadrature: that of a mesh may be above what can be."""
+    """Return efficiency or distance of a stroke by quadrature: mesh values may be too high."""
     done = swim(aim.seen, MotionStroke(motion))
     if aim.maximise == "efficiency":
         return aim.drag * done.distance**2 / done.action
@@ -360,7 +362,7 @@ def _value(aim: StrokeAim, motion: Motion) -> float:
 
 
 def harmonics_of(motion: Motion, orders: int = 40, samples: int = 512) -> Harmonics:
-    """A stroke over unit time as a sum of harmonics."""
+    """Return a stroke over unit time as a sum of harmonics."""
     t = np.arange(samples) / samples
     found = np.fft.rfft(motion.state("shape", t), axis=1)[:, : orders + 1] / samples
     cosine, sine = 2 * found[:, 1:].real.T, -2 * found[:, 1:].imag.T

@@ -1,8 +1,8 @@
-"""Curvature of the local connection: how far a small loop of the shape carries a body.
+"""Curvature of the local connection: displacement of a body by a small loop of its shape.
 
-For g' = g A s' the displacement of a small loop that goes round from the first to the second of two
-shape variables is its area times F = dA_2/ds_1 - dA_1/ds_2 + [A_1, A_2], a twist. Its first two
-entries depend on the frame of the body, in which they are told; the third does not.
+For g' = g A s' the displacement by a small loop from the first to the second of two shape variables
+is its area times F = dA_2/ds_1 - dA_1/ds_2 + [A_1, A_2], a twist. Its first two entries depend on
+the frame of the body; the third does not.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ from wormopt.systems.planar.swimming.stroke import Swim
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 Frame = Literal["head", "middle", "calm"]
-"""First link; middle link at its centre, or midway between the two; that which moves least."""
+"""Frames: first link; middle link or midway between the two; that with the least motion."""
 
-# Degree of the polynomials by which the calm frame lies, and points by which they are fitted.
+# Degree of the polynomials of the calm frame, and number of points of their fit.
 _DEGREE, _NODES = 14, 24
 
 
 @dataclass(frozen=True, eq=False)
 class Heights:
-    """Curvature of a connection over two shape variables.
+    """Result of `heights`: curvature of a connection over two shape variables.
 
     Parameters
     ----------
     swimmer : Swimmer
         The body, in the frame.
     frame : {"head", "middle", "calm"}
-        Which frame.
+        The frame.
     """
 
     swimmer: Swimmer
     frame: Frame
 
     def at(self, s: ArrayLike) -> np.ndarray:
-        """Curvature at shapes.
+        """Return the curvature at shapes.
 
         Parameters
         ----------
@@ -53,14 +53,14 @@ class Heights:
         Returns
         -------
         ndarray, shape (m, 3)
-            Way ahead and to the left, and turn, per area of a small loop.
+            Displacement forward, to the left, and turn, per area of a small loop.
         """
         shapes = np.atleast_2d(np.asarray(s, dtype=float))
         return np.asarray(curvature(self.swimmer)(shapes.T)).T
 
 
 def curvature(swimmer: Swimmer) -> ca.Function:
-    """Curvature (3 rows, a column for each pair i < j of shape variables) by ``s``."""
+    """Return curvature (3 rows, a column for each pair i < j of shape variables) by ``s``."""
     s, A = swimmer.shape.s, swimmer.connection
     pairs = [(i, j) for i in range(s.numel()) for j in range(i + 1, s.numel())]
     columns = [ca.jtimes(A[:, j], s, _unit(s, i)) - ca.jtimes(A[:, i], s, _unit(s, j))
@@ -75,7 +75,7 @@ def _unit(s: ca.SX, i: int) -> ca.DM:
 
 
 def bracket(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Lie bracket of two twists: what is left of turning and moving in one order and the other."""
+    """Return the Lie bracket of two twists."""
     return ca.vertcat(b[2] * a[1] - a[2] * b[1], a[2] * b[0] - b[2] * a[0], 0)
 
 
@@ -85,21 +85,24 @@ def heights(
     reach: float = 2.0,
     middle: tuple[float, float] = (0.0, 0.0),
 ) -> Heights:
-    """Curvature (height) functions of a body with two shape variables.
+    """Return the curvature (height) functions of a body with two shape variables.
+
+    Theory: docs/theory-planar.md, section 5. Source: R. L. Hatton and H. Choset, Int. J. Robotics
+    Res. 30 (2011) 988.
 
     Parameters
     ----------
     swimmer : Swimmer
         The body.
     frame : {"head", "middle", "calm"}, optional
-        Frame whose way is told: at the head, along the first link; at the middle of the chain,
-        along its middle link (or midway between both); or, on a square of shapes, the one that
-        moves least in the mean while the shape changes, in which the area under the curvature
-        tells the displacement of large loops best.
+        Frame of the displacement: at the head, along the first link; at the middle of the chain,
+        along its middle link (or midway between both); or the frame that moves least in the mean
+        over a square of shapes while the shape changes. In the calm frame the area under the
+        curvature predicts the displacement of large loops best.
     reach : float, optional
-        Shapes from middle - reach to middle + reach that count for the calm frame.
+        The calm frame counts shapes from middle - reach to middle + reach.
     middle : (float, float), optional
-        Middle of these.
+        Middle of these shapes.
 
     Returns
     -------
@@ -128,7 +131,7 @@ def in_frame(
     reach: float = 2.0,
     middle: tuple[float, float] = (0.0, 0.0),
 ) -> Swimmer:
-    """The same body told in another frame."""
+    """Return the same body in another frame."""
     if frame == "head":
         return swimmer
     place, angle = middle_of(swimmer.shape)
@@ -140,7 +143,7 @@ def in_frame(
 
 
 def middle_of(shape: Shape) -> tuple[ca.SX, ca.SX]:
-    """Place and angle of the middle link, or midway between the two at the middle mass."""
+    """Return place and angle of the middle link, or midway between the two at the middle mass."""
     n = shape.n_points - 1
     first = [shape.points[:, j] - shape.points[:, j + 1] for j in ((n - 1) // 2, n // 2)]
     if n % 2:
@@ -153,10 +156,10 @@ def middle_of(shape: Shape) -> tuple[ca.SX, ca.SX]:
 
 
 def _calm(swimmer: Swimmer, reach: float, middle: np.ndarray) -> Swimmer:
-    """Frame whose place p and angle b, polynomials of the shape, make the connection least.
+    """Return the body in the frame whose place p and angle b, polynomials of s, minimise A.
 
-    In it the twist is w + grad b and R(-b)(V + w J p + grad p), whatever the shape's rates: two
-    problems of least squares, the second with the connection's own w, on Gauss's points.
+    In this frame the twist is w + grad b and R(-b)(V + w J p + grad p) for any shape rates. These
+    are two least-squares problems at Gauss points, the second with the connection's own w.
     """
     x, weight = legendre.leggauss(_NODES)
     u, v = (grid.ravel() for grid in np.meshgrid(x, x, indexing="ij"))
@@ -176,7 +179,7 @@ def _calm(swimmer: Swimmer, reach: float, middle: np.ndarray) -> Swimmer:
         right += [-root * A[:, 0, k], -root * A[:, 1, k]]
     p = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=1e-12)[0]
     straight = _basis(np.zeros(1), np.zeros(1), powers, reach)[0][0]
-    b[0] -= straight @ b  # in the middle of the shapes it looks as the middle link does
+    b[0] -= straight @ b  # in the middle of the shapes its angle is that of the middle link
     symbols = [_terms((swimmer.shape.s[k] - middle[k]) / reach) for k in (0, 1)]
     terms = ca.vertcat(*(symbols[0][i] * symbols[1][j] for i, j in powers))
     count = len(powers)
@@ -210,12 +213,12 @@ def _terms(x: ca.SX) -> list[ca.SX]:
 
 
 def small_efficiency(swimmer: Swimmer, done: Swim) -> float:
-    """Efficiency of the best small stroke about the mean shape that goes as far, to first order.
+    """Return the efficiency of the best small stroke with the same distance, to first order.
 
-    The way of area S is |F| S, and round it the length in the metric is (4 pi S sqrt(det G))^1/2 or
-    more: action >= 4 pi sqrt(det G) X / |F|. F and G are those of the middle frame at the shape
-    midway between the stroke's extremes. For large strokes it is a number to compare with, no
-    bound.
+    The displacement of area S is |F| S, and the length around it in the metric is at least
+    (4 pi S sqrt(det G))^1/2: action >= 4 pi sqrt(det G) X / |F|. F and G are those of the middle
+    frame at the shape midway between the stroke's extremes. For large strokes this value is a
+    reference, not a bound.
     """
     shape = (done.shapes.min(axis=0) + done.shapes.max(axis=0)) / 2
     seen = in_frame(swimmer, "middle")

@@ -1,8 +1,8 @@
-"""The best stroke by another way: coefficients of harmonics, even phases, sequential programming.
+"""Second route to the best stroke: harmonic coefficients, even phases, sequential programming.
 
-Nothing is shared with collocation but the local connection: the way is a sum over even phases, the
-angle of the body there an integral of its trigonometric polynomial, the pace is left to the
-harmonics, and SciPy's sequential quadratic programming climbs by exact gradients.
+It shares only the local connection with collocation. The displacement is a sum over even phases,
+the angle an integral of its trigonometric polynomial. The harmonics include the pace, and SciPy's
+sequential quadratic programming uses exact gradients.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ from wormopt.systems.planar.body.strokes import Harmonics
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
 _ORDERS, _PER_ORDER, _STEPS = 14, 12, 400
-# Harmonics are added until they change the efficiency by no more than this share, up to so many.
+# Harmonics are added until they change the efficiency by at most this share, up to a number.
 _SETTLED, _MORE, _MOST = 1e-9, 10, 94
 
 
 @dataclass(frozen=True, eq=False)
 class SpectralStroke:
-    """A stroke of harmonics, its efficiency, and how far it turns."""
+    """A stroke of harmonics, its efficiency, and its turn."""
 
     stroke: Harmonics
     efficiency: float
     turn: float
     iterations: int
-    change: float  # of the efficiency by the last harmonics that were added, as a share
+    change: float  # relative change of the efficiency by the last added harmonics
 
 
 def spectral_stroke(
     swimmer: Swimmer, first: Harmonics, drag: float, *, orders: int = _ORDERS
 ) -> SpectralStroke:
-    """Best stroke near the ellipse of the first harmonic of another.
+    """Return the best stroke near the ellipse of the first harmonic of another stroke.
 
     Parameters
     ----------
     swimmer : Swimmer
         The body.
     first : Harmonics
-        Of which mean and first harmonic are the start.
+        Its mean and first harmonic are the start.
     drag : float
-        Of the straight body, for its efficiency.
+        Drag of the straight body, for the efficiency.
     orders : int, optional
-        Harmonics.
+        Number of harmonics.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def spectral_stroke(
     Raises
     ------
     SolveError
-        Where the search does not end.
+        If the search does not converge.
     """
     start = Harmonics(first.mean, first.cosine[:1], first.sine[:1])
     found = _climbed(swimmer, start, drag, orders)
@@ -66,7 +66,7 @@ def spectral_stroke(
             raise SolveError(
                 f"{_MOST} harmonics do not suffice: the last {_MORE} changed the efficiency by a "
                 f"share of {found.change:.1g}",
-                "wider limits, so that the stroke has no bends as sharp",
+                "write wider limits, so that the stroke has gentler bends",
             )
         more = _climbed(swimmer, found.stroke, drag, orders)
         found = replace(more, change=abs(more.efficiency / found.efficiency - 1))
@@ -74,12 +74,12 @@ def spectral_stroke(
 
 
 def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> SpectralStroke:
-    """Best stroke of so many harmonics, by steps from one of fewer."""
+    """Return the best stroke of `orders` harmonics, by steps from one of fewer."""
     n, known = first.n_s, len(first.cosine)
     phases = np.arange(_PER_ORDER * orders) / (_PER_ORDER * orders)
     rows = np.arange(1, orders + 1)
     angle = 2 * np.pi * np.outer(phases, rows)
-    # coefficients of order h count h-fold, so that all matter alike
+    # coefficients of order h are scaled by h, so that all matter alike
     base = np.hstack([np.ones((len(phases), 1)), np.cos(angle) / rows, np.sin(angle) / rows])
     slope = 2 * np.pi * np.hstack([np.zeros((len(phases), 1)), -np.sin(angle), np.cos(angle)])
     start = np.zeros((2 * orders + 1, n))
@@ -102,7 +102,7 @@ def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> Sp
         options={"maxiter": _STEPS, "ftol": 1e-15},
     )  # fmt: skip
     if not found.success and found.status != 8:  # 8: no step gains any more
-        raise SolveError(f"the search over harmonics ended: {found.message}", "other starts")
+        raise SolveError(f"the search over harmonics ended: {found.message}", "write other starts")
     c = found.x.reshape(2 * orders + 1, n, order="F")
     stroke = Harmonics(c[0], c[1 : orders + 1] / rows[:, None], c[orders + 1 :] / rows[:, None])
     value, _, turned, _ = told(found.x)
@@ -111,7 +111,7 @@ def _climbed(swimmer: Swimmer, first: Harmonics, drag: float, orders: int) -> Sp
 
 
 def _told(swimmer: Swimmer, base: np.ndarray, slope: np.ndarray, drag: float) -> ca.Function:
-    """Logarithm of the efficiency and turn, with their gradients, by the coefficients."""
+    """Return the logarithm of efficiency, and the turn, with gradients by the coefficients."""
     count, n = len(base), swimmer.shape.s.numel()
     c = ca.MX.sym("c", base.shape[1] * n)
     table = ca.reshape(c, base.shape[1], n)
@@ -132,7 +132,7 @@ def _told(swimmer: Swimmer, base: np.ndarray, slope: np.ndarray, drag: float) ->
 
 
 def _primitive(count: int) -> np.ndarray:
-    """Matrix from values of a trigonometric polynomial at even phases to its integral from 0."""
+    """Return the matrix from values of a trigonometric polynomial to its integral from 0."""
     orders = np.fft.fftfreq(count, 1 / count)
     wave = np.fft.fft(np.eye(count), axis=0)
     factor = np.zeros(count, complex)

@@ -1,7 +1,7 @@
-"""How far a stroke carries a body on viscous ground, and what it takes.
+"""Displacement and cost of a stroke of a body on viscous ground.
 
-A body without inertia knows no time: displacement and the length of the stroke in the metric of
-power are integrals over its phase. The stroke costs least work in a given time at constant power.
+A body without inertia does not depend on time: displacement and the length of the stroke in the
+metric of power are integrals over its phase. At constant power the work in a given time is least.
 """
 
 from __future__ import annotations
@@ -16,34 +16,34 @@ from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.body.travel import travel
 from wormopt.systems.planar.swimming.swimmer import Swimmer
 
-# Panels of the quadrature to begin with, what it shall meet, and what it must.
+# Initial panels of the quadrature, its target, and its required accuracy.
 _PANELS, _ROUNDING, _LOOSE = 2, 1e-14, 1e-6
 STRAIGHT = 1e-9
-"""Turn below which a stroke counts as straight: its distance then is free of the frame."""
+"""Turn below which a stroke counts as straight, with a distance independent of the frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class Swim:
-    """What one stroke does.
+    """Result of `swim`: the effect of one stroke.
 
     Parameters
     ----------
     displacement : ndarray, shape (3,)
-        Way of the body's frame, in the frame at the start, and the angle it turns by.
+        Displacement and rotation of the body's frame, in the frame at the start.
     length : float
-        Of the stroke in the metric of power: in time T it takes work length^2 / T or more.
+        Length of the stroke in the metric of power: in time T the work is at least length^2 / T.
     phase : ndarray, shape (m,)
-        Phases at which the rest is known.
+        Phases of the following arrays.
     shapes : ndarray, shape (m, n_s)
         Shapes.
     poses : ndarray, shape (m, 3)
         Poses of the frame, from the start.
     travelled : ndarray, shape (m,)
-        Length of the stroke up to there.
+        Length of the stroke up to the phase.
     drag : float
-        Force by velocity that tows the straight body.
+        Towing force of the straight body over velocity.
     error : float
-        By how much displacement and length changed when panels were halved.
+        Change of displacement and length when panels were halved.
     """
 
     displacement: np.ndarray
@@ -57,36 +57,36 @@ class Swim:
 
     @property
     def distance(self) -> float:
-        """How far the frame gets; free of the frame and the start where the stroke is straight."""
+        """Distance of the frame; independent of frame and start if the stroke does not turn."""
         return float(np.hypot(*self.displacement[:2]))
 
     @property
     def turn(self) -> float:
-        """Angle by which the body turns."""
+        """Rotation of the body, in rad."""
         return float(self.displacement[2])
 
     @property
     def action(self) -> float:
-        """Work times time at constant power, the least there is."""
+        """Least product of work and time, at constant power."""
         return self.length**2
 
     @property
     def efficiency(self) -> float:
-        """Work that tows the straight body as far in the same time, over that of the stroke.
+        """Work to tow the straight body as far in the same time, over that of the stroke.
 
-        drag distance^2 / action; NaN where the stroke turns the body or nothing moves.
+        drag distance^2 / action; NaN if the stroke turns the body or nothing moves.
         """
         if abs(self.turn) > STRAIGHT or not self.length > 0:
             return float("nan")
         return self.drag * self.distance**2 / self.action
 
     def work(self, duration: float) -> float:
-        """Least work in so long a time.
+        """Return the least work for a duration.
 
         Parameters
         ----------
         duration : float
-            Time of the stroke.
+            Duration of the stroke.
 
         Returns
         -------
@@ -103,25 +103,27 @@ class Swim:
 
 
 def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
-    """Let a body make a stroke on viscous ground.
+    """Return the displacement and work of a stroke of a body on viscous ground.
+
+    Theory: docs/theory-planar.md, section 5.
 
     Parameters
     ----------
     swimmer : Swimmer
         The body.
     stroke : Stroke
-        How its shape goes round: `Harmonics`, `Polygon`, or any with their methods.
+        Its shape over a phase: `Harmonics`, `Polygon`, or any object with their methods.
 
     Returns
     -------
     Swim
-        Displacement, work, and the way there.
+        Displacement, work, and poses over the stroke.
 
     Raises
     ------
     ArgumentError
-        If the stroke has another number of shape variables, or leads through or too near a shape at
-        which the drags are no finite numbers: a link of length 0.
+        If the stroke has another number of shape variables, or passes too near a shape with
+        infinite drag: a link of length 0.
 
     Examples
     --------
@@ -142,13 +144,13 @@ def swim(swimmer: Swimmer, stroke: Stroke) -> Swim:
         power = np.einsum("mi,mij,mj->m", ds, G, ds)
         found = np.column_stack([np.einsum("mij,mj->mi", A, ds), np.sqrt(np.maximum(power, 0.0))])
         if not np.all(np.isfinite(found)):
-            raise ArgumentError("the stroke leads through a shape at which drag is not finite")
+            raise ArgumentError("the stroke passes a shape at which drag is not finite")
         return found
 
     course = travel(rates, stroke.breaks, panels=_PANELS, accuracy=_ROUNDING)
     length = float(course.sums[-1, 0])
     if not course.error <= _LOOSE * (1 + length):
-        raise ArgumentError("the stroke leads too near a shape at which a link has no length")
+        raise ArgumentError("the stroke passes too near a shape at which a link has no length")
     phase = np.concatenate([[0.0], course.nodes, [1.0]])
     shapes = stroke.at(phase)[0]
     return Swim(

@@ -1,8 +1,8 @@
 """Bodies on viscous ground: their local connection xi = A(s) s' and metric of power G(s).
 
-The ground takes power from rods and from points in proportion to the squares of velocities. The
-body has no inertia and is pushed by nothing else, so that its motion takes least power; both A and
-G are parts of one quadratic form in the twist and the rates of the shape.
+The power dissipated by rods and points is quadratic in the velocities. The body has no inertia and
+no other load, so its motion has least power. A and G are parts of one quadratic form in the twist
+and the rates of the shape.
 """
 
 from __future__ import annotations
@@ -18,16 +18,18 @@ from wormopt.errors import ArgumentError
 from wormopt.systems.planar.body.shape import Shape, turned
 
 Drag = tuple[float, float]
-"""Along and across."""
+"""Drags along and across."""
 
 
 @dataclass(frozen=True, eq=False)
 class Swimmer:
-    """A body whose links are rods and whose masses are points on viscous ground.
+    """A body on viscous ground whose links are rods and whose masses are points.
 
-    A rod is resisted by c_t along and c_n across itself, per length and velocity; its velocity
-    varies linearly from end to end, so that a rod of length l resists turning by c_n l^3 / 12, and
-    one that stretches evenly takes the power c_t l l'^2 / 12.
+    The drag of a rod is c_t along and c_n across itself, per length and velocity. Its velocity is
+    linear from end to end, so a rod of length l resists rotation by c_n l^3 / 12, and a rod that
+    stretches uniformly dissipates the power c_t l l'^2 / 12.
+
+    Theory: docs/theory-planar.md, section 5.
 
     Parameters
     ----------
@@ -68,11 +70,11 @@ class Swimmer:
                 "masses=(k_t, k_n), both above 0"
             )
         if self.shape.n_points < 2:
-            raise ArgumentError("a body on viscous ground needs two points or more")
+            raise ArgumentError("a body on viscous ground needs two or more points")
 
     @cached_property
     def power(self) -> ca.SX:
-        """Power that the ground takes, by the shape, its rates and the twist."""
+        """Power dissipated by the ground, by the shape, its rates and the twist."""
         velocities = [self._velocity(i) for i in range(self.shape.n_points)]
         along, across = self.masses
         own = ca.SX(0) + sum(
@@ -85,7 +87,7 @@ class Swimmer:
         return [self.shape.headings[i] for i in range(self.shape.n_points)]
 
     def _velocity(self, i: int) -> ca.SX:
-        """Velocity of a point along the axes of the body's frame."""
+        """Return the velocity of a point along the axes of the body's frame."""
         shape, place = self.shape, self.shape.points[:, i]
         turn = ca.vertcat(-place[1], place[0])
         swing = ca.jtimes(place, shape.s, shape.rates)
@@ -123,12 +125,12 @@ class Swimmer:
 
     @cached_property
     def functions(self) -> ca.Function:
-        """``A`` and ``G`` by ``s``."""
+        """Function of ``s`` for ``A`` and ``G``."""
         parts = [ca.densify(part) for part in (self.connection, self.metric)]
         return ca.Function("local", [self.shape.s], parts, ["s"], ["A", "G"])
 
     def local(self, s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Local connection and metric of power at shapes.
+        """Return the local connection and the metric of power at shapes.
 
         Parameters
         ----------
@@ -152,14 +154,14 @@ class Swimmer:
         return (A, G) if shapes.ndim == 2 else (A[0], G[0])
 
     def seen_from(self, place: ca.SX, angle: ca.SX) -> Swimmer:
-        """Tell the same body in another frame.
+        """Return the same body in another frame.
 
         Parameters
         ----------
         place : casadi.SX, shape (2, 1)
             Origin of that frame in the present one, by the shape.
         angle : casadi.SX
-            How far it is turned to the left.
+            Rotation of that frame to the left, in rad.
 
         Returns
         -------
@@ -172,18 +174,18 @@ class Swimmer:
 
     @cached_property
     def lengths(self) -> ca.Function:
-        """Lengths of the rods by ``s``."""
+        """Function of ``s`` for the lengths of the rods."""
         d = self.shape.points[:, :-1] - self.shape.points[:, 1:]
         found = ca.sqrt(ca.sum1(d**2)).T
         return ca.Function("lengths", [self.shape.s], [ca.densify(found)], ["s"], ["lengths"])
 
     def towing_drag(self, shapes: np.ndarray) -> float:
-        """Force by velocity that tows the straight body, each rod as short as it gets.
+        """Return the towing force of the straight body over velocity, with rods at their shortest.
 
         Parameters
         ----------
         shapes : ndarray, shape (m, n_s)
-            Those it takes.
+            Shapes of the stroke.
 
         Returns
         -------
@@ -194,10 +196,10 @@ class Swimmer:
 
     @property
     def ceiling(self) -> float:
-        """Efficiency above which no stroke can be: 1, where drag is least along.
+        """Upper bound of the efficiency of any stroke: 1, if drag is least along.
 
-        A rod's centre has to go as far as the body, and least power takes it there evenly, at
-        min(c_t, c_n) per length or more; so have points.
+        A rod's centre has to move as far as the body. At uniform speed this takes least power, at
+        least min(c_t, c_n) per length. The same holds for points.
         """
         pairs = [pair for pair in (self.rods, self.masses) if max(pair) > 0]
         return max(1.0, max((t / n if n > 0 else np.inf) for t, n in pairs))
@@ -209,7 +211,7 @@ def _square(angle: ca.SX, velocity: ca.SX, along: float, across: float) -> ca.SX
 
 
 def _inverse(m: ca.SX) -> ca.SX:
-    """Inverse of a symmetric matrix (3, 3), by cofactors."""
+    """Return the inverse of a symmetric matrix (3, 3), by cofactors."""
 
     def minor(i: int, j: int) -> ca.SX:
         a, b = [k for k in range(3) if k != i]
