@@ -28,6 +28,7 @@ ROOT = Path(__file__).parent
 sys.path.insert(0, os.fspath(ROOT))  # the site of this checkout, whichever wormopt is installed
 
 import wormopt  # noqa: E402
+from wormopt.kinds import GROUPS as KINDS_BY_SYSTEM  # noqa: E402
 from wormopt.kinds import KINDS  # noqa: E402
 from wormopt.lazy import _american  # noqa: E402
 from wormopt.scene.reference import page as page_of_kind  # noqa: E402
@@ -39,18 +40,6 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 NAMED = re.compile(
     r"<(a|h[1-6]|pre)\b.*?</\1>|<code>(?:wo\.([\w.]+)|wormopt help ([\w-]+))[^<]*</code>", re.DOTALL
 )
-SYSTEMS = {  # title of a group of kinds: folders of wormopt/systems
-    "Worms with spikes": "spiked gears",
-    "Chains with elastic links": "chain",
-    "Blocks, capsules, swinging masses": "block swinging",
-    "Magneto-elastic pairs": "pair",
-    "Films of magnetic fluid": "film",
-    "Coils and magnetic material": "coils",
-    "Peristaltic worms": "peristaltic",
-    "Worms in the plane": "planar",
-    "Bodies in a channel": "channel",
-    "Fitting and experiments": "recorded",
-}
 
 
 # -- public names ----------------------------------------------------------------------------------
@@ -66,14 +55,17 @@ class Public:
 
     @property
     def path(self) -> str:
-        """Where the object is defined."""
-        return f"{self.thing.__module__}.{self.thing.__qualname__}"
+        """Where it is defined."""
+        thing = self.thing
+        if inspect.ismodule(thing):
+            return thing.__name__
+        return f"{thing.__module__}.{thing.__qualname__}"
 
     @property
     def page(self) -> str:
         """Its page below docs/; `Fit` and `fit` would be one file on some systems."""
-        last = self.name.rpartition(".")[2]
-        return f"api/{self.name}{'-class' if last != last.lower() else ''}.md"
+        lower = self.name.lower()
+        return f"api/{self.name}{'-class' if self.name != lower and lower in NAMES else ''}.md"
 
     @property
     def summary(self) -> str:
@@ -98,30 +90,30 @@ def groups(package: ModuleType, before: str = "") -> dict[str, list[Public]]:
 
 
 GROUPS = groups(wormopt)
-PUBLIC = {
-    name.name: name for group in GROUPS.values() for top in group for name in (top, *top.below)
-}
-AMERICAN = {name: other for name in PUBLIC if (other := _american(name)) != name}
+PUBLIC = [name for group in GROUPS.values() for top in group for name in (top, *top.below)]
+NAMES = {public.name: public for public in PUBLIC}
 
 
 def page_of_name(public: Public) -> str:
     """Page of a public name; mkdocstrings writes what its docstring says."""
-    head = f"---\ntitle: wo.{public.name}\n---\n\n"
+    options = f"heading: wo.{public.name}, members: {'false' if public.below else 'null'}"
+    parts = [
+        f"---\ntitle: wo.{public.name}\n---",
+        f"::: {public.path}\n    options: {{ {options} }}",
+    ]
+    if (other := _american(public.name)) != public.name:
+        parts.append(f"The American spelling `wo.{other}` works too.")
     if public.below:
-        told = f"# wo.{public.name}\n\n{public.summary}\n\n"
-        return head + told + table_of_names(public.below)
-    other = AMERICAN.get(public.name)
-    also = f"\n\nAlso spelled `wo.{other}`." if other else ""
-    return f"{head}::: {public.path}\n    options: {{ heading: wo.{public.name} }}{also}\n"
+        parts += ["## Names", table_of_names(public.below)]
+    return "\n\n".join(parts) + "\n"
 
 
 def page_of_all_names() -> str:
     """Overview of the public names."""
     parts = [
-        "# Reference of the Python API",
-        "All names below are those of `import wormopt as wo`. The examples on their pages are "
-        "shorter: they import the names themselves, as `from wormopt import *` does. They are run "
-        "as tests.",
+        "# Python API",
+        "These names are public after `import wormopt as wo`. Some examples on their pages leave "
+        "out `wo.`; run `from wormopt import *` first. The examples are run as tests.",
     ]
     for title, group in GROUPS.items():
         parts += [f"## {title}", table_of_names(group)]
@@ -129,12 +121,14 @@ def page_of_all_names() -> str:
 
 
 def table_of_names(group: Iterable[Public]) -> str:
-    """Table of names and what they are, each with a link to its page."""
+    """Table of names and the first lines of their docstrings, with links to their pages."""
+    escaped = r"\|"
     rows = [
-        f"| [`wo.{public.name}`]({posixpath.basename(public.page)}) | {public.summary} |"
+        f"| [`wo.{public.name}`]({posixpath.basename(public.page)}) "
+        f"| {public.summary.replace('|', escaped)} |"
         for public in group
     ]
-    return "\n".join(["| name | what it is |", "|---|---|", *rows])
+    return "\n".join(["| name | description |", "|---|---|", *rows])
 
 
 # -- pages -----------------------------------------------------------------------------------------
@@ -166,8 +160,7 @@ def navigation_of_names() -> Iterator[dict[str, Any]]:
 
 def navigation_of_kinds() -> Iterator[dict[str, Any]]:
     """Entries of the kinds of scene, by system."""
-    for title, systems in SYSTEMS.items():
-        kinds = [kind for kind in KINDS if KINDS[kind].table.split(".")[2] in systems.split()]
+    for title, kinds in KINDS_BY_SYSTEM.items():
         yield {title: [{kind: f"scenes/{kind}.md"} for kind in kinds]}
 
 
@@ -178,7 +171,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, name, abs_src_path=os.fspath(scene)))
     made = {f"scenes/{kind}.md": page_of_kind(kind) for kind in KINDS}
     made |= {"api/index.md": page_of_all_names()}
-    made |= {public.page: page_of_name(public) for public in PUBLIC.values()}
+    made |= {public.page: page_of_name(public) for public in PUBLIC}
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
     for notebook in [file for file in files if file.src_uri.endswith(".ipynb")]:
@@ -259,6 +252,6 @@ def page_named(name: str, kind: str) -> str:
     """Page of a kind, or of the public name with which another begins; "" where there is none."""
     if kind:
         return f"scenes/{kind}.md"
-    while name and name not in PUBLIC:
+    while name and name not in NAMES:
         name = name.rpartition(".")[0]
-    return PUBLIC[name].page if name else ""
+    return NAMES[name].page if name else ""

@@ -1,4 +1,4 @@
-"""A worm of one's own: a capsule that a mass inside it shakes forward, for own_model.toml."""
+"""A user-defined model for own_model.toml: a capsule that an internal mass shakes forward."""
 
 import casadi as ca
 
@@ -13,15 +13,15 @@ def build(
     forward: float = 1.0,
     backward: float = 3.0,
 ) -> Model:
-    """Capsule on dry ground; its inner mass moves by stroke/2 * sin(frequency * t) in it."""
+    """Build a capsule on dry ground whose inner mass moves by stroke/2 * sin(frequency * t)."""
     t, x, v = ca.SX.sym("t"), ca.SX.sym("x"), ca.SX.sym("v")
-    force = ca.SX.sym("force")  # of the ground; the ode is affine in it
+    force = ca.SX.sym("force")  # friction force of the ground; the ode is affine in it
     inside = stroke / 2 * ca.sin(frequency * t)
     relative = ca.jacobian(ca.jacobian(inside, t), t)  # acceleration of the inner mass
     return Model(
         "capsule",
         x=[
-            Signal("position", x, unit="length", value=0.0),  # the value is where it starts
+            Signal("position", x, unit="length", value=0.0),  # value: initial position
             Signal("velocity", v, unit="speed", value=0.0),
         ],
         ode=ca.vertcat(v, (force - inner_mass * relative) / (mass + inner_mass)),

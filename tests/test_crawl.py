@@ -610,7 +610,7 @@ def test_a_glide_over_the_end_of_the_period_goes_on_whatever_the_clock(factor: f
 
 @pytest.mark.parametrize("count", [2, 4])
 def test_a_wrong_number_of_masses_is_refused(count: int):
-    with pytest.raises(ValueError, match=f"2 links join 3 masses, not {count}"):
+    with pytest.raises(ValueError, match=f"mass has {count} entries, but 2 links join 3 masses"):
         crawl(fast_gait(1.0), [1.0] * count, 0.0, 20.0)
 
 
@@ -629,7 +629,7 @@ def test_downhill_the_worm_glides_at_the_pace_that_drag_bears_or_never_settles()
     assert motion.speed == pytest.approx(2.0, rel=1e-10)
     assert motion.resting_sequence == [[]]
     assert motion.glides == [(0.0, 4.0)]
-    with pytest.raises(SolveError, match="never settles"):
+    with pytest.raises(SolveError, match="does not become periodic"):
         crawl(gait, [1.0, 1.0], 0.0, -1.0)
 
 

@@ -351,7 +351,7 @@ def test_limits_that_are_exceeded_are_faults(monkeypatch):
     assert checks["gait.length"].passed
     for name in faults_of(result):
         assert checks[name].advice in result.reason
-    assert "gait.rate is exceeded by 0.25 of its size" in result.reason
+    assert "gait.rate is exceeded by 0.25 of its value" in result.reason
     assert "sensitivity" in result.trust
 
 

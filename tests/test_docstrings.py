@@ -86,12 +86,23 @@ def test_everything_public_is_described(name: str):
 
 
 SPACES = [name for name in wormopt.__all__ if inspect.ismodule(getattr(wormopt, name))]
+PUBLIC = [
+    *wormopt.__all__,
+    *(f"{space}.{name}" for space in SPACES for name in getattr(wormopt, space).__all__),
+]
 
 
-@pytest.mark.parametrize(
-    "name",
-    [*wormopt.__all__, *(f"{s}.{name}" for s in SPACES for name in getattr(wormopt, s).__all__)],
-)
+@pytest.mark.parametrize("name", PUBLIC)
+def test_what_users_import_has_an_example(name: str):
+    thing = attrgetter(name)(wormopt)
+    text = inspect.cleandoc(thing.__doc__ or "")
+    assert "\nExamples\n--------\n" in text
+    assert "\n>>> " in text
+    if inspect.isfunction(thing) and inspect.signature(thing).return_annotation != "None":
+        assert "\nReturns\n-------\n" in text
+
+
+@pytest.mark.parametrize("name", PUBLIC)
 def test_what_users_import_is_documented_in_full(name: str):
     thing = attrgetter(name)(wormopt)
     name = name.rpartition(".")[2]

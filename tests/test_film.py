@@ -398,7 +398,7 @@ def test_shapes_that_cannot_be(harmonics: Any, message: str):
 
 
 def test_a_film_too_thin_for_sums_is_refused():
-    with pytest.raises(ArgumentError, match="too little for quadrature"):
+    with pytest.raises(ArgumentError, match="too small for quadrature"):
         _ = FourierWave([1 - 1e-9]).constant
 
 
@@ -551,9 +551,9 @@ def test_a_thick_film_is_warned_of():
         ("film.delta=0.0", "film.delta", "above 0"),
         ("film.delta=-0.2", "film.delta", "above 0"),
         ("film={}", "film.delta", "missing"),
-        ("film.cosines=[0.1]", "film.delta", "write it or cosines"),
+        ("film.cosines=[0.1]", "film.delta", "so cosines cannot be added"),
         ("film={cosines=[1.3]}", "film.cosines", "falls to -0.3"),
-        ("film={cosines=[0.0]}", "film.cosines", "no wave"),
+        ("film={cosines=[0.0]}", "film.cosines", "there is no wave"),
         ("film={sines=[1.3]}", "film.sines", "falls to -0.3"),
         ("film.tension=-1.0", "film.tension", "0 or above"),
         ("film.delta=0.9999", "film.delta: 0.9999", "falls to 0.0001"),

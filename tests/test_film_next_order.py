@@ -294,7 +294,7 @@ def test_scenes_tell_the_bar():
     ("scene", "change", "says"),
     [
         ("fig15_film_flow", "film.eps=-1.0", "0 or above"),
-        ("film_field", "film.eps=0.1", "depth and wavelength give it"),
+        ("film_field", "film.eps=0.1", "follows from depth and wavelength"),
         ("film_forward", "film.eps=0.1", "leave it out"),
     ],
 )

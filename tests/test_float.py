@@ -323,12 +323,12 @@ def test_a_high_wave_holds_fluid_under_its_crest():
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"length": TWO_PI}, "shorter than the wave"),
+        ({"length": TWO_PI}, "below a wavelength"),
         ({"length": -0.1}, "from 0"),
         ({"length": math.nan}, "finite"),
         ({"length": []}, "finite"),
         ({"position": "here"}, "position"),
-        ({"length": [0.0, 1.0], "position": [0.0, 1.0, 2.0]}, "as many of each"),
+        ({"length": [0.0, 1.0], "position": [0.0, 1.0, 2.0]}, "write one number for all, or 3"),
     ],
 )
 def test_floats_that_cannot_be(given: dict[str, Any], message: str):
@@ -343,7 +343,7 @@ def test_tracers_outside_the_film_are_refused(height: float):
 
 
 def test_a_wave_that_all_but_holds_a_body_is_refused():
-    with pytest.raises(ArgumentError, match="all but holds"):
+    with pytest.raises(ArgumentError, match="nearly holds"):
         float_drift(FourierWave([CAPTURE_DELTA - 1e-13]))
 
 
@@ -427,7 +427,7 @@ def test_a_float_held_elsewhere_fails(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(float_study, "float_drift", moved)
     result = run_text(tmp_path, FLOAT, "film.delta=0.7")
     assert result.status == "failed"
-    assert "off the phase of rest" in result.reason
+    assert "away from its phase of rest" in result.reason
     (lost,) = (check for check in result.checks if not check.passed)
     assert (lost.name, lost.advice) == ("phase of float 0", result.reason)
     assert abs(lost.value or 0) == pytest.approx(1e-4, rel=1e-2)
@@ -451,14 +451,14 @@ def test_floats_in_si_units(tmp_path: Path):
 def test_too_short_a_course_is_told(tmp_path: Path):
     result = run_text(tmp_path, FLOAT, "course.periods=2.0")
     assert value(result, "float_drift") is None
-    assert any("write course.periods of" in text for text in result.trust["warnings"])
+    assert any("write course.periods = " in text for text in result.trust["warnings"])
 
 
 @pytest.mark.parametrize(
     ("change", "key", "message"),
     [
         ("film.delta=1.0", "film.delta", "below 1"),
-        ("film.tension=1.0", "film.tension", "does not act"),
+        ("film.tension=1.0", "film.tension", "has no effect"),
         ("floats.length=[1.0]", "floats.length", "below 1"),
         ("floats.length=[-0.1]", "floats.length", "from 0"),
         ("floats.length=[]", "floats.length", "1 to 8"),
@@ -482,7 +482,10 @@ def test_a_tracer_on_the_surface_of_a_wave_that_holds_it_is_refused(
 ):
     sets = ["--set", "film.delta=0.7", "--set", "tracers.height=[0.5, 1.0]"]
     assert main(["run", "fig27_float", "-o", str(tmp_path / "out"), *sets]) == 2
-    assert "tracers.height[1]: this wave holds what floats" in capsys.readouterr().err
+    assert (
+        "tracers.height[1]: is on the surface of a wave that holds floats"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("delta", [0.93, 0.95])

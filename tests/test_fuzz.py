@@ -83,7 +83,7 @@ def test_a_worm_of_which_nothing_slows_the_moving_mass_is_told_so(drag: float):
     """All but one rest, so m v' >= -k v, which reaches 0 at no time; a load of 1e-3 is enough."""
     worm = wo.Worm(links=2, drag=drag)
     limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, resting=2)
-    with pytest.raises(wo.SolveError, match=r"no gait advances.*give worm.load above 0"):
+    with pytest.raises(wo.SolveError, match=r"no gait advances.*write worm.load above 0"):
         wo.design(worm, limits)
     assert wo.design(dataclasses.replace(worm, load=1e-3), limits).speed > 0
 

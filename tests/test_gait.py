@@ -423,5 +423,5 @@ def test_a_gait_comes_back_from_a_saved_result_bit_by_bit(tmp_path: Path, gait: 
 
 
 def test_a_result_without_a_gait_is_refused():
-    with pytest.raises(ValueError, match="'walk' holds no gait"):
+    with pytest.raises(ValueError, match="'walk' contains no gait"):
         gait_of_result(Result("walk", "gait"))

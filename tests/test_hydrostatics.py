@@ -188,9 +188,9 @@ def test_what_is_no_fluid_is_refused(bad: Any):
 
 def test_sides_and_axes_that_there_are_not():
     coil = Coil(1e-3, 2e-3, 1e-2)
-    with pytest.raises(ArgumentError, match="below, above"):
+    with pytest.raises(ArgumentError, match='side is "beside"'):
         Placed(coil, "vertical", "beside", 1e-3)  # pyright: ignore
-    with pytest.raises(ArgumentError, match="vertical, along"):
+    with pytest.raises(ArgumentError, match='axis is "across"'):
         Placed(coil, "across", "below", 1e-3)  # pyright: ignore
 
 

@@ -102,6 +102,12 @@ def things() -> dict[str, Any]:
         "design": design,
         "certified": proof,
         "certificate": proof.certificate,
+        "sensitivities": wo.sensitivities(design),
+        "sensitivity": wo.sensitivities(design)[0],
+        "trust": wo.run("fast_gait").trust,
+        "variable": wo.run("fast_gait")["length"],
+        "gait": design.gait,
+        "linear": wo.linearise(model, output="length", v_reg=0.1),
         "crawl": design.motion,
         "model": model,
         "trajectory": wo.simulate(model, 0.1),
@@ -116,9 +122,14 @@ SHOWN = {
     "empty result": "Result of nothing (gait): ok; 0 variables",
     "result": "speed 1.2, period 1",
     "scene": "Scene design_fast_gait (gait-design): Fast gait of a three-mass worm",
-    "design": "Design: 2 masses, speed 0.425, period 1 (searched)",
+    "design": "Design: 2 masses, speed 0.425, period 1 (proven)",
     "certified": "Certified design: 2 masses, speed 0.425",
     "certificate": "Certificate: no gait is faster than 0.425",
+    "sensitivities": "Sensitivities to 8 limits",
+    "sensitivity": "Sensitivity to limits.period = 1: derivative 0.075, elasticity 0.176",
+    "variable": "Variable length(link, time): link length",
+    "gait": "Gait: period 1, links 1",
+    "linear": "LinearModel chain of 40 links: 82 states, 40 inputs, 40 outputs",
     "crawl": "Crawl of 2 masses (speed 0.425, at rest [[0], [1]]): time 0 to 1",
     "model": "Model chain of 40 links: states position[41], velocity[41]",
     "trajectory": "Trajectory of chain of 40 links (exact, native; ",
@@ -139,8 +150,11 @@ def test_a_repr_is_a_line_or_two(things: dict[str, Any], name: str):
 
 @pytest.mark.parametrize(
     "name",
-    ["hostile result", "empty result", "result", "design", "crawl", "trajectory", "optimum"],
-)
+    [
+        "hostile result", "empty result", "result", "trust", "variable", "design", "gait",
+        "sensitivities", "certificate", "linear", "crawl", "trajectory", "optimum",
+    ],
+)  # fmt: skip
 def test_a_table_is_whole_and_harmless(things: dict[str, Any], name: str):
     text = things[name]._repr_html_()
     read = Reader(text)
@@ -157,6 +171,15 @@ def test_texts_stand_in_a_table_as_they_are():
     assert HOSTILE in read.texts  # the title
     assert "unknown" in read.texts
     assert any(text.endswith("…], 5000 in all") for text in read.texts)
+
+
+@pytest.mark.parametrize("picture", ["gait", "motion", "spikes"])
+def test_a_design_is_drawn(things: dict[str, Any], picture: str):
+    figure = things["design"].plot(picture)
+    labels = [axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes]
+    assert any("time" in label for label in labels)
+    with pytest.raises(wo.ArgumentError, match="picture"):
+        things["design"].plot("limits")
 
 
 @pytest.mark.parametrize(

@@ -166,13 +166,13 @@ def test_a_speed_beyond_the_field_is_refused_with_what_has_to_give_way(
 
 
 def test_a_pair_that_friction_holds_is_told():
-    with pytest.raises(SolveError, match=r"rests under the harmonic field.*weaker friction"):
+    with pytest.raises(SolveError, match=r"rests in the harmonic field.*weaker friction"):
         solved("pair.friction.forward=5.0", "pair.friction.backward=10.0")
 
 
 def test_a_strain_at_which_the_link_cannot_draw_is_refused_by_its_name():
     # mass 0 needs a pull above its friction 0.5 eps
-    message = r"limits.strain 0.0177 lets nothing move.*above 0.01775"
+    message = r"limits.strain 0.0177 allows no motion.*above 0.01775"
     with pytest.raises(SolveError, match=message) as caught:
         solved("limits.strain=0.0177")
     assert "write limits.strain above 0.01775" in caught.value.suggestion
@@ -211,7 +211,7 @@ def test_a_push_that_grows_and_a_waveform_that_is_no_better_are_told(
     monkeypatch.setattr(waveform, "push_left", lambda *given: 1.2)
     monkeypatch.setattr(pair_waveform, "best_harmonic", faster)
     result = solved("mesh.arcs=60")
-    assert any("a small push does not fade" in text for text in result.trust["warnings"])
+    assert any("a small push does not decay" in text for text in result.trust["warnings"])
     assert value(result, "gain") < 1
     assert any("is not faster than the harmonic" in text for text in result.trust["warnings"])
 
@@ -369,7 +369,7 @@ def test_aims_and_plants_that_cannot_be_are_refused():
         ("pair.friction.forward=[0.5, 0.5, 1]", "pair.friction.forward", "3 entries"),
         ('pair.friction={kind="spike"}', "pair.friction", 'write kind = "coulomb"'),
         ("pair.friction={forward=0.5, backward=1.0}", "pair.friction.kind", "missing"),
-        ("pair.friction.stick_forward=0.4", "pair.friction.stick_forward", "at least as much"),
+        ("pair.friction.stick_forward=0.4", "pair.friction.stick_forward", "at least that force"),
         ("limits.field=[2, 0]", "limits.field", "empty"),
         ("limits.field=[1, 1]", "limits.field", "empty"),
         ("limits.field=[-1, 1]", "limits.field[0]", "-1 is not allowed"),
@@ -381,7 +381,7 @@ def test_aims_and_plants_that_cannot_be_are_refused():
         ("limits.frequency=[0.4, 0.48]", "limits.strain", "sqrt(2) / 3 = 0.471405"),
         ("limits.slope=0", "limits.slope", "above 0"),
         ("limits.strain=-1", "limits.strain", "above 0"),
-        ("aim={}", "aim", "one of both"),
+        ("aim={}", "aim", "needs exactly one of"),
         ('aim={minimise="work_per_distance"}', "aim.speed", "the cheapest motion is rest"),
         ('aim={maximise="speed", speed=0.2}', "aim.speed", "leave it out"),
         ('units="SI"', "units", '"dimensionless"'),

@@ -277,7 +277,7 @@ def test_reversals_are_drawn_without_an_exact_motion_too():
     legend = whole[1].get_legend()
     assert legend
     labels = [text.get_text().replace("\n", " ") for text in legend.get_texts()]
-    assert labels == ["exact", "averaged, order 1", "steady", "steady, not stable"]
+    assert labels == ["exact", "averaged, order 1", "steady", "steady, unstable"]
 
 
 def test_velocities_in_a_channel_show_what_was_measured_where_it_was():
@@ -373,7 +373,7 @@ def test_a_map_of_films_names_its_outcomes_and_marks_unstable_waves():
     marked = {t.get_text(): t.get_fontproperties().get_weight() for t in drawn.axes[0].texts}
     assert marked["+0.50"] == marked["+0.47"] == "bold"
     assert {marked[stable] for stable in ("−0.24", "−0.31", "−1.62", "−0.44")} == {"normal"}
-    assert "bold where it is not stable" in texts(drawn)
+    assert "bold where it is unstable" in texts(drawn)
 
 
 def test_a_course_marks_where_the_film_broke():
@@ -912,7 +912,7 @@ def test_the_bound_of_every_gait_is_drawn_over_time():
     result = sample("certificate")
     drawn = figure(result, "certificate")
     (axes,) = drawn.axes
-    assert "proven bound of every gait" in entries(drawn)
+    assert "proven bound for all gaits" in entries(drawn)
     assert axes.lines[0].get_ydata()[-1] == result.scalars["bound"].value
     told = texts(figure(result, "gait"))  # nearer than the ceiling, which is 1 here
     assert "proven bound 0.8" in told

@@ -465,7 +465,7 @@ def test_the_scene_as_described_is_the_reading_that_is_found():
     ("change", "key", "message"),
     [
         ("readings.growth=[]", "readings.growth", "at least one entry"),
-        ("readings.period=[1, 1]", "readings.period", "twice"),
+        ("readings.period=[1, 1]", "readings.period", "repeats an entry"),
         ("readings.start=[[0, 2]]", "readings.start[0]", "2 entries for 3 masses"),
         ("readings.friction=[[1]]", "readings.friction[0]", "[F+, F-]"),
         ("readings.friction=[[1, 10, 2]]", "readings.friction[0]", "[F+, F-]"),

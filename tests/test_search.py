@@ -692,19 +692,19 @@ JUMPS = {"acceleration": None, "impulses": True}
         ("limits", {"resting": "1"}, "limits.resting: not '1'; write a whole number"),
         ("limits", {"resting": 0}, "limits.resting: not 0; write a whole number from 1 to 2"),
         ("limits", {"resting": 3}, "limits.resting: 3 resting masses leave a worm of 2 links"),
-        ("limits", {"length": 0.7}, "limits.length: neither one range nor one per link; write"),
-        ("limits", {"length": None}, "limits.length: neither one range nor one per link; write"),
+        ("limits", {"length": 0.7}, "limits.length: the list is neither one range nor one"),
+        ("limits", {"length": None}, "limits.length: the list is neither one range nor one"),
         ("limits", {"length": (0.7, X)}, "limits.length: not '{x} {0}'; write a finite number"),
         ("limits", {"period": None}, "limits.period: not None; write a finite number above 0"),
         ("limits", {"period": float("nan")}, "limits.period: not nan; write a finite number"),
         ("limits", {"rate": X}, "limits.rate: not '{x} {0}'; write a finite number above 0"),
         ("limits", {"rate": Rates(1.0, X)}, "limits.rate.extension: not '{x} {0}'; write"),  # type: ignore[arg-type]
         ("limits", {"sigma_margin": [1.0]}, "limits.sigma_margin: not (1.0,); write a finite"),
-        ("limits", {"sharing": X}, "limits.sharing: not '{x} {0}'; write equal or least_actu"),
-        ("limits", {"acceleration": None}, "limits.acceleration: velocities may jump: give limits"
-         ".acceleration or set limits.impulses = true"),
-        ("limits", JUMPS | {"spike_load": 20.0}, "limits.impulses: an impulse exceeds any limits"
-         ".spike_load; leave limits.impulses out and give limits.acceleration"),
+        ("limits", {"sharing": X}, "limits.sharing: '{x} {0}' is not known; write "),
+        ("limits", {"acceleration": None}, "limits.acceleration: missing, so velocities may jump;"
+         " write limits.acceleration or limits.impulses = true"),
+        ("limits", JUMPS | {"spike_load": 20.0}, "limits.impulses: true, but an impulse exceeds any"
+         " limits.spike_load; remove limits.impulses and write limits.acceleration"),
         ("search", {"seed": -1}, "search.seed: not -1; write a whole number from 0 to 4294967295"),
         ("search", {"seed": 0.5}, "search.seed: not 0.5; write a whole number"),
         ("search", {"effort": X}, "search.effort: not '{x} {0}'; write one of quick"),
@@ -714,8 +714,8 @@ JUMPS = {"acceleration": None, "impulses": True}
         ("search", {"sequence": [0, 1]}, "search.sequence: not (0, 1); write a list of lists"),
         ("search", {"sequence": 3}, "search.sequence: not 3; write a list of lists of masses"),
         ("search", {"sequence": []}, "search.sequence: fewer than two phases; write at least"),
-        ("search", {"sequence": [[0.5], [1]]}, "search.sequence[0]: names a mass there is not; wr"),
-        ("search", {"sequence": [["0"], [1]]}, "search.sequence[0]: names a mass there is not; wr"),
+        ("search", {"sequence": [[0.5], [1]]}, "search.sequence[0]: names a mass that does not"),
+        ("search", {"sequence": [["0"], [1]]}, "search.sequence[0]: names a mass that does not"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused_with_what_to_write(part: str, given: Any, said: str):
@@ -739,5 +739,5 @@ def test_an_objective_may_be_given_as_one():
     assert found.task.objective == Objective("peak_spike_load", 0.75)
     assert found.value == pytest.approx(585 / 23, abs=1e-9)
     assert Objective.of(Objective()) == Objective.of("speed")
-    with pytest.raises(ArgumentError, match="leave one out"):
+    with pytest.raises(ArgumentError, match="remove one of them"):
         design(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), 0.5)

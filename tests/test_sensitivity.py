@@ -237,7 +237,7 @@ def test_smooth_costs_have_none():
     search = Search(sequence=((0,), (1,)), effort="quick", workers=1)
     found = design(Worm(1, load=5.0), LIMITS, "acceleration_effort", 0.3, search)
     for verb in (sensitivities, wo.certify):
-        with pytest.raises(ArgumentError, match="acceleration_effort; seek speed, peak_spike_load"):
+        with pytest.raises(ArgumentError, match=r"acceleration_effort.*; design for speed, peak"):
             verb(found)
 
 

@@ -187,7 +187,7 @@ def test_the_first_step_follows_the_last_a_period_later():
     assert steps.interval_min == pytest.approx(0.07)
     assert in_ticks(steps, 0.01)[1][0].tolist() == [2, 93, 5]
     # rounded to ticks of a quarter, motor 0 would step twice at once where periods meet
-    with pytest.raises(ArgumentError, match=r"motor 0 fall on one tick; write a tick below 0\.07"):
+    with pytest.raises(ArgumentError, match=r"motor 0 are on one tick; write a tick below 0\.07"):
         in_ticks(steps, 0.25)
     assert Steps(1.0, 0.1, np.ones(1), *np.zeros((3, 0), int)).interval_min == np.inf
 
@@ -248,7 +248,7 @@ def test_gaits_that_are_too_fast_are_refused_with_the_period_that_is_not():
     with pytest.raises(SolveError) as caught:
         step_times(fast_gait(1.0), motor(0.01, rate_max=100.0))
     assert caught.value.code == "too_fast"
-    assert "turns/s of the motor of link 0 at t = 0.166667, and motor.rate_max is 100" in str(
+    assert "turns/s from the motor of link 0 at t = 0.166667, but motor.rate_max is 100" in str(
         caught.value
     )
     period = float(re.findall(r"gait\.period = ([\d.]+)", caught.value.suggestion)[0])
@@ -279,8 +279,8 @@ def test_gaits_that_are_too_fast_are_refused_with_the_period_that_is_not():
         ({"steps_per_turn": 1.5}, "steps_per_turn must be a whole number"),
         ({"rate_max": 0.0}, "rate_max must be above 0"),
         ({"acceleration_max": -3.0}, "acceleration_max must be above 0"),
-        ({"start_rate": 7.0}, "start_rate must lie within"),
-        ({"hysteresis": 0.5}, "hysteresis must lie within"),
+        ({"start_rate": 7.0}, "start_rate must be from 0"),
+        ({"hysteresis": 0.5}, "hysteresis must be from 0"),
     ],
 )
 def test_motors_that_cannot_be_are_refused(change: dict[str, Any], said: str):
@@ -442,7 +442,7 @@ def test_the_table_reads_back_as_it_was():
     "text", ["", "t,l_0\n0,1\n", "# period_s: 1\ntime_s,motor,direction\n0.5,1,1\n"]
 )
 def test_other_tables_are_refused(text: str):
-    with pytest.raises(ArgumentError, match="no table of steps"):
+    with pytest.raises(ArgumentError, match="not a table of steps"):
         read_csv(text)
 
 
@@ -462,7 +462,7 @@ def test_rounding_to_ticks_does_not_add_up():
         off = np.cumsum(delay[:-1]) * 1e-4 - steps.of_motor(j)[0]
         assert np.abs(off).max() <= 0.5e-4 * (1 + 1e-9)
         assert np.abs(off).max() > 0.4e-4
-    with pytest.raises(ArgumentError, match=r"fall on one tick; write a tick below 0\.000637"):
+    with pytest.raises(ArgumentError, match=r"are on one tick; write a tick below 0\.000637"):
         in_ticks(steps, 1e-3)
     with pytest.raises(ArgumentError, match="more ticks than 32 bits"):
         in_ticks(steps, 1e-9)
@@ -732,7 +732,7 @@ def test_motors_alone_limit_a_design_and_are_named_in_a_conflict(tmp_path: Path)
     scene = tmp_path / "driven.toml"
     scene.write_text(text)
     assert load_scene(scene, [WEAK]).table.limits.acceleration == (10.0, 10.0)
-    with pytest.raises(SceneError, match=r"give gait\.rate or both"):
+    with pytest.raises(SceneError, match=r"write gait\.rate or both"):
         load_scene(scene)
     with pytest.raises(SceneError, match=r"motor\.acceleration_max forbids jumps"):
         load_scene(scene, [WEAK, "gait.impulses=true"])

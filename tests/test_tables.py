@@ -300,7 +300,7 @@ def test_a_result_in_si_is_no_gait_of_a_scene_without_units(tmp_path: Path):
     wo.run(scene_of(tmp_path, "SI")).save(tmp_path / "si")
     scene = scene_of(tmp_path, "dimensionless")
     scene["gait"]["file"] = str(tmp_path / "si" / "result.nc")
-    with pytest.raises(SceneError, match=r'gait\.file: .*its gait is in m, .* write units = "SI"'):
+    with pytest.raises(SceneError, match=r'gait\.file: .*the gait is in m, .* write units = "SI"'):
         wo.run(scene)
 
 
@@ -662,7 +662,9 @@ def test_a_field_is_read_in_any_dialect(tmp_path: Path, text: str):
 def test_a_field_in_another_unit_is_refused(tmp_path: Path):
     path = tmp_path / "field.csv"
     path.write_text("H [mT]\n1\n2\n3\n4\n")
-    with pytest.raises(ArgumentError, match=r'field\.csv: "mT" is no unit of field here; write A'):
+    with pytest.raises(
+        ArgumentError, match=r'field\.csv: "mT" is not a unit of field here; write A'
+    ):
         _read_table(path, "field", "SI")
     path.write_text("H\n1\n2\n\n#N/A\n4\n")
     with pytest.raises(ArgumentError, match=r"field\.csv line 5, column H: a number is missing"):

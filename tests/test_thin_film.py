@@ -230,12 +230,12 @@ def test_slopes_leave_out_what_points_cannot_hold():
 @pytest.mark.parametrize(
     ("slope", "tension", "order", "message"),
     [
-        (np.zeros(64), 0.0, 12, "nothing smooths the film"),
+        (np.zeros(64), 0.0, 12, "without surface tension"),
         (np.zeros(64), -1.0, 12, "tension must be above 0"),
         (np.zeros(64), math.nan, 12, "tension must be above 0"),
         (np.zeros(20), 0.1, 12, "20 points are too few"),
         (np.zeros(64), 0.1, 5, "order must be one of 4, 6"),
-        (np.ones(64), 0.1, 12, "does not repeat"),
+        (np.ones(64), 0.1, 12, "is not periodic"),
         (np.full(64, math.nan), 0.1, 12, "finite"),
         ("steep", 0.1, 12, "slope must be"),
     ],
@@ -263,7 +263,7 @@ def test_starts_that_cannot_be_are_refused(thickness: Any, message: str):
     [
         ([1.0, 2.0, 1.0], "too few"),
         ([1.0, 2.0, math.inf, 0.0], "finite"),
-        (np.linspace(0, 1, 50), "does not repeat"),
+        (np.linspace(0, 1, 50), "is not periodic"),
     ],
 )
 def test_fields_that_cannot_be_are_refused(samples: Any, message: str):

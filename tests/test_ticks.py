@@ -173,12 +173,12 @@ def test_a_table_at_the_tick_repeats_exactly(tmp_path: Path):
     [(["gait.period=1.003", "gait.tick=0.01"],
       "gait.period: 1.003 is no whole number of ticks of gait.tick = 0.01; write 1 or 1.01"),
      (["gait.period=[1.0,1.005]", "gait.tick=0.3"],
-      "gait.period: [1, 1.005] holds no whole number of ticks of gait.tick = 0.3; write 0.9 or"),
+      "gait.period: [1, 1.005] contains no whole number of ticks of gait.tick = 0.3; write 0.9 or"),
      (["gait.period=0.5", "gait.tick=0.6"], "0.5 is no whole number of ticks of gait.tick = 0.6; "
       "write 0.6, or another tick"),
      (["gait.tick=1e-9"], "gait.tick: 1e-09 is less than a millionth of gait.period = 1; write at "
       "least 1e-06"),
-     (["gait.length_step=0.1"], "gait.length_step: lengths are rounded at ticks; give gait.tick"),
+     (["gait.length_step=0.1"], "gait.length_step: is given without gait.tick; write gait.tick"),
      (["gait.tick=0.1", "gait.length_step=0.7"], "gait.length_step: no two multiples of 0.7 are "
       "within gait.length [0.7, 1.3]; write at most 0.3"),
      (["gait.tick=0"], "gait.tick: 0 is not allowed; write a finite number above 0")],
@@ -245,5 +245,5 @@ def test_python_has_the_table():
     assert found.table.shape == (1, 12)
     assert np.abs(found.table - found.gait(0.09 * np.arange(12) + 1e-15)).max() <= 0.0005 + 1e-9
     assert abs(found.step_loss) < 0.2
-    with pytest.raises(wo.ArgumentError, match=r"give limits\.tick"):
+    with pytest.raises(wo.ArgumentError, match=r"limits\.tick is not given"):
         _ = free(LONG).table

@@ -448,7 +448,7 @@ def build():
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     return Model("two", x=[Signal("x", x), Signal("x_end", y)], ode=ca.vertcat(y, x))
 """
-    with pytest.raises(SceneError, match="'x_end' is taken"):
+    with pytest.raises(SceneError, match="'x_end' is already used"):
         wo.run(write(tmp_path, MODEL, own))
 
 

@@ -244,7 +244,7 @@ def test_the_travelling_sine_is_what_it_says():
     assert gait(t) == pytest.approx(2.0 + 0.5 * np.sin(angle), abs=1e-13)
     assert gait(t, 1) == pytest.approx(0.5 * w * np.cos(angle), abs=1e-12)
     assert gait(t, 2) == pytest.approx(-0.5 * w**2 * np.sin(angle), abs=1e-11)
-    with pytest.raises(ValueError, match="at least one link"):
+    with pytest.raises(ValueError, match="links is 0; write 1 or more"):
         travelling_sine(0, 1.0)
 
 

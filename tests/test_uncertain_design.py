@@ -80,7 +80,11 @@ def test_what_is_known_exactly_needs_no_range():
 @pytest.mark.parametrize(
     ("change", "error", "told"),
     [
-        ({"covariance": np.diag([np.inf, 0, 0, 0, 0])}, SolveError, r"do not tell mass\[0\]"),
+        (
+            {"covariance": np.diag([np.inf, 0, 0, 0, 0])},
+            SolveError,
+            r"mass\[0\] cannot be identified",
+        ),
         ({"covariance": 100.0 * np.eye(5)}, SolveError, "pulled forward"),
         ({"covariance": np.eye(4)}, ArgumentError, "5 by 5"),
     ],

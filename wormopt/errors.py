@@ -23,7 +23,17 @@ Fault = tuple[str, str]
 
 
 class WormoptError(Exception):
-    """Base of every error the package raises on purpose."""
+    """Base of every error the package raises on purpose.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> try:
+    ...     wo.load_scene("no_such_scene")
+    ... except wo.WormoptError as error:
+    ...     print(type(error).__name__)
+    SceneError
+    """
 
 
 class ArgumentError(WormoptError, ValueError, TypeError):
@@ -160,6 +170,16 @@ class Interrupted(KeyboardInterrupt):
     ----------
     partial : Result, Trajectory or Ensemble, optional
         What was found so far; a Result is saved, marked as failed.
+
+    Examples
+    --------
+    A long run can be stopped with Ctrl-C; what was found so far is kept:
+
+    >>> import wormopt as wo
+    >>> try:
+    ...     result = wo.run("design_fast_gait")  # doctest: +SKIP
+    ... except wo.Interrupted as stopped:
+    ...     result = stopped.partial
     """
 
     def __init__(self, partial: Any = None) -> None:

@@ -14,6 +14,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from wormopt.errors import ArgumentError
+from wormopt.shown import Part, html, lines
 
 if TYPE_CHECKING:
     import numpy as np
@@ -198,6 +199,26 @@ class Variable:
     dims: tuple[str, ...]
     values: np.ndarray
     long_name: str = ""
+
+    def __repr__(self) -> str:
+        return lines(f"Variable {self._title}", self._range)
+
+    def _repr_html_(self) -> str:
+        sizes = zip(self.dims, self.values.shape, strict=True)
+        rows = [("dimensions", ", ".join(f"{dim} {size}" for dim, size in sizes))]
+        return html(f"Variable {self._title}", [Part("", [*rows, ("values", self._range)])])
+
+    @property
+    def _title(self) -> str:
+        unit = "" if self.unit == "1" else f" in {self.unit}"
+        over = f"{self.name}({', '.join(self.dims)}){unit}"
+        return f"{over}: {self.long_name}" if self.long_name else over
+
+    @property
+    def _range(self) -> str:
+        known = self.values[~(self.values != self.values)]  # without NaN
+        ends = f"{known.min():.6g} to {known.max():.6g}" if known.size else "all unknown"
+        return f"{' × '.join(map(str, self.values.shape))} values, {ends}"
 
     def __post_init__(self) -> None:
         values = _storable(self.name, self.values)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from wormopt.errors import UnknownNameError
 from wormopt.lazy import above
 from wormopt.quantities import Scalar, Variable, plain
-from wormopt.shown import html, lines
+from wormopt.shown import Part, brief, html, lines
 
 if TYPE_CHECKING:
     import pandas
@@ -92,6 +92,18 @@ class Scalars(dict[str, Scalar]):
         raise UnknownNameError("the result", "scalar", [name], self)
 
 
+class Trust(dict[str, Any]):
+    """A trust report, which notebooks show as a table."""
+
+    def _repr_html_(self) -> str:
+        facts = [(name, brief(value), "") for name, value in self.items() if name != "checks"]
+        checks = [
+            (name, brief(told["value"]), f"accepted up to {told['limit']:.3g}")
+            for name, told in self.get("checks", {}).items()
+        ]
+        return html("Trust report", [Part("", facts), Part("Checks", checks)])
+
+
 @dataclass(frozen=True, eq=False)
 class Result:
     """What a study found, and how far to trust it.
@@ -154,6 +166,7 @@ class Result:
         object.__setattr__(self, "variables", tuple(in_order))
         for part in ("trust", "timings_s", "attributes"):
             object.__setattr__(self, part, plain(getattr(self, part)))
+        object.__setattr__(self, "trust", Trust(self.trust))
         self._check_names()
 
     def _check_names(self) -> None:

@@ -65,6 +65,21 @@ class Branch:
         "closed" in itself.
     p : ndarray
         Parameters and inputs, of which ``name`` is passed over.
+
+    Examples
+    --------
+    x' = r + x - x^3 has three steady states at r = 0, of which the middle one is unstable:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, r = ca.SX.sym("x"), ca.SX.sym("r")
+    >>> states, numbers = [wo.Signal("x", x)], [wo.Signal("r", r, value=-2.0)]
+    >>> cusp = wo.Model("cusp", states, r + x - x**3, p=numbers)
+    >>> (low,) = wo.steady_states(cusp, {"x": (-3, 3)})
+    >>> branch = wo.continue_branch(low, "r", (-2.0, 2.0))
+    >>> found = branch.at([0.0])
+    >>> found.x.round(9).ravel() + 0.0, found.stable
+    (array([-1., 0., 1.]), array([ True, False, True]))
     """
 
     model: Model

@@ -27,12 +27,14 @@ from wormopt.errors import ArgumentError
 from wormopt.model.explicit import Explicit, import_control
 from wormopt.model.model import Model
 from wormopt.model.values import signal_values
+from wormopt.shown import Part, brief, html, lines
 
 Values = Mapping[str, ArrayLike]
 
 PhaseKind = Literal["minimum phase", "marginal", "not minimum phase"]
 """Where the zeros lie: all to the left of the imaginary axis, some on it, some to the right."""
 
+_MOST_POLES = 20  # in the table of a notebook
 _REGULAR = 1e12  # condition up to which a matrix counts as regular
 
 
@@ -81,6 +83,19 @@ class LinearModel:
             raise ArgumentError(f"{self.name}: A, B, C, D must have the shapes {shapes}")
         if not all(np.all(np.isfinite(matrix)) for matrix in self._matrices):
             raise ArgumentError(f"{self.name}: the matrices have entries that are not finite")
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.states)} states, {len(self.inputs)} inputs, {len(self.outputs)} outputs"
+        return lines(f"LinearModel {self.name}: {sizes}", f"outputs {', '.join(self.outputs)}")
+
+    def _repr_html_(self) -> str:
+        names = {"states": self.states, "inputs": self.inputs, "outputs": self.outputs}
+        rows = [(what, brief(list(each))) for what, each in names.items()]
+        poles = [(f"{p.real:.6g}", f"{p.imag:.6g}") for p in self.poles[:_MOST_POLES]]
+        cut = len(self.poles) - len(poles)
+        heading = f"Poles; {cut} more are left out" if cut else "Poles"
+        parts = [Part("", rows), Part(heading, [("real", "imaginary"), *poles])]
+        return html(f"LinearModel {self.name}", parts)
 
     @property
     def _matrices(self) -> Matrices:

@@ -61,7 +61,11 @@ class NormalForm:
 
     Examples
     --------
-    See `normal_form`.
+    >>> import wormopt as wo
+    >>> worm = wo.chain(2, mass=0.5, stiffness=9.0, damping=5.0, rest_length=2.0)
+    >>> form = wo.normal_form(worm, output="length")
+    >>> form.gain_at(), form.sign()
+    (array([[ 4., -2.], [-2.,  4.]]), 'positive definite')
     """
 
     model: Model

@@ -48,6 +48,19 @@ class SteadySensitivity:
         simple, which then has no derivative of its own.
     p : ndarray, shape (n_p, k)
         The directions, in ``state.p``.
+
+    Examples
+    --------
+    x' = r - x^2 rests at x = sqrt(r), whose derivative at r = 4 is 1/4:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, r = ca.SX.sym("x"), ca.SX.sym("r")
+    >>> states, numbers = [wo.Signal("x", x)], [wo.Signal("r", r, value=4.0)]
+    >>> fold = wo.Model("fold", states, r - x**2, p=numbers)
+    >>> found = wo.steady_sensitivity(wo.steady_states(fold, {"x": (0.0, 5.0)})[0])
+    >>> found.directions, found.x.round(9)
+    (('r',), array([[0.25]]))
     """
 
     state: SteadyState

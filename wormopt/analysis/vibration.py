@@ -54,6 +54,21 @@ class VibrationModes:
     rounding : float
         Frequency below which rounding hides everything. One of f may be off by a share of
         (rounding / f)²: slender bodies, far stiffer along than across, ask for that look.
+
+    Examples
+    --------
+    A mass of 1 on a spring of (2 pi)^2 swings once a second:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> q, v = ca.SX.sym("q"), ca.SX.sym("v")
+    >>> energies = [
+    ...     wo.Output("strain_energy", 2 * ca.pi**2 * q**2), wo.Output("kinetic_energy", v**2 / 2)
+    ... ]
+    >>> states = [wo.Signal("place", q, value=0.0), wo.Signal("rate", v, value=0.0)]
+    >>> swing = wo.Model("swing", states, ca.vertcat(v, -4 * ca.pi**2 * q), outputs=energies)
+    >>> wo.vibration_modes(swing).frequencies.round(9)
+    array([1.])
     """
 
     frequencies: np.ndarray

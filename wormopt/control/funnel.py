@@ -37,6 +37,12 @@ class Funnel:
     ------
     ArgumentError
         If a number is not positive and finite.
+
+    Examples
+    --------
+    >>> import math
+    >>> round(Funnel(2.0, 1.0, time=1.0).width(math.log(2.0)), 12)
+    1.5
     """
 
     start: Number

@@ -145,7 +145,15 @@ def interconnect(
 
     Examples
     --------
-    See docs/linear.md; python-control takes two seconds to load.
+    The closed loop of a worm and a tracker, as python-control takes it; it loads for two seconds:
+
+    >>> import wormopt as wo
+    >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
+    >>> still = wo.Gait([0.0, 1.0], [[[2.5]]])
+    >>> loop = wo.lambda_tracker(worm, wo.gait_reference(still, worm.t), tube_radius=0.2)
+    >>> system = interconnect(loop, worm)  # doctest: +SKIP
+    >>> system.nstates  # doctest: +SKIP
+    5
     """
     given = {} if p is None else p
     check_kind("loop", loop, Model)

@@ -58,6 +58,14 @@ class Quadratic:
     ------
     ArgumentError
         If ``growth`` is not positive.
+
+    Examples
+    --------
+    An error of 0.5 exceeds a tube of 0.2 by 0.3; the gain grows at the rate 2 * 0.3^2:
+
+    >>> gain, square, tube_radius = ca.SX(1.0), ca.SX(0.25), ca.SX(0.2)
+    >>> Quadratic(growth=2.0).grow(gain, square, tube_radius).rate
+    SX(0.18)
     """
 
     growth: Number = 1.0
@@ -95,6 +103,14 @@ class Exponent:
     ------
     ArgumentError
         If a number is out of range.
+
+    Examples
+    --------
+    An error of 0.5 exceeds a tube of 0.2 by 0.3; with r = 2 the gain grows at the rate 0.3 * 0.5:
+
+    >>> gain, square, tube_radius = ca.SX(1.0), ca.SX(0.25), ca.SX(0.2)
+    >>> Exponent(2.0).grow(gain, square, tube_radius).rate
+    SX(0.15)
     """
 
     exponent: Number
@@ -145,6 +161,17 @@ class Decay:
     ------
     ArgumentError
         If a number is out of range.
+
+    Examples
+    --------
+    A gain that decays at the rate 0.5 once the error has been in the tube for 1 s:
+
+    >>> import wormopt as wo
+    >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
+    >>> reference = wo.gait_reference(wo.Gait([0.0, 1.0], [[[2.5]]]), worm.t)
+    >>> loop = wo.lambda_tracker(worm, reference, tube_radius=0.2, adaptation=Decay(1.0, 0.5))
+    >>> [switch.name for switch in loop.switches][-1]
+    'dwell time passes'
     """
 
     dwell: Number

@@ -39,6 +39,16 @@ class FeedForward:
         Spring constants c_j and rest lengths l0_j.
     damping : array_like, shape (n,), optional
         Dashpot constants d_j.
+
+    Examples
+    --------
+    A spring of stiffness 10 is held 0.5 longer than its rest length of 2, by a force of 5:
+
+    >>> import wormopt as wo
+    >>> still = wo.Reference(ca.SX([2.5]), ca.SX(1, 1), ca.SX(1, 1))
+    >>> force, numbers = FeedForward(stiffness=10.0, rest_length=2.0).force(still)
+    >>> ca.substitute(force, ca.vertcat(*(s.symbol for s in numbers)), ca.SX([10.0, 2.0, 0.0]))
+    SX(5)
     """
 
     stiffness: ArrayLike

@@ -105,7 +105,26 @@ def run_mpc(
 
     Examples
     --------
-    See :func:`plan_mpc`.
+    A block on the ground is pushed to 1 and back in 2 s:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> states = [wo.Signal("x", x, value=0), wo.Signal("v", v, value=0)]
+    >>> sole = wo.Contact("sole", v, f, wo.Coulomb(0.5, 2.0))
+    >>> block = wo.Model("block", states, ca.vertcat(v, u + f),
+    ...     u=[wo.Signal("u", u, value=0)], contacts=[sole])
+    >>> ends = wo.Ends.of(block, 1)
+    >>> error = x - ca.sin(ca.pi / 2 * block.t)
+    >>> problem = wo.Problem(block, ends, ends.integrals[0], (2.0, 2.0),
+    ...     integrands=error**2 + 1e-3 * u**2,
+    ...     boundary_constraints=[wo.Constraint("start", ends.start, [0, 0], [0, 0])])
+    >>> mesh = wo.Mesh.even(1, 40, wo.Collocation(2, "radau"))
+    >>> guess = wo.Guess(2.0, lambda t: np.zeros((2, len(t))))
+    >>> plan = wo.plan_mpc(problem, mesh, wo.Regularised(0.1, 0.2), guess)
+    >>> run = run_mpc(block, plan, wo.MpcOptions(horizon=10), contact=wo.Smooth(0.1))
+    >>> run.unsolved, float(run.states[0, 20].round(1))
+    (0, 1.0)
     """
     control = PredictiveController(plan, decisions)
     stages = plan.stages

@@ -22,6 +22,16 @@ class Reference:
         Reference and its time derivatives.
     schedule : Schedule, optional
         Gives the symbols in them their values, piece by piece.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=5.0, rest_length=2.0, drag=0.1)
+    >>> swing = Reference(2 + ca.sin(worm.t), ca.cos(worm.t), -ca.sin(worm.t))
+    >>> loop = wo.lambda_tracker(worm, swing, tube_radius=0.2)
+    >>> [signal.name for signal in loop.x]
+    ['position', 'velocity', 'gain']
     """
 
     value: ca.SX

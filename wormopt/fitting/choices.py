@@ -161,6 +161,15 @@ class Constant(Choice):
     ------
     ArgumentError
         If the range is empty.
+
+    Examples
+    --------
+    A rest length that an experiment may choose between 1.5 and 2.5:
+
+    >>> import numpy as np
+    >>> choice = Constant("rest_length", 1.5, 2.5)
+    >>> choice.size, choice.explained(np.array([-1.0])), choice.explained(np.array([1.0]))
+    (1, {'rest_length': 1.5}, {'rest_length': 2.5})
     """
 
     signal: str

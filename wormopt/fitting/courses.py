@@ -43,6 +43,16 @@ class Ramps(Choice):
     ------
     ArgumentError
         If a number is not positive, or pieces not whole.
+
+    Examples
+    --------
+    Two ramps that lead from 2 to 2.5 and back:
+
+    >>> ramps = Ramps("rest_length", (2.0,), duration=4.0, pieces=2, change=0.5)
+    >>> ramps.size
+    2
+    >>> ramps.course(np.array([1.0, 0.0]), np.array([0.0, 1.0, 2.0, 4.0]))
+    array([[2.  , 2.25, 2.5 , 2.  ]])
     """
 
     signal: str
@@ -128,6 +138,16 @@ class Waves(Choice):
     ------
     ArgumentError
         If a number is not positive, a range empty, or harmonics not whole.
+
+    Examples
+    --------
+    One harmonic of 0.5 Hz:
+
+    >>> waves = Waves("rest_length", (2.0,), frequency=0.5, harmonics=1, change=0.5)
+    >>> waves.size
+    2
+    >>> waves.course(np.array([0.0, 1.0]), np.array([0.0, 0.5, 1.0]))
+    array([[2. , 2.5, 2. ]])
     """
 
     signal: str

@@ -79,6 +79,21 @@ def mean_rate(
         If the motion cannot be followed.
     ArgumentError
         If the prediction depends on none of the unknowns.
+
+    Examples
+    --------
+    The mean rate of x' = -r x from 1 over a unit time is exp(-r) - 1; its derivative at r = 1 is
+    -exp(-1), by which the error of r counts:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, r, u = (ca.SX.sym(name) for name in "xru")
+    >>> numbers = [wo.Signal("rate", r, value=1.0), wo.Signal("feed", u, value=0.0)]
+    >>> decay = wo.Model("decay", [wo.Signal("x", x, value=1.0)], u - r * x, p=numbers)
+    >>> feed = wo.Constant("feed", 0.0, 1.0)
+    >>> todo = wo.Experiment(decay, [wo.Unknown("rate")], {"x": 0.02}, [0.5, 1.0], [feed])
+    >>> mean_rate(todo, decay, "x", (0.0, 1.0)).rows.round(6)
+    array([[-0.367879]])
     """
     first, last = span
     motion = simulate(

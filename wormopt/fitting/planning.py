@@ -69,6 +69,20 @@ class Plan:
         errors for each: above 0.1, expected errors may be off.
     recheck : float
         The criterion again, by the Python route with a hundredth of the tolerance.
+
+    Examples
+    --------
+    An experiment that identifies the damping of one link, compared with random ones:
+
+    >>> import wormopt as wo
+    >>> worm = wo.chain(1, mass=1.0, stiffness=10.0, damping=1.0, rest_length=2.0, drag=0.5)
+    >>> course = wo.Ramps("rest_length", (2.0,), duration=4.0, pieces=4, change=0.5)
+    >>> todo = wo.Experiment(
+    ...     worm, [wo.Unknown("damping")], {"length": 0.01}, np.linspace(0.0, 4.0, 41), [course]
+    ... )
+    >>> plan = wo.plan_experiment(todo, todo.criterion("D"), rivals=5, starts=1)
+    >>> plan.value < plan.rivals[0].value, plan.known.rank
+    (True, 1)
     """
 
     experiment: Experiment

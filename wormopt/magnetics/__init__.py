@@ -1,4 +1,12 @@
-"""Magnetic materials and what sets them in motion; like worms, it knows no solver."""
+"""Magnetic fields of coils, magnetic materials, and fluids at rest in a field.
+
+Examples
+--------
+>>> import wormopt as wo
+>>> rubber = wo.magnetics.MagnetoElastic(mu_r=1.1, lame_eta=5e3)
+>>> rubber.youngs_modulus()
+15000.0
+"""
 
 from wormopt.lazy import names_of
 

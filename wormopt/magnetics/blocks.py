@@ -1,8 +1,9 @@
-"""Blocks of coils that are on, again and again along an endless row: the field they travel with.
+"""Field of blocks of coils that repeat along an endless row.
 
-On a strip along the row, the square of the field is a double series: Fourier's along the row,
-where it is periodic, and powers across it. It is smooth there, so that the series converges like
-a geometric one; what is cut off is measured. The force on magnetisable matter is its gradient.
+On a strip along the row, the square of the field is a double series: a Fourier series along the
+row, where it is periodic, and powers across it. The field is smooth there, so the series converges
+geometrically; its truncation error is measured. The force on magnetisable matter is proportional to
+the gradient.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from numpy.polynomial import chebyshev
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import Coil, CoilRow
 
-# Powers across the strip, and points along two repeats of the pattern from which the series is
-# found. So many blocks are there on each side.
+# Powers across the strip, points along two repeats of the pattern that determine the series, and
+# number of blocks on each side.
 _DEGREE, _POINTS, _BLOCKS = 12, 256, 3
 _ROUNDING = 1e-9
 _WIDER = 1.05
@@ -40,8 +41,8 @@ class BlockField:
     def expression(self, x: ca.SX, y: ca.SX) -> ca.SX:
         """H² at a point, in 1/m² per squared ampere-turn.
 
-        `x`: along the row from the middle of the block, m; `y`: across from the middle of
-        the channel, m, positive on the side of the block's first coil.
+        `x`: along the row from the middle of the block, m; `y`: across from the middle of the
+        channel, m, positive on the side of the block's first coil.
         """
         angle, height, total = 2 * np.pi * x / self.period, y / self.half, ca.SX(0)
         waves = _waves(angle, self.coefficients.shape[1])
@@ -55,14 +56,14 @@ class BlockField:
 
     @cached_property
     def gradient(self) -> ca.Function:
-        """Function of x and y, as for `expression`: column of dH²/dx and dH²/dy."""
+        """Function of x and y, as for `expression`, with the column of dH²/dx and dH²/dy."""
         place = ca.SX.sym("place", 2)
         slope = ca.gradient(self.expression(place[0], place[1]), place)
         return ca.Function("gradient", [place], [ca.densify(slope)], {"cse": True})
 
 
 def _waves(angle: ca.SX, count: int) -> list[tuple[ca.SX, ca.SX]]:
-    """Cosine and sine of 0, 1, 2, ... angles; even and odd ones by recurrences of their own."""
+    """Cosine and sine of 0, 1, 2, ... angles; even and odd multiples by separate recurrences."""
     c, s = ca.cos(angle), ca.sin(angle)
     c2, s2 = c * c - s * s, 2 * s * c
     found = [(ca.SX(1), ca.SX(0)), (c, s)]
@@ -75,13 +76,15 @@ def _waves(angle: ca.SX, count: int) -> list[tuple[ca.SX, ca.SX]]:
 def block_field(
     row: CoilRow, half: float, on: int, every: int, tolerance: float = 1e-4
 ) -> BlockField:
-    """Series of the field of blocks of `on` coils, repeated `every` so many, in an endless row.
+    """Series of the field of blocks of `on` coils in an endless row, repeated every `every` coils.
 
-    `half`: half width of the strip, m; terms below the share `tolerance` are dropped.
-    Raises ArgumentError if a block exceeds the pattern, or the strip reaches the coils.
+    `half`: half width of the strip, m; terms below the share `tolerance` are dropped. Raises
+    ArgumentError if a block exceeds the pattern, or the strip reaches the coils.
     """
     if not 0 < on < every:
-        raise ArgumentError(f"a block of {on} coils does not fit into a pattern of {every}")
+        raise ArgumentError(
+            f"a block of {on} coils does not fit into a pattern of {every}; write fewer coils"
+        )
     if row.gap is None or not 0 < half < row.gap / 2:
         raise ArgumentError(f"a strip of half width {half:g} m reaches the coils")
     period = 2 * every * row.pitch  # after one repeat sides may have changed
@@ -93,7 +96,7 @@ def block_field(
     series = np.linalg.solve(chebyshev.chebvander(height, _DEGREE), harmonics)
     powers = np.stack([_powers(column) for column in series.T], axis=1)
     largest = np.abs(powers).max()
-    # parts that symmetry makes 0 are rounding, and need not be computed with
+    # parts that vanish by symmetry are rounding errors, and are not computed with
     real, imag = (
         np.where(np.abs(part) > _ROUNDING * largest, part, 0.0)
         for part in (np.real(powers), np.imag(powers))
@@ -117,21 +120,21 @@ def channel_field(
 ) -> BlockField:
     """Field of blocks of coils alternating on both sides of a channel; see `block_field`.
 
-    Lengths in m; `clearance`: inner side of a wall to windings; `body`: diameter.
-    The strip is 1/20 wider than the centre line needs, because time steps enter walls.
+    Lengths in m; `clearance`: inner side of a wall to windings; `body`: diameter. The strip is 1/20
+    wider than the centre line needs, since time steps enter walls.
     """
     row = CoilRow(coil, 2, pitch, gap=channel + 2 * clearance, sides="alternating")
     return block_field(row, _WIDER * (channel - body) / 2, on, every, tolerance)
 
 
 def _square(row: CoilRow, on: int, every: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """H² per squared ampere-turn, one row per y, all blocks that matter on; x from the middle."""
-    first = 2 * _BLOCKS * every  # an even number: the block in question begins on its own side
+    """H² per squared ampere-turn, one row per y, with all relevant blocks on; x from the middle."""
+    first = 2 * _BLOCKS * every  # an even number, so the central block begins on its own side
     many = replace(row, count=first + 2 * _BLOCKS * every)
     place = (np.arange(many.count) - first) % every
     currents = np.where(place < on, 1.0, 0.0)
     middle = (first + (on - 1) / 2) * row.pitch
-    # the pattern's own period: points further on see the row as points here do, with y mirrored
+    # The pattern's period: points farther away see the same row, with y mirrored.
     turns, rest = np.divmod(x + every * row.pitch / 2, every * row.pitch)
     flip = np.where((turns * every) % 2, -1.0, 1.0) if row.sides == "alternating" else 1 + 0 * x
     X = np.broadcast_to(middle + rest - every * row.pitch / 2, (len(y), len(x)))
@@ -140,14 +143,14 @@ def _square(row: CoilRow, on: int, every: int, x: np.ndarray, y: np.ndarray) -> 
 
 
 def _powers(series: np.ndarray) -> np.ndarray:
-    """Coefficients of powers from those of a Chebyshev series, complex ones too."""
+    """Coefficients of powers from those of a Chebyshev series, also complex."""
     real, imag = (np.append(chebyshev.cheb2poly(part), np.zeros(len(series)))[: len(series)]
                   for part in (np.real(series), np.imag(series)))  # fmt: skip
     return real + 1j * imag
 
 
 def _error(field: BlockField, row: CoilRow, on: int, every: int) -> float:
-    """Largest error at points between those from which the series was found."""
+    """Largest error at points between those that determine the series."""
     x = field.period * (np.arange(97) + 0.37) / 97
     y = field.half * np.linspace(-1, 1, 11)
     exact = _square(row, on, every, x, y)

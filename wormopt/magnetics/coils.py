@@ -1,6 +1,6 @@
-"""Rows of equal coils: what field they carry, for numbers and for expressions.
+"""Rows of equal coils and their field, for numbers and CasADi expressions.
 
-One coil: `wormopt.magnetics.winding`, also to be had from here. Courses of the currents:
+A single coil is in `wormopt.magnetics.winding`, also available from here. Currents over time are in
 `wormopt.magnetics.travelling`.
 """
 
@@ -24,36 +24,36 @@ if TYPE_CHECKING:
 
 Axis = Literal["across", "along", "vertical"]
 Sides = Literal["both", "alternating"]
-# In the order of the components x, y, z.
+# Directions of the components x, y, z.
 _AXES = ("along", "across", "vertical")
-# Angles over half a turn times the clearance over the radius: sums over all of them are then off
-# by some exp(-1.6 * 24). The other half of the turn is the same.
+# Angles over half a turn times the clearance over the radius: sums over all of them then have an
+# error of about exp(-1.6 * 24). The other half of the turn is the same.
 _ANGLES, _MOST_ANGLES = 24, 24_000
 _TOLERANCE = 1e-10
-# Of the radii, next to a winding: where more are needed a point all but touches it.
+# Number of radii next to a winding: where more are needed, a point nearly touches it.
 _PIECES = 100
 
 
 @dataclass(frozen=True)
 class CoilRow:
-    """Equal coils in a row along x: the middle of coil k is at x = k pitch, y = z = 0.
+    """Equal coils in a row along x; the middle of coil k is at x = k pitch, y = z = 0.
 
     Parameters
     ----------
     coil : Coil
-        What each of them is.
+        The coil at each place.
     count : int
         Number of coils.
     pitch : float
-        Distance of neighbours, in m.
+        Distance of neighbouring coils in m.
     axis : {"across", "along", "vertical"}, optional
-        Whether their axes lie along y (horizontal, across the row), along x or along z.
+        Direction of the coil axes: along y (horizontal, across the row), x or z.
     gap : float, optional
-        Where given, each place has two coils that face each other over this gap, with the same
-        current; the middle between them is at y = z = 0. Not for axes along the row.
+        Distance in m between two coils that face each other at each place with the same current;
+        the middle between them is at y = z = 0. Not for axes along the row.
     sides : {"both", "alternating"}, optional
-        With a gap: whether each place has both of its coils, or coil k the one on the positive
-        side for even k and the one on the negative side for odd k.
+        With a gap: whether each place has both coils, or coil k the one on the positive side for
+        even k and the one on the negative side for odd k.
 
     Raises
     ------
@@ -79,28 +79,29 @@ class CoilRow:
         for name, known in (("axis", get_args(Axis)), ("sides", get_args(Sides))):
             if getattr(self, name) not in known:
                 given = getattr(self, name)
-                raise ArgumentError(f'no {name} "{given}"; there are {", ".join(known)}')
+                raise ArgumentError(f'{name} is "{given}"; write one of {", ".join(known)}')
         if self.count < 1 or not 0 < self.pitch < math.inf:
-            raise ArgumentError("a row has at least one coil, and a pitch above 0")
+            raise ArgumentError("a row needs at least one coil, and a pitch above 0")
         alternate = self.sides == "alternating"
         size = self.coil.length if self.axis == "along" else 2 * self.coil.outer
         apart = (1 + alternate) * self.pitch
         if apart < size:
             raise ArgumentError(
-                f"coils overlap: each takes {size:g} m of the row, neighbours are {apart:g} m apart"
+                f"coils overlap: each has the size {size:g} m along the row, but neighbours are "
+                f"{apart:g} m apart; write a larger pitch, or smaller coils"
             )
         if alternate and self.gap is None:
-            raise ArgumentError('sides = "alternating" needs a gap between both sides')
+            raise ArgumentError('sides = "alternating" needs two sides; write a gap')
         if self.gap is not None and (self.axis == "along" or not 0 < self.gap < math.inf):
-            raise ArgumentError("a gap above 0 belongs to coils with axes across or vertical")
+            raise ArgumentError("gap must be above 0, with coil axes across or vertical")
 
     @property
     def places(self) -> np.ndarray:
-        """Where the coils are along x, shape (count,), in m."""
+        """Positions of the coils along x in m, shape (count,)."""
         return self.pitch * np.arange(self.count)
 
     def check_currents(self, currents: ArrayLike) -> np.ndarray:
-        """Give currents back as an array, if the coils carry them.
+        """Check that the coils carry the given currents, and return them as an array.
 
         Parameters
         ----------
@@ -109,7 +110,8 @@ class CoilRow:
 
         Returns
         -------
-        ndarray
+        ndarray, shape (count, ...)
+            The currents.
 
         Raises
         ------
@@ -122,8 +124,8 @@ class CoilRow:
         largest = float(np.max(np.abs(values), initial=0.0))
         if not largest <= self.coil.ampere_turns * (1 + 1e-12):
             raise ArgumentError(
-                f"a current of {largest:g} ampere-turns is above the {self.coil.ampere_turns:g} "
-                "that the coils carry"
+                f"a current of {largest:g} ampere-turns exceeds the coils' limit of "
+                f"{self.coil.ampere_turns:g}"
             )
         return values
 
@@ -133,12 +135,12 @@ class CoilRow:
         Parameters
         ----------
         x, z, y : array_like
-            Points, in m; broadcast against each other.
+            Coordinates of the points in m; broadcast against each other.
 
         Returns
         -------
         ndarray
-            In m; 0 in a winding.
+            Distance in m; 0 in a winding.
         """
         parts = [self.coil.clearance(q, s) for _, q, s, _ in self._seen(x, y, z)]
         return np.min(parts, axis=0)
@@ -156,9 +158,9 @@ class CoilRow:
         Parameters
         ----------
         x, z, y : array_like
-            Points, in m; broadcast to one axis of m points.
+            Coordinates of the points in m; broadcast to one axis of m points.
         coils : container of int, optional
-            Those that are wanted; the others are left at 0.
+            Indices of the coils to compute; the others are 0.
 
         Returns
         -------
@@ -185,14 +187,14 @@ class CoilRow:
     def field(
         self, x: ArrayLike, z: ArrayLike, currents: ArrayLike, y: ArrayLike = 0.0
     ) -> np.ndarray:
-        """Field of the whole row at points, for one set of currents or several.
+        """Field of the whole row at points, for one or several sets of currents.
 
         Parameters
         ----------
         x, z, y : array_like
-            Points, in m; broadcast to one axis of m points.
+            Coordinates of the points in m; broadcast to one axis of m points.
         currents : array_like, shape (count, ...)
-            Ampere-turns.
+            Ampere-turns of each coil.
 
         Returns
         -------
@@ -202,7 +204,7 @@ class CoilRow:
         Raises
         ------
         ArgumentError
-            If a point lies in a winding, or the coils do not carry the currents.
+            If a point lies in a winding, or a current exceeds the coils' limit.
         """
         values = self.check_currents(currents)
         lit = set(np.flatnonzero(values.reshape(self.count, -1).any(axis=1)).tolist())
@@ -211,7 +213,7 @@ class CoilRow:
     def square(
         self, x: ArrayLike, z: ArrayLike, currents: ArrayLike, y: ArrayLike = 0.0
     ) -> np.ndarray:
-        """H² of the whole row.
+        """Square H² of the field of the whole row.
 
         Parameters
         ----------
@@ -221,26 +223,27 @@ class CoilRow:
         Returns
         -------
         ndarray, shape (m, ...)
-            In A²/m².
+            H² in A²/m².
         """
         return np.sum(self.field(x, z, currents, y) ** 2, axis=0)
 
     def square_gradient(
         self, x: ArrayLike, z: ArrayLike, currents: ArrayLike, y: ArrayLike = 0.0
     ) -> np.ndarray:
-        """Gradient of H², to which the force on a magnetisable body is proportional.
+        """Gradient of H², which is proportional to the force on a magnetisable body.
 
         Parameters
         ----------
         x, z, y : array_like
-            Points, in m; broadcast to one axis of m points.
+            Coordinates of the points in m; broadcast to one axis of m points.
         currents : array_like, shape (count,)
-            Ampere-turns.
+            Ampere-turns of each coil.
 
         Returns
         -------
         ndarray, shape (3, m)
-            Along x, y, z, in A²/m³; by differentiation of the formulas, not by differences.
+            Components along x, y, z in A²/m³, by differentiation of the formulas, not by
+            differences.
 
         Raises
         ------
@@ -270,19 +273,19 @@ class CoilRow:
         Parameters
         ----------
         place : casadi.SX
-            Column x, y, z, in m.
+            Column x, y, z in m.
         currents : casadi.SX or ndarray
-            ``count`` ampere-turns.
+            Ampere-turns of the ``count`` coils.
         nodes : int
             Nodes over the radius, see `Coil.nodes`.
 
         Returns
         -------
         casadi.SX
-            Column of the components along x, y, z, in A/m. It checks nothing, and holds off the
+            Column of the components along x, y, z, in A/m. It is not checked, and valid outside the
             windings only.
         """
-        import casadi as ca  # only who differentiates needs it
+        import casadi as ca  # only derivatives need CasADi
 
         found: list[Any] = [ca.SX(0)] * 3
         for k, q, s, away in self._seen(place[0], place[1], place[2]):
@@ -293,7 +296,7 @@ class CoilRow:
         return ca.vertcat(*found)
 
     def _middles(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Number and middle of each coil; coils that face each other have the same number."""
+        """Number and middle of each coil; facing coils have the same number."""
         direction = _AXES.index(self.axis)
         offset = 0.0 if self.gap is None else (self.gap + self.coil.length) / 2
         for k in range(self.count):
@@ -304,7 +307,7 @@ class CoilRow:
                 yield k, middle
 
     def _seen(self, x: Any, y: Any, z: Any) -> Iterator[tuple[int, Any, Any, list[Any]]]:
-        """Points as each coil sees them: square and axial distance, components away from its axis.
+        """Points relative to each coil: squared and axial distance, components away from its axis.
 
         The component along the axis is None.
         """
@@ -313,7 +316,7 @@ class CoilRow:
 
 
 def _frame(axis: Axis, x: Any, y: Any, z: Any) -> tuple[Any, Any, list[Any]]:
-    """Square of the distance from an axis, place along it, components away from it."""
+    """Squared distance from an axis, position along it, components away from it."""
     away: list[Any] = [x, y, z]
     direction = _AXES.index(axis)
     s, away[direction] = away[direction], None
@@ -323,8 +326,8 @@ def _frame(axis: Axis, x: Any, y: Any, z: Any) -> tuple[Any, Any, list[Any]]:
 
 @lru_cache(maxsize=16)
 def _slopes(coil: Coil, axis: Axis, nodes: int) -> ca.Function:
-    """CasADi function of a point, seen from a coil: field per ampere-turn, and its Jacobian."""
-    import casadi as ca  # only who differentiates needs it
+    """CasADi function of a point relative to a coil: field per ampere-turn, and its Jacobian."""
+    import casadi as ca  # only derivatives need CasADi
 
     place = ca.SX.sym("place", 3)
     q, s, away = _frame(axis, place[0], place[1], place[2])
@@ -334,17 +337,17 @@ def _slopes(coil: Coil, axis: Axis, nodes: int) -> ca.Function:
 
 
 def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndarray) -> np.ndarray:
-    """Field (3, m), in A/m, at points of the line by Biot-Savart, integrated over the windings.
+    """Field (3, m) in A/m at points of the line by Biot-Savart, integrated over the windings.
 
-    `currents` (count, m): ampere-turns at each point. No elliptic integral: sums over
-    the angle, adaptive quadrature over the radius and, but for points near by, the length.
+    `currents` (count, m): ampere-turns at each point. It uses no elliptic integral: sums over the
+    angle, adaptive quadrature over the radius and, except for close points, over the length.
     """
     direction = _AXES.index(row.axis)
     offset = 0.0 if row.gap is None else (row.gap + row.coil.length) / 2
     sides = np.array([[0.0]] if row.gap is None else [[-offset], [offset]])
     if row.sides == "alternating":
         sides = offset * (1 - 2 * (np.arange(row.count) % 2))[None]
-    # points as seen from each coil: shape (3, sides, count, m)
+    # Points relative to each coil: shape (3, sides, count, m).
     seen = np.zeros((3, len(sides), row.count, len(x)))
     seen[0] = x - row.places[:, None]
     seen[2] = z
@@ -352,7 +355,7 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
     s, away = seen[direction], np.delete(seen, direction, axis=0)
     rho = np.hypot(*away)
     share = np.clip(row.coil.clearance(rho**2, s) / row.coil.outer, _ANGLES / _MOST_ANGLES, 1.0)
-    # points next to a winding take more angles
+    # points next to a winding need more angles
     doublings = np.ceil(-np.log2(share)).astype(int)
     axial, radial = np.zeros_like(s), np.zeros_like(s)
     for k in np.unique(doublings):
@@ -368,7 +371,7 @@ def field_by_quadrature(row: CoilRow, x: np.ndarray, z: float, currents: np.ndar
 def _field_far(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Axial and radial field (2, m) per ampere-turn at distances from a coil's axis and middle.
 
-    By quadrature over radius and length, of what keeps its digits however far away.
+    By quadrature over radius and length of an integrand without cancellation at large distances.
     """
     from scipy.integrate import quad_vec
 
@@ -395,9 +398,9 @@ def _field_far(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) ->
 
 
 def _field_near(coil: Coil, rho: np.ndarray, s: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """As `_field_far` next to a winding: the integral over the length is a closed form.
+    """As `_field_far`, next to a winding: the integral over the length is a closed form.
 
-    Differences of what is nearly the same are written out.
+    Differences of nearly equal numbers are written out.
     """
     from scipy.integrate import quad_vec
 

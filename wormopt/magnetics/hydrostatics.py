@@ -1,15 +1,16 @@
-"""A layer of magnetic fluid at rest at a coil: magnetisation, pressure, balance at its surface.
+"""A layer of magnetic fluid at rest near a coil: magnetisation, pressure, surface balance.
 
-SI units. The pressure is p = P - rho g z + mu0 int_0^H M dH with one constant P; the surface
-z = h(x) rests where p + mu0 M_n² / 2 = gamma times its curvature, the pressure outside being 0.
-The fluid does not change the field of the coil. All functions take numbers, arrays or CasADi
-expressions, but for `flat_layer_pull`, which solves an equation and takes no expressions. Laws of
-magnetisation are functions of H², so that H = 0 is no special case. Langevin's function and its
-integral are power series in y² below y = 1, and closed forms above it in which nothing cancels or
-overflows. Both branches are evaluated where they are finite, so that derivatives by CasADi are
-those of the branch that is taken.
+SI units. The pressure is p = P - rho g z + mu0 int_0^H M dH with one constant P. The surface z =
+h(x) is at rest where p + mu0 M_n² / 2 = gamma times its curvature, with zero pressure outside. The
+effect of the fluid on the field of the coil is neglected. Functions take numbers, arrays or CasADi
+expressions, except for `flat_layer_pull`, which solves an equation and takes no expressions. Laws
+of magnetisation are functions of H², so H = 0 is no special case. Langevin's function and its
+integral are power series in y² below y = 1, and closed forms without cancellation or overflow
+above. Both branches are evaluated where they are finite, so derivatives by CasADi are those of the
+chosen branch.
 
-Sources: chapter 3.5; R. E. Rosensweig, Ferrohydrodynamics, 1985, chapter 5.
+Sources: section 3.5 of Zimmermann et al. 2007; R. E. Rosensweig, Ferrohydrodynamics, 1985, chapter
+5.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _TERMS = 17
 
 @dataclass(frozen=True)
 class Linear:
-    """Magnetisation M = chi H.
+    """Linear magnetisation M = chi H.
 
     Raises ArgumentError if chi is not above 0.
     """
@@ -59,9 +60,9 @@ class Linear:
 
 @dataclass(frozen=True)
 class Langevin:
-    """M = M_s (coth y - 1 / y), y = 3 chi H / M_s: particles that do not feel each other.
+    """Langevin's law M = M_s (coth y - 1 / y), y = 3 chi H / M_s.
 
-    Raises ArgumentError if a number is not above 0.
+    It holds for particles without interaction. Raises ArgumentError if a parameter is not above 0.
     """
 
     chi: float  # initial susceptibility
@@ -72,7 +73,7 @@ class Langevin:
         check_number("saturation", self.saturation)
 
     def ratio(self, square: Any) -> Any:
-        """M / H, falling from chi; `square` is H² in A²/m²."""
+        """M / H, decreasing from chi; `square` is H² in A²/m²."""
         return 3 * self.chi * langevin_ratio(self._y2(square))
 
     def energy(self, square: Any) -> Any:
@@ -84,14 +85,14 @@ class Langevin:
 
 
 Magnetisation = Linear | Langevin
-"""How a fluid takes magnetisation, as functions of H²."""
+"""Magnetisation law of a fluid, as functions of H²."""
 
 
 @dataclass(frozen=True)
 class Fluid:
     """A magnetic fluid.
 
-    Raises ArgumentError if a number is not above 0.
+    Raises ArgumentError if a parameter is not above 0.
     """
 
     density: float  # kg/m³
@@ -110,24 +111,24 @@ class Fluid:
 
     @property
     def capillary_length(self) -> float:
-        """Length over which surface tension flattens a surface, in m."""
+        """Capillary length in m, below which surface tension flattens a surface."""
         return (self.surface_tension / self.weight) ** 0.5
 
 
 def pressure(fluid: Fluid, z: Any, square: Any, level: Any) -> Any:
-    """Pressure in the fluid at height `z` (m), above that outside, in Pa.
+    """Pressure in the fluid at height `z` (m), relative to that outside, in Pa.
 
-    `square`: H² there, A²/m². `level`: the constant P over the weight per volume, m, where
-    a surface without field and curvature would be.
+    `square`: H² there, A²/m². `level`: the constant P over the weight per volume, m, which is the
+    height of a surface without field and curvature.
     """
     return fluid.weight * (level - z) + MU0 * fluid.magnetisation.energy(square)
 
 
 def pull(fluid: Fluid, field: tuple[Any, Any], slope: Any, across: Any = 0.0) -> Any:
-    """What the field adds to the pressure at the surface: mu0 int M dH + mu0 M_n² / 2, in Pa.
+    """Contribution of the field to the pressure at the surface in Pa: mu0 int M dH + mu0 M_n² / 2.
 
-    The second part is the jump of the stress across the surface.
-    `field`: H along x and z, A/m; `slope`: h'; `across`: H along y, A/m.
+    The second term is the jump of the stress across the surface. `field`: H along x and z, A/m;
+    `slope`: h'; `across`: H along y, A/m.
     """
     along, up = field
     square = along * along + up * up + across * across
@@ -137,21 +138,21 @@ def pull(fluid: Fluid, field: tuple[Any, Any], slope: Any, across: Any = 0.0) ->
 
 
 def flat_layer_pull(fluid: Fluid, field: tuple[Any, Any], slope: Any) -> Any:
-    """`pull` (Pa) with the field weakened as in a flat thin layer, to judge what is neglected.
+    """`pull` (Pa) with the field of a flat thin layer, to estimate the neglected effect.
 
-    Across the layer H + M stays what H is outside, along it H does; M/H is that inside.
-    `field`: H outside along x and z, A/m; `slope`: h'.
+    Across the layer H + M equals H outside, along it H does; M/H is that inside. `field`: H outside
+    along x and z, A/m; `slope`: h'.
     """
     along, up = field
     root = (1 + slope * slope) ** 0.5
     normal, tangent = (up - slope * along) / root, (along + slope * up) / root
     inside = _inside(fluid.magnetisation, normal, tangent)
-    # turned into the frame of the surface, where it has no slope
+    # in the frame of the surface, where the slope is 0
     return pull(fluid, (tangent, inside), 0.0)
 
 
 def _inside(law: Magnetisation, normal: Any, tangent: Any) -> Any:
-    """Root H of H (1 + M/H) = normal, M/H at H² + tangent²; by halving, as H + M rises with H."""
+    """Root H of H (1 + M/H) = normal, M/H at H² + tangent²; by bisection, as H + M rises with H."""
     wanted = np.abs(normal)
     low, high = np.zeros_like(wanted), wanted
     for _ in range(_HALVINGS):
@@ -164,8 +165,8 @@ def _inside(law: Magnetisation, normal: Any, tangent: Any) -> Any:
 def balance(fluid: Fluid, field: tuple[Any, Any], z: Any, slope: Any, bend: Any, level: Any) -> Any:
     """Residual of the balance of stresses across the surface z = h(x) of fluid below it.
 
-    Over the weight per volume, in m; 0 where the surface rests. `field`: H along x and z,
-    A/m; `z`, `slope`, `bend`: h, h', h''; `level` as for `pressure`.
+    Over the weight per volume, in m; 0 where the surface is at rest. `field`: H along x and z, A/m;
+    `z`, `slope`, `bend`: h, h', h''; `level` as for `pressure`.
     """
     curvature = -bend / (1 + slope * slope) ** 1.5
     stress = pull(fluid, field, slope) - fluid.surface_tension * curvature
@@ -180,10 +181,10 @@ def log_sinh_ratio(y2: Any) -> Any:
 def langevin_ratio(y2: Any) -> Any:
     """Langevin's function over its argument, (coth y - 1 / y) / y; `y2` is y² ≥ 0.
 
-    It is 1/3 at 0, and falls.
+    It is 1/3 at 0, and decreases.
     """
 
-    # twice the derivative of the integral by y²
+    # twice the derivative of the integral with respect to y²
     def near(small: Any) -> Any:
         return _sum(small, lambda k: 2 * k * _series(k))
 
@@ -226,9 +227,9 @@ def _coth(y2: Any) -> Any:
 
 @dataclass(frozen=True)
 class Placed:
-    """A coil under or over a layer whose bottom is at z = 0, its middle at x = 0.
+    """A coil under or over a layer whose bottom is at z = 0; its middle is at x = 0.
 
-    Raises ArgumentError if the distance is not above 0, or there is no such side or axis.
+    Raises ArgumentError if the distance is not above 0, or the side or axis is unknown.
     """
 
     coil: Coil
@@ -239,13 +240,13 @@ class Placed:
     def __post_init__(self) -> None:
         check_number("distance", self.distance)
         if self.side not in ("below", "above"):
-            raise ArgumentError(f'no side "{self.side}"; there are below, above')
+            raise ArgumentError(f'side is "{self.side}"; write "below" or "above"')
         if self.axis not in ("vertical", "along"):
-            raise ArgumentError(f'no axis "{self.axis}"; there are vertical, along')
+            raise ArgumentError(f'axis is "{self.axis}"; write "vertical" or "along"')
 
     @property
     def middle(self) -> float:
-        """Height of the middle of the coil, in m."""
+        """Height of the middle of the coil in m."""
         size = self.coil.length / 2 if self.axis == "vertical" else self.coil.outer
         return (self.distance + size) * (1 if self.side == "above" else -1)
 
@@ -268,8 +269,8 @@ class Placed:
     def field(self, x: Any, z: Any, nodes: int | None = None) -> tuple[Any, Any]:
         """Field (Hx, Hz) per ampere-turn in the plane y = 0, in 1/m; `x`, `z` in m.
 
-        `nodes`: of the quadrature over the winding, for expressions, see `Coil.nodes`;
-        left out, `x` and `z` must be numbers.
+        `nodes`: of the quadrature over the winding, for expressions, see `Coil.nodes`; without it,
+        `x` and `z` must be numbers.
         """
         away, s = self._seen(x, z)
         if nodes is None:

@@ -1,9 +1,9 @@
-"""Elastic composite with a magnetic fluid in it: how it lengthens and softens in a field.
+"""Elastic composite with a magnetic fluid: elongation and softening in a field.
 
-A bar is pulled by the stress p along its axis, under a uniform field H across it. For small
-strains and a first Lamé coefficient far above the second, its strain is u = p / E_eff + u0. The
-functions take numbers, arrays or CasADi expressions and check nothing; `MagnetoElastic` takes
-numbers and refuses what the formulas do not hold for.
+The stress p pulls a bar along its axis, in a uniform field H across it. For small strains and a
+first Lamé coefficient far above the second, its strain is u = p / E_eff + u0. Source: section 3.2
+of Zimmermann et al. 2007. The functions take numbers, arrays or CasADi expressions without checks;
+`MagnetoElastic` takes numbers and refuses values for which the formulas do not hold.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ from wormopt.result import left_out
 Expression = Any
 """A float, an array, or a CasADi expression."""
 MU0 = 4e-7 * math.pi
-"""Permeability of vacuum in N/A², as the chapter has it; the measured value is 1e-10 off."""
+"""Permeability of vacuum in N/A², as in Zimmermann et al. 2007; the measured value differs by
+1e-10.
+"""
 SMALL_STRAIN = 0.1
-"""Strain up to which strains count as small: u²/2, which is neglected, is 5 % of u there."""
-# The modulus without field, 3 eta, may be off by so much because the bar is compressible.
+"""Upper limit of small strains: the neglected u²/2 is 5 % of u there."""
+# Accepted difference between 3 eta, the modulus without field, and that of a compressible bar.
 _MODULUS_ERROR = 0.01
-# The field in a round bar across the field may be off by so much from the field applied.
+# Accepted difference between the field in a round bar across the field and the applied field.
 _FIELD_ERROR = 0.05
 LARGEST = 1e30
 """Largest number allowed: products of a few are finite."""
@@ -39,7 +41,8 @@ def softening(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expr
     """Softening by the field, G = mu0 a1 H² / (2 eta) with a1 = -(2/5) (mu_r - 1)².
 
     `mu_r`: of the unstrained material; `lame_eta`: shear modulus eta, Pa; `field`: H, A/m.
-    Negative; the formulas hold above -3/2. Source: chapter 3.2, below (16).
+    Negative; the formulas hold above -3/2. Source: section 3.2 of Zimmermann et al. 2007, below eq.
+    16.
     """
     return MU0 * _a1(mu_r) * field * field / (2 * lame_eta)
 
@@ -47,7 +50,8 @@ def softening(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expr
 def field_strain(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
     """Strain by the field alone, u0 = mu0 (2 (mu_r - 1) - a1) H² / (12 eta (1 + 2 G / 3)).
 
-    Positive where 1 + 2 G / 3 is; units as for `softening`. Source: chapter 3.2.
+    Positive where 1 + 2 G / 3 is; units as for `softening`. Source: section 3.2 of Zimmermann et
+    al. 2007.
     """
     pull = MU0 * (2 * (mu_r - 1) - _a1(mu_r)) * field * field
     return pull / (12 * lame_eta * (1 + 2 * softening(mu_r, lame_eta, field) / 3))
@@ -56,26 +60,27 @@ def field_strain(mu_r: Expression, lame_eta: Expression, field: Expression) -> E
 def effective_modulus(mu_r: Expression, lame_eta: Expression, field: Expression) -> Expression:
     """Young's modulus in the field, E_eff = 3 eta (1 + 2 G / 3) / (1 + G / 2), in Pa.
 
-    3 eta without field, less with it; units as for `softening`. Source: chapter 3.2.
+    3 eta without field, smaller with it; units as for `softening`. Source: section 3.2 of
+    Zimmermann et al. 2007.
     """
     G = softening(mu_r, lame_eta, field)
     return 3 * lame_eta * (1 + 2 * G / 3) / (1 + G / 2)
 
 
 def _a1(mu_r: Expression) -> Expression:
-    # Products instead of powers: a power of a large float raises OverflowError.
+    # Products replace powers, since a power of a large float raises OverflowError.
     return -2 * (mu_r - 1) * (mu_r - 1) / 5
 
 
 def check_number(name: str, value: object, above: float = 0.0) -> float:
-    """Return a caller's value as a number that the formulas can be evaluated for.
+    """Check a caller's value and return it as a number for which the formulas can be evaluated.
 
-    Raises ArgumentError, naming it, unless it is a number above `above` and at most 1e30.
+    Raises ArgumentError, with its name, unless it is a number above `above` and at most 1e30.
     """
     fits = isinstance(value, Real) and not isinstance(value, bool)
     if not (fits and above < float(value) <= LARGEST):  # pyright: ignore[reportArgumentType]
         raise ArgumentError(
-            f"{name} must be a number above {above:g}, {LARGEST:g} at most, not {value!r}"
+            f"{name} must be a number above {above:g} and at most {LARGEST:g}, not {value!r}"
         )
     return float(value)  # pyright: ignore[reportArgumentType]
 
@@ -84,6 +89,8 @@ def check_number(name: str, value: object, above: float = 0.0) -> float:
 class MagnetoElastic:
     """An elastic composite with a magnetic fluid in it.
 
+    Source: section 3.2 of Zimmermann et al. 2007.
+
     Parameters
     ----------
     mu_r : float
@@ -91,13 +98,13 @@ class MagnetoElastic:
     lame_eta : float
         Second Lamé coefficient (shear modulus) eta in Pa, positive.
     lame_lambda : float, optional
-        First Lamé coefficient lambda in Pa, positive. It enters no formula; with it the assumption
-        that lambda is far above eta can be checked.
+        First Lamé coefficient lambda in Pa, positive. No formula contains it; it is used to check
+        that lambda is far above eta.
 
     Raises
     ------
     ArgumentError
-        If one of them is no number, or beyond these bounds.
+        If a value is not a number, or outside these bounds.
 
     Examples
     --------
@@ -120,7 +127,7 @@ class MagnetoElastic:
 
     @property
     def poisson_ratio(self) -> float | None:
-        """Poisson's ratio lambda / (2 (lambda + eta)), None where lambda is unknown."""
+        """Poisson's ratio lambda / (2 (lambda + eta)), None if lambda is unknown."""
         if self.lame_lambda is None:
             return None
         return self.lame_lambda / (2 * (self.lame_lambda + self.lame_eta))
@@ -131,12 +138,12 @@ class MagnetoElastic:
         return math.sqrt(7.5 * self.lame_eta / MU0) / (self.mu_r - 1)
 
     def softening(self, field: float) -> float:
-        """G in a field, refused where the formulas do not hold.
+        """Softening G in a field; an error where the formulas do not hold.
 
         Parameters
         ----------
         field : float
-            Field H in A/m, either way round.
+            Field H in A/m, of either sign.
 
         Returns
         -------
@@ -146,25 +153,24 @@ class MagnetoElastic:
         Raises
         ------
         ArgumentError
-            If the field is no number, or 1 + 2 G / 3 not above 0; the message says which field or
-            which permeability would do.
+            If the field is not a number, or 1 + 2 G / 3 is not above 0; the message gives the
+            allowed field and permeability.
 
         Examples
         --------
         >>> MagnetoElastic(4.0, 1e4).softening(1.5e5)
         Traceback (most recent call last):
             ...
-        wormopt.errors.ArgumentError: mu_r = 4 with ... fields below 81433.8 A/m, or ...
+        wormopt.errors.ArgumentError: mu_r = 4 with ... a field below 81433.8 A/m, or ...
         """
         field = abs(check_number("field", field, above=-LARGEST))
         G = softening(self.mu_r, self.lame_eta, field)
         if not 1 + 2 * G / 3 > 0:
             largest_mu_r = 1 + self.largest_field / field * (self.mu_r - 1)
             raise ArgumentError(
-                f"mu_r = {self.mu_r:g} with lame_eta = {self.lame_eta:g} Pa in the field "
-                f"{field:g} A/m has G = {G:g}, and the formulas hold only above -3/2; allowed are "
-                f"fields below {self.largest_field:.6g} A/m, or mu_r below {largest_mu_r:.6g} at "
-                "this field"
+                f"mu_r = {self.mu_r:g} with lame_eta = {self.lame_eta:g} Pa in the field {field:g} "
+                f"A/m has G = {G:g}, but the formulas hold only above -3/2; write a field below "
+                f"{self.largest_field:.6g} A/m, or mu_r below {largest_mu_r:.6g} at this field"
             )
         return float(G)
 
@@ -179,7 +185,7 @@ class MagnetoElastic:
         Returns
         -------
         float
-            Dimensionless, not negative: the bar lengthens.
+            Strain, dimensionless, not negative: the bar elongates.
 
         Raises
         ------
@@ -200,7 +206,7 @@ class MagnetoElastic:
         Returns
         -------
         float
-            In Pa; 3 eta without field.
+            Modulus in Pa; 3 eta without field.
 
         Raises
         ------
@@ -211,24 +217,24 @@ class MagnetoElastic:
         return float(effective_modulus(self.mu_r, self.lame_eta, field))
 
     def strain(self, stress: ArrayLike, field: float = 0.0) -> np.ndarray:
-        """Strain u = p / E_eff + u0.
+        """Strain u = p / E_eff + u0 of a bar.
 
         Parameters
         ----------
         stress : array_like, any shape
-            Stress p in Pa, positive where it pulls.
+            Stress p in Pa, positive for tension.
         field : float, optional
             Field H in A/m.
 
         Returns
         -------
         ndarray
-            Of the same shape, dimensionless.
+            Strain, dimensionless, same shape.
 
         Raises
         ------
         ArgumentError
-            As `softening`, or if the stress is no number.
+            As `softening`, or if the stress is not a number.
 
         Examples
         --------
@@ -238,24 +244,24 @@ class MagnetoElastic:
         return numbers("stress", stress) / self.youngs_modulus(field) + self.field_strain(field)
 
     def stress(self, strain: ArrayLike, field: float = 0.0) -> np.ndarray:
-        """Stress p = E_eff (u - u0), the inverse of `strain`.
+        """Stress p = E_eff (u - u0) of a bar, the inverse of `strain`.
 
         Parameters
         ----------
         strain : array_like, any shape
-            Strain u.
+            Strain u, dimensionless.
         field : float, optional
             Field H in A/m.
 
         Returns
         -------
         ndarray
-            Of the same shape, in Pa.
+            Stress in Pa, same shape.
 
         Raises
         ------
         ArgumentError
-            As `softening`, or if the strain is no number.
+            As `softening`, or if the strain is not a number.
         """
         return self.youngs_modulus(field) * (numbers("strain", strain) - self.field_strain(field))
 
@@ -264,15 +270,17 @@ class MagnetoElastic:
 
         Parameters
         ----------
-        length, area : float
-            Length l0 in m and cross section S0 in m² of the unstrained bar, positive.
+        length : float
+            Length l0 of the unstrained bar in m, positive.
+        area : float
+            Cross section S0 of the unstrained bar in m², positive.
         field : float, optional
             Field H in A/m.
 
         Returns
         -------
         float
-            In N/m.
+            Spring constant in N/m.
 
         Raises
         ------
@@ -288,7 +296,7 @@ class MagnetoElastic:
         return self.youngs_modulus(field) * area / length
 
     def warnings(self, field: float, strain: ArrayLike = 0.0) -> Iterator[str]:
-        """Say which assumptions of the formulas are strained or cannot be checked.
+        """Yield a warning for each assumption of the formulas that is violated or unchecked.
 
         Parameters
         ----------
@@ -300,6 +308,7 @@ class MagnetoElastic:
         Yields
         ------
         str
+            Warning.
 
         Raises
         ------
@@ -313,33 +322,35 @@ class MagnetoElastic:
         """
         u0, largest = self.field_strain(field), float(np.max(np.abs(numbers("strain", strain))))
         if u0 > SMALL_STRAIN:
-            yield left_out(u0, f"u0 = {u0:.3g} is beyond small strains, {SMALL_STRAIN:g}")
+            yield left_out(
+                u0, f"u0 = {u0:.3g} is above the limit of small strains, {SMALL_STRAIN:g}"
+            )
         if largest > SMALL_STRAIN:
             yield left_out(
                 largest,
-                f"strains reach {largest:.3g}; the line holds for small ones, up to "
-                f"{SMALL_STRAIN:g} say",
+                f"strains reach {largest:.3g}, but the linear law holds for small strains, up to "
+                f"about {SMALL_STRAIN:g}",
             )
         yield from self._warnings_of_lambda()
         inside = (self.mu_r - 1) / (self.mu_r + 1)
         if field and inside > _FIELD_ERROR:
             yield (
-                "the field in the material is taken as the field applied; in a long round bar "
-                f"across the field it is {inside:.0%} less"
+                "the field in the material is assumed to be the applied field; in a long round "
+                f"bar across the field it is {inside:.0%} smaller"
             )
 
     def _warnings_of_lambda(self) -> Iterator[str]:
         if self.lame_lambda is None:
             yield (
-                "the first Lamé coefficient is unknown; that it is far above the second is assumed "
-                "and not checked (lame_lambda)"
+                "the first Lamé coefficient lame_lambda is not given; it is assumed to be far "
+                "above the second, without a check"
             )
             return
         # E = eta (3 lambda + 2 eta) / (lambda + eta) without field
         excess = 1 / (3 * self.lame_lambda / self.lame_eta + 2)
         if excess > _MODULUS_ERROR:
             yield (
-                f"lame_lambda is {self.lame_lambda / self.lame_eta:.3g} times lame_eta, too little "
-                f"for an incompressible material: without field already, 3 eta is {excess:.1%} "
+                f"lame_lambda is {self.lame_lambda / self.lame_eta:.3g} times lame_eta, too small "
+                f"for an incompressible material: already without field, 3 eta is {excess:.1%} "
                 "above Young's modulus"
             )

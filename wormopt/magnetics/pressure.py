@@ -1,8 +1,8 @@
-"""Pressure of a magnetic field on a weakly magnetic fluid, and fields in SI and Gaussian units.
+"""Pressure of a magnetic field on a weakly magnetic fluid, in SI and Gaussian units.
 
-A field H acts on the surface of a fluid of permeability mu_r, little above 1, as a pressure would:
-mu0 (mu_r - 1) H² / 2 in SI units, (mu_r - 1) H² / (8 pi) in Gaussian ones. That is the only place
-where the two systems meet. Functions take numbers, arrays or CasADi expressions.
+A field H acts on the surface of a fluid with permeability mu_r, slightly above 1, like a pressure:
+mu0 (mu_r - 1) H² / 2 in SI units, (mu_r - 1) H² / (8 pi) in Gaussian units. All conversions between
+the two systems are in this module. Functions take numbers, arrays or CasADi expressions.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def gaussian_pressure(mu_r: Expression, field: Expression) -> Expression:
 
 
 def field_of(mu_r: Expression, pressure: Expression) -> Expression:
-    """Field H, in A/m, of a given `magnetic_pressure` in Pa; `mu_r` above 1.
+    """Field H in A/m of a given `magnetic_pressure` in Pa; `mu_r` above 1.
 
-    Divided by `OERSTED`, it is in oersted.
+    Divide by `OERSTED` to convert it to oersted.
     """
     return (2 * pressure / (MU0 * (mu_r - 1))) ** 0.5

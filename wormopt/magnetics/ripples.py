@@ -1,15 +1,14 @@
-"""Ripples of a film of magnetic fluid in a uniform field: how fast they grow or die out.
+"""Growth and decay of ripples on a film of magnetic fluid in a uniform field.
 
-SI units. A flat layer of thickness d on ground without magnetisation, air above, permeability
-mu_r = 1 + M/H on both sides of the air's own. A ripple a cos(k x) of its surface bends the field;
-the potential problem of first order has the closed solution below. Lubrication lets the ripple
-change at the rate
+SI units. A flat layer of thickness d lies on nonmagnetic ground, with air above; its permeability
+is mu_r = 1 + M/H. A ripple a cos(k x) of its surface distorts the field; the potential problem of
+first order has the closed solution below. In lubrication theory the ripple changes at the rate
 
     sigma = -d³ k² / (3 eta) [rho g + gamma k² - mu0 k (M_n² Lambda_n - M_t² Lambda_t) - pull_h],
 
 with T = tanh(k d), D = 2 + (mu_r + 1 / mu_r) T, Lambda_n = (mu_r T + 1) / D for the magnetisation
-across the layer and Lambda_t = (1 + T / mu_r) / D for that along x, and `pull_h` what the coils'
-own gradient adds. In a deep layer the flat surface loses its stability at the magnetisation of
+across the layer, Lambda_t = (1 + T / mu_r) / D for that along x, and `pull_h` the contribution of
+the coils' own gradient. In a deep layer the flat surface becomes unstable at the magnetisation of
 Cowley and Rosensweig, mu0 M² = 2 (1 + 1 / mu_r) sqrt(rho g gamma).
 
 Sources: M. D. Cowley, R. E. Rosensweig, J. Fluid Mech. 30, 1967; R. E. Rosensweig,
@@ -29,14 +28,14 @@ from scipy.optimize import minimize_scalar
 from wormopt.magnetics.hydrostatics import Fluid, Linear, Magnetisation
 from wormopt.magnetics.material import MU0
 
-# Newton's steps: M/H falls, so that they come from below and double their digits.
+# Newton's steps: M/H decreases, so they approach from below and double their digits.
 _STEPS = 7
 
 
 def flat_field(law: Magnetisation, H: Sequence[Any], slope: Any) -> tuple[Any, Any, Any]:
     """Field inside a flat layer, by components along its slope, along y, and across it; A/m.
 
-    `H`: field outside along x, y, z. Along the surface it goes on, across it H + M does.
+    `H`: field outside along x, y, z. Along the surface H is continuous, across it H + M is.
     """
     along, y, up = H
     root = (1 + slope * slope) ** 0.5
@@ -70,7 +69,7 @@ def _inside(law: Magnetisation) -> ca.Function:
 def field_stiffness(
     fluid: Fluid, depth: Any, k: Any, across: Any, along: Any = 0.0, mu_r: Any = None
 ) -> Any:
-    """What the bent field adds to the pull on a ripple, over its height, in Pa/m.
+    """Contribution of the distorted field to the pull on a ripple, over its height, in Pa/m.
 
     `across`, `along`: field inside, A/m; `mu_r`: 1 + M/H there if not that of the law.
     """
@@ -90,9 +89,10 @@ def growth_rate(
     along: float = 0.0,
     gradient: float = 0.0,
 ) -> Any:
-    """Rate at which a ripple of wave number `k` (1/m) grows in a thin layer, in 1/s.
+    """Growth rate of a ripple with wave number `k` (1/m) in a thin layer, in 1/s.
 
-    `across`, `along`: uniform field inside, A/m; `gradient`: of the coils' pull by height, Pa/m.
+    `across`, `along`: uniform field inside, A/m; `gradient`: of the coils' pull over the height,
+    Pa/m.
     """
     stiffness = fluid.weight + fluid.surface_tension * k**2 - gradient
     stiffness = stiffness - field_stiffness(fluid, depth, k, across, along)
@@ -100,9 +100,10 @@ def growth_rate(
 
 
 def normal_field_number(fluid: Fluid, depth: float, across: float) -> float:
-    """Largest share of weight and surface tension that a field across a layer takes from ripples.
+    """Largest share of the restoring force of ripples that a field across a layer compensates.
 
-    Above 1 the flat surface is not stable (Rosensweig). `across`: field inside, A/m.
+    Weight and surface tension restore the flat surface, which is unstable above 1 (Rosensweig).
+    `across`: field inside, A/m.
     """
     if across == 0:
         return 0.0
@@ -112,6 +113,7 @@ def normal_field_number(fluid: Fluid, depth: float, across: float) -> float:
         restoring = fluid.weight + fluid.surface_tension * k**2
         return -float(field_stiffness(fluid, depth, k, across) / restoring)
 
-    # the share rises with k and then falls, with its top within a decade of the capillary length
+    # The share increases with k and then decreases, with its maximum within a decade of the
+    # capillary length.
     found: Any = minimize_scalar(share, bounds=(-4.0, 4.0), method="bounded")
     return -float(found.fun)

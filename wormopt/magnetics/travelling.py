@@ -1,7 +1,7 @@
-"""Travelling fields: courses of the currents of a row, and the field as the wave sees it.
+"""Travelling fields: currents of a row over time, and the field in the frame of the wave.
 
-A course is a Gait with one row per coil, its ampere-turns. What travels has the phase
-xi = 2 pi (t / period - x / wavelength), as the film's wave has.
+Currents over time are a Gait with one row of ampere-turns per coil. The phase of a travelling wave
+is xi = 2 pi (t / period - x / wavelength), as for the wave of a film.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from wormopt.model.gait import Gait
 def switched_course(
     count: int, ampere_turns: float, rate: float, *, on: int = 3, every: int | None = None
 ) -> Gait:
-    """Blocks of coils that are switched on, shifted by one coil again and again.
+    """Currents of blocks of coils that are switched along a row, one coil at a time.
 
     Parameters
     ----------
     count : int
         Number of coils.
     ampere_turns : float
-        Of each coil that is on; all have the same sign.
+        Ampere-turns of each coil that is on; all have the same sign.
     rate : float
-        Switches per second; the field travels one pitch in 1 / rate.
+        Switching frequency in Hz; the field travels one pitch in 1 / rate.
     on : int, optional
-        Coils of a block.
+        Number of coils in a block.
     every : int, optional
-        The pattern repeats after so many coils; one block in the whole row if left out. A block
-        that leaves the row comes in again at its begin.
+        Number of coils after which the pattern repeats. Default: one block in the whole row. A
+        block that leaves the row enters it again at its begin.
 
     Returns
     -------
     Gait
-        ``every`` pieces, on which the currents are constant, and one row per coil.
+        ``every`` pieces with constant currents, and one row per coil.
 
     Raises
     ------
     ArgumentError
-        If a number is not positive, or a block does not fit.
+        If a value is not positive, or a block does not fit.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def switched_course(
     if not 0 < on <= every <= count:
         raise ArgumentError(f"{on} coils on of every {every} do not fit into a row of {count}")
     if not 0 < rate < math.inf or not math.isfinite(ampere_turns):
-        raise ArgumentError("rate must be above 0, ampere_turns finite")
+        raise ArgumentError("rate must be above 0, and ampere_turns finite")
     place = np.arange(count)[None, :] - np.arange(every)[:, None]
     values = np.where(place % every < on, float(ampere_turns), 0.0)
     return Gait(np.arange(every + 1) / rate, values[:, :, None])
@@ -67,14 +67,15 @@ def switched_course(
 def shifted_course(
     nodes: ArrayLike, period: float, shift: float, count: int, *, alternating: bool = False
 ) -> Gait:
-    """Give every coil the course of its neighbour, `shift` seconds later: a polyline in time.
+    """Currents in which every coil follows its neighbour `shift` seconds later: a polyline in time.
 
     `nodes` (m,): ampere-turns of coil 0 at equidistant times over one `period`, from 0 on.
-    `alternating`: currents change sign each period; the gait's doubles, that of H² does not.
+    `alternating`: currents change their sign each period; the gait's period doubles, that of H²
+    does not.
     """
     values = np.asarray(nodes, dtype=float)
     if values.ndim != 1 or not values.size or not period > 0 or not shift > 0:
-        raise ArgumentError("a course needs nodes in a row, a period and a shift above 0")
+        raise ArgumentError("nodes must be a row of values, and period and shift above 0")
     if alternating:
         values, period = np.concatenate([values, -values]), 2 * period
     own = period * np.arange(len(values)) / len(values)
@@ -91,16 +92,26 @@ def shifted_course(
 
 @dataclass(frozen=True, eq=False)
 class MovingProfile:
-    """H² over the phase of a wave, at every place it passes.
+    """H² over the phase of a wave, at every place that it passes.
 
     Parameters
     ----------
     xi : ndarray, shape (n,)
-        Phases from 0 on, equidistant, 2 pi left out.
+        Equidistant phases in rad, from 0 on, without 2 pi.
     square : ndarray, shape (places, n)
         H² in A²/m² at each place when the phase passes it.
     places : ndarray, shape (places,)
-        Where, along x in m.
+        Positions of the places along x in m.
+
+    Examples
+    --------
+    A wave 1 + cos(xi) that passes two places unchanged has no ripple:
+
+    >>> xi = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
+    >>> square = np.stack([1 + np.cos(xi), 1 + np.cos(xi)])
+    >>> profile = MovingProfile(xi, square, places=np.array([0.0, 1.0]))
+    >>> round(profile.variation, 9), profile.ripple
+    (0.707106781, 0.0)
     """
 
     xi: np.ndarray
@@ -109,17 +120,17 @@ class MovingProfile:
 
     @property
     def mean(self) -> np.ndarray:
-        """Mean H² over the places, shape (n,): the field in the frame that goes with the wave."""
+        """Mean H² over the places, shape (n,): the field in the frame of the wave."""
         return self.square.mean(axis=0)
 
     @property
     def variation(self) -> float:
-        """Root mean square of the mean less its own mean."""
+        """Root mean square of the mean H² minus its own mean."""
         return float(np.std(self.mean))
 
     @property
     def ripple(self) -> float:
-        """Root mean square of what is not travelling, over `variation`; infinite without that."""
+        """Root mean square of the part that does not travel, over `variation`."""
         left = float(np.sqrt(np.mean((self.square - self.mean) ** 2)))
         return left / self.variation if self.variation else math.inf
 
@@ -129,12 +140,12 @@ class MovingProfile:
         Parameters
         ----------
         target : array_like, shape (n,)
-            H² wanted at the phases.
+            Wanted H² in A²/m² at the phases.
 
         Returns
         -------
         float
-            1 is what a constant field of the right mean has.
+            Residual, dimensionless; a constant field with the right mean has 1.
         """
         wanted = np.asarray(target, dtype=float)
         return float(np.sqrt(np.mean((self.square - wanted) ** 2)) / np.std(wanted))
@@ -150,7 +161,7 @@ def moving_profile(
     period: float,
     phases: int = 128,
 ) -> MovingProfile:
-    """Look at H² from a frame that goes with the wave.
+    """Field of a row of coils in the frame of a travelling wave.
 
     Parameters
     ----------
@@ -159,22 +170,25 @@ def moving_profile(
     course : Gait
         Their ampere-turns over time.
     places : array_like, shape (m,)
-        Where along x, in m: those far enough from the ends of the row.
+        Positions along x in m, far enough from the ends of the row.
     z : float
-        Height of the line, in m; y is 0.
-    wavelength, period : float
-        Of the wave, in m and s; it travels forward.
+        Height of the line in m; y is 0.
+    wavelength : float
+        Wavelength of the wave in m.
+    period : float
+        Period of the wave in s; it travels forward.
     phases : int, optional
         Number of equidistant phases.
 
     Returns
     -------
     MovingProfile
+        H² over phase and place.
 
     Raises
     ------
     ArgumentError
-        If a coil lies inside the fluid, or does not carry its current.
+        If a coil lies inside the fluid, or a current exceeds its limit.
 
     Examples
     --------
@@ -198,7 +212,8 @@ def moving_profile(
 def harmonic_shares(profile: ArrayLike, count: int = 8) -> np.ndarray:
     """Shares of harmonics 1, 2, ... in the variation of a periodic profile; 0 if constant.
 
-    Squared amplitudes over their sum; `profile` (m,): equidistant on one wavelength, no end.
+    Squared amplitudes over their sum; `profile` (m,): equidistant over one wavelength, without its
+    end.
     """
     values = np.asarray(profile, dtype=float)
     power = np.abs(np.fft.rfft(values - values.mean())[1:]) ** 2

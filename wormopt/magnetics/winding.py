@@ -1,17 +1,16 @@
-"""A circular coil with a winding of rectangular cross section: its field, by formula.
+"""Field of a circular coil with a winding of rectangular cross section, by formulas.
 
-The current fills the winding evenly; there is no iron and no fluid that changes the field. A
-winding is a nest of thin solenoids: each in closed form, and Gauss's quadrature over their radii
-with as many nodes as the distance from the winding asks for. Both ends of a solenoid cancel more
-and more with the distance: expressions lose the share 1e-16 (distance / outer radius)³ of the
-field; numbers far away are those of wire loops instead.
+The current density in the winding is uniform, without iron and without the effect of a fluid. A
+winding is a set of nested thin solenoids: each has a closed form, and Gauss's quadrature over their
+radii uses as many nodes as the distance from the winding requires. The contributions of both ends
+of a solenoid cancel at large distances: expressions lose the share 1e-16 (distance / outer radius)³
+of the field; far away, numbers are those of wire loops instead.
 
-The closed forms have no special cases. Complete elliptic integrals are found by the
-arithmetic-geometric mean of the largest and the least distance to the wire. Its first step is
-written out by hand: what follows depends on the distance from the axis by its square ``q`` only,
-so that values and derivatives are regular on the axis. The number of steps is fixed. These
-functions take numbers, arrays or CasADi expressions, use nothing but arithmetic and comparisons,
-and check nothing.
+The closed forms have no special cases. Complete elliptic integrals use the arithmetic-geometric
+mean of the largest and the least distance to the wire. Its first step is explicit: the rest depends
+on the distance from the axis only by its square ``q``, so values and derivatives are regular on the
+axis. The number of steps is fixed. These functions take numbers, arrays or CasADi expressions
+without checks, and use only arithmetic and comparisons.
 
 Sources: N. Derby and S. Olbert, Cylindrical magnets and ideal solenoids, Am. J. Phys. 78 (2010)
 229; DLMF 19.8 for the means; F. Paxton, Rev. Sci. Instrum. 30 (1959) 254 for the solid angle.
@@ -34,14 +33,15 @@ if TYPE_CHECKING:
 
     Expression = ca.SX | np.ndarray | float
 
-# The most nodes: enough as near to the winding as a tenth of its depth.
+# Largest number of nodes: sufficient down to a tenth of the winding's depth.
 _MOST = 150
-# Points times nodes taken at a time: their intermediate values fit into the cache.
+# Points times nodes in a block: their intermediate values fit into the cache.
 _CHUNK = 4096
-# Beyond so many sizes of the coil both ends of a sheet all but cancel: loops are summed there, so
-# many along the coil and over its depth, and off by (1 / 20)^(2 nodes) or less.
+# Beyond this many sizes of the coil, the contributions of both ends of a sheet nearly cancel. Loops
+# are summed there, this many along the coil and over its depth, with an error of (1 / 20)^(2 nodes)
+# or less.
 _FAR, _LOOPS = 10.0, (6, 5)
-# Steps of the mean after the first: enough for distances from the wire of 1e-7 of its radius.
+# Steps of the mean after the first: sufficient for distances from the wire of 1e-7 of its radius.
 _STEPS = 6
 
 
@@ -51,12 +51,14 @@ class Coil:
 
     Parameters
     ----------
-    inner, outer : float
-        Radii between which the winding lies, in m.
+    inner : float
+        Inner radius of the winding in m.
+    outer : float
+        Outer radius of the winding in m.
     length : float
-        Length of the winding along the axis, in m.
+        Length of the winding along the axis in m.
     ampere_turns : float, optional
-        Largest ampere-turns that the coil carries, either way; no limit if left out.
+        Largest ampere-turns of the coil, of either sign. Default: no limit.
 
     Raises
     ------
@@ -82,8 +84,8 @@ class Coil:
                 raise ArgumentError(f"coil: {name} must be above 0, not {getattr(self, name):g}")
         if not self.inner < self.outer < math.inf or not self.length < math.inf:
             raise ArgumentError(
-                f"coil: the winding lies between inner = {self.inner:g} and outer = "
-                f"{self.outer:g}; write inner below outer, and finite sizes"
+                f"coil: inner = {self.inner:g} must be below outer = {self.outer:g}, and all sizes "
+                "finite"
             )
 
     def clearance(self, q: ArrayLike, s: ArrayLike) -> np.ndarray:
@@ -97,40 +99,40 @@ class Coil:
         Returns
         -------
         ndarray
-            In m; 0 in the winding and on it.
+            Distance in m; 0 in the winding and on it.
         """
         rho = np.sqrt(np.asarray(q, dtype=float))
         beside = np.maximum(np.maximum(self.inner - rho, rho - self.outer), 0)
         return np.hypot(beside, np.maximum(np.abs(s) - self.length / 2, 0))
 
     def nodes(self, clearance: float, digits: float = 14.0) -> int:
-        """Number of nodes over the radius for points at least so far from the winding.
+        """Number of quadrature nodes over the radius for points at a distance from the winding.
 
         Parameters
         ----------
         clearance : float
-            Least distance from the winding, in m.
+            Least distance from the winding in m.
         digits : float, optional
-            The quadrature is off by exp(-2 digits) of the field.
+            The quadrature has a relative error of exp(-2 digits).
 
         Returns
         -------
         int
             From 4 to 150.
         """
-        # the integrand is analytic in an ellipse about the radii that reaches to the nearest point
+        # the integrand is analytic in an ellipse about the radii that extends to the nearest point
         reach = math.asinh(2 * clearance / (self.outer - self.inner))
         return min(_MOST, 2 + math.ceil(max(digits / reach, 2.0))) if reach else _MOST
 
     def expression(self, q: Any, s: Any, nodes: int) -> tuple[Any, Any]:
-        """Field per ampere-turn at points off the winding, for numbers, arrays and expressions.
+        """Field per ampere-turn at points outside the winding, for numbers, arrays and expressions.
 
         Parameters
         ----------
         q : float, ndarray or casadi.SX
-            Square of the distance from the axis, in m².
+            Squared distance from the axis in m².
         s : float, ndarray or casadi.SX
-            Distance from the middle along the axis, in m.
+            Distance from the middle along the axis in m.
         nodes : int
             Nodes over the radius, see `nodes`.
 
@@ -143,7 +145,7 @@ class Coil:
 
         Examples
         --------
-        Derivatives are exact, on the axis too: there the field is largest in the middle.
+        Derivatives are exact, also on the axis, where the field is largest in the middle:
 
         >>> import casadi as ca
         >>> s = ca.SX.sym("s")
@@ -169,19 +171,19 @@ class Coil:
         return axial / self.length, radial / self.length
 
     def field(self, q: ArrayLike, s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Field per ampere-turn at points off the winding.
+        """Field per ampere-turn at points outside the winding.
 
         Parameters
         ----------
         q : array_like, shape (m,)
-            Squares of the distances from the axis, in m².
+            Squared distances from the axis in m².
         s : array_like, shape (m,)
-            Distances from the middle along the axis, in m.
+            Distances from the middle along the axis in m.
 
         Returns
         -------
         axial, radial : ndarray, shape (m,)
-            As for `expression`.
+            As for `expression`, in 1/m and 1/m².
 
         Raises
         ------
@@ -197,7 +199,7 @@ class Coil:
         size = _CHUNK // math.prod(_LOOPS)
         for part in (far[start : start + size] for start in range(0, len(far), size)):
             found.reshape(2, -1)[:, part] = self._loops(q.flat[part], s.flat[part])
-        # near points ask for many nodes; far ones need not have them too
+        # Close points need many nodes; far points use fewer.
         needed = np.array([self.nodes(float(d)) for d in clearance.flat]).reshape(q.shape)
         needed.flat[far] = 0
         for low, high in ((0, 6), (6, 12), (12, 30), (30, 80), (80, _MOST)):
@@ -239,10 +241,10 @@ def loop_field(radius: Expression, q: Expression, s: Expression) -> tuple[Any, A
 
 
 def sheet_field(radius: Expression, half: Expression, q: Expression, s: Expression) -> Any:
-    """Field of a thin solenoid with one ampere per metre, less what is uniform inside.
+    """Field of a thin solenoid with one ampere per metre, without the uniform field inside.
 
-    Axial, and radial / distance (1/m); `q`, `s` as for `loop_field`, `s` from the middle.
-    Add 1 to axial where |s| < half, q < radius²; without it, smooth beyond the ends.
+    Axial, and radial / distance (1/m); `q`, `s` as for `loop_field`, `s` from the middle. Add 1 to
+    axial where |s| < half, q < radius²; without it, the field is smooth beyond the ends.
     """
     axial, radial = 0.0, 0.0
     for end, sign in ((s + half, -1), (s - half, 1)):
@@ -257,13 +259,13 @@ def _end(a2: Any, q: Any, z: Any) -> tuple[Any, Any]:
     """Cover and potential of one end, at the distance z >= 0 beyond it.
 
     The cover is the field along the axis beyond the end of a half-infinite solenoid: the solid
-    angle of its disc over 4 pi. It is an integral of the third kind, of the characteristic that
+    angle of its disc over 4 pi. It is an elliptic integral of the third kind, in the form that
     stays regular where q passes a2. The potential is that of the loop, over the distance from the
     axis.
     """
     _, P, means, sigma = _means(a2, q, z)
     M = means[-1][0]
-    # e is z times the third variable of the mean, so that z = 0 is no special case
+    # e is z times the third variable of the mean, so z = 0 is no special case
     e = (z * z + P) / 2
     ratio = z / e
     total, weight = ratio, (1 - z * ratio) / 2
@@ -274,16 +276,16 @@ def _end(a2: Any, q: Any, z: Any) -> tuple[Any, Any]:
         total = total + weight * ratio
         weight = weight * (1 - z * ratio) / 2
         e = square / (2 * e)
-    # what infinitely many steps more would add, now that both means are M
+    # contribution of infinitely many further steps, now that both means are M
     total = total + weight * 2 * M / (e + M * z)
     return 0.25 - (2 * z - (a2 - q) * total) / (8 * M), sigma / (4 * M)
 
 
 def _means(a2: Any, q: Any, s: Any) -> tuple[Any, Any, list[tuple[Any, Any]], Any]:
-    """Squares summed, product of the largest and least distance, the means, and their defect.
+    """Sum of squares, product of the largest and least distance, the means, and their defect.
 
     The defect is the sum of 2^(n-1) c_n² / q over n >= 1, with c_n the half differences, here by
-    c_{n+1} = c_n² / (4 a_{n+1}), which cancels nothing.
+    c_{n+1} = c_n² / (4 a_{n+1}) without cancellation.
     """
     A = a2 + q + s * s
     P = ((a2 - q) * (a2 - q) + s * s * (2 * (a2 + q) + s * s)) ** 0.5

@@ -27,6 +27,15 @@ class Law(Protocol):
     A law is told once and read in two ways: ``smooth`` is the regularised force, ``slip_force``
     and ``stick_interval`` are the set-valued law itself. Each is the limit of the other as
     ``v_reg`` tends to 0.
+
+    Examples
+    --------
+    Coulomb friction that resists with 1 forward and with 2 backward:
+
+    >>> import wormopt as wo
+    >>> law = wo.Coulomb(1.0, 2.0)
+    >>> isinstance(law, Law), law.directions, law.stick_interval, law.slip_force(0.5, 1)
+    (True, (1, -1), (-1.0, 2.0), -1.0)
     """
 
     @property

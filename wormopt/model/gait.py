@@ -14,6 +14,7 @@ import numpy as np
 from wormopt.errors import ArgumentError
 from wormopt.model.values import numbers
 from wormopt.quantities import unit_of
+from wormopt.shown import Part, html
 
 _ARRAYS = ("breaks", "polynomial", "omega", "cosine", "sine")
 # Columns of a table: what is derived from lengths so many times.
@@ -82,6 +83,12 @@ class Gait:
 
     def __repr__(self) -> str:
         return f"Gait: period {self.period:.6g}, links {self.links}, pieces {self.pieces}"
+
+    def _repr_html_(self) -> str:
+        length = self(np.linspace(0.0, self.period, 257))
+        rows = [("link", "shortest", "longest")]
+        rows += [(str(j), f"{row.min():.6g}", f"{row.max():.6g}") for j, row in enumerate(length)]
+        return html(repr(self), [Part("Lengths, at 257 instants", rows)])
 
     @property
     def period(self) -> float:

@@ -190,6 +190,14 @@ class Output:
     ------
     ArgumentError
         If the expression is no casadi.SX or the unit is unknown.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> v = ca.SX.sym("v")
+    >>> block = Model("block", [Signal("velocity", v)], -v, outputs=[Output("energy", v**2 / 2)])
+    >>> block.outputs[0].name
+    'energy'
     """
 
     name: str
@@ -234,6 +242,15 @@ class Contact:
     ArgumentError
         If there is no law, velocity, force or walls do not fit it or are no casadi.SX, or a
         nominal size is not positive.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> v, force = ca.SX.sym("v"), ca.SX.sym("force")
+    >>> sole = Contact("sole", v, force, wo.Coulomb(1.0, 2.0))
+    >>> sole.planar, sole.law.stick_interval
+    (False, (-1.0, 2.0))
     """
 
     name: str
@@ -299,6 +316,20 @@ class Switch:
     ------
     ArgumentError
         If the guard is no scalar, or guard or reset are no casadi.SX.
+
+    Examples
+    --------
+    A ball that bounces: its velocity turns round when its height falls through 0.
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> y, v = ca.SX.sym("y"), ca.SX.sym("v")
+    >>> states = [wo.Signal("height", y, value=0.5), wo.Signal("velocity", v, value=0.0)]
+    >>> bounce = wo.Switch("bounce", guard=-y, reset=ca.vertcat(0, -v))
+    >>> ball = wo.Model("ball", states, ca.vertcat(v, -1), switches=[bounce])
+    >>> motion = wo.simulate(ball, 2.0)
+    >>> motion.end.round(9), [round(event.time, 9) for event in motion.events]
+    (array([0.5, 0. ]), [1.0])
     """
 
     name: str

@@ -24,6 +24,16 @@ class PlanarLaw(Protocol):
 
     `slip_force` with `gauge` is the set-valued law, `smooth` the regularised one; each is the
     limit of the other as ``v_reg`` tends to 0.
+
+    Examples
+    --------
+    Ground that resists forward motion with 1, backward motion with 2 and sideways motion with 3:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> law = wo.Elliptic(1.0, 2.0, 3.0)
+    >>> isinstance(law, PlanarLaw), law.slip_force(ca.SX([0.5, 0.0]))
+    (True, SX([-1, 0]))
     """
 
     associated: bool

@@ -58,6 +58,14 @@ class FixedModes:
         The phases; `Transcription.bounds` can be given others.
     active : tuple of tuple of int, optional
         Per phase and input: -1 holds it at its lower limit, +1 at its upper one, 0 leaves it free.
+
+    Examples
+    --------
+    A contact that slides forward, then sticks:
+
+    >>> import wormopt as wo
+    >>> FixedModes(wo.ModeSequence(((1,), (0,)))).modes.phases
+    ((1,), (0,))
     """
 
     modes: ModeSequence | None = None

@@ -51,6 +51,16 @@ class Guess:
     ArgumentError
         If the duration is not positive and finite, a curve is no function, or phases are no
         durations.
+
+    Examples
+    --------
+    From 0 to 1 in 2 s at a constant velocity:
+
+    >>> import numpy as np
+    >>> guess = Guess(2.0, lambda t: np.vstack([t / 2, 0 * t + 0.5]))
+    >>> guess.states(np.array([0.0, 1.0, 2.0]))
+    array([[0. , 0.5, 1. ],
+           [0.5, 0.5, 0.5]])
     """
 
     duration: float
@@ -154,6 +164,34 @@ class Motion(SampledMotion):
         Values of the model's schedules, per arc.
     p : ndarray, shape (n_p,)
         Parameters of the model.
+
+    Examples
+    --------
+    A block that resists with 1 forward and 2 backward, pushed with at most 3, slides a unit way
+    from rest to rest in sqrt(3/2) at least:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> block = wo.Model(
+    ...     "block",
+    ...     x=[wo.Signal("position", x), wo.Signal("velocity", v)],
+    ...     ode=ca.vertcat(v, u + f),
+    ...     u=[wo.Signal("drive", u, lower=-3.0, upper=3.0)],
+    ...     contacts=[wo.Contact("sole", v, f, wo.Coulomb(1.0, 2.0))],
+    ... )
+    >>> ends = wo.Ends.of(block)
+    >>> start = wo.Constraint("start", ends.start, 0, 0)
+    >>> rest = wo.Constraint("end", ends.end, [1, 0], [1, 0])
+    >>> time = ends.duration
+    >>> problem = wo.Problem(block, ends, time, (0.1, 10.0), boundary_constraints=[start, rest])
+    >>> guess = wo.Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    >>> mesh = wo.Mesh.even(2, 1, wo.Collocation(2))
+    >>> slides = wo.FixedModes(wo.ModeSequence(((1,), (1,))))
+    >>> found = wo.optimise(problem, mesh, slides, guess)
+    >>> motion = found.motion
+    >>> round(motion.duration**2, 9), motion.states(np.array([0.0, motion.duration]))[0].round(9)
+    (1.5, array([0., 1.]))
     """
 
     program: Transcription

@@ -74,6 +74,33 @@ class Optimum:
         Seconds to build the program and its derivatives.
     bounds : Bounds
         Bounds and parameters of the last solve.
+
+    Examples
+    --------
+    A block that resists with 1 forward and 2 backward, pushed with at most 3, slides a unit way
+    from rest to rest in sqrt(3/2) at least:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> block = wo.Model(
+    ...     "block",
+    ...     x=[wo.Signal("position", x), wo.Signal("velocity", v)],
+    ...     ode=ca.vertcat(v, u + f),
+    ...     u=[wo.Signal("drive", u, lower=-3.0, upper=3.0)],
+    ...     contacts=[wo.Contact("sole", v, f, wo.Coulomb(1.0, 2.0))],
+    ... )
+    >>> ends = wo.Ends.of(block)
+    >>> start = wo.Constraint("start", ends.start, 0, 0)
+    >>> rest = wo.Constraint("end", ends.end, [1, 0], [1, 0])
+    >>> time = ends.duration
+    >>> problem = wo.Problem(block, ends, time, (0.1, 10.0), boundary_constraints=[start, rest])
+    >>> guess = wo.Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    >>> mesh = wo.Mesh.even(2, 1, wo.Collocation(2))
+    >>> slides = wo.FixedModes(wo.ModeSequence(((1,), (1,))))
+    >>> found = wo.optimise(problem, mesh, slides, guess)
+    >>> round(found.objective**2, 9), found.solution.success
+    (1.5, True)
     """
 
     motion: Motion
@@ -381,6 +408,33 @@ def refine(
     ------
     SolveError
         If a finer mesh is not solved.
+
+    Examples
+    --------
+    A block that resists with 1 forward and 2 backward, pushed with at most 3, slides a unit way
+    from rest to rest in sqrt(3/2) at least:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> block = wo.Model(
+    ...     "block",
+    ...     x=[wo.Signal("position", x), wo.Signal("velocity", v)],
+    ...     ode=ca.vertcat(v, u + f),
+    ...     u=[wo.Signal("drive", u, lower=-3.0, upper=3.0)],
+    ...     contacts=[wo.Contact("sole", v, f, wo.Coulomb(1.0, 2.0))],
+    ... )
+    >>> ends = wo.Ends.of(block)
+    >>> start = wo.Constraint("start", ends.start, 0, 0)
+    >>> rest = wo.Constraint("end", ends.end, [1, 0], [1, 0])
+    >>> time = ends.duration
+    >>> problem = wo.Problem(block, ends, time, (0.1, 10.0), boundary_constraints=[start, rest])
+    >>> guess = wo.Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    >>> mesh = wo.Mesh.even(1, 20, wo.Collocation(2, "radau"))
+    >>> relaxed = wo.optimise(problem, mesh, wo.Complementarity(1e-3), guess)
+    >>> finer = wo.refine(relaxed, 1e-7)
+    >>> bool(finer.defects.max() < 1e-7), finer.motion.mesh.total > mesh.total
+    (True, True)
     """
     p = optimum.motion.parameters if p is None else p
     worst = list[float]()
@@ -456,6 +510,34 @@ def optimise_multistart(
     ------
     SolveError
         If every start failed: the last one's.
+
+    Examples
+    --------
+    A block that resists with 1 forward and 2 backward, pushed with at most 3, slides a unit way
+    from rest to rest in sqrt(3/2) at least:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> block = wo.Model(
+    ...     "block",
+    ...     x=[wo.Signal("position", x), wo.Signal("velocity", v)],
+    ...     ode=ca.vertcat(v, u + f),
+    ...     u=[wo.Signal("drive", u, lower=-3.0, upper=3.0)],
+    ...     contacts=[wo.Contact("sole", v, f, wo.Coulomb(1.0, 2.0))],
+    ... )
+    >>> ends = wo.Ends.of(block)
+    >>> start = wo.Constraint("start", ends.start, 0, 0)
+    >>> rest = wo.Constraint("end", ends.end, [1, 0], [1, 0])
+    >>> time = ends.duration
+    >>> problem = wo.Problem(block, ends, time, (0.1, 10.0), boundary_constraints=[start, rest])
+    >>> guess = wo.Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    >>> mesh = wo.Mesh.even(2, 1, wo.Collocation(2))
+    >>> slides = wo.FixedModes(wo.ModeSequence(((1,), (1,))))
+    >>> slow = wo.Guess(3.0, lambda t: np.vstack([t / 3, 0 * t + 0.3]))
+    >>> best, objectives = wo.optimise_multistart(problem, mesh, slides, [guess, slow])
+    >>> round(best.objective**2, 9), len(objectives)
+    (1.5, 2)
     """
     best, objectives, error = None, [], None
     for k, guess in enumerate(guesses):

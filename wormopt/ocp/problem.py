@@ -111,6 +111,18 @@ class Ends:
         Duration of the motion, scalar.
     integrals : casadi.SX, shape (n_integrals, 1)
         Integrals of the problem's integrands over the motion.
+
+    Examples
+    --------
+    The symbols of a problem whose model has one state, with one integral:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> v, u = ca.SX.sym("v"), ca.SX.sym("u")
+    >>> cart = wo.Model("cart", [wo.Signal("velocity", v)], u, u=[wo.Signal("force", u)])
+    >>> ends = wo.Ends.of(cart, 1)
+    >>> ends.start.shape, ends.duration.shape, ends.integrals.shape
+    ((1, 1), (1, 1), (1, 1))
     """
 
     start: ca.SX

@@ -64,6 +64,32 @@ def optimise_switching_times(
     ------
     SolveError
         If no reading leads to a motion near the relaxed one.
+
+    Examples
+    --------
+    A block that resists with 1 forward and 2 backward, pushed with at most 3, slides a unit way
+    from rest to rest in sqrt(3/2) at least:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, u, f = (ca.SX.sym(name) for name in "xvuf")
+    >>> block = wo.Model(
+    ...     "block",
+    ...     x=[wo.Signal("position", x), wo.Signal("velocity", v)],
+    ...     ode=ca.vertcat(v, u + f),
+    ...     u=[wo.Signal("drive", u, lower=-3.0, upper=3.0)],
+    ...     contacts=[wo.Contact("sole", v, f, wo.Coulomb(1.0, 2.0))],
+    ... )
+    >>> ends = wo.Ends.of(block)
+    >>> start = wo.Constraint("start", ends.start, 0, 0)
+    >>> rest = wo.Constraint("end", ends.end, [1, 0], [1, 0])
+    >>> time = ends.duration
+    >>> problem = wo.Problem(block, ends, time, (0.1, 10.0), boundary_constraints=[start, rest])
+    >>> guess = wo.Guess(1.5, lambda t: np.vstack([t / 1.5, 0 * t + 0.7]))
+    >>> mesh = wo.Mesh.even(1, 20, wo.Collocation(2, "radau"))
+    >>> relaxed = wo.optimise(problem, mesh, wo.Complementarity(1e-3), guess)
+    >>> round(wo.optimise_switching_times(relaxed).objective**2, 9)
+    1.5
     """
     collocation = collocation or Collocation(5)
     solver = solver or Ipopt(tolerance=1e-10, mu_init=1e-4, iterations=150)

@@ -74,6 +74,18 @@ class Ensemble:
     codes : tuple of str
         Empty for a member that came to its end, else why it did not, as in `SolveError.code`;
         "interrupted" if the user stopped it, "given_up" where the first had spent all their steps.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, rate = ca.SX.sym("x"), ca.SX.sym("rate")
+    >>> states, numbers = [wo.Signal("x", x, value=1.0)], [wo.Signal("rate", rate)]
+    >>> decay = wo.Model("decay", states, -rate * x, p=numbers)
+    >>> members = [wo.Scenario(p={"rate": value}) for value in (0.0, np.log(2.0))]
+    >>> found = wo.simulate_ensemble(decay, 1.0, members)
+    >>> found.end.round(9), found.codes
+    (array([[1. ], [0.5]]), ('', ''))
     """
 
     time: np.ndarray

@@ -72,6 +72,20 @@ class MoreauJean:
     ------
     ArgumentError
         If the model is not of this form.
+
+    Examples
+    --------
+    A block of weight 1 falls from 0.5 to the floor, which then presses back with 1:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> y, v, force, N = (ca.SX.sym(name) for name in ("y", "v", "force", "N"))
+    >>> floor = wo.Contact("floor", ca.SX(0), force, wo.Coulomb(N, N), gap=y, normal_force=N)
+    >>> states = [wo.Signal("height", y, value=0.5), wo.Signal("speed", v, value=0.0)]
+    >>> block = wo.Model("block", states, ca.vertcat(v, N - 1), contacts=[floor])
+    >>> motion = MoreauJean(block).march(2.0, step=1e-3)
+    >>> bool(abs(motion.states[0, -1]) < 1e-3), float(motion.pressed[0, -1].round(9))
+    (True, 1.0)
     """
 
     model: Model

@@ -50,6 +50,19 @@ class PeriodicOrbit:
         State at which it begins.
     period_derivative : ndarray, shape (k,)
         Of the period along the directions of ``motion``.
+
+    Examples
+    --------
+    x'' + x' / 5 + x = cos t has the periodic solution 5 sin t:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> t, x, v = (ca.SX.sym(name) for name in "txv")
+    >>> ode = ca.vertcat(v, ca.cos(t) - v / 5 - x)
+    >>> swing = wo.Model("swing", [wo.Signal("place", x), wo.Signal("rate", v)], ode, t=t)
+    >>> orbit = wo.periodic_orbit(swing, 2 * np.pi)
+    >>> orbit.start.round(6) + 0.0, orbit.stable
+    (array([0., 5.]), True)
     """
 
     motion: Trajectory

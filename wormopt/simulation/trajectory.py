@@ -151,6 +151,20 @@ class Trajectory(SampledMotion):
         Where derivatives do not exist, or hold on one side only.
     notes : tuple of str
         What may have been missed.
+
+    Examples
+    --------
+    A block thrown at speed 1 over ground that resists with 1 comes to rest at t = 1 after 0.5:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, f = (ca.SX.sym(name) for name in "xvf")
+    >>> states = [wo.Signal("position", x, value=0.0), wo.Signal("velocity", v, value=1.0)]
+    >>> ground = wo.Contact("block", v, f, wo.Coulomb(1.0, 2.0))
+    >>> block = wo.Model("block", states, ca.vertcat(v, f), contacts=[ground])
+    >>> motion = wo.simulate(block, 3.0, times=[0.5, 2.0])
+    >>> motion["position"].round(9), motion.events[0].kind
+    (array([[0.375, 0.5  ]]), 'stick')
     """
 
     system: System

@@ -37,6 +37,21 @@ class Gradient:
     nonsmooth_events : tuple of NonsmoothEvent
         Events at which derivatives do not exist or hold on one side only; the gradient is then
         that of the branch that was followed.
+
+    Examples
+    --------
+    A block of mass 1 thrown with v = 1 over ground that resists with f = 1 comes to rest after
+    v^2 / (2 f), whose derivative with respect to v is 1:
+
+    >>> import casadi as ca
+    >>> import wormopt as wo
+    >>> x, v, f = (ca.SX.sym(name) for name in "xvf")
+    >>> states = [wo.Signal("position", x, value=0.0), wo.Signal("velocity", v, value=1.0)]
+    >>> ground = wo.Contact("block", v, f, wo.Coulomb(1.0, 2.0))
+    >>> block = wo.Model("block", states, ca.vertcat(v, f), contacts=[ground])
+    >>> found = wo.gradient(wo.simulate(block, 3.0, dense=True), {"position": [1.0]})
+    >>> found.x0["velocity"].round(12), found.nonsmooth_events
+    (array([1.]), ())
     """
 
     x0: dict[str, np.ndarray]

@@ -1,1 +1,1 @@
-"""A block on dry ground."""
+"""A block on dry ground, moved by a bounded force."""

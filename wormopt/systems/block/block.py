@@ -1,4 +1,4 @@
-"""A block on the ground, driven by a bounded force, and its best way somewhere."""
+"""Model of a block on the ground, driven by a bounded force, and its optimal motion."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from wormopt.scene.numerics import SmoothContact
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain import law_of
 
-# No motion takes longer than so many times a plain one, see `_plain_time`.
+# Upper limit of the duration, in multiples of a simple motion, see `_plain_time`.
 _LONGEST = 10.0
-# Shares of usual sizes that are none, and how exact the fastest slide is; a block that gets
-# nowhere in so many plain times never does; how often braking is looked at.
+# Shares of usual sizes that count as zero, and the accuracy of the fastest slide; multiple of the
+# simple duration after which a block counts as stuck; number of checks for braking.
 _SMALL, _EXACT, _FOR_EVER, _LOOKS = 1e-12, 1e-10, 1e12, 9
 
 
@@ -38,10 +38,10 @@ def block(
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
 ) -> Model:
-    """Build x' = v, m v' = u + friction, |u| <= force, with one contact.
+    """Build the model x' = v, m v' = u + friction, |u| <= force, with one contact.
 
-    States ``position``, ``velocity``; input ``force``; output ``energy``; parameters ``mass``
-    and the law's. Solvers scale by `*_nominal`. ArgumentError if mass or force is not positive.
+    States ``position``, ``velocity``; input ``force``; output ``energy``; parameters ``mass`` and
+    those of the law. Solvers scale by `*_nominal`. ArgumentError if mass or force is not positive.
     """
     if not (mass > 0 and force > 0):
         raise ArgumentError(f"mass and force must be positive, not {mass:g} and {force:g}")
@@ -64,7 +64,7 @@ def block(
 
 
 def problem_of(table: SlideScene) -> Problem:
-    """What to optimise; names of bounds are keys of the scene."""
+    """Optimal-control problem of the block; names of bounds are keys of the scene."""
     known = phases_of(table)
     slow = _plain_time(table) if known is None else known.guess.duration
     model = _model(table, slow)
@@ -82,7 +82,7 @@ def problem_of(table: SlideScene) -> Problem:
     if table.time is not None:
         at_ends.append(Constraint("time", ends.duration, upper=table.time, nominal=table.time))
         longest = max(longest, 2 * table.time)
-    # integrals are variables of the program: of the size of 1
+    # Integrals are variables of the program, so they are scaled to the size of 1.
     size = model.u[0].nominal ** 2 * slow if effort else slow
     return Problem(
         model,
@@ -108,7 +108,7 @@ def _model(table: SlideScene, slow: float) -> Model:
 
 
 def _plain_time(table: SlideScene) -> float:
-    """Time of a plain way: stop, go from rest to rest, gather speed; none is much slower."""
+    """Duration of a simple motion: stop, go from rest to rest, accelerate; none is much slower."""
     weakest = _least_net_force(law_of(table.block.friction), table.block.force)
     a, b = weakest / table.block.mass, table.block.force / table.block.mass
     v0, v1 = table.start.velocity, table.end.velocity
@@ -117,13 +117,13 @@ def _plain_time(table: SlideScene) -> float:
 
 
 def _least_net_force(law: Law, force: float) -> float:
-    """Least of what is left of the drive against friction, of the directions where any is."""
+    """Least positive difference between drive and friction over both directions."""
     left = (force - abs(float(law.slip_force(0.0, d))) for d in law.directions)
     return min((net for net in left if net > 0), default=force)
 
 
 def cubic_guess(table: SlideScene) -> Guess:
-    """Cubic from one place and velocity to the other."""
+    """Cubic from one position and velocity to another."""
     duration = _plain_time(table) if table.time is None else table.time
     start, end = table.start, table.end
     way = end.position - start.position
@@ -137,7 +137,7 @@ def cubic_guess(table: SlideScene) -> Guess:
 
 @dataclass(frozen=True, eq=False)
 class Phases:
-    """Phases of the best slide, and the fastest one, to start from."""
+    """Phases of the best slide, and the fastest slide as a first guess."""
 
     modes: ModeSequence
     active: tuple[tuple[int, ...], ...]  # limits at which the drive is held, see `FixedModes`
@@ -149,14 +149,14 @@ def phases_of(table: SlideScene) -> Phases | None:
     """Phases of the best slide, by Pontryagin's principle; None if there is none of this kind.
 
     The costate of the velocity in x'' = (u + f(v))/m changes its sign at most once. The drive of
-    the fastest slide is at one limit and then at the other; that of least effort leaves one limit
-    once, and the block may rest where its speed is 0.
+    the fastest slide is first at one limit and then at the other. The drive of least effort leaves
+    one limit once, and the block may rest where its speed is 0.
     """
     return next(filter(None, (_phases(table, way) for way in (1, -1))), None)
 
 
 def _phases(table: SlideScene, way: int) -> Phases | None:
-    """Phases of a slide that is driven towards `way` first; None if that leads elsewhere."""
+    """Phases of a slide that is first driven towards `way`; None if it ends elsewhere."""
     slide = _Slide(table, way)
     legs = slide.legs()
     if not legs:
@@ -168,7 +168,8 @@ def _phases(table: SlideScene, way: int) -> Phases | None:
             legs, lambda leg: (leg.side, leg.side if smooth else leg.mode)
         )
     ]
-    if least:  # it is at its limit where it gathers speed ahead; before and after that it may rest
+    if least:  # The drive is at its limit where it accelerates forward; before and after that it
+        # may rest.
         steps = [(mode, int(side == mode == 1), t) for mode, side, t in steps]
         ahead = [k for k, (mode, *_) in enumerate(steps) if mode > 0]
         for k, v in ((ahead[-1] + 1, slide.last), (ahead[0], slide.first)) if ahead else ():
@@ -206,7 +207,7 @@ def _phases(table: SlideScene, way: int) -> Phases | None:
 
 
 class _Leg(NamedTuple):
-    """Part of a slide in which neither drive nor direction changes; both are -1 or 1."""
+    """Part of a slide with constant drive and direction; both are -1 or 1."""
 
     side: int
     mode: int
@@ -215,9 +216,9 @@ class _Leg(NamedTuple):
 
 
 class _Slide:
-    """The slide with the drive at its limit towards `way` first, and then at the other.
+    """The slide with the drive at its limit towards `way` first, then at the other limit.
 
-    Places and velocities point towards `way`; the place is 0 at the start.
+    Positions and velocities are positive towards `way`; the position is 0 at the start.
     """
 
     def __init__(self, table: SlideScene, way: int) -> None:
@@ -238,12 +239,12 @@ class _Slide:
         return way * float(law.slip_force(way * v, way * mode))
 
     def net(self, v: float, side: int, mode: int) -> float:
-        """Force that changes the velocity."""
+        """Total force, which changes the velocity."""
         return side * self.drive + self.ground(v, mode)
 
     def legs(self) -> list[_Leg]:
-        """Legs of the slide; none if it leads elsewhere."""
-        least = max(self.last, 0.0)  # below it the velocity must not fall before the drive turns
+        """Legs of the slide; none if it ends elsewhere."""
+        least = max(self.last, 0.0)  # the velocity must not fall below it before the drive reverses
         legs, y = list[_Leg](), np.array([0.0, self.first, 0.0])
         for target in (*sorted(u for u in {0.0, self.last} if u > self.first), math.inf):
             v, may_turn = float(y[1]), y[1] >= self.last
@@ -277,9 +278,10 @@ class _Slide:
         *,
         may_turn: bool = False,
     ) -> tuple[_Leg, np.ndarray, str]:
-        """Go on to a velocity, or to where the drive turns; and which of them it came to.
+        """Integrate to a velocity, or to where the drive reverses; report which comes first.
 
-        `y`: place, velocity, and the way from this velocity to the last one once the drive turns.
+        `y`: position, velocity, and the distance from this velocity to the last one after the
+        reversal.
         """
         from scipy.integrate import solve_ivp
 
@@ -322,7 +324,7 @@ class _Slide:
         return leg, end, came[-1] if came else "stays"
 
     def _way_back(self, v: float) -> float:
-        """Way from a velocity to the last one, the drive turned; infinite if it stops before."""
+        """Distance from a velocity to the last after the reversal; infinite if it stops before."""
         from scipy.integrate import quad
 
         way, last = 0.0, self.last

@@ -1,4 +1,4 @@
-"""Scenes of kind ``slide``: a block on the ground goes somewhere in the best way."""
+"""Run scenes of kind ``slide``: the optimal motion of a block on the ground."""
 
 from __future__ import annotations
 
@@ -37,26 +37,26 @@ from wormopt.systems.shared.optimum import (
 from wormopt.systems.shared.proof import warnings_of_contact
 from wormopt.systems.shared.settings import treatment_of
 
-# Of a solve that only has to show the phases.
+# Settings of a solve that only has to show the phases.
 _RELAXED = Complementarity(residual=1e-3, first=1e-1)
-# If less of the drive than this share is left to gather speed, relaxed contact hides the phases:
-# it lets friction be smaller by a thousandth of the drive and more.
+# If less of the drive than this share accelerates the block, relaxed contact hides the phases: it
+# allows friction to be smaller by a thousandth of the drive and more.
 _RELAXED_BELOW = 0.05
-# Share of an objective that is no gain.
+# A smaller share of the objective is no improvement.
 _SAME = 1e-9
-# First width of the smooth law, in usual speeds, and how often the mesh is refined.
+# First width of the smooth law, in usual speeds, and number of mesh refinements.
 _WIDE, _ROUNDS = 0.1, 8
-# A simulation may end elsewhere by so many defects of a single arc.
+# Accepted end error of a simulation, in defects of a single arc.
 _DEFECTS = 1e2
-# Keys of the scene, by what an optimiser calls them.
+# Keys of the scene by the optimiser's names.
 _KEYS = {"force": "block.force", "arcs": "mesh.arcs"}
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[SlideScene], report: Report) -> Result:
-    """Find the best way of a block; "failed" where a simulation of the inputs ends elsewhere.
+    """Find the best motion of a block; "failed" where a simulation of the inputs ends elsewhere.
 
-    Raises SolveError if there is no such way, or it is not found.
+    Raises SolveError if no such motion exists, or none is found.
     """
     table, begin = scene.table, time.perf_counter()
     try:
@@ -94,7 +94,7 @@ def _signals(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def _rounding(motion: Motion) -> float:
-    """How far states move, in usual sizes, while the time of the motion rounds."""
+    """Effect of rounding the duration of the motion on the states, in usual sizes."""
     arc = motion.program.arc
     rates = np.abs(motion.observe(arc.lawful_ode, motion.time)).max(axis=1) / arc.x_nominal
     return 4 * np.finfo(float).eps * motion.duration * float(rates.max())
@@ -129,7 +129,7 @@ def _solve(table: SlideScene, report: Report) -> dict[str, Optimum]:
 def _better(
     table: SlideScene, problem: Problem, known: Phases | None, read: Optimum, report: Report
 ) -> Optimum:
-    """The better of what was read off relaxed contact, a local optimum, and of known phases."""
+    """The better of the local optimum from relaxed contact and the one from known phases."""
     if known is None:
         return read
     try:
@@ -141,8 +141,8 @@ def _better(
 
 
 def _in_phases(table: SlideScene, problem: Problem, known: Phases, report: Report) -> Optimum:
-    """Solve with phases known beforehand, from a motion near the best one."""
-    near = table.minimise == "time"  # the guess is then the best one
+    """Solve with known phases, from a motion near the best one."""
+    near = table.minimise == "time"  # the guess is then the best motion
     if near and not isinstance(law_of(table.block.friction), Coulomb):
         mesh = _mesh(table, known.guess)
     else:
@@ -154,7 +154,7 @@ def _in_phases(table: SlideScene, problem: Problem, known: Phases, report: Repor
 
 
 def _mesh(table: SlideScene, guess: Guess) -> Mesh:
-    """Mesh of a scene, on the phases of a guess."""
+    """Mesh of a scene on the phases of a guess."""
     assert guess.phases is not None
     mesh, shares = table.mesh, guess.phases / np.sum(guess.phases)
     arcs = tuple(max(2, round(mesh.arcs * float(share))) for share in shares)

@@ -1,4 +1,4 @@
-"""Scenes of kind "slide": a block on the ground goes somewhere in the best way."""
+"""Tables of scenes of kind "slide": the optimal motion of a block on the ground."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 
 class Place(Table, frozen=True, kw_only=True):
-    """Where the block is and how fast."""
+    """Position and velocity of the block."""
 
     position: Annotated[Finite, says("length", "place")]
-    velocity: Annotated[Finite, says("speed", "how fast there")] = 0.0
+    velocity: Annotated[Finite, says("speed", "velocity at this position")] = 0.0
 
 
 class BlockTable(Table, frozen=True, kw_only=True):
     """The block."""
 
     mass: Annotated[Positive, says("mass", "mass")] = 1.0
-    force: Annotated[Positive, says("force", "largest drive either way")]
-    friction: Annotated[Friction, says("", "law of the ground")]
+    force: Annotated[Positive, says("force", "largest drive in both directions")]
+    friction: Annotated[Friction, says("", "friction law of the ground")]
 
 
 class SlideScene(SceneTable, frozen=True, kw_only=True):
-    """The fastest way, or the one of least effort, from one place and velocity to another.
+    """The fastest motion of a block, or that of least effort.
 
-    A block on the ground goes from one place and velocity to another in the shortest time, or
+    A block on the ground moves from one position and velocity to another in the shortest time, or
     with the least effort ∫*u*² d*t*. See [optimal.md](../optimal.md).
 
     `contact` with `treatment = "exact"`: relaxed complementarity, then phases with free switching
-    times; with `"smooth"`: phases of the drive alone.
+    times; with `"smooth"`: phases of the drive only.
 
-    Where arcs join, the instant stands twice. `timings_s`: `build` and `solve` (of all programs),
-    `optimise` and `recheck`.
+    The arrays contain the instants at which arcs join twice. `timings_s`: `build` and `solve` (of
+    all programs), `optimise` and `recheck`.
     """
 
     scalars: ClassVar = OPTIMUM | {
         "objective": (
             "time",
-            'what was minimised: the time, or with `minimise = "effort"` the effort (force² time)',
+            'minimised quantity: the time, or with `minimise = "effort"` the effort (force² time)',
         )
     }
     variables: ClassVar = INSTANT | {
@@ -58,20 +58,16 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
     }
 
     kind: Literal["slide"]
-    want: Annotated[
-        tuple[Literal["signals"], ...], says("", "`signals`: signals below each other")
-    ] = ()
+    want: Annotated[tuple[Literal["signals"], ...], says("", "`signals`: signals over time")] = ()
     block: Annotated[BlockTable, says("", "the block")]
-    start: Annotated[Place, says("", "from where")]
-    end: Annotated[Place, says("", "to where")]
-    minimise: Annotated[Literal["time", "effort"], says("", "what is least")] = "time"
-    time: Annotated[Positive | None, says("time", 'longest duration; required for `"effort"`')] = (
-        None
-    )
+    start: Annotated[Place, says("", "initial state")]
+    end: Annotated[Place, says("", "final state")]
+    minimise: Annotated[Literal["time", "effort"], says("", "minimised quantity")] = "time"
+    time: Annotated[
+        Positive | None, says("time", 'upper limit of the duration; required for `"effort"`')
+    ] = None
     contact: Contacts = field(default_factory=ExactContact)
-    mesh: Annotated[MeshTable, says("", "how finely the motion is resolved")] = field(
-        default_factory=MeshTable
-    )
+    mesh: Annotated[MeshTable, says("", "mesh in time")] = field(default_factory=MeshTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""
@@ -81,12 +77,16 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
         if not wrong and self.start != self.end and isinstance(self.contact, ExactContact):
             yield from self._faults_of_drive()
         if self.start == self.end:
-            yield "end", "is the start; write another position or velocity"
+            yield "end", "equals the start; write another position or velocity"
         if self.minimise == "effort" and self.time is None:
-            yield "time", "missing; the least effort takes for ever: write the longest time allowed"
+            yield (
+                "time",
+                "missing, and the least effort takes infinite time; write the longest allowed "
+                "duration",
+            )
 
     def _faults_of_drive(self) -> Iterator[Fault]:
-        """Whether the drive sets the block going where it must go from rest."""
+        """Yield a fault if the drive cannot start the block from rest in the required direction."""
         forward, backward = held_at_rest(self.block.friction)
         for way, name, held in ((1, "forward", forward), (-1, "backward", backward)):
             ahead = way * (self.end.position - self.start.position)
@@ -96,6 +96,7 @@ class SlideScene(SceneTable, frozen=True, kw_only=True):
                 more = f"write more than {held:.12g}, or " if held < math.inf else "write "
                 yield (
                     "block.force",
-                    f"{self.block.force:.12g} does not set the block going {name}, as it must from "
-                    f"rest to get from start to end, against this friction; {more}another end",
+                    f"{self.block.force:.12g} does not move the block {name} from rest against "
+                    f"this friction, which is necessary to get from start to end; {more}another "
+                    "end",
                 )

@@ -1,4 +1,4 @@
-"""Readings of the trackers 13 and 14 of Zimmermann et al. 2007 where their data are open.
+"""Readings of the trackers (13) and (14) of Zimmermann et al. 2007 where their data are open.
 
 A Reading makes all choices; all readings with the same structure are members of one ensemble.
 """
@@ -25,7 +25,7 @@ from wormopt.systems.chain.build import chain
 Order = Literal["printed", "reversed"]
 """Link to which the first list of eq. 15 belongs."""
 Signs = Literal["printed", "turned", "filter"]
-"""Signs of tracker 14: as printed; u and e in theta' both reversed; e in theta' alone reversed."""
+"""Signs of tracker (14): as printed; u and e in theta' reversed; e in theta' alone reversed."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Structure:
 
 
 def structure_of(reading: Reading, feedback: Feedback) -> Structure:
-    """Structure of a reading's loop; tracker 13 has no filter whose sign could be reversed."""
+    """Structure of a reading's loop; tracker (13) has no filter whose sign could be reversed."""
     turned = feedback == "filter" and reading.signs == "filter"
     return Structure(feedback, reading.input, reading.period, turned)
 
@@ -176,15 +176,14 @@ def reversed_links(gait: Gait) -> Gait:
     return Gait(gait.breaks, gait.polynomial[:, ::-1], gait.omega, *parts)
 
 
-# -- what the text says --------------------------------------------------------------------------
+# -- sentences of the text -------------------------------------------------------------------------
 
 SENTENCES = {
-    "quick": "tracker 13 brings the outputs into their strips very quickly, before tracker 14",
-    "open": "tracker 14 does not capture the outputs by the end",
-    "settled": "the gain of tracker 13 has converged",
-    "growing": "the gain of tracker 14 still increases at the end",
-    "closer": "tracker 13 works better: it keeps the outputs closer to the reference than tracker "
-    "14",
+    "quick": "tracker (13) brings the outputs into their strips very quickly, before tracker (14)",
+    "open": "tracker (14) does not capture the outputs by the end",
+    "settled": "the gain of tracker (13) has converged",
+    "growing": "the gain of tracker (14) still increases at the end",
+    "closer": "tracker (13) works better: it keeps the outputs closer to the reference than (14)",
     "learning": "gains increase as long as outputs are outside their strips",
     "working": "both trackers work: states and gains stay bounded",
 }
@@ -261,7 +260,7 @@ class Course:
 
 
 def supported(first: Course, second: Course, radius: float, by: Criteria) -> dict[str, bool]:
-    """Sentences that the motions with trackers 13 and 14 support, at their last sample."""
+    """Sentences that the motions with trackers (13) and (14) support, at their last sample."""
     working = bool(np.isfinite(first.gain[-1]) and np.isfinite(second.gain[-1]))
     # The norm is the larger measure: capture by it, or no capture without it, holds for both.
     captured = first.captured(radius, "norm" if by.strips == "both" else by.strips, by.window)

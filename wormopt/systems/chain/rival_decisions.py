@@ -33,7 +33,7 @@ _LOOSE = Tolerance(relative=1e-8, absolute=1e-9)
 
 @dataclass(frozen=True, eq=False)
 class DecisionJob:
-    """What one process computes."""
+    """Work of one process."""
 
     name: str
     table: CompareScene

@@ -42,7 +42,7 @@ _PARTS = 6
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What one process computes."""
+    """Work of one process."""
 
     kind: str  # "optimal tracking", "optimal tube" or "fastest crawl"
     table: CompareScene

@@ -1,7 +1,7 @@
-"""Bodies with a mass on a given wave, which they do not change: floats, bodies on the ground.
+"""Bodies with mass in a given wave, which they do not change: floats, bodies on the ground.
 
-Both are pushed by the fluid and held back by it, and by friction where there is ground:
-m x'' = push - drag x' + friction, over their length. Scales as in (25).
+The fluid pushes and damps them, and the ground adds friction: m x'' = push - drag x' + friction,
+over their length. Scales as in eq. 25 of Zimmermann et al. 2007.
 """
 
 from __future__ import annotations
@@ -22,36 +22,38 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.systems.film.float import body_velocity, checked_lengths, finite, overtaken
 from wormopt.systems.film.shapes import Wave, grid
 
-# Means over the length by Gauss' rule, of the fewest nodes that agree to this share with the next.
+# Means over the length by Gauss' rule, with the fewest nodes that agree to this share with the
+# next.
 _AGREED, _PHASES = 1e-12, 256
 _NODES = (8, 16, 32, 64, 128, 256, 512)
 
 
 @dataclass(frozen=True)
 class HeavyFloat:
-    """A float that bends with the surface, and slides down its slope.
+    """A float that bends with the surface and slides down its slope.
 
-    The fluid's shear on it is eta (x' - u_s) / h; the film bears its weight.
+    The shear of the fluid on the float is eta (x' - u_s) / h; the film carries its weight. The
+    scales are those of eq. 25 of Zimmermann et al. 2007.
 
     Parameters
     ----------
     wave : CosineWave or FourierWave
         Shape of the surface.
     length : float, optional
-        0 for a small one, below 2 pi.
+        Length in units of 1/k, from 0 (a small float) to below 2 pi.
     weight : float, optional
-        Per area times (k d)² / (eta omega), 0 or above.
+        Weight per area times (k d)² / (eta omega), 0 or above.
 
     Raises
     ------
     ArgumentError
-        If a number is out of range.
+        If a parameter is out of range.
 
     Examples
     --------
     >>> import wormopt as wo
     >>> body = wo.film.HeavyFloat(wo.film.CosineWave(0.5))
-    >>> round(float(body.velocity(0.0)), 6)  # of the surface there
+    >>> round(float(body.velocity(0.0)), 6)  # the surface velocity there
     0.833333
     """
 
@@ -65,49 +67,49 @@ class HeavyFloat:
             raise ArgumentError(f"weight must be 0 or above, not {self.weight:g}")
 
     def push(self, xi: Any) -> Any:
-        """Force over the length on the body at rest with its middle at the phase xi.
+        """Force per area on the body at rest.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase of its middle.
+            Phase t - x of its middle in rad.
 
         Returns
         -------
         float, ndarray or casadi.SX
-            Per area, in units of eta omega / (k d).
+            Mean force per area over the length, in units of eta omega / (k d).
         """
         h, half = self.wave.height, self.length / 2
         rise = (h(xi + half) - h(xi - half)) / self.length if half else h(xi, 1)
         return body_velocity(self.wave, xi, self.length) * self.drag(xi) + self.weight * rise
 
     def drag(self, xi: Any) -> Any:
-        """What its own motion takes off, over its velocity.
+        """Drag coefficient: force against the body's own motion over its velocity.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase of its middle.
+            Phase t - x of its middle in rad.
 
         Returns
         -------
         float, ndarray or casadi.SX
-            Above 0.
+            Positive coefficient, dimensionless.
         """
         return self.wave.inverse(xi, self.length) if self.length else 1 / self.wave.height(xi)
 
     def velocity(self, xi: Any) -> Any:
-        """Velocity without mass.
+        """Velocity of the same float without mass.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase of its middle.
+            Phase t - x of its middle in rad.
 
         Returns
         -------
         float, ndarray or casadi.SX
-            Over the speed of the wave.
+            Velocity over the wave speed.
         """
         return self.push(xi) / self.drag(xi)
 
@@ -116,26 +118,26 @@ class HeavyFloat:
 class LyingBody:
     """A body on the ground in the film.
 
-    Over its height b the fluid that the wave needs, Q = h + C, goes through the gap h - b over a
-    floor that moves at x' = v, which takes b v of it along: that takes the pressure gradient
-    -3 (Q - v h) / (h - b)³. On its ends only capillarity acts: the magnetic pressure on a body that
-    is not magnetic makes up for the rest.
+    The flow Q = h + C of the wave passes through the gap h - b over the body of height b, which
+    moves with x' = v and transports b v itself. This requires the pressure gradient -3 (Q - v h) /
+    (h - b)³. Only capillarity acts on the ends, since the magnetic pressure on a nonmagnetic body
+    balances the rest. The scales are those of eq. 25 of Zimmermann et al. 2007.
 
     Parameters
     ----------
     wave : CosineWave or FourierWave
         Shape of the surface.
     height : float, optional
-        Over the mean thickness; 0, or below the least thickness of the film.
+        Height b over the mean thickness, from 0 to below the least thickness of the film.
     length : float, optional
-        0 for a short one, below 2 pi.
+        Length in units of 1/k, from 0 (a short body) to below 2 pi.
     tension : float, optional
-        W of (25), which acts on its ends.
+        Surface tension W (eq. 25), which acts on the ends.
 
     Raises
     ------
     ArgumentError
-        If a number is out of range, or too few nodes tell means over its length.
+        If a parameter is out of range, or the quadrature over the length does not converge.
 
     Examples
     --------
@@ -155,25 +157,25 @@ class LyingBody:
         least = float(np.min(self.wave.height(grid(4096))))
         if not 0 <= self.height < least:
             raise ArgumentError(
-                f"a body in the film has a height from 0 to below its least thickness, {least:.6g} "
-                f"of the mean, not {self.height:g}"
+                f"the height must be from 0 to below the least film thickness, {least:.6g} of the "
+                f"mean, not {self.height:g}"
             )
         if not 0 <= self.tension < math.inf:
             raise ArgumentError(f"tension must be 0 or above, not {self.tension:g}")
-        _ = self._rule  # refuses what no rule tells
+        _ = self._rule  # refuses what no rule resolves
 
     def push(self, xi: Any) -> Any:
-        """Force over the length on the body at rest with its middle at the phase xi.
+        """Force per area on the body at rest.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase of its middle.
+            Phase t - x of its middle in rad.
 
         Returns
         -------
         float, ndarray or casadi.SX
-            Per area, in units of eta omega / (k d).
+            Mean force per area over the length, in units of eta omega / (k d).
         """
         h, C, b = self.wave.height, self.wave.constant, self.height
         shear = self._mean(xi, lambda at: 3 * (h(at) + C) / (h(at) - b) ** 2)
@@ -182,35 +184,37 @@ class LyingBody:
         return shear + self.tension * b * ends
 
     def drag(self, xi: Any) -> Any:
-        """What its own motion takes off, over its velocity.
+        """Drag coefficient: force against the body's own motion over its velocity.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase of its middle.
+            Phase t - x of its middle in rad.
 
         Returns
         -------
         float, ndarray or casadi.SX
-            Above 0.
+            Positive coefficient, dimensionless.
         """
         h, b = self.wave.height, self.height
         return self._mean(xi, lambda at: 3 * h(at) / (h(at) - b) ** 2)
 
     def velocity(self, xi: np.ndarray, forward: float = 0.0, backward: float = 0.0) -> np.ndarray:
-        """Velocity without mass against a friction either way: 0 where the ground holds it.
+        """Velocity of the same body without mass, with friction; 0 where the ground holds it.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase of its middle.
-        forward, backward : float, optional
-            Friction of the ground, 0 or above.
+            Phase t - x of its middle in rad.
+        forward : float, optional
+            Friction per area against motion with the wave, 0 or above.
+        backward : float, optional
+            Friction per area against motion opposite to the wave, 0 or above.
 
         Returns
         -------
         float, ndarray or casadi.SX
-            Over the speed of the wave.
+            Velocity over the wave speed.
         """
         push = self.push(xi)
         return (np.maximum(push - forward, 0.0) + np.minimum(push + backward, 0.0)) / self.drag(xi)
@@ -221,7 +225,7 @@ class LyingBody:
 
     @cached_property
     def _rule(self) -> tuple[list[float], list[float]]:
-        """Places round the middle, and weights that add up to 1."""
+        """Nodes relative to the middle, and weights with sum 1."""
         if not self.length:
             return [0.0], [1.0]
         rule, means = self._nodes(_NODES[0])
@@ -231,12 +235,12 @@ class LyingBody:
                 return rule[0].tolist(), rule[1].tolist()
             rule, means = finer, found
         raise ArgumentError(
-            "the film over the body is so thin somewhere that its forces are not told by "
-            f"{_NODES[-2]} places along it; take a shorter or a lower body"
+            f"the film over the body is so thin that {_NODES[-2]} nodes along it do not resolve "
+            "its forces; use a shorter or lower body"
         )
 
     def _nodes(self, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """Places and weights of a rule, and its means of powers of the gap at many phases."""
+        """Nodes and weights of a rule, and its means of powers of the gap at many phases."""
         nodes, weights = np.polynomial.legendre.leggauss(count)
         places, shares = nodes * self.length / 2, weights / 2
         gap = self.wave.height(grid(_PHASES)[:, None] + places) - self.height
@@ -251,32 +255,37 @@ def carried_body(
     backward: float = 0.0,
     position: float = 0.0,
 ) -> Model:
-    """Build m x'' = push - drag x' + friction, where friction of the ground sticks and slips.
+    """Build the model of a body in a wave: m x'' = push - drag x' + friction.
+
+    Friction of the ground sticks and slips.
 
     Parameters
     ----------
     body : HeavyFloat or LyingBody
         The body and its wave.
     mass : float
-        Per area times omega d / eta, above 0: the time in which it takes the fluid's velocity.
-    forward, backward : float, optional
-        Friction per area that opposes motion with the wave and against it, times k d /
-        (eta omega), 0 or above; only of a body on the ground.
+        Mass per area times omega d / eta, above 0. It is the time constant with which the body
+        takes the velocity of the fluid.
+    forward : float, optional
+        Friction per area against motion with the wave, times k d / (eta omega), 0 or above; for a
+        body on the ground only.
+    backward : float, optional
+        Friction per area against motion opposite to the wave, in the same unit.
     position : float, optional
-        Place of its middle at time 0, where it rests.
+        Initial position of its middle, in units of 1/k. The body starts at rest.
 
     Returns
     -------
     Model
-        States ``position``, ``velocity``, and since the start ``work`` and ``impulse`` of all
-        forces; parameters ``mass`` and the law's; output ``phase`` t - x; one contact, "body", if
-        it lies on the ground. A switch without effect fires when a trough of the cosine wave
-        passes.
+        States: ``position``, ``velocity``, and ``work`` and ``impulse`` of all forces since the
+        start. Parameters: ``mass`` and those of the friction law. Output: ``phase`` t - x. A body
+        on the ground has one contact, "body". A switch without effect marks the times at which a
+        trough of the cosine wave passes.
 
     Raises
     ------
     ArgumentError
-        If a number is out of range, or a float has friction.
+        If a parameter is out of range, or a float has friction.
 
     Examples
     --------
@@ -291,7 +300,10 @@ def carried_body(
     (law,), numbers = lift([Coulomb(forward, backward)])
     grounded = isinstance(body, LyingBody)
     if not grounded and (forward or backward):
-        raise ArgumentError("a float has no friction: give forward and backward of a LyingBody")
+        raise ArgumentError(
+            "forward and backward are friction, which a float does not have; leave them out, or "
+            "write a LyingBody"
+        )
     t, states, friction = ca.SX.sym("t"), ca.SX.sym("x", 4), ca.SX.sym("friction")
     m = ca.SX.sym("mass")
     x, v = states[0], states[1]

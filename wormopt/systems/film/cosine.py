@@ -1,9 +1,10 @@
-"""Thin film of magnetic fluid under a travelling cosine wave, in closed form: (27)-(31).
+"""Thin film of magnetic fluid in a travelling cosine wave, in closed form.
 
-The surface z = h(xi), xi = t - x, travels forward with speed 1, all numbers scaled by (25). The
-mean of h is 1. The film then carries Q = h + C; C is fixed by the field being periodic. Flow at one
-place: `wormopt.systems.film.lubrication`, also to be had from here; any shape but the cosine:
-`wormopt.systems.film.shapes`; units: `wormopt.systems.film.units`.
+The equations are 27 to 31 of Zimmermann et al. 2007, in the scales of eq. 25. The surface z =
+h(xi), xi = t - x, travels forward with speed 1. The mean of h is 1. The flow of the film is Q = h +
+C, where C follows from the periodicity of the field. The flow at a place is in
+`wormopt.systems.film.lubrication`, also available from here. Other shapes are in
+`wormopt.systems.film.shapes`, units in `wormopt.systems.film.units`.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ _STEPS = 50
 def square_wave_flow(delta: Expression) -> Expression:
     """Least upper bound of the mean flow of all shapes within 1 ± delta at W = 0.
 
-    (3 delta² + delta⁴) / (1 + 3 delta²), attained by the square wave, which lubrication
-    cannot describe at its jumps. `delta` is 0 to 1.
+    (3 delta² + delta⁴) / (1 + 3 delta²), attained by the square wave, whose jumps lubrication
+    theory cannot describe. `delta` is 0 to 1.
     """
     square = delta * delta
     return square * (3 + square) / (1 + 3 * square)
@@ -34,7 +35,7 @@ def square_wave_flow(delta: Expression) -> Expression:
 
 @dataclass(frozen=True)
 class Peak:
-    """Where the field function D is largest.
+    """Maximum of the field function D.
 
     `value` is the least (mu - 1) H0² / (8 pi) for which H² is nowhere negative.
     """
@@ -44,31 +45,32 @@ class Peak:
 
 
 class Shape:
-    """A shape h(xi) of the surface, of mean 1: its C, and the field function that holds it."""
+    """A shape h(xi) of the surface with mean 1: its constant C, and the field that holds it."""
 
     @property
     def constant(self) -> Any:
-        """C, for which alone the field is periodic."""
+        """The constant C with which the field is periodic."""
         raise NotImplementedError
 
     @property
     def mean_flow(self) -> Any:
-        """1 + C."""
+        """Mean flow 1 + C."""
         return 1 + self.constant
 
     def height(self, xi: Expression, order: int = 0) -> Expression:
-        """Thickness h, or a derivative of it by xi.
+        """Thickness h, or a derivative of it with respect to xi.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase t - x.
+            Phase t - x in rad.
         order : int, optional
-            Of the derivative.
+            Order of the derivative; 0: the thickness.
 
         Returns
         -------
         float, ndarray or casadi.SX
+            Thickness over its mean, or its derivative.
 
         Examples
         --------
@@ -78,17 +80,17 @@ class Shape:
         return self._height(xi, order)
 
     def pressure(self, xi: Expression) -> Expression:
-        """Pressure in the film less its mean over xi, 3 int d xi (1 / h² + C / h³).
+        """Pressure in the film minus its mean over xi, 3 int d xi (1 / h² + C / h³).
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase.
+            Phase t - x in rad.
 
         Returns
         -------
         float, ndarray or casadi.SX
-            It does not depend on W.
+            Pressure in units of P, independent of W.
 
         Examples
         --------
@@ -98,18 +100,19 @@ class Shape:
         return self._pressure(xi)
 
     def inverse(self, xi: Expression, length: float = 0.0) -> Expression:
-        """1 / h, or its mean over a length of film.
+        """Mean of 1 / h over a length of film, or 1 / h itself for length 0.
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase, in the middle of the length.
+            Phase t - x in rad, in the middle of the length.
         length : float, optional
-            In units of 1 / k: 2 pi is a wavelength.
+            Length in units of 1 / k: 2 pi is a wavelength.
 
         Returns
         -------
         float, ndarray or casadi.SX
+            Mean of 1 / h.
 
         Examples
         --------
@@ -119,18 +122,19 @@ class Shape:
         return self._mean_inverse(xi, length) if length else 1 / self.height(xi)
 
     def field_function(self, xi: Expression, tension: Expression = 0.0) -> Expression:
-        """(mu - 1) D / (8 pi) of (30) and (31), with the mean 0, so that H² = H0² - D.
+        """Field function (mu - 1) D / (8 pi) with mean 0, where H² = H0² - D (eqs. 30 and 31).
 
         Parameters
         ----------
         xi : float, ndarray or casadi.SX
-            Phase.
+            Phase t - x in rad.
         tension : float or casadi.SX, optional
-            Number W of surface tension.
+            Surface tension W.
 
         Returns
         -------
         float, ndarray or casadi.SX
+            Field function in units of P.
 
         Examples
         --------
@@ -145,11 +149,12 @@ class Shape:
         Parameters
         ----------
         tension : float, optional
-            Number W of surface tension, 0 or above.
+            Surface tension W, 0 or above.
 
         Returns
         -------
         Peak
+            Value of the maximum and its phase in rad.
 
         Examples
         --------
@@ -176,17 +181,19 @@ class Shape:
 
 @dataclass(frozen=True)
 class CosineWave(Shape):
-    """The shape h = 1 + delta cos(xi), all in closed form.
+    """The travelling wave h = 1 + delta cos(xi), with all quantities in closed form.
+
+    Source: eqs. 27 to 31 of Zimmermann et al. 2007.
 
     Parameters
     ----------
     delta : float or casadi.SX
-        Amplitude; a number must be above 0 and below 1.
+        Amplitude over the mean thickness; a number must be above 0 and below 1.
 
     Raises
     ------
     ArgumentError
-        If the amplitude is a number that is not.
+        If the amplitude is a number outside this range.
 
     Examples
     --------
@@ -215,7 +222,7 @@ class CosineWave(Shape):
 
     @property
     def mean_flow(self) -> Any:
-        """1 + C = 3 delta² / (2 + delta²), without its cancellation."""
+        """Mean flow 1 + C = 3 delta² / (2 + delta²), without cancellation."""
         square = self.delta * self.delta
         return 3 * square / (2 + square)
 
@@ -245,9 +252,9 @@ class CosineWave(Shape):
         return (1 - 2 * turn / length) / root
 
     def _summits(self, tension: float) -> Iterable[float]:
-        """Its slope times h³ is a polynomial of degree 8 in exp(i xi) over its fourth power.
+        """The slope times h³ is a polynomial of degree 8 in exp(i xi) over its fourth power.
 
-        The maximum is at the phase of one of its zeros, and nowhere is the function larger.
+        The maximum is at the phase of one of its zeros.
         """
         h = np.array([self.delta / 2, 1.0, self.delta / 2])  # times exp(i xi)
         flow_ = np.array([self.delta / 2, self.mean_flow, self.delta / 2])
@@ -261,7 +268,7 @@ class CosineWave(Shape):
 def peak_near(wave: Shape, xi: float, tension: float) -> Peak:
     """Maximum of the field function near phase `xi`, by Newton's method, to round-off.
 
-    `tension` is the number W.
+    `tension` is W.
     """
     C = wave.constant
 

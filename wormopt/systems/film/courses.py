@@ -1,7 +1,6 @@
-"""Where a film goes under a travelling field: followed in time, on points fine enough for it.
+"""Simulate a film in a travelling field, on points that resolve it.
 
-Steady films next to a given one are found by Newton's method, with the rates at which deviations
-from them grow.
+Newton's method finds the closest steady films, with the growth rates of their deviations.
 """
 
 from __future__ import annotations
@@ -28,25 +27,25 @@ from wormopt.systems.film.shapes import grid
 
 Outcome = Literal["wave", "other", "moving", "breaks", "unresolved"]
 OUTCOMES: tuple[Outcome, ...] = ("wave", "other", "moving", "breaks", "unresolved")
-"""What may become of a film, by the numbers that stand for it in results."""
+"""Outcomes of a film, by their codes in results."""
 
 TAIL = 1e-3
-"""Highest harmonics of a resolved film, over the largest one."""
+"""Largest share of the highest harmonics in a resolved film."""
 
-# Spans from one look at the thinnest place to the next, in periods; each longer by this factor.
+# Times between two checks of the least thickness, in periods; each is longer by this factor.
 _FIRST_SPAN, _LONGER = 2.0, 10.0
 _CLOSER = 64
-# A film whose highest harmonics are below this share is resolved by itself.
+# A film whose highest harmonics are below this share is resolved without a second resolution.
 _ENOUGH = 1e-6
-# Points of the film under a row of coils.
+# Points of the film in the field of a row of coils.
 _POINTS = 256
-# Steps that become this short, and numbers that are none: the film leaves what the points can hold.
+# Steps this short, or NaN, mean that the points no longer resolve the film.
 _GIVEN_UP = ("solver_failed", "not_finite", "step_too_small")
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A film, its field and what is asked, on any number of points."""
+    """A film, its field and the settings of the simulation, on any number of points."""
 
     slope: Callable[[int], np.ndarray]  # number of points to the slope of the field there
     tension: float  # number W
@@ -83,10 +82,10 @@ class Steady:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A film followed in time on given points.
+    """A film simulated on given points.
 
-    `outcome`: it comes to the prescribed wave or to another steady one, still moves at the
-    end, gets thinner than the rupture thickness, or leaves what the points can hold.
+    `outcome`: it converges to the prescribed wave or to another steady film, still moves at the
+    end, becomes thinner than the rupture thickness, or is not resolved by the points.
     """
 
     points: int
@@ -116,9 +115,9 @@ class Course:
 
 @lru_cache(maxsize=8)
 def film_model(points: int, order: int) -> Model:
-    """Model whose parameters are ``field_slope`` (points) and ``tension``.
+    """Model with the parameters ``field_slope`` (points) and ``tension``.
 
-    `order`: of the differences.
+    `order` is that of the finite differences.
     """
     slope, tension = ca.SX.sym("field_slope", points), ca.SX.sym("tension")
     parameters = [Signal("field_slope", slope), Signal("tension", tension)]
@@ -131,7 +130,7 @@ def _rates(points: int, order: int) -> Rates:
 
 
 def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | None:
-    """Steady film of positive thickness next to `thickness` (points,), by Newton; None without."""
+    """Steady film closest to `thickness` (points,) by Newton's method, None without one."""
     order, rates = setting.order, _rates(points, setting.order)
     p = rates.parameters(setting.given(points))
     x, found = newton(rates, film_volume(thickness, order=order)[None], p)
@@ -153,7 +152,7 @@ def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
 
 
 def follow(setting: Setting, points: int, report: Report = silent) -> Course:
-    """Follow a film in time on given points; raises SolveError if the allowed steps run out."""
+    """Simulate a film on given points; raises SolveError if the allowed steps do not suffice."""
     time, h, steps, failed = _integrated(setting, points, report)
     broke = None
     if h.min() < setting.rupture:
@@ -185,7 +184,7 @@ def _outcome(setting: Setting, course: Course, failed: bool) -> Outcome:
 def _integrated(
     setting: Setting, points: int, report: Report
 ) -> tuple[np.ndarray, np.ndarray, int, bool]:
-    """Times, thickness there, steps, and whether the integrator gave up."""
+    """Times, thickness at these times, steps, and whether the integrator gave up."""
     order, turn = setting.order, 2 * math.pi
     kept = np.linspace(0.0, setting.periods * turn, setting.samples)
     state = film_volume(setting.start(grid(points)), order=order)
@@ -235,7 +234,7 @@ def _leg(
 def _broken(
     setting: Setting, points: int, time: np.ndarray, h: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
-    """Cut the course where it first is too thin, which is located more closely."""
+    """End the motion at the rupture, whose time is located more closely."""
     first = int(np.flatnonzero(h.min(axis=0) < setting.rupture)[0])
     if first == 0:
         return time[:1], h[:, :1], (float(time[0]), float(grid(points)[int(np.argmin(h[:, 0]))]))
@@ -259,7 +258,7 @@ def _apart(one: np.ndarray, other: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Resolved:
-    """A course and the one on half as many points with which it was compared."""
+    """A motion, and the motion on half as many points for comparison."""
 
     course: Course  # on the most points
     coarser: Course | None  # on half as many points
@@ -268,9 +267,9 @@ class Resolved:
 
 
 def resolved(setting: Setting, report: Report = silent, *, once: bool = False) -> Resolved:
-    """Follow a film on more and more points until two resolutions agree; callers check that.
+    """Simulate a film on more and more points until two resolutions agree; callers check that.
 
-    `once`: be content with one resolution where its harmonics have died out.
+    `once`: a single resolution suffices where its harmonics have decayed.
     """
     points = setting.points
     found = Resolved(follow(setting, points, report), None, None)
@@ -299,20 +298,33 @@ def _difference(coarse: Course, fine: Course) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class CarriedFilm:
-    """A steady film that travels with the mean field of a row.
+    """A steady film that travels with the mean field of a row of coils.
 
     Parameters
     ----------
-    xi, thickness : ndarray, shape (points,)
-        Phases and thickness over the mean.
+    xi : ndarray, shape (points,)
+        Phases in rad.
+    thickness : ndarray, shape (points,)
+        Thickness over the mean thickness.
     distance : float
-        Largest difference of the thickness from the wave wanted.
+        Largest difference of the thickness from the wanted wave.
     mean_flow : float
-        That it carries, 1 + C.
+        Mean flow 1 + C of the film.
     growth : float
-        Largest rate at which a small deviation grows.
+        Largest growth rate of a small deviation, in units of omega.
     residual : float
-        Of Newton's method.
+        Residual of Newton's method.
+
+    Examples
+    --------
+    Under the field that a cosine wave needs, the film takes just this wave:
+
+    >>> import wormopt as wo
+    >>> wave, xi = wo.film.CosineWave(0.1), wo.film.grid(64)
+    >>> pressure = -wave.field_function(xi, 0.1)
+    >>> film = wo.film.carried_film(wave, pressure, tension=0.1)  # doctest: +SKIP
+    >>> round(film.distance, 9), round(film.mean_flow - wave.mean_flow, 9)  # doctest: +SKIP
+    (0.0, 0.0)
     """
 
     xi: np.ndarray  # (points,) phases
@@ -324,21 +336,32 @@ class CarriedFilm:
 
 
 def carried_film(wave: CosineWave, pressure: np.ndarray, tension: float) -> CarriedFilm | None:
-    """Find the steady film next to a wave under a field that is not quite the wave's own.
+    """Find the steady film closest to a wave, in a field that differs from the wave's own.
 
     Parameters
     ----------
     wave : CosineWave
-        Wanted.
+        The wanted wave.
     pressure : ndarray, shape (m,)
-        (mu - 1) H² / (8 pi) over one wavelength, in units of the film.
+        (mu - 1) H² / (8 pi) at equidistant phases of one wavelength, in units of P.
     tension : float
-        Number W of surface tension, above 0.
+        Surface tension W, above 0.
 
     Returns
     -------
     CarriedFilm or None
-        None if there is none near the wave.
+        None if there is no steady film near the wave.
+
+    Examples
+    --------
+    Under the field that a cosine wave needs, the film takes just this wave; the field is
+    H² = H0² - D, and a constant part moves nothing:
+
+    >>> import wormopt as wo
+    >>> wave, xi = wo.film.CosineWave(0.1), wo.film.grid(64)
+    >>> film = wo.film.carried_film(wave, 1.0 - wave.field_function(xi, 0.1), tension=0.1)
+    >>> bool(film.distance < 1e-9), film.growth < 0
+    (True, True)
     """
     setting = Setting(GivenField(pressure).slope, tension, np.ones_like, wave.height)
     xi = grid(_POINTS)

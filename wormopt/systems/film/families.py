@@ -1,4 +1,4 @@
-"""Many films at once: steady ones along the amplitude of the field's wave, where flat ones go."""
+"""Families of films: steady films over the field's amplitude, outcomes of flat films."""
 
 from __future__ import annotations
 
@@ -44,10 +44,11 @@ def steady_branches(
     order: int,
     report: Report,
 ) -> list[Branch]:
-    """Follow the prescribed wave, and the steady film at the end of a course, by amplitude.
+    """Continue the prescribed wave, and the steady film at the end of a motion, in the amplitude.
 
-    `course`: under a cosine wave's field; `tension`: number W; `span`: of amplitudes; `order`: of
-    the differences on so many `points`. The branch of the end is left out if it is the same.
+    `course`: in a cosine wave's field; `tension`: W; `span`: of amplitudes; `order`: of the
+    differences on the given number of `points`. The branch of the end is left out if it is the
+    same.
     """
     assert course.wave is not None
     delta, xi = ca.SX.sym("delta"), ca.DM(grid(points))
@@ -60,7 +61,7 @@ def steady_branches(
     if course.end is not None and np.abs(course.end.thickness - h).max() > _SAME:
         starts.append(course.end.thickness)
     for k, thickness in enumerate(starts):
-        report("following steady films", k / len(starts))
+        report("continuing steady films", k / len(starts))
         guess = film_volume(resampled(thickness, points), order=order)
         x, found = newton(rates, guess[None], p)
         if found[0]:
@@ -70,9 +71,10 @@ def steady_branches(
 
 
 def branch_scalars(branches: Sequence[Branch]) -> dict[str, Any]:
-    """How many, where they turn back, and near which amplitudes stability changes."""
+    """Number of branches, their folds, and amplitudes near which stability changes."""
     crossings = []
-    for branch in branches:  # where the largest rate of growth passes 0, between neighbours
+    for branch in branches:  # Amplitudes at which the largest growth rate passes 0, between
+        # neighbours.
         rate, delta = branch.eigenvalues[:, 0].real, branch.parameter
         at = np.flatnonzero(rate[:-1] * rate[1:] < 0)
         share = rate[at] / (rate[at] - rate[at + 1])
@@ -85,11 +87,12 @@ def branch_scalars(branches: Sequence[Branch]) -> dict[str, Any]:
 
 
 def branch_variables(branches: Sequence[Branch], order: int) -> dict[str, np.ndarray]:
-    """Signals of branches, one after the other; `order`: of the differences."""
+    """Variables of branches, one after the other; `order`: of the differences."""
     parts: dict[str, list[np.ndarray]] = {}
     for number, branch in enumerate(branches):
         h = film_thickness(branch.x.T, order=order)
-        # steady films carry Q = h + C, and C is minus the ratio of the means of h^-2 and h^-3
+        # Steady films have the flow Q = h + C, and C is minus the ratio of the means of h^-2 and
+        # h^-3.
         constant = -np.mean(h**-2, axis=0) / np.mean(h**-3, axis=0)
         for name, values in (
             ("delta", branch.parameter),
@@ -109,7 +112,7 @@ def branch_variables(branches: Sequence[Branch], order: int) -> dict[str, np.nda
 def basins(
     setting: Setting, delta: Sequence[float], tension: Sequence[float], report: Report
 ) -> list[list[Course | None]]:
-    """Follow a flat film under the field of every cosine wave, by amplitude, then tension.
+    """Simulate a flat film in the field of every cosine wave, by amplitude, then tension.
 
     None where the allowed steps did not suffice.
     """
@@ -127,7 +130,7 @@ def basins(
 
 
 def map_variables(courses: Sequence[Sequence[Course | None]]) -> dict[str, np.ndarray]:
-    """Signals of the map (amplitudes, tensions), NaN where they are unknown."""
+    """Variables of the map (amplitudes, tensions), NaN where they are unknown."""
     rows = [[_numbers(course) for course in row] for row in courses]
     found = {
         name: np.array([[course[name] for course in row] for row in rows], dtype=float)
@@ -154,10 +157,10 @@ def _numbers(course: Course | None) -> dict[str, float | None]:
 
 
 def map_scalars(outcome: np.ndarray, growth: np.ndarray) -> dict[str, int]:
-    """How often each outcome is, from the map of outcomes and of growth on the prescribed wave."""
+    """Count the outcomes of the map, with the growth rates of the prescribed waves."""
     counts = {f"map_{name}": int(np.sum(outcome == k)) for k, name in enumerate(OUTCOMES)}
     return counts | {
         "map_wave_unstable": int(np.sum(growth > 0)),
-        # a wave that is stable and yet not where the film goes
+        # a stable wave that the film does not reach
         "map_wave_stable_not_reached": int(np.sum((growth < 0) & (outcome > 0))),
     }

@@ -1,9 +1,9 @@
-"""What a travelling wave carries: floats on the surface of a film, and tracers in it.
+"""Floats on the surface of a film with a travelling wave, and tracers in the fluid.
 
-A float is thin and light: it does not change the film, bends with its surface and goes as fast as
-the surface below it does on average, as viscous drag alone makes it. A tracer is a point of the
-fluid. Both as Models, and how fast they go in the long run. Lengths along the film are in units of
-1/k, times in units of 1/omega: (25).
+A float is thin and light: it does not change the film, bends with its surface, and moves with the
+mean velocity of the surface below it, as viscous drag alone requires. A tracer is a point of the
+fluid. This module has Models of both, and their mean velocities after a long time. Lengths along
+the film are in units of 1/k, times in units of 1/omega (eq. 25 of Zimmermann et al. 2007).
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ from wormopt.systems.film.next_order import (
 from wormopt.systems.film.shapes import Wave, grid
 
 CAPTURE_DELTA = math.sqrt(13) - 3
-"""Amplitude from which on a cosine wave holds a small float: root of delta² + 6 delta = 4."""
+"""Least amplitude at which a cosine wave holds a small float: root of delta² + 6 delta = 4."""
 
 # Sums over a period are refined until they agree to this share.
 _AGREED, _LEAST, _MOST = 1e-14, 256, 1 << 20
-_CORRECTED = 1e-9  # the same of corrected velocities
+_CORRECTED = 1e-9  # The same for corrected velocities.
 _ROUND_OFF = 1e-15
 _LARGEST_BELOW_1 = math.nextafter(1.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Drift:
-    """How a wave carries something in the long run."""
+    """Mean motion in a wave after a long time."""
 
     velocity: float  # mean, over the wave's; 1 if captured
     # time to be overtaken by a wavelength, or to overtake one, in 1 / omega; infinite if captured
@@ -60,12 +60,12 @@ class Drift:
 
     @property
     def captured(self) -> bool:
-        """Whether the wave holds it."""
+        """Whether the wave holds the float or tracer."""
         return math.isinf(self.turn)
 
 
 def body_velocity(wave: Wave, xi: Expression, length: float = 0.0) -> Expression:
-    """Mean surface velocity under a float, 3/2 (1 + C mean(1/h)), with which it moves.
+    """Mean surface velocity 3/2 (1 + C mean(1/h)) under a float, which is the float's velocity.
 
     `xi`: phase t - x of its middle; `length` 0: a small float.
     """
@@ -88,9 +88,10 @@ def cosine_drift(delta: Expression) -> Expression:
 
 @lru_cache(maxsize=256)
 def capture_delta(length: float = 0.0) -> float:
-    """Amplitude from which a cosine wave holds a float of some length, below 2 pi.
+    """Least amplitude at which a cosine wave holds a float of a length below 2 pi.
 
-    On a crest it is fastest, and held at C mean(1/h) = -1/3; if small: delta² + 6 delta = 4.
+    The float is fastest on a crest, and held at C mean(1/h) = -1/3; a small one at delta² + 6 delta
+    = 4.
     """
     length = checked_lengths(length).item()
     if not length:
@@ -99,25 +100,28 @@ def capture_delta(length: float = 0.0) -> float:
 
 
 def float_drift(wave: Wave, length: float = 0.0) -> Drift:
-    """How a wave carries a float, after as long as it takes.
+    """Mean drift of a float in a wave after a long time.
 
     Parameters
     ----------
     wave : CosineWave or FourierWave
         Shape of the surface.
     length : float, optional
-        Of the float, below 2 pi.
+        Length of the float in units of 1/k, below 2 pi; 0: a small float.
 
     Returns
     -------
     Drift
-        In closed form for a small float on a cosine wave, otherwise by quadrature.
+        ``velocity`` over the wave speed (1 if held), ``turn``, the time in 1/omega in which the
+        wave overtakes it (or it the wave) by a wavelength, and ``rests``, the phases in rad at
+        which it is held. In closed form for a small float on a cosine wave, otherwise by
+        quadrature.
 
     Raises
     ------
     ArgumentError
-        If the length is out of range, or the wave so near to holding the float that quadrature
-        does not end.
+        If the length is out of range, or the wave nearly holds the float, so quadrature does not
+        converge.
 
     Examples
     --------
@@ -137,11 +141,11 @@ def float_drift(wave: Wave, length: float = 0.0) -> Drift:
             return Drift(1.0, math.inf, (0.0,))
         return Drift(velocity, 2 * math.pi / (1 - velocity))
     turn = _turn(lambda xi: 1 / (1 - body_velocity(wave, xi, length)))
-    return Drift(1 - 2 * math.pi / turn, abs(turn))  # below 0 of one that overtakes the wave
+    return Drift(1 - 2 * math.pi / turn, abs(turn))  # below 0 if it overtakes the wave
 
 
 def corrected_drift(wave: Wave, eps: float, length: float = 0.0) -> Corrected:
-    """Drift of a float on a surface whose velocity has the next order.
+    """Drift of a float with the surface velocity corrected to the next order in eps².
 
     Parameters
     ----------
@@ -150,25 +154,26 @@ def corrected_drift(wave: Wave, eps: float, length: float = 0.0) -> Corrected:
     eps : float
         Mean thickness times wave number, 0 or above.
     length : float, optional
-        Of the float, below 2 pi.
+        Length of the float in units of 1/k, below 2 pi; 0: a small float.
 
     Returns
     -------
     Corrected
-        `value` over the speed of the wave, 1 if it holds the float; `bar`, the larger change of it
-        by leaving the correction out and by taking it twice. None as in `corrected_flow`.
+        ``value``, the drift over the wave speed, 1 if the wave holds the float, and ``bar``, the
+        larger change of the drift without the correction and with twice the correction. ``bar`` is
+        None as in `corrected_flow`.
 
     Raises
     ------
     ArgumentError
-        If eps or the length is no number or out of range.
+        If eps or the length is not a number or out of range.
 
     Examples
     --------
     >>> found = corrected_drift(CosineWave(0.5), 0.4)
     >>> round(found.value, 5), round(found.bar, 5)  # in two dimensions 0.64561
     (0.64726, 0.02923)
-    >>> corrected_drift(CosineWave(0.6), 0.5).value  # held, which lubrication has from 0.6056 on
+    >>> corrected_drift(CosineWave(0.6), 0.5).value  # held; lubrication alone holds from 0.6056 on
     1.0
     """
     square, length = check_eps(eps) ** 2, checked_lengths(length).item()
@@ -178,13 +183,13 @@ def corrected_drift(wave: Wave, eps: float, length: float = 0.0) -> Corrected:
 
 
 def _drift_with(wave: Wave, square: float, length: float) -> float:
-    """Drift where the surface's correction counts `square`-fold."""
+    """Drift with the correction of the surface velocity multiplied by `square`."""
     change = sum(flow_terms(wave))
 
     def velocity(xi: np.ndarray) -> np.ndarray:
         h, slope, bend = (wave.height(xi, order) for order in range(3))
         more = surface_correction(h, slope, bend, wave.constant, change)
-        if length:  # its mean below the float
+        if length:  # mean over the float
             smooth = np.sinc(np.arange(len(xi) // 2 + 1) * length / (2 * np.pi))
             more = np.fft.irfft(smooth * np.fft.rfft(more), len(xi))
         return body_velocity(wave, xi, length) + square * more
@@ -194,12 +199,12 @@ def _drift_with(wave: Wave, square: float, length: float) -> float:
         return 1.0
     try:
         return 1 - 2 * math.pi / _turn(lambda xi: 1 / (1 - velocity(xi)), _CORRECTED)
-    except ArgumentError:  # all but held
+    except ArgumentError:  # nearly held
         return 1.0
 
 
 def _rests(wave: Wave, length: float) -> tuple[float, ...]:
-    """Phases at which a float is as fast as the wave, and faster than it behind them."""
+    """Phases at which a float is as fast as the wave, and faster behind them."""
     if isinstance(wave, CosineWave) and not length:
         if wave.delta <= CAPTURE_DELTA:
             return (0.0,) if wave.delta == CAPTURE_DELTA else ()
@@ -216,10 +221,11 @@ def _rests(wave: Wave, length: float) -> tuple[float, ...]:
 
 
 def tracer_drift(wave: Wave, height: float, position: float = 0.0) -> Drift:
-    """How a wave carries a point of the fluid, by quadrature along its streamline.
+    """Mean drift of a tracer in a wave, by quadrature along its streamline.
 
-    Seen from the wave that runs through the wavelength, or closes under a crest (captured).
-    Held points circle: no rests. Raises ArgumentError outside the film or if quadrature fails.
+    In the frame of the wave, the streamline passes through the wavelength, or closes under a crest
+    (captured). Captured tracers circulate and have no rests. Raises ArgumentError outside the film
+    or if quadrature fails.
     """
     (z,) = _heights(wave, np.array([position]), np.array([height]))
     level = stream_function(z, wave.height(-position), wave.constant)
@@ -234,11 +240,11 @@ def tracer_drift(wave: Wave, height: float, position: float = 0.0) -> Drift:
     if faster or np.isnan(reached).any():
         return Drift(1.0, math.inf)
     turn = _turn(per_phase)
-    return Drift(1 - 2 * math.pi / turn, abs(turn))  # below 0 of one that overtakes the wave
+    return Drift(1 - 2 * math.pi / turn, abs(turn))  # below 0 if it overtakes the wave
 
 
 def _slower_below(h: np.ndarray, constant: float) -> np.ndarray:
-    """Height up to which the fluid is slower than the wave, the surface at most."""
+    """Height up to which the fluid is slower than the wave, at most the surface."""
     # u = F z (z / 2 - h) = 1
     flow = h + constant
     fast = 3 * flow > 2 * h
@@ -247,7 +253,7 @@ def _slower_below(h: np.ndarray, constant: float) -> np.ndarray:
 
 
 def _on_level(h: np.ndarray, constant: float, level: float) -> np.ndarray:
-    """Height at which the stream function falls to a level for the first time, NaN for none."""
+    """Least height at which the stream function reaches a level, NaN if there is none."""
     low, high = np.zeros_like(h), _slower_below(h, constant)
     reached = stream_function(high, h, constant) <= level + _ROUND_OFF
     for _ in range(60):
@@ -266,34 +272,34 @@ def _turn(per_phase: Callable[[np.ndarray], np.ndarray], agreed: float = _AGREED
             return value
         nodes, before = 2 * nodes, value
     raise ArgumentError(
-        "the wave all but holds this body: how long it takes to overtake it is not to be found by "
-        "quadrature; take another amplitude"
+        "the wave nearly holds this body, so quadrature cannot find the time in which it overtakes "
+        "it; use another amplitude"
     )
 
 
 def floating(wave: Wave, *, length: ArrayLike = 0.0, position: ArrayLike = 0.0) -> Model:
-    """Build x' = mean surface velocity under each of some floats.
+    """Build the model of floats: x' = mean surface velocity under each float.
 
     Parameters
     ----------
     wave : CosineWave or FourierWave
         Shape of the surface.
     length : float or array_like, shape (n,), optional
-        Lengths of the floats, 0 for small ones, below 2 pi.
+        Lengths of the floats in units of 1/k, below 2 pi; 0: small floats.
     position : float or array_like, shape (n,), optional
-        Places of their middles at time 0.
+        Initial positions of their middles in units of 1/k.
 
     Returns
     -------
     Model
-        State ``position`` (n,); outputs ``phase`` t - x and ``velocity``. It has a switch "float i
-        overtaken" for when a trough of the cosine wave, phase pi, passes float i. The parameter
-        ``amplitude`` of a CosineWave may be changed without a new compilation.
+        State ``position`` (n,); outputs ``phase`` t - x and ``velocity``. The switch "float i
+        overtaken" marks the times at which a trough of the cosine wave, phase pi, passes float i.
+        The parameter ``amplitude`` of a CosineWave can be changed without a new compilation.
 
     Raises
     ------
     ArgumentError
-        If lengths or places are no numbers, out of range, or of different counts.
+        If lengths or positions are not numbers, out of range, or of different counts.
 
     Examples
     --------
@@ -320,28 +326,28 @@ def floating(wave: Wave, *, length: ArrayLike = 0.0, position: ArrayLike = 0.0) 
 
 
 def tracers(wave: Wave, *, height: ArrayLike, position: ArrayLike = 0.0) -> Model:
-    """Build x' = u, z' = w for each of some points of the fluid.
+    """Build the model of tracers in the fluid: x' = u, z' = w for each tracer.
 
     Parameters
     ----------
     wave : CosineWave or FourierWave
         Shape of the surface.
     height : float or array_like, shape (n,)
-        Over the ground at time 0, from 0 to the surface.
+        Initial heights over the ground, over the mean thickness, from 0 to the surface.
     position : float or array_like, shape (n,), optional
-        Places at time 0.
+        Initial positions in units of 1/k.
 
     Returns
     -------
     Model
         States ``position`` and ``height``, (n,) each; outputs ``phase``, ``depth`` below the
-        surface and ``stream``, the stream function, which does not change. Switches and parameter
-        as for `floating`.
+        surface and ``stream``, the stream function, which is constant. Switches and parameter as
+        for `floating`.
 
     Raises
     ------
     ArgumentError
-        If a height is not within the film, or as `floating`.
+        If a height is outside the film, or as `floating`.
 
     Examples
     --------
@@ -377,12 +383,12 @@ def tracers(wave: Wave, *, height: ArrayLike, position: ArrayLike = 0.0) -> Mode
 
 
 def overtaken(what: str, xi: ca.SX, states: ca.SX) -> list[Switch]:
-    """Switches without effect for when a trough of the cosine wave passes."""
+    """Switches without effect at the times when a trough of the cosine wave passes."""
     return [Switch(f"{what} {i} overtaken", -ca.sin(xi[i]), states) for i in range(xi.numel())]
 
 
 def _lifted(wave: Wave) -> tuple[Any, Sequence[Signal]]:
-    """The wave with its amplitude as a symbol, where it has one."""
+    """The wave with its amplitude as a symbol, if it has an amplitude."""
     if not isinstance(wave, CosineWave):
         return wave, ()
     delta = ca.SX.sym("delta")
@@ -395,7 +401,9 @@ def _lifted(wave: Wave) -> tuple[Any, Sequence[Signal]]:
 def _alike(*given: np.ndarray) -> tuple[np.ndarray, ...]:
     count = max(each.size for each in given)
     if any(each.size not in (1, count) for each in given):
-        raise ArgumentError(f"give one number for all, or as many of each: {count}")
+        raise ArgumentError(
+            f"arrays have different counts; write one number for all, or {count} of each"
+        )
     return tuple(np.broadcast_to(each, count) for each in given)
 
 
@@ -412,7 +420,7 @@ def checked_lengths(given: ArrayLike) -> np.ndarray:
     found = finite("length", given)
     if not np.all((found >= 0) & (found < 2 * np.pi)):
         raise ArgumentError(
-            f"a float is shorter than the wave, its length from 0 to below 2 pi, not {given!r}"
+            f"the length of a float must be from 0 to below a wavelength, 2 pi, not {given!r}"
         )
     return found
 
@@ -427,7 +435,7 @@ def _heights(wave: Wave, places: np.ndarray, heights: np.ndarray) -> np.ndarray:
     if above.any():
         k = int(np.argmax(above))
         raise ArgumentError(
-            f"height {heights[k]:.6g} is not in the film, which reaches from 0 to {surface[k]:.6g} "
-            f"at the position {places[k]:g}"
+            f"height {heights[k]:.6g} is outside the film, which extends from 0 to "
+            f"{surface[k]:.6g} at the position {places[k]:g}"
         )
     return np.minimum(heights, surface)

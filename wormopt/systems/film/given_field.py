@@ -1,14 +1,15 @@
-"""Thin film of magnetic fluid that a given travelling field moves, as a Model.
+"""Model of a thin film of magnetic fluid in a given travelling field.
 
-Lubrication in the field's frame, xi = t - x, numbers scaled by (25). With (28), Q = -F h³ / 3 and
-F = W h''' + P', P = (mu - 1) H² / (8 pi), conservation h_t + Q_x = 0 reads
+Lubrication theory in the field's frame, xi = t - x, in the scales of eq. 25 of Zimmermann et al.
+2007. With eq. 28, Q = -F h³ / 3 and F = W h''' + P', P = (mu - 1) H² / (8 pi), conservation h_t +
+Q_x = 0 becomes
 
     h_t = d/dxi (Q - h),
 
-of which (29) is the steady state: Q - h = C. The state is the volume v = int (h - 1) dxi from
-xi = 0 on, at equidistant points. Then v_t = (Q - h) - (Q - h at xi = 0) at every point by itself,
-h = 1 + v' has the mean 1 to round-off whatever v is, and no direction is left in which nothing
-changes. Derivatives are central differences of high order.
+whose steady state is eq. 29: Q - h = C. The state is the volume v = int (h - 1) dxi from xi = 0 on,
+at equidistant points. Then v_t = (Q - h) - (Q - h at xi = 0) at every point separately. h = 1 + v'
+has the mean 1 to round-off for every v, and no neutral direction remains. Derivatives are central
+differences of high order.
 """
 
 from __future__ import annotations
@@ -30,27 +31,29 @@ from wormopt.systems.film.shapes import Wave, grid
 
 ORDERS = tuple(range(4, 15, 2))
 _MEAN = 1e-6
-# A step from the last sample to the first so many times the largest other one is a jump.
+# A step from the last sample to the first is a jump if it exceeds the largest other step by this
+# factor.
 _JUMP = 3.0
-# Slopes of a field add up to 0 to such a share of their size.
+# Slopes of a field must sum to 0 within this share of their size.
 _CLOSED = 1e-8
 
 
 def thin_film(
     slope: ArrayLike | ca.SX, tension: float | ca.SX, *, order: int = 12, p: Sequence[Signal] = ()
 ) -> Model:
-    """Model of a film of mean thickness 1 under a travelling field.
+    """Model of a film of mean thickness 1 in a travelling field.
 
     Parameters
     ----------
     slope : array_like or casadi.SX, shape (points,)
-        Derivative of (mu - 1) H² / (8 pi) by xi at equidistant points from 0 on.
+        Derivative of (mu - 1) H² / (8 pi) with respect to xi at equidistant points from 0 on, in
+        units of P.
     tension : float or casadi.SX
-        Number W of surface tension, above 0.
+        Surface tension W, above 0.
     order : int, optional
-        Of the differences: even, 4 to 14.
+        Order of the finite differences: even, 4 to 14.
     p : sequence of Signal, optional
-        Parameters of which slope and tension are expressions.
+        Parameters in the expressions of slope and tension.
 
     Returns
     -------
@@ -61,11 +64,11 @@ def thin_film(
     Raises
     ------
     ArgumentError
-        If W is not above 0, points are too few for the order, or the field does not repeat.
+        If W is not above 0, there are too few points for the order, or the field is not periodic.
 
     Examples
     --------
-    Without field ripples die out, exp(i k xi) at the rate W k⁴ / 3:
+    Without a field, ripples exp(i k xi) decay at the rate W k⁴ / 3:
 
     >>> from wormopt.analysis.steady import Rates
     >>> film = thin_film(np.zeros(32), 0.3)
@@ -98,11 +101,11 @@ def _check(slope: Any, tension: Any, points: int, order: int) -> None:
     if order not in ORDERS:
         raise ArgumentError(f"order must be one of {', '.join(map(str, ORDERS))}, not {order!r}")
     if points < 2 * order:
-        raise ArgumentError(f"{points} points are too few for order {order}; take {2 * order}")
+        raise ArgumentError(f"{points} points are too few for order {order}; write {2 * order}")
     if not symbolic(tension) and not (numbers("tension", tension).size == 1 and tension > 0):
         raise ArgumentError(
-            f"tension must be above 0, not {tension!r}: without surface tension nothing smooths "
-            "the film, whose fronts steepen until they break"
+            f"tension must be above 0, not {tension!r}: without surface tension the fronts of the "
+            "film steepen until they break"
         )
     if symbolic(slope):
         return
@@ -110,8 +113,8 @@ def _check(slope: Any, tension: Any, points: int, order: int) -> None:
         raise ArgumentError("slope must be finite numbers")
     if abs(slope.sum()) > _CLOSED * (np.abs(slope).sum() + 1e-300):
         raise ArgumentError(
-            "the field does not repeat: its slope has the mean "
-            f"{slope.mean():.3g} over a wavelength, which must be 0"
+            f"the field is not periodic: its slope has the mean {slope.mean():.3g} over a "
+            "wavelength, which must be 0"
         )
 
 
@@ -124,7 +127,7 @@ def _weights(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _central(reach: int, derivative: int) -> np.ndarray:
-    """Weights of a central difference on the step 1, from Lagrange's polynomials."""
+    """Weights of a central difference with step 1, from Lagrange's polynomials."""
     places = np.arange(-reach, reach + 1)
     weights = []
     for place in places:
@@ -141,7 +144,7 @@ def _applied(weights: np.ndarray, values: ca.SX) -> ca.SX:
 
 
 def _ahead(values: ca.SX, count: int) -> ca.SX:
-    """Values so many points ahead, around the period."""
+    """Values at points ahead, around the period."""
     count %= values.numel()
     return ca.vertcat(values[count:], values[:count])
 
@@ -151,9 +154,9 @@ def _second(values: ca.SX) -> ca.SX:
 
 
 def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
-    """State (points - 1,) of the Model of `thin_film` that has a given thickness (points,).
+    """State (points - 1,) of the Model of `thin_film` with a given thickness (points,).
 
-    Raises ArgumentError unless the mean is 1 to 1e-6; what is left of that is shared out.
+    Raises ArgumentError unless the mean is 1 to 1e-6; the remaining error is distributed.
     """
     h = numbers("thickness", thickness).ravel()
     if not (h.size and np.all(np.isfinite(h))):
@@ -162,7 +165,7 @@ def film_volume(thickness: ArrayLike, *, order: int = 12) -> np.ndarray:
         raise ArgumentError(f"the mean thickness must be 1, not {h.mean():.8g}")
     factor = _symbol(h.size, order)
     found = np.fft.rfft(h)
-    usable = np.abs(factor) > 1e-9  # neither the mean nor a wave of two points a period
+    usable = np.abs(factor) > 1e-9  # neither the mean nor a wave of two points per period
     found[usable] /= factor[usable]
     found[~usable] = 0
     volume = np.fft.irfft(found, h.size)
@@ -183,7 +186,7 @@ def film_thickness(volume: np.ndarray, *, order: int = 12) -> np.ndarray:
 
 
 def _symbol(points: int, order: int) -> np.ndarray:
-    """What the first difference makes of exp(i k xi), k = 0, 1, ..."""
+    """Factor of the first difference on exp(i k xi), k = 0, 1, ..."""
     reach, step = order // 2, 2 * np.pi / points
     turn = np.arange(points // 2 + 1)[:, None] * np.arange(-reach, reach + 1) * step
     return 1j * (np.sin(turn) @ _weights(order)[0]) / step
@@ -192,20 +195,20 @@ def _symbol(points: int, order: int) -> np.ndarray:
 def slope_on(points: int, samples: ArrayLike) -> np.ndarray:
     """Slope (points,) of the trigonometric polynomial through samples (m,), m ≥ 4, of a period.
 
-    Harmonics that the points cannot hold are left out. Raises ArgumentError if samples are
-    too few, not finite, or jump from the last to the first.
+    Harmonics that the points do not resolve are left out. Raises ArgumentError if samples are too
+    few, not finite, or jump from the last to the first.
     """
     values = numbers("samples", samples).ravel()
     if values.size < 4:
-        raise ArgumentError(f"{values.size} samples are too few; give 4 or more over a wavelength")
+        raise ArgumentError(f"{values.size} samples are too few; write 4 or more over a wavelength")
     if not np.all(np.isfinite(values)):
         raise ArgumentError("samples must be finite numbers")
     steps = np.abs(np.diff(values, append=values[0]))
     if steps[-1] > _JUMP * steps[:-1].max():
         raise ArgumentError(
-            f"the field does not repeat: from its last sample to its first it jumps by "
-            f"{steps[-1]:.3g}, between others by {steps[:-1].max():.3g} at most; give one whole "
-            "wavelength, its end left out"
+            f"the field is not periodic: it jumps by {steps[-1]:.3g} from its last sample to its "
+            f"first, and by at most {steps[:-1].max():.3g} between others; write one whole "
+            "wavelength without its end"
         )
     harmonics = _harmonics(values, points)
     return np.fft.irfft(1j * np.arange(len(harmonics)) * harmonics * points, points)
@@ -217,7 +220,7 @@ def resampled(samples: np.ndarray, points: int) -> np.ndarray:
 
 
 def _harmonics(samples: np.ndarray, points: int) -> np.ndarray:
-    """Harmonics of that polynomial, those left out that so many points cannot hold."""
+    """Harmonics of that polynomial, without those that the points do not resolve."""
     kept = min((samples.size - 1) // 2, (points - 1) // 2)
     found = np.zeros(points // 2 + 1, dtype=complex)
     found[: kept + 1] = np.fft.rfft(samples)[: kept + 1] / samples.size
@@ -225,7 +228,7 @@ def _harmonics(samples: np.ndarray, points: int) -> np.ndarray:
 
 
 class WaveField:
-    """Least field that holds a prescribed wave at number W, as (mu - 1) H² / (8 pi)."""
+    """Least field that holds a prescribed wave at tension W, as (mu - 1) H² / (8 pi)."""
 
     def __init__(self, wave: Wave, tension: float) -> None:
         self.wave, self.tension = wave, tension
@@ -256,7 +259,7 @@ class GivenField:
         return resampled(self.samples, points)
 
     def left_out(self, points: int) -> float:
-        """Root mean square of the harmonics so many points cannot hold, over that of all."""
+        """Root mean square of the harmonics that the points do not resolve, over that of all."""
         size = np.abs(np.fft.rfft(self.samples))[1:]
         kept = min((len(self.samples) - 1) // 2, (points - 1) // 2)
         whole = float(np.linalg.norm(size))

@@ -1,7 +1,8 @@
-"""Lubrication flow of a film under a travelling wave, place by place: (27)-(29).
+"""Lubrication flow of a film in a travelling wave: eqs. 27 to 29 of Zimmermann et al. 2007.
 
-The surface z = h(xi), xi = t - x, travels forward with speed 1, all numbers scaled by (25); the
-film passes on Q = h + C. Functions take numbers, arrays or CasADi expressions and check nothing.
+The surface z = h(xi), xi = t - x, travels forward with speed 1, in the scales of eq. 25; the flow
+of the film is Q = h + C. Functions take numbers, arrays or CasADi expressions and do not check
+them.
 """
 
 from __future__ import annotations
@@ -17,24 +18,24 @@ Expression = Any
 
 
 def flow(h: Expression, constant: Expression) -> Expression:
-    """Flow Q = h + C past a place, (28): volume per time and width, forward positive."""
+    """Flow Q = h + C past a place (eq. 28): volume per time and width, forward positive."""
     return h + constant
 
 
 def pressure_gradient(h: Expression, constant: Expression) -> Expression:
-    """Pressure gradient F = p_x = -3 Q / h³, (28); negative pushes the fluid forward."""
+    """Pressure gradient F = p_x = -3 Q / h³ (eq. 28); negative pushes the fluid forward."""
     return -3 * flow(h, constant) / (h * h * h)
 
 
 def velocities(
     z: Expression, h: Expression, slope: Expression, constant: Expression
 ) -> tuple[Expression, Expression]:
-    """Velocities u along and w upward at height z over the ground, (27) with h z²/2 in w.
+    """Velocities u along and w upward at height z over the ground (eq. 27 with h z²/2 in w).
 
-    `slope`: derivative of h by xi; `constant`: C.
+    `slope`: derivative of h with respect to xi; `constant`: C.
     """
     F = pressure_gradient(h, constant)
-    # By x, which is minus the derivative by xi.
+    # With respect to x, which is minus the derivative with respect to xi.
     h_x, F_x = -slope, -3 * slope * (2 * h + 3 * constant) / (h * h * h * h)
     u = F * z * (z / 2 - h)
     return u, z * z * (F * h_x / 2 + F_x * (h / 2 - z / 6))
@@ -46,9 +47,9 @@ def surface_velocity(h: Expression, constant: Expression) -> Expression:
 
 
 def stream_function(z: Expression, h: Expression, constant: Expression) -> Expression:
-    """Flow below z seen from the wave: integral of u - 1 from the ground (0) to z; C at z = h.
+    """Flow below z in the wave's frame: integral of u - 1 from the ground (0) to z; C at z = h.
 
-    It is constant on paths of the fluid.
+    It is constant along paths of the fluid.
     """
     return pressure_gradient(h, constant) * z * z * (z / 6 - h / 2) - z
 
@@ -56,20 +57,25 @@ def stream_function(z: Expression, h: Expression, constant: Expression) -> Expre
 def field_slope(
     h: Expression, third: Expression, constant: Expression, tension: Expression = 0.0
 ) -> Expression:
-    """Derivative of (mu - 1) H² / (8 pi) by xi, (29) with C / h³.
+    """Derivative of (mu - 1) H² / (8 pi) with respect to xi.
+
+    Source: eq. 29 of Zimmermann et al. 2007 with C / h³.
 
     Parameters
     ----------
-    h, third : float, ndarray or casadi.SX
-        Thickness and its third derivative.
+    h : float, ndarray or casadi.SX
+        Thickness over its mean.
+    third : float, ndarray or casadi.SX
+        Third derivative of the thickness with respect to xi.
     constant : float or casadi.SX
-        C.
+        The constant C of the flow Q = h + C.
     tension : float or casadi.SX, optional
-        Number W of surface tension.
+        Surface tension W.
 
     Returns
     -------
     float, ndarray or casadi.SX
+        Slope in units of P.
 
     Examples
     --------
@@ -80,14 +86,14 @@ def field_slope(
 
 
 def library_of(value: Expression) -> Any:
-    """Module whose functions take such a value: math, numpy, or casadi for its expressions."""
+    """Module with the functions for a value: math, numpy, or casadi for its expressions."""
     if not symbolic(value):
         return math if isinstance(value, Real) else np
-    import casadi  # only who has expressions has loaded it already
+    import casadi  # Expressions exist only if casadi is loaded.
 
     return casadi
 
 
 def symbolic(value: object) -> bool:
-    """Whether a value is an expression of CasADi."""
+    """Whether a value is a CasADi expression."""
     return type(value).__module__.startswith("casadi")

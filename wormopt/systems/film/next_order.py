@@ -1,8 +1,9 @@
-"""What lubrication leaves out of the flow under a wave: the next order, eps², and an error bar.
+"""Correction of the lubrication flow in a wave: the next order, eps², with an error estimate.
 
-Slow flow (Stokes) knows eps = depth times wave number only by its square. Next to the stream
-function of `lubrication` comes eps² times another polynomial in z, which the ground, the surface
-without shear and a pressure that repeats determine. Inertia, of the share eps Re, is not in it.
+Slow flow (Stokes) depends on eps = depth times wave number only by its square. The stream function
+of `lubrication` is corrected by eps² times another polynomial in z, which follows from the ground,
+the surface without shear and a periodic pressure. Inertia, of relative size eps Re, is not
+included.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from wormopt.systems.film.lubrication import Expression
 from wormopt.systems.film.shapes import Wave, grid
 
 REACH = 3.0
-"""Largest eps times highest harmonic for which bars are told; those of low waves end at 6.5."""
+"""Largest eps times highest harmonic with an error estimate; for low waves the limit is 6.5."""
 
 
 @dataclass(frozen=True)
 class Corrected:
-    """A number with the next order, and how far slow flow may be from it."""
+    """A value corrected to the next order, and its error estimate for slow flow."""
 
     value: float
     bar: float | None  # None where eps is too large to know
@@ -32,16 +33,17 @@ class Corrected:
 def surface_correction(
     h: Expression, slope: Expression, bend: Expression, constant: Expression, change: Expression
 ) -> Expression:
-    """What eps² multiplies in the velocity along the surface.
+    """Coefficient of eps² in the velocity along the surface.
 
-    `slope`, `bend`: derivatives of h by xi; `constant`: C; `change`: what eps² multiplies in it.
+    `slope`, `bend`: derivatives of h with respect to xi; `constant`: C; `change`: coefficient of
+    eps² in C.
     """
     turned = bend * h * (h + 4 * constant) + slope * slope * (2 * h + 9 * constant)
     return (15 * change - turned) / (10 * h)
 
 
 def flow_terms(wave: Wave) -> tuple[float, float]:
-    """Two terms, of either sign, whose sum eps² multiplies in C and in the mean flow.
+    """Two terms, of either sign, whose sum is the coefficient of eps² in C and in the mean flow.
 
     -4/5 mean(h'²/h²) / mean(h^-3) and -16/5 C mean(h'²/h³) / mean(h^-3).
     """
@@ -58,7 +60,7 @@ def flow_terms(wave: Wave) -> tuple[float, float]:
 
 
 def corrected_flow(wave: Wave, eps: float) -> Corrected:
-    """Mean flow with the next order of the film's thinness.
+    """Mean flow of a wave, corrected to the next order of the film's thinness.
 
     Parameters
     ----------
@@ -70,15 +72,15 @@ def corrected_flow(wave: Wave, eps: float) -> Corrected:
     Returns
     -------
     Corrected
-        `value`, off by a share of eps⁴, and `bar`, by how much slow flow of any thickness may
-        differ from it: the sizes of both terms of the correction, added up. It is no proven
-        bound, but was held against flow in two dimensions; None where eps times the highest
+        ``value`` has a relative error of order eps⁴. ``bar`` estimates the error against slow flow
+        of any thickness: the sum of the sizes of both terms of the correction. It is not a proven
+        bound, but was compared with flow in two dimensions. It is None where eps times the highest
         harmonic of the wave is above 3.
 
     Raises
     ------
     ArgumentError
-        If eps is no number, or negative.
+        If eps is not a number, or negative.
 
     Examples
     --------
@@ -92,7 +94,7 @@ def corrected_flow(wave: Wave, eps: float) -> Corrected:
 
 
 def within_reach(wave: Wave, eps: float) -> bool:
-    """Whether the bar is known to hold for that eps."""
+    """Whether the error estimate is known to hold for that eps."""
     return eps * _highest(wave) <= REACH
 
 
@@ -103,7 +105,7 @@ def _highest(wave: Wave) -> int:
 
 
 def check_eps(value: object) -> float:
-    """Float of a number that is 0 or above; raises ArgumentError."""
+    """Convert a number of 0 or above to float; raises ArgumentError."""
     try:
         eps = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):

@@ -1,8 +1,9 @@
-"""Any periodic shape of a film of magnetic fluid, by quadrature: C, mean flow, field of (30).
+"""Periodic shapes of a film of magnetic fluid, by quadrature: C, mean flow, field of eq. 30.
 
-Sums over equidistant points are exact for periodic functions up to what lies beyond the resolved
-harmonics. `flow_constant` and `field_function` take values on such a grid, numbers or CasADi
-expressions; `FourierWave` is a shape by its harmonics that picks a fine enough grid itself.
+The equations are those of Zimmermann et al. 2007. Sums over equidistant points are exact for
+periodic functions up to unresolved harmonics. `flow_constant` and `field_function` take values on
+an equidistant grid, numbers or CasADi expressions. `FourierWave` is a shape by its harmonics that
+chooses a fine enough grid itself.
 """
 
 from __future__ import annotations
@@ -19,22 +20,23 @@ from wormopt.model.values import numbers
 from wormopt.systems.film.cosine import CosineWave, Shape
 from wormopt.systems.film.lubrication import Expression, library_of, symbolic
 
-# Harmonics of 1 / h² and 1 / h³ beyond the grid shall be below this share of the largest.
+# Harmonics of 1 / h² and 1 / h³ beyond the grid must be below this share of the largest.
 _RESOLVED, _LEAST, _MOST = 1e-16, 32, 1 << 16
 _CANDIDATES = 8
 
 
 def grid(nodes: int) -> np.ndarray:
-    """Equidistant phases from 0 on, the end of the period left out.
+    """Equidistant phases of a period from 0 on, without its end.
 
     Parameters
     ----------
     nodes : int
-        How many.
+        Number of phases.
 
     Returns
     -------
     ndarray, shape (nodes,)
+        Phases in rad.
 
     Examples
     --------
@@ -45,7 +47,7 @@ def grid(nodes: int) -> np.ndarray:
 
 
 def flow_constant(h: Expression) -> Expression:
-    """C = -int h^-2 / int h^-3, for which alone the field is periodic; -C lies within h.
+    """Constant C = -int h^-2 / int h^-3 with which the field is periodic; -C lies within h.
 
     `h`: positive thickness on `grid`, (nodes,) or casadi (nodes, 1).
     """
@@ -57,10 +59,10 @@ def flow_constant(h: Expression) -> Expression:
 
 
 def field_function(h: Expression, tension: Expression = 0.0) -> Expression:
-    """Field (mu - 1) D / (8 pi) on the grid, of mean 0, that holds a shape h > 0, from (30).
+    """Field (mu - 1) D / (8 pi) on the grid, with mean 0, that holds a shape h > 0 (eq. 30).
 
-    W h'' + 3 int d xi (1 / h² + C / h³); `h` (nodes,) or casadi (nodes, 1) on `grid`, best
-    with an odd number of nodes, or one whose highest harmonic is not in h.
+    W h'' + 3 int d xi (1 / h² + C / h³); `h` (nodes,) or casadi (nodes, 1) on `grid`, best with an
+    odd number of nodes, or one whose highest harmonic is not in h.
     """
     C = flow_constant(h)
     slope = 3 * (h + C) / (h * h * h)
@@ -81,18 +83,20 @@ def harmonics_of(values: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 class FourierWave(Shape):
-    """Shape h = 1 + sum_k (cosines[k-1] cos(k xi) + sines[k-1] sin(k xi)).
+    """Wave of any shape, h = 1 + sum_k (cosines[k-1] cos(k xi) + sines[k-1] sin(k xi)).
 
     Parameters
     ----------
-    cosines, sines : array_like, shape (n,)
-        Harmonics, the first one first; the shorter is filled up with 0. h must be positive.
+    cosines : array_like, shape (n,)
+        Cosine amplitudes over the mean thickness, from the first harmonic on.
+    sines : array_like, shape (n,), optional
+        Sine amplitudes; the shorter of both is padded with 0. h must be positive.
 
     Raises
     ------
     ArgumentError
-        If a harmonic is no number, all are 0, h is not positive everywhere, or so nearly 0 that no
-        grid resolves it.
+        If a harmonic is not a number, all are 0, or h is not positive everywhere, or so small that
+        no grid resolves it.
 
     Examples
     --------
@@ -112,7 +116,9 @@ class FourierWave(Shape):
         if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
             raise ArgumentError("harmonics must be finite numbers")
         if not (a.any() or b.any()):
-            raise ArgumentError("all harmonics are 0: there is no wave; write cosines = [0.5], say")
+            raise ArgumentError(
+                "all harmonics are 0, so there is no wave; write cosines = [0.5], for example"
+            )
         self.cosines, self.sines = a, b
         self._check_thickness()
 
@@ -140,7 +146,7 @@ class FourierWave(Shape):
                 return 2 * nodes
             nodes *= 2
         raise ArgumentError(
-            f"the thickness falls to {self.height(grid(_MOST)).min():.3g}, too little for "
+            f"the thickness falls to {self.height(grid(_MOST)).min():.3g}, too small for "
             f"quadrature over {_MOST} points; write smaller harmonics"
         )
 
@@ -162,7 +168,7 @@ class FourierWave(Shape):
 
     @cached_property
     def _pressures(self) -> tuple[np.ndarray, np.ndarray]:
-        """Harmonics of the pressure, those of round-off's size left out."""
+        """Harmonics of the pressure, without those of the size of round-off."""
         h = self.height(grid(self.nodes))
         slope = 3 * (h + self.constant) / h**3
         found = 2 * np.fft.rfft(slope)[1:-1] / self.nodes
@@ -184,7 +190,7 @@ Wave = CosineWave | FourierWave
 
 
 def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int = 0) -> Expression:
-    """Fourier series or a derivative of it, added up in a way that suits the argument."""
+    """Fourier series or a derivative of it, summed in a way that suits the argument."""
     k = np.arange(1, len(cosines) + 1)
     turned = (cosines - 1j * sines) * (1j * k) ** order  # of exp(i k xi), real part
     if symbolic(xi):
@@ -199,7 +205,7 @@ def _series(cosines: np.ndarray, sines: np.ndarray, xi: Expression, order: int =
 
 
 def _kept(found: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Cosines and sines of complex harmonics, those far below round-off at the end left out."""
+    """Cosines and sines of complex harmonics, without those far below round-off at the end."""
     kept = np.flatnonzero(np.abs(found) > 1e-18 * np.abs(found).max())
     found = found[: kept[-1] + 1]
     return found.real, -found.imag
@@ -212,7 +218,7 @@ def _differentiate(values: np.ndarray, order: int) -> np.ndarray:
     factor = np.zeros(len(k), dtype=complex)
     factor[1:] = (1j * k[1:]) ** order
     if not nodes % 2 and order % 2:
-        factor[-1] = 0.0  # a wave of two points a period has no slope on the grid
+        factor[-1] = 0.0  # a wave of two points per period has no slope on the grid
     return np.fft.irfft(factor * np.fft.rfft(values), nodes)
 
 

@@ -1,4 +1,4 @@
-"""A film of magnetic fluid in SI units: the scales of (25), and what lubrication leaves out."""
+"""A film of magnetic fluid in SI units: the scales of eq. 25 of Zimmermann et al. 2007."""
 
 from __future__ import annotations
 
@@ -15,35 +15,37 @@ from wormopt.model.values import numbers
 from wormopt.quantities import GRAVITY
 from wormopt.result import left_out
 
-# Numbers that shall be small against 1 are warned of above this.
+# Quantities that must be small give a warning above this value.
 _SMALL = 0.1
 
 
 @dataclass(frozen=True)
 class Fluid:
-    """Fluid, film and travelling wave in SI units, and the scales of (25).
+    """Fluid, film and travelling wave in SI units, and their scales.
+
+    Source: eq. 25 of Zimmermann et al. 2007.
 
     Parameters
     ----------
     mu_r : float
         Relative permeability, above 1.
     viscosity : float
-        Dynamic viscosity eta, Pa s.
+        Dynamic viscosity eta in Pa s.
     density : float
-        rho, kg/m³.
+        Density rho in kg/m³.
     surface_tension : float
-        gamma, N/m; 0 or above.
+        Surface tension gamma in N/m; 0 or above.
     depth : float
-        Mean thickness d, m.
+        Mean thickness d in m.
     wavelength : float
-        2 pi / k, m.
+        Wavelength 2 pi / k in m.
     frequency : float
-        Angular frequency omega of the wave, rad/s.
+        Angular frequency omega of the wave in rad/s.
 
     Raises
     ------
     ArgumentError
-        If a number is none, or out of its range.
+        If a value is not a number, or out of its range.
 
     Examples
     --------
@@ -72,84 +74,88 @@ class Fluid:
 
     @property
     def wave_number(self) -> float:
-        """k, rad/m: lengths along the film are in units of 1/k."""
+        """Wave number k in rad/m; lengths along the film are in units of 1/k."""
         return 2 * math.pi / self.wavelength
 
     @property
     def eps(self) -> float:
-        """Depth times wave number, which shall be small."""
+        """eps, depth times wave number, which must be small."""
         return self.depth * self.wave_number
 
     @property
     def speed(self) -> float:
-        """U_c = omega / k, m/s: speed of the wave and unit of velocities along the film."""
+        """U_c = omega / k in m/s, speed of the wave and unit of velocities along the film."""
         return self.frequency / self.wave_number
 
     @property
     def pressure(self) -> float:
-        """P = eta omega / eps², Pa: unit of pressures."""
+        """P = eta omega / eps² in Pa, unit of pressures."""
         return self.viscosity * self.frequency / self.eps**2
 
     @property
     def reynolds(self) -> float:
-        """Re = rho U_c d / eta; inertia is of the share eps Re."""
+        """Reynolds number Re = rho U_c d / eta; inertia has the relative size eps Re."""
         return self.density * self.speed * self.depth / self.viscosity
 
     @property
     def tension(self) -> float:
-        """W = gamma d k² / P."""
+        """Dimensionless surface tension W = gamma d k² / P."""
         return self.surface_tension * self.depth * self.wave_number**2 / self.pressure
 
     @property
     def gravity(self) -> float:
-        """Weight of the film rho g d over P, which lubrication leaves out here."""
+        """Weight of the film rho g d over P, which lubrication theory neglects here."""
         return self.density * GRAVITY * self.depth / self.pressure
 
     def field(self, pressure: object) -> np.ndarray:
-        """Field H that acts with a pressure.
+        """Field H of a magnetic pressure.
 
         Parameters
         ----------
         pressure : array_like, any shape
-            (mu - 1) H² / (8 pi) as the film's formulas have it, in units of P; 0 or above.
+            (mu - 1) H² / (8 pi) in units of P, as in the formulas of the film; 0 or above.
 
         Returns
         -------
         ndarray
-            In A/m.
+            Field in A/m, same shape.
 
         Raises
         ------
         ArgumentError
-            If it is no number or negative.
+            If the pressure is not a number or negative.
         """
         given = numbers("pressure", pressure)
         if not np.all(given >= 0):
-            raise ArgumentError("no field acts with a pressure below 0; take H0² at least D_max")
+            raise ArgumentError(
+                "pressure is below 0, which no field has; write H0² of at least D_max"
+            )
         return np.asarray(field_of(self.mu_r, given * self.pressure))
 
     def gaussian_field(self, pressure: object) -> np.ndarray:
-        """Give the same in oersted.
+        """Field H of a magnetic pressure, in oersted.
 
         Parameters
         ----------
         pressure : array_like, any shape
-            As for `field`.
+            (mu - 1) H² / (8 pi) in units of P; 0 or above.
 
         Returns
         -------
         ndarray
+            Field in Oe, same shape.
         """
         return self.field(pressure) / OERSTED
 
     def warnings(self) -> Iterator[str]:
-        """Say which numbers are not as small as the theory takes them to be.
+        """Yield a warning for each parameter that is not as small as the theory assumes.
 
-        Above 1 they leave a result unchecked.
+        A value above 1 leaves a result unchecked.
 
         Yields
         ------
         str
+            Warning.
 
         Examples
         --------
@@ -160,10 +166,18 @@ class Fluid:
         """
         inertia = self.eps * self.reynolds
         for value, name, what in (
-            (self.eps, "eps = depth times wave number", "lubrication leaves out shares of eps²"),
-            (inertia, "eps Re", "lubrication leaves out inertia, a share of this size"),
-            (self.mu_r - 1, "mu_r - 1", "the field is taken as if the fluid were not there"),
-            (self.gravity, "rho g d / P", "the weight of the fluid is left out"),
+            (
+                self.eps,
+                "eps = depth times wave number",
+                "lubrication theory neglects relative errors of order eps²",
+            ),
+            (
+                inertia,
+                "eps Re",
+                "lubrication theory neglects inertia, which has this relative size",
+            ),
+            (self.mu_r - 1, "mu_r - 1", "the effect of the fluid on the field is neglected"),
+            (self.gravity, "rho g d / P", "the weight of the fluid is neglected"),
         ):
             if value > _SMALL:
                 text = f"{name} is {value:.3g}, not small against 1: {what}"

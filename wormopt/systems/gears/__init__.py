@@ -1,1 +1,1 @@
-"""Worms that shift gears: gaits for every slope, the ways between them, and when to shift."""
+"""Worms that shift gears: gaits for every slope, transitions between them, and when to shift."""

@@ -1,12 +1,13 @@
-"""The worm that shifts by itself as a chain: links with springs, held to the strokes by a tracker.
+"""The gear-shifting worm as a chain: links with springs that follow the strokes by a tracker.
 
-A reference worm runs through the strokes; the chain's link lengths follow its own by a
-lambda-tracker, beside a feed-forward: what holds the springs there, and the actuator forces by
-which resting masses share the load alike. Links between resting masses keep their lengths
-whatever pulls in them, so without it each spike would go on carrying what it came to rest with.
+A reference worm runs through the strokes. The chain's link lengths follow those of the reference by
+a lambda-tracker with a feed-forward. The feed-forward holds the springs at the reference lengths
+and
+adds the actuator forces with which resting masses share the load equally. Links between resting
+masses keep their lengths at any force, so without it each spike would keep its initial load.
 
-What is measured are the forces of the chain itself. The supervisor decides by their sums; the load
-on each mass, which the feed-forward needs, is what they leave unexplained, averaged over a while.
+The forces of the chain are measured. The supervisor decides by their sums. The feed-forward needs
+the load on each mass, which is the unexplained part of these forces, averaged over time.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from wormopt.systems.gears.supervisor import Supervisor
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What the links are made of, and how their control adapts."""
+    """Parameters of the links and of their adaptive control."""
 
     stiffness: float  # of each link
     damping: float  # of each link
@@ -39,7 +40,7 @@ class Body:
     tube_radius: float
     gain_start: float
     growth: float
-    memory: float  # over which measured loads are averaged
+    memory: float  # averaging time of measured loads
 
 
 def geared_chain(
@@ -54,8 +55,8 @@ def geared_chain(
 ) -> Model:
     """Close the loop of a chain of links that follows the strokes of a gear box.
 
-    It begins at places `begin` (n+1,) at rest, with a cycle of `gear` and the load there known;
-    the motion ends where the mean of the masses reaches `goal`. States: the chain's,
+    It starts at positions `begin` (n+1,) at rest, with a cycle of `gear` and a known load. The
+    motion ends when the mean of the masses reaches `goal`. States: the chain's,
     ``reference_position``, those of the gear box, ``believed_load``, ``gain``.
     """
     shifted, masses, drag = Shifted.of(box), len(box.mass), box.gears[0].drag
@@ -104,7 +105,7 @@ def geared_chain(
 
 
 def _worm(box: GearBox, body: Body, gear: int, begin: np.ndarray) -> Model:
-    """The chain itself, whose springs have no force at the mean length with which it begins."""
+    """The chain without control; its springs are free of force at the mean initial length."""
     length = float(box.gears[gear].lengths[0].mean())
     return chain(
         len(box.mass) - 1,
@@ -120,7 +121,7 @@ def _worm(box: GearBox, body: Body, gear: int, begin: np.ndarray) -> Model:
 
 
 def _on_ground(worm: Model, ground: Ground) -> Model:
-    """Put the ground under the chain."""
+    """Apply the loads of the ground to the chain."""
     place, known = worm["position"], ("load", "drag")
     met = ground.pull_expression(place), ground.expression("drag", place)
     left = [signal for signal in worm.p if signal.name not in known]
@@ -128,17 +129,17 @@ def _on_ground(worm: Model, ground: Ground) -> Model:
 
 
 def _held(worm: Model, wanted: ca.SX, rate: ca.SX, shared: ca.SX) -> Model:
-    """Add to the input what holds the springs as wanted while actuators bear `shared` (n, 1)."""
+    """Add to the input the forces that hold the springs while actuators carry `shared` (n, 1)."""
     held = worm["stiffness"] * (wanted - worm["rest_length"]) + worm["damping"] * rate
     return _put(worm, [worm["input"]], [worm["input"] + held - shared])
 
 
 def _put(worm: Model, symbols: Sequence[ca.SX], values: Sequence[ca.SX]) -> Model:
-    """Put expressions for symbols of a model without switches."""
+    """Replace symbols of a model without switches by expressions."""
     expressions = [worm.ode, *(output.expression for output in worm.outputs)]
     ode, *shown = ca.substitute(expressions, [*symbols], [*values])
     outputs = [replace(o, expression=e) for o, e in zip(worm.outputs, shown, strict=True)]
-    put = copy(worm)  # not `replace`: symbols that the caller still declares would be refused
+    put = copy(worm)  # not `replace`, which refuses symbols that the caller still declares
     for name, part in (("ode", ode), ("outputs", outputs)):
         object.__setattr__(put, name, part)
     return put

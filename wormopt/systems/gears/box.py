@@ -1,4 +1,4 @@
-"""A gear box: gears from slow to fast, ways between neighbours, all strokes in one table."""
+"""A gear box: gears from slow to fast, transitions between neighbours, all strokes in a table."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from wormopt.systems.gears.transition import Transition, shortest_transition
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A stroke in the table of a gear box, and what may follow it; rows are told by number."""
+    """A stroke in the table of a gear box, and its possible successors, by row number."""
 
     stroke: Stroke
-    gear: int  # that is on, or into which it leads
+    gear: int  # current gear, or the gear that a transition leads to
     shifting: bool  # whether it belongs to a transition
     ends_cycle: bool  # whether a cycle of the gear ends with it
-    follows: int  # row after it while the gear is kept
-    slower: int | None = None  # row after it on the way into the next slower gear
-    faster: int | None = None  # and into the next faster one
+    follows: int  # next row while the gear is kept
+    slower: int | None = None  # next row towards the next slower gear
+    faster: int | None = None  # next row towards the next faster gear
 
 
 @dataclass(frozen=True, eq=False)
 class GearBox:
-    """Gears from the slowest to the fastest, with transitions between neighbours both ways."""
+    """Gears from the slowest to the fastest, with transitions between neighbours."""
 
     gears: tuple[Gear, ...]
     up: tuple[Transition, ...]  # from gear k to k + 1
@@ -81,7 +81,7 @@ class GearBox:
         return tuple(rows)
 
     def first_row(self, gear: int) -> int:
-        """Row with which the cycle of a gear begins."""
+        """First row of the cycle of a gear."""
         return sum(len(each.strokes) for each in self.gears[:gear])
 
     @property
@@ -91,22 +91,22 @@ class GearBox:
 
 
 def gear_box(gears: Sequence[Gear], limits: Limits, *, resting: int = 1, arcs: int = 12) -> GearBox:
-    """Put gears in the order of their speeds, and design the transitions between neighbours.
+    """Sort gears by speed, and design the transitions between neighbours.
 
-    A transition keeps the limits at all loads that both gears bear. Raises ArgumentError if two
-    gears are equally fast or bear no load together, SolveError if there is no transition.
+    A transition meets the limits at all loads that both gears carry. Raises ArgumentError if two
+    gears are equally fast or have no common load, SolveError if there is no transition.
     """
     ordered = tuple(sorted(gears, key=lambda gear: gear.speed))
     up, down = [], []
     for slow, fast in pairwise(ordered):
         if fast.speed <= slow.speed * (1 + 1e-9):
-            raise ArgumentError(f"{slow.name} and {fast.name} are equally fast; leave one out")
+            raise ArgumentError(f"{slow.name} and {fast.name} are equally fast; remove one")
         load = max(slow.least, fast.least), min(*slow.bears(limits), *fast.bears(limits))
         if not load[0] < load[1]:
             raise ArgumentError(
-                f"{slow.name} and {fast.name} bear no load together: one needs at least "
-                f"{load[0]:.4g} on each mass lest it glides, they bear {load[1]:.4g}; give one a "
-                "longer period"
+                f"{slow.name} and {fast.name} have no common load: one needs at least "
+                f"{load[0]:.4g} on each mass to avoid gliding, but both carry only {load[1]:.4g}; "
+                "give one a longer period"
             )
         up.append(shortest_transition(slow, fast, limits, load, resting=resting, arcs=arcs))
         down.append(shortest_transition(fast, slow, limits, load, resting=resting, arcs=arcs))

@@ -1,4 +1,4 @@
-"""What a scene of kind ``gait-shift`` describes, made into ground, gears and supervisor."""
+"""Builds ground, gears and supervisor from a scene of kind ``gait-shift``."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from wormopt.systems.gears.supervisor import Supervisor, supervise
 from wormopt.systems.gears.walk import Choose, Walk, walk
 from wormopt.systems.spiked import gait_of_shape
 
-# Limits of links may be exceeded by rounding, as a share.
+# Accepted excess of link limits by rounding, as a share.
 _KEPT = 1e-9
-# So many times as long as the slowest gear takes is given up.
+# Longest simulated time, relative to the time of the slowest gear.
 _PATIENCE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What a scene describes."""
+    """Objects described by a scene."""
 
     scene: Scene[GaitShiftScene]
 
     @property
     def table(self) -> GaitShiftScene:
-        """Its table."""
+        """Table of the scene."""
         return self.scene.table
 
     @cached_property
@@ -48,7 +48,7 @@ class Case:
 
     @cached_property
     def ground(self) -> Ground:
-        """The ground along the way."""
+        """The ground along the route."""
         given, count = self.table.ground, len(self.table.ground.place)
         gravity = GRAVITY if given.gravity is None else given.gravity
         pull = self.table.masses[0] * gravity * np.sin(per(given.slope, count))
@@ -62,7 +62,7 @@ class Case:
 
     @cached_property
     def gears(self) -> list[Gear]:
-        """The gears, from the slowest. SceneError where one breaks a limit of the links."""
+        """Gears from slow to fast; SceneError if one violates a limit of the links."""
         found = [self._gear(k) for k in range(len(self.table.gears))]
         return sorted(found, key=lambda gear: gear.speed)
 
@@ -80,7 +80,7 @@ class Case:
 
     @cached_property
     def box(self) -> GearBox:
-        """The gear box. SceneError where gears do not go together."""
+        """The gear box; SceneError if gears cannot be combined."""
         try:
             return gear_box(self.gears, self.limits, resting=self.table.limits.resting)
         except ArgumentError as error:
@@ -94,29 +94,29 @@ class Case:
 
     @cached_property
     def first(self) -> int:
-        """The fastest gear that the supervisor would keep at the start."""
+        """Fastest gear that the supervisor would keep at the start."""
         load = self.load(np.array([self.table.way.start]))[0]
         share = self.limits.times(self.table.supervisor.down)
         bears = [min(gear.bears(share)) >= load for gear in self.box.gears]
         return max((k for k, fine in enumerate(bears) if fine), default=0)
 
     def load(self, place: np.ndarray) -> np.ndarray:
-        """Load on each mass, with an even part of what is towed."""
+        """Load on each mass, with an equal share of the towed load."""
         return self.ground.at("load", place) + self.ground.at("towed", place) / len(self.box.mass)
 
     def begin(self, gear: int) -> np.ndarray:
-        """Places of the masses at time 0, (n+1,)."""
+        """Positions of the masses at time 0, (n+1,)."""
         place = -np.concatenate([[0.0], np.cumsum(self.box.gears[gear].lengths[0])])
         return place - place.mean() + self.table.way.start
 
     @property
     def longest(self) -> float:
-        """When to give up."""
+        """Longest simulated time."""
         way = self.table.way.goal - self.table.way.start
         return _PATIENCE * way / self.box.gears[0].speed
 
     def walk(self, gear: int, choose: Choose) -> Walk:
-        """Walk the way from a cycle of a gear on, by whoever chooses the rows."""
+        """Travel from a cycle of a gear, with rows selected by `choose`."""
         first = self.box.first_row(gear)
         goal = self.table.way.goal
         return walk(self.box, self.ground, self.begin(gear), first, choose, goal, self.longest)
@@ -134,6 +134,6 @@ def _faults_of_links(gear: Gear, limits: Limits) -> Iterator[str]:
         least, most = min(v.min() for v in values), max(v.max() for v in values)
         if least < low - _KEPT * size or most > high + _KEPT * max(size, abs(high)):
             yield (
-                f"goes from {least:.4g} to {most:.4g} in {name}, which limits.{name} does not "
-                "allow; write a longer period or a wider limit"
+                f"its {name} goes from {least:.4g} to {most:.4g}, outside limits.{name}; write a "
+                "longer period or a wider limit"
             )

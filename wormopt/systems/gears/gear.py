@@ -1,4 +1,4 @@
-"""A gear: a gait, what it loads by the slope it climbs, and what slope it bears."""
+"""A gear: a gait with its forces as functions of the load, and its admissible loads."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What spikes and actuators bear, and how links may move."""
+    """Load limits of spikes and actuators, and limits on the links."""
 
-    spike: float  # load of a spike; inf without a limit
-    actuator: float  # force of an actuator, both ways; inf without a limit
-    rate: float  # of a link length, both ways
-    acceleration: float  # of a link length, both ways
-    length: tuple[float, float]  # of every link
+    spike: float  # load of a spike; inf if unlimited
+    actuator: float  # force of an actuator, both directions; inf if unlimited
+    rate: float  # rate of a link length, both directions
+    acceleration: float  # acceleration of a link length, both directions
+    length: tuple[float, float]  # range of every link
 
     def times(self, share: float) -> Limits:
-        """The same with a share of the loads."""
+        """The limits with a share of the loads."""
         return Limits(
             share * self.spike, share * self.actuator, self.rate, self.acceleration, self.length
         )
@@ -36,20 +36,23 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Gear:
-    """A gait of polynomials as a worm's gear, under equal sharing and an even load.
+    """A polynomial gait as a gear of a worm, with equal sharing and the same load on all masses.
 
-    All forces are affine in the load on each mass, so what holds at loads 0 and 1 holds for all.
-    Raises ArgumentError for a gait with harmonics, corners, or none at rest.
+    All forces are affine in the load on each mass, so loads 0 and 1 determine them for all loads.
+    Raises ArgumentError for a gait with harmonics, with corners, or without masses at rest.
     """
 
     name: str
     gait: Gait
     mass: np.ndarray  # (n+1,)
-    drag: float  # of each mass, as believed
+    drag: float  # of each mass, as assumed
 
     def __post_init__(self) -> None:
         if self.gait.degree is None:
-            raise ArgumentError(f"{self.name}: a gear needs a gait of polynomials, no harmonics")
+            raise ArgumentError(
+                f"{self.name}: the gait has harmonics, but a gear needs a polynomial gait; "
+                'write profile = "quintic" or "trapezoid"'
+            )
         widths = np.diff(self.gait.breaks)
         jumps = [
             self.gait.on_piece(q, np.zeros(1), 1)
@@ -58,7 +61,9 @@ class Gear:
         ]
         size = float(np.abs(self.gait.polynomial[:, :, 0]).max()) / self.gait.period
         if float(np.abs(jumps).max()) > 1e-9 * size:
-            raise ArgumentError(f"{self.name}: link rates jump; a gear needs smooth lengths")
+            raise ArgumentError(
+                f"{self.name}: link rates jump, but a gear needs smooth lengths; round the corners"
+            )
 
     @cached_property
     def strokes(self) -> tuple[Stroke, ...]:
@@ -67,13 +72,13 @@ class Gear:
 
     @cached_property
     def lengths(self) -> np.ndarray:
-        """Link lengths at the begin of every stroke, (strokes, n)."""
+        """Link lengths at the start of every stroke, (strokes, n)."""
         begins = np.cumsum([0.0, *(stroke.duration for stroke in self.strokes[:-1])])
         return self.gait(begins).T
 
     @property
     def resting(self) -> int:
-        """Fewest masses at rest at any time."""
+        """Smallest number of masses at rest."""
         return min(len(stroke.resting) for stroke in self.strokes)
 
     @property
@@ -83,7 +88,7 @@ class Gear:
 
     @property
     def advance(self) -> float:
-        """Way of a cycle."""
+        """Distance travelled per cycle."""
         return float(sum(stroke.way[0] for stroke in self.strokes))
 
     @property
@@ -101,7 +106,7 @@ class Gear:
         return max((q.high[0] + q.slope[0] * load) / q.resting for q in self._forces)
 
     def actuator_peak(self, load: float) -> float:
-        """Largest force of an actuator, either way."""
+        """Largest actuator force, either direction."""
         return max(
             float(np.max(np.maximum(q.high + q.slope * load, -q.low - q.slope * load)[1:]))
             for q in self._forces
@@ -109,13 +114,13 @@ class Gear:
 
     @cached_property
     def least(self) -> float:
-        """Least load on each mass at which none glides."""
+        """Smallest load on each mass without gliding."""
         return max(0.0, *(-q.low[0] / q.slope[0] for q in self._forces))
 
     def bears(self, limits: Limits) -> tuple[float, float]:
-        """Largest load on each mass that spikes bear, and that actuators bear.
+        """Largest load on each mass within the limit of spikes, and within that of actuators.
 
-        Negative infinity for actuators that break their limit at the least load already.
+        Negative infinity if actuators violate their limit already at the smallest load.
         """
         spike = min((limits.spike * q.resting - q.high[0]) / q.slope[0] for q in self._forces)
         actuator = math.inf
@@ -128,12 +133,12 @@ class Gear:
         return float(spike), actuator if fine else -math.inf
 
     def outdone(self, other: Gear, limits: Limits) -> bool:
-        """Whether a faster gear bears every load that this one does."""
+        """Whether the faster gear `other` carries every load that this one does."""
         most = min(self.bears(limits)), min(other.bears(limits))
         return other.speed > self.speed and most[0] <= most[1] and self.least >= other.least
 
     def spike_mean(self, load: float) -> float:
-        """Mean over a cycle of the load of all spikes together: the balance of impulses."""
+        """Mean over a cycle of the total load of all spikes, from the balance of impulses."""
         return len(self.mass) * (self.drag * self.speed + load)
 
     def actuator_square(self, load: float) -> float:
@@ -150,9 +155,9 @@ class Gear:
 
 @dataclass(frozen=True, eq=False)
 class _Forces:
-    """Extremes in a stroke at no load, and by how much they grow with the load on each mass.
+    """Extremes of forces in a stroke without load, and their slopes by the load on each mass.
 
-    Rows are the load of all spikes together, then the actuators.
+    The first row is the total load of all spikes; the others are the actuators.
     """
 
     low: np.ndarray  # (1 + n,)

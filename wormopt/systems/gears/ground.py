@@ -1,4 +1,4 @@
-"""Ground that changes along the way: load, drag and towed load by place."""
+"""Ground that changes along the route: load, drag and towed load by position."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from wormopt.errors import ArgumentError
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What a mass meets by its place: linear between knots, constant beyond the ends.
+    """Loads of the ground by position: linear between knots, constant beyond the ends.
 
-    `load` and `drag` act on every mass where it is, `towed` on the tail where it is. Raises
-    ArgumentError if places do not ascend or shapes differ.
+    `load` and `drag` act on every mass at its position, `towed` on the tail at its position.
+    Raises ArgumentError if places do not increase or shapes differ.
     """
 
     place: np.ndarray  # (k,) knots, ascending
@@ -27,16 +27,16 @@ class Ground:
         for name in ("place", "load", "drag", "towed"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
         if self.place.ndim != 1 or not len(self.place) or np.any(np.diff(self.place) <= 0):
-            raise ArgumentError("places must ascend, and there must be one at least")
+            raise ArgumentError("places are missing or do not increase; write increasing numbers")
         if any(len(getattr(self, name)) != len(self.place) for name in ("load", "drag", "towed")):
             raise ArgumentError("load, drag and towed need one number for each place")
 
     def at(self, name: str, place: np.ndarray) -> np.ndarray:
-        """Value of "load", "drag" or "towed" at places of any shape."""
+        """Value of "load", "drag" or "towed" at positions of any shape."""
         return np.interp(place, self.place, getattr(self, name))
 
     def expression(self, name: str, place: ca.SX) -> ca.SX:
-        """The same of a column of symbols."""
+        """Value of "load", "drag" or "towed" as an expression of a column of symbols."""
         values = getattr(self, name)
         slopes = np.diff(values) / np.diff(self.place) if len(values) > 1 else np.zeros(0)
         changes = np.diff(slopes, prepend=0.0, append=0.0)
@@ -47,13 +47,13 @@ class Ground:
         return found
 
     def pull(self, place: np.ndarray) -> np.ndarray:
-        """Force against forward motion on masses at places (n+1, ...), the tow among it."""
+        """Force against forward motion on masses at positions (n+1, ...), with the towed load."""
         found = self.at("load", place)
         found[-1] += self.at("towed", place[-1])
         return found
 
     def pull_expression(self, place: ca.SX) -> ca.SX:
-        """The same of a column of symbols (n+1, 1)."""
+        """Force against forward motion as an expression of a column of symbols (n+1, 1)."""
         found = self.expression("load", place)
         found[-1] += self.expression("towed", place[-1])
         return found

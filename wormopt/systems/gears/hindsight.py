@@ -1,11 +1,11 @@
-"""The best schedule in hindsight: gears by place, found by who knows the whole way.
+"""The best schedule in hindsight: the sequence of gears by position with the whole route known.
 
-Time passes from node to node: begins of strokes at which a gear may be left or is entered. What
-an edge between two of them loads is a function of the place alone, since the worm's shape at a
-node is always the same. The search goes by time (Dijkstra), every node apart in bins of place; of
-what falls into one bin only that counts which is further than all that came earlier, at its own
-place and not the bin's. So what is found can be walked as it stands, and is the best as the bins
-become narrow: within a bin it is taken for granted that being ahead does no harm.
+Nodes are starts of strokes at which a gear may be left or entered. The loads on an edge between two
+nodes depend on the position alone, because the worm's shape at a node is always the same. The
+search proceeds by time (Dijkstra's algorithm), with bins of position at every node. In a bin only
+those states are kept that are further ahead than all earlier ones, with their own position, not
+that of the bin. The schedule found can therefore be executed, and it is optimal in the limit of
+narrow bins: within a bin, being ahead is assumed to do no harm.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from wormopt.systems.gears.box import GearBox
 from wormopt.systems.gears.gear import Limits
 from wormopt.systems.gears.ground import Ground
 
-# Instants of a stroke at which forces are looked at.
+# Times in a stroke at which forces are sampled.
 _LOOKS = np.linspace(0.0, 1.0, 9)
-# Limits may be exceeded by this share between the looks.
+# Accepted relative excess of limits.
 _EXCEEDED = 1e-9
-# Places that differ by less, in bins, are one.
+# Positions that differ by less, in bins, are equal.
 _ROUNDING = 1e-6
-# Places in a bin at which it is known what an edge loads.
+# Positions in a bin at which the loads of an edge are known.
 _KNOWN = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """Strokes from one node on to another."""
+    """Strokes from one node to another."""
 
     rows: tuple[int, ...]
-    end: int  # row that begins there
+    end: int  # row that begins at its end
     duration: float
-    way: float  # of the mean of the masses
-    allowed: np.ndarray  # (places,) whether it keeps the limits if it begins there
+    way: float  # displacement of the mean of the masses
+    allowed: np.ndarray  # (places,) whether it meets the limits if it starts there
 
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Rows one after another, and when the goal is reached by them."""
+    """A sequence of rows, and the time at which it reaches the goal."""
 
     rows: tuple[int, ...]
     time: float
-    labels: int  # that were looked at
+    labels: int  # number of search states
 
 
 def best_schedule(
@@ -63,10 +63,10 @@ def best_schedule(
     fineness: int = 3,
     report: Report = silent,
 ) -> Schedule:
-    """Find the schedule that brings the mean of the masses from `start` to `goal` first.
+    """Find the schedule that moves the mean of the masses from `start` to `goal` first.
 
-    It begins with a cycle of `gear`. Bins are so narrow that a cycle crosses `fineness` of them at
-    least. Raises SolveError if none keeps the limits.
+    It starts with a cycle of `gear`. A cycle crosses at least `fineness` bins. Raises SolveError if
+    no schedule meets the limits.
     """
     least = min(gear.advance for gear in box.gears)  # from one visit of a node to the next
     bins = int(np.ceil(fineness * (goal - start) / least))
@@ -89,10 +89,10 @@ def best_schedule(
         looked += 1
         if place > furthest and looked % 1000 == 0:
             furthest = place
-            report("looking back", (place - start) / (goal - start))
+            report("optimising in hindsight", (place - start) / (goal - start))
         near = min(int(_KNOWN * (place - start) / step), len(places) - 2)
         for edge in edges[node]:
-            # allowed at both neighbours: forces vary by little from one to the other
+            # allowed at both neighbours: forces vary little between them
             if not edge.allowed[near : near + 2].all():
                 continue
             came.append((label, edge))
@@ -103,13 +103,14 @@ def best_schedule(
             else:
                 heappush(queue, (then, len(came) - 1, edge.end, there))
     raise SolveError(
-        "no schedule of the gears passes within the limits",
-        "give spikes and actuators more load, or add a gear in which more masses rest",
+        "no schedule of the gears meets the limits on this route",
+        "increase limits.spike_load and limits.actuator_force, or add a gear with more resting "
+        "masses",
     )
 
 
 def _edge_rows(box: GearBox, first: int, nodes: set[int]) -> tuple[int, ...]:
-    """Rows from one on to the next node."""
+    """Rows from one row to the next node."""
     rows = [first]
     while box.rows[rows[-1]].follows not in nodes:
         rows.append(box.rows[rows[-1]].follows)
@@ -125,7 +126,7 @@ def _rows(came: list[tuple[int, Edge | None]], label: int) -> tuple[int, ...]:
 
 
 def _until(box: GearBox, edge: Edge, way: float) -> float:
-    """Time within an edge at which the mean of the masses has gone some way."""
+    """Time within an edge at which the mean of the masses has moved by `way`."""
     gone = 0.0
     for number in edge.rows:
         stroke = box.rows[number].stroke
@@ -137,7 +138,7 @@ def _until(box: GearBox, edge: Edge, way: float) -> float:
 
 
 def _nodes(box: GearBox) -> set[int]:
-    """Rows that begin where a gear is left or entered, or a cycle begins."""
+    """Rows at whose start a gear is left or entered, or a cycle begins."""
     found = {box.first_row(k) for k in range(len(box.gears))}
     for row in box.rows:
         if row.slower is not None or row.faster is not None:
@@ -153,9 +154,9 @@ def _nodes(box: GearBox) -> set[int]:
 def _edges(
     box: GearBox, ground: Ground, limits: Limits, places: np.ndarray
 ) -> dict[int, list[Edge]]:
-    """Edges by the row with which they begin.
+    """Edges by their first row.
 
-    A node is a row; a gear is left from the end of the row before it.
+    A node is a row; a gear is left at the end of the row before it.
     """
     nodes = _nodes(box)
     before = {row.follows: row for row in box.rows if not row.shifting}
@@ -197,7 +198,7 @@ def _edge(
 def _peaks(
     box: GearBox, ground: Ground, number: int, shape: np.ndarray, places: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Largest loads of a spike and an actuator in a stroke, and least of all spikes, by place."""
+    """Largest spike load and actuator force in a stroke, and smallest total load, by position."""
     stroke = box.rows[number].stroke
     s = stroke.duration * _LOOKS
     begin = (shape[:, None] + places)[:, :, None]  # (masses, places, 1)
@@ -213,7 +214,7 @@ def _peaks(
 
 
 def _shapes(box: GearBox) -> dict[int, np.ndarray]:
-    """Places of the masses about their mean at the begin of every row of a gear's cycle."""
+    """Positions of the masses about their mean at the start of every row of a gear's cycle."""
     found = {}
     for k, gear in enumerate(box.gears):
         for q, lengths in enumerate(gear.lengths):
@@ -223,10 +224,10 @@ def _shapes(box: GearBox) -> dict[int, np.ndarray]:
 
 
 def ideal_time(box: GearBox, ground: Ground, limits: Limits, start: float, goal: float) -> float:
-    """Time if shifts were free, and the lightest place nearby told which gear is fast enough.
+    """Travel time with free shifts, if the lightest load nearby selects the gear.
 
-    Nearby is within a worm's length and a cycle; infinite where no gear bears even that. What a
-    schedule loses by shifting shows against it; a bound it is up to parts of cycles.
+    Nearby is within a worm's length and a cycle; infinite if no gear carries even that load. The
+    difference to a schedule is the loss by shifting. It is a lower bound up to parts of cycles.
     """
     places = np.linspace(start, goal, 4001)
     reach = max(float(np.ptp(shape)) for shape in _shapes(box).values())

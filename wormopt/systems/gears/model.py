@@ -1,7 +1,7 @@
-"""A gear box as part of a Model: a reference worm that is shifted by what is measured.
+"""A gear box as part of a Model: a reference worm that is shifted by measured loads.
 
-Which stroke is on, its coefficients, gear, timer and sums are discrete or simply growing states;
-the one Switch is the end of a stroke, at which the next is taken from the table.
+The current stroke, its coefficients, the gear, timer and sums are discrete or simply increasing
+states. The only Switch is the end of a stroke, at which the next stroke is read from the table.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from wormopt.systems.gears.box import GearBox
 from wormopt.systems.gears.ground import Ground
 from wormopt.systems.gears.supervisor import Supervisor
 
-# Stands for a threshold that is never reached, and for one that always is.
+# Threshold that is never reached, and its negative for one that always is.
 _FAR = 1e30
-# By so much of the dwell a timer may fall short by rounding.
+# Accepted relative error of the dwell time by rounding.
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Shifted:
-    """Symbols of a reference worm that runs through strokes, and what they say."""
+    """Symbols of a reference worm that runs through strokes."""
 
     box: GearBox
-    velocity: ca.SX  # (n+1, 1) of its masses
+    velocity: ca.SX  # (n+1, 1) of the masses
     acceleration: ca.SX  # (n+1, 1)
-    resting: ca.SX  # (n+1, 1) 1 where its mass rests
+    resting: ca.SX  # (n+1, 1) 1 if the mass rests
     coefficient: ca.SX  # of the stroke, power by power
     row: ca.SX
     clock: ca.SX  # time since the stroke began
     duration: ca.SX
     gear: ca.SX
     wanted: ca.SX
-    whole: ca.SX  # 1 if the gear has been on since its cycle began
+    whole: ca.SX  # 1 if the gear has been used since its cycle began
     since: ca.SX  # time since the last shift
     stroke_sum: ca.SX  # of the spikes since the stroke began
     spike_sum: ca.SX  # since the cycle began, or the shift
@@ -66,16 +66,16 @@ class Shifted:
         )
 
     def need(self, load: ca.SX, drag: ca.SX | float) -> ca.SX:
-        """Force that each mass needs (n+1, 1) to move as it does under `load` and `drag`."""
+        """Force on each mass (n+1, 1) for its motion under `load` and `drag`."""
         return ca.DM(self.box.mass) * self.acceleration + drag * self.velocity + load
 
     def shared(self, need: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Load of each spike (n+1, 1), and actuator forces (n, 1), if spikes share alike."""
+        """Load of each spike (n+1, 1), and actuator forces (n, 1), with equal sharing."""
         spike = self.resting * (ca.sum1(need) / ca.sum1(self.resting))
         return spike, ca.cumsum(spike - need)[:-1]
 
     def states(self, gear: int, dwell: float) -> list[Signal]:
-        """Its states, with the begin of a cycle as their start."""
+        """States with initial values at the start of a cycle."""
         box, number = self.box, self.box.first_row(gear)
         table = _table(box)[number]
         size, masses = self.coefficient.numel(), len(box.mass)
@@ -123,7 +123,7 @@ class Shifted:
         stroke = ca.mtimes(ca.sparsify(ca.DM(_table(box))).T, then)
         gear = ca.dot(then, ca.DM([row.gear for row in rows]))
         same = ca.eq(gear, self.gear)
-        goes_on = ca.if_else(ends, 0, same)  # whether the sums go on
+        goes_on = ca.if_else(ends, 0, same)  # whether the sums continue
         whole = ca.if_else(same, ca.fmax(self.whole, ends), 0)
         return ca.vertcat(
             stroke[:-1],
@@ -140,7 +140,7 @@ class Shifted:
         )
 
     def _wanted(self, supervisor: Supervisor, ends: ca.SX, alarmed: ca.SX) -> ca.SX:
-        """Gear that is wanted from now on; decided anew at the end of a whole cycle, or alarmed."""
+        """Wanted gear, decided at the end of a whole cycle or on an alarm."""
         gears = self.box.gears
         now = _one_hot(self.gear, len(gears))
         period = ca.dot(now, ca.DM([gear.period for gear in gears]))
@@ -186,11 +186,11 @@ def geared_worm(
     begin: np.ndarray,
     goal: float,
 ) -> Model:
-    """A worm with spikes whose lengths follow the strokes exactly: kinematic theory with gears.
+    """Make the Model of a worm with spikes whose lengths follow the strokes exactly.
 
-    It begins a cycle of `gear` at places `begin` (n+1,), and the motion ends where the mean of
-    the masses reaches `goal`. Outputs ``velocity``, ``spike_total`` (below 0 the worm would
-    glide), ``spike_load``, ``actuator_force``.
+    It starts with a cycle of `gear` at positions `begin` (n+1,). The motion ends when the mean of
+    the masses reaches `goal`. Outputs: ``velocity``, ``spike_total`` (the worm would glide below
+    0), ``spike_load``, ``actuator_force``.
     """
     shifted, masses = Shifted.of(box), len(box.mass)
     place = ca.SX.sym("position", masses)
@@ -221,6 +221,6 @@ def geared_worm(
 
 
 def arrives(place: ca.SX, states: Sequence[Signal], goal: float) -> Switch:
-    """The end of the motion: the mean place reaches the goal."""
+    """Switch at the end of the motion, when the mean position reaches the goal."""
     own = ca.vertcat(*(signal.symbol for signal in states))
     return Switch("arrives", ca.sum1(place) / place.numel() - goal, own, terminal=True)

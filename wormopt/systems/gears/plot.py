@@ -25,7 +25,7 @@ from wormopt.result import Result
 
 
 def shift(result: Result) -> Figure:
-    """Gear, loads against their limits, and way over time, with the ground below."""
+    """Draw gear, loads with their limits and position over time, and the load along the route."""
     drawn = sheet(7.1, 6.6, 7.6)
     gear, spike, force, way, ground = drawn.subplots(5, height_ratios=(1, 1.2, 1.2, 1.4, 1))
     time = result["stroke_time"].values
@@ -37,7 +37,7 @@ def shift(result: Result) -> Figure:
         (spike, "stroke_spike_load", "spike_load_limit", "spike load"),
         (force, "stroke_actuator_force", "actuator_force_limit", "actuator\nforce"),
     ):
-        # strokes of a cycle differ: points lie on as many curves, where a line would fill the band
+        # strokes of a cycle differ: a line would fill the band between their curves
         axes.plot(time, result[name].values, ".", color=LINKS[0], markersize=1.2)
         most, entries = (
             scalar(result, limit),
@@ -54,18 +54,18 @@ def shift(result: Result) -> Figure:
         drawn,
         fact(result, "time", "arrives at"),
         fact(result, "best_time", "best in hindsight"),
-        fact(result, "fixed_time", "the best gear alone"),
+        fact(result, "fixed_time", "best single gear"),
     )
     drawn.align_ylabels()
     return drawn
 
 
 def _draw_gears(result: Result, axes: Axes) -> None:
-    """Gear over time, of the supervisor, the best schedule and the tracked chain."""
+    """Draw the gear over time: supervisor, best schedule and tracked chain."""
     entries = []
     for name, (time, gear), colour, dashes in (
         ("supervisor", ("stroke_time", "stroke_gear"), LINKS[0], "-"),
-        ("in hindsight", ("best_stroke_time", "best_stroke_gear"), GREY, (0, (2, 1))),
+        ("best schedule", ("best_stroke_time", "best_stroke_gear"), GREY, (0, (2, 1))),
         ("tracked chain", ("adaptive_sample", "adaptive_gear"), LINKS[1], (0, (5, 1.5))),
     ):
         if gear in result:
@@ -85,11 +85,11 @@ def _draw_gears(result: Result, axes: Axes) -> None:
 
 
 def _draw_way(result: Result, way: Axes, ground: Axes) -> None:
-    """Place over time of all who walk, and the load along the way."""
+    """Draw positions over time, and the load along the route."""
     entries = []
     for name, (time, place), colour, dashes in (
         ("supervisor", ("stroke_time", "stroke_place"), LINKS[0], "-"),
-        ("in hindsight", ("best_stroke_time", "best_stroke_place"), GREY, (0, (2, 1))),
+        ("best schedule", ("best_stroke_time", "best_stroke_place"), GREY, (0, (2, 1))),
         ("tracked chain", ("adaptive_sample", "adaptive_place"), LINKS[1], (0, (5, 1.5))),
     ):
         if place in result:
@@ -99,8 +99,8 @@ def _draw_way(result: Result, way: Axes, ground: Axes) -> None:
     place = result["stroke_place"].values
     if alone is not None:
         way.plot([0.0, alone], place[[0, -1]], color=GREY, linewidth=0.8)
-        entries.append(line("best gear alone", GREY, "-", 0.8))
-    way.set_ylabel(label("mean place $x$", result["stroke_place"].unit))
+        entries.append(line("best single gear", GREY, "-", 0.8))
+    way.set_ylabel(label("mean position $x$", result["stroke_place"].unit))
     way.set_xlabel(label("time $t$", result["stroke_time"].unit))
     ends = [
         result[name].values[-1] for name in ("stroke_time", "adaptive_sample") if name in result
@@ -114,7 +114,7 @@ def _draw_way(result: Result, way: Axes, ground: Axes) -> None:
             ground.axhline(most, color=LINKS[k % 8], linestyle=LIMIT, linewidth=0.8)
     named = [line("on each mass", "black")]
     named += [
-        line(f"gear {k} bears", LINKS[k % 8], LIMIT, 0.8)
+        line(f"limit of gear {k}", LINKS[k % 8], LIMIT, 0.8)
         for k, (_, most) in enumerate(loads)
         if most < 2 * result["stroke_load"].values.max()
     ]
@@ -122,11 +122,11 @@ def _draw_way(result: Result, way: Axes, ground: Axes) -> None:
     ground.set_ylim(bottom=0)
     ground.margins(x=0)
     ground.set_ylabel(label("load", result["stroke_load"].unit))
-    ground.set_xlabel(label("mean place $x$", result["stroke_place"].unit))
+    ground.set_xlabel(label("mean position $x$", result["stroke_place"].unit))
 
 
 def transitions(result: Result) -> Figure:
-    """Speed and range of loads of each gear, and how long shifts between them take."""
+    """Draw speed and admissible loads of each gear, and durations of the shifts between them."""
     drawn = sheet(7.1, 2.6, 3.0)
     axes = drawn.subplots()
     speeds = needed(result, "gear_speeds")
@@ -160,6 +160,6 @@ def transitions(result: Result) -> Figure:
     axes.set_ylim(0, 1.2 * max(speeds))
     axes.set_xlim(left=0)
     unit = result.scalars["gear_loads"].unit
-    axes.set_xlabel(label("load $\\Gamma$ on each mass that it bears", unit))
+    axes.set_xlabel(label("admissible load $\\Gamma$ on each mass", unit))
     axes.set_ylabel(label("mean speed", result.scalars["gear_speeds"].unit))
     return drawn

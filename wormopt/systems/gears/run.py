@@ -1,4 +1,4 @@
-"""Scenes of kind ``gait-shift``: build the gear box, walk, look back, compare."""
+"""Runs scenes of kind ``gait-shift``: build the gears, travel, optimise in hindsight, compare."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ from wormopt.systems.gears.model import geared_worm
 from wormopt.systems.gears.scenes import AdaptiveTable, GaitShiftScene
 from wormopt.systems.gears.walk import Supervised, Walk, by_schedule, kept
 
-# Chains: tolerance of the simulation, and how near arrivals are under a hundredth of it.
+# Chains: tolerance of the simulation, and accepted error of arrival under a hundredth of it.
 _CHAIN, _CHAIN_AGREED = Tolerance(1e-8, 1e-9), 1e-5
 _SAMPLES = 2000
 
 
 def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
-    """Shift along the way; "failed" where a limit is broken or two routes disagree.
+    """Shift along the route; the result is "failed" if a limit is violated or two routes disagree.
 
-    Raises SceneError for gears that do not fit, SolveError where there is no transition or the
-    worm does not arrive, Interrupted by the user; these two with the supervised worm if it has
-    arrived.
+    Raises SceneError for gears that do not fit, SolveError if there is no transition or the worm
+    does not arrive, Interrupted by the user. The last two carry the result of the supervised worm
+    if it has arrived.
     """
     case, clocks = Case(scene), [perf_counter()]
     partial: Result | None = None
@@ -68,7 +68,7 @@ def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
     except SolveError as error:
         raise SolveError(error.reason, error.suggestion, partial, error.code) from None
     except KeyboardInterrupt:
-        why = "interrupted before the comparison was done"
+        why = "interrupted before the comparison ended"
         raise Interrupted(partial and partial.failed(why)) from None
     stages = ("transitions", "simulate", "hindsight", "adaptive", "recheck")
     return conclude(
@@ -76,7 +76,7 @@ def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
         scalars | compared.scalars | (chain.scalars if chain else {}),
         variables | compared.variables | (chain.variables if chain else {}),
         checks=checks,
-        facts={"assumptions": ["resting masses share the load alike", "spikes never slip back"]},
+        facts={"assumptions": ["resting masses share the load equally", "spikes never slip back"]},
         warnings=_warnings(case),
         timings=dict(zip(stages, np.diff(clocks).tolist(), strict=True)),
         attributes=_attributes(case),
@@ -84,7 +84,7 @@ def run(scene: Scene[GaitShiftScene], report: Report) -> Result:
 
 
 def _simulated(case: Case, report: Report) -> Trajectory:
-    """The supervised worm, simulated as a Model with events."""
+    """Simulate the supervised worm as a Model with events."""
     model = geared_worm(
         case.box,
         case.ground,
@@ -99,7 +99,8 @@ def _simulated(case: Case, report: Report) -> Trajectory:
     if motion.end_time >= case.longest:
         raise SolveError(
             f"the worm does not arrive by t = {case.longest:.6g}",
-            "look whether the slowest gear bears the way, or shorten supervisor.dwell",
+            "check that the slowest gear carries the loads of the route, or decrease "
+            "supervisor.dwell",
         )
     return motion
 
@@ -109,11 +110,11 @@ def _simulated(case: Case, report: Report) -> Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class Chained:
-    """What is told of the tracked chain."""
+    """Results of the tracked chain."""
 
     scalars: dict[str, Any]
     variables: dict[str, np.ndarray]
-    again: float  # when it arrives under a hundredth of the tolerance
+    again: float  # arrival time under a hundredth of the tolerance
 
 
 def _chained(case: Case, table: AdaptiveTable, report: Report) -> Chained:
@@ -148,7 +149,7 @@ def _chained(case: Case, table: AdaptiveTable, report: Report) -> Chained:
     if motion.end_time >= case.longest:
         raise SolveError(
             f"the tracked chain does not arrive by t = {case.longest:.6g}",
-            "write a larger adaptive.gain_start or adaptive.stiffness",
+            "increase adaptive.gain_start or adaptive.stiffness",
         )
     finer = Tolerance(_CHAIN.relative / 100, _CHAIN.absolute / 100)
     sampled = motion.at(np.linspace(0.0, motion.end_time, _SAMPLES))
@@ -182,7 +183,7 @@ def _chain_checks(case: Case, chain: Chained) -> Iterator[Check]:
     yield Check("arrival of the chain, finer", off, _CHAIN_AGREED, advice)
 
 
-# -- what is told --------------------------------------------------------------------------------
+# -- the result ----------------------------------------------------------------------------------
 
 
 def _attributes(case: Case) -> dict[str, Any]:
@@ -200,7 +201,7 @@ def _gears_of(case: Case, walked: Walk) -> np.ndarray:
 def _supervised(
     case: Case, motion: Trajectory, again: Walk
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Scalars and variables of the gear box and of the worm under its supervisor."""
+    """Scalars and variables of the gears and of the worm under its supervisor."""
     box, gear = case.box, _gears_of(case, again)
     changes = 1 + np.flatnonzero(np.diff(gear))
     place = again.place[:-1].mean(axis=1)
@@ -235,16 +236,16 @@ def _supervised(
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """What the supervised worm is set against."""
+    """Results with which the supervised worm is compared."""
 
     best: Schedule
-    walked: Walk  # by the best schedule
+    walked: Walk  # with the best schedule
     scalars: dict[str, Any]
     variables: dict[str, np.ndarray]
 
 
 def _compared(case: Case, motion: Trajectory, report: Report) -> Compared:
-    """Walk in each gear alone, and by the best schedule."""
+    """Travel in each gear alone, and with the best schedule."""
     box, way, limits = case.box, case.table.way, case.limits
     fixed = [case.walk(k, kept) for k in range(len(box.gears))]
     best = best_schedule(box, case.ground, limits, way.start, way.goal, case.first, report=report)
@@ -281,11 +282,11 @@ def _compared(case: Case, motion: Trajectory, report: Report) -> Compared:
 def _warnings(case: Case) -> Iterator[str]:
     for k, gear in enumerate(case.box.gears):
         if min(gear.bears(case.limits)) <= gear.least:
-            yield f"gear {k} ({gear.name}) bears no load without gliding"
+            yield f"gear {k} ({gear.name}) glides at every load within the limits"
         if any(gear.outdone(other, case.limits) for other in case.box.gears):
             yield (
-                f"gear {k} ({gear.name}) is in the way: a faster one bears every load that it "
-                "does; leave it out"
+                f"gear {k} ({gear.name}) is never useful: a faster gear carries every load that it "
+                "does; remove it"
             )
     if not all(each.complete for each in (*case.box.up, *case.box.down)):
-        yield "not all pairs of phases were looked at: a transition may be longer than need be"
+        yield "not all pairs of phases were tried: a transition may be longer than necessary"

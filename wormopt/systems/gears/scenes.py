@@ -1,4 +1,4 @@
-"""Scenes of kind "gait-shift": a worm with spikes that shifts its gait by what it measures."""
+"""Scenes of kind "gait-shift": a worm with spikes that shifts its gait by measured loads."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from wormopt.systems.spiked import AccordionShape, BlockWaveShape, FileShape, Li
 
 Along = Annotated[
     NonNegative | tuple[NonNegative, ...],
-    Meta(description="a finite number, 0 or above, or a list of such numbers, one per place"),
+    Meta(description="a finite number, 0 or above, or a list with one such number per place"),
 ]
 Angle = Annotated[
     float, Meta(ge=-math.pi / 2, le=math.pi / 2, description="an angle from -pi/2 to pi/2")
@@ -41,106 +41,118 @@ Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]
 class ShiftedWormTable(Table, frozen=True, kw_only=True):
     """A chain of *n* + 1 point masses with spikes, joined by *n* links that follow their gait."""
 
-    links: Annotated[Links, says("count", "*n*")]
+    links: Annotated[Links, says("count", "number of links *n*")]
     mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>; mass 0 is the head")]
     drag: Annotated[
         NonNegative,
-        says("drag", "*k*: viscous drag of each mass as the supervisor believes it to be"),
+        says("drag", "*k*: viscous drag of each mass, as assumed by the supervisor"),
     ] = 0.0
 
 
 class GroundTable(Table, frozen=True, kw_only=True):
-    """What each mass meets where it is: linear between places, constant before and after.
+    """The ground at each position: linear between the given places, constant beyond them.
 
-    Refused: places that do not ascend, lists of other lengths.
+    Refused: places that do not increase, lists of other lengths.
     """
 
     place: Annotated[
         tuple[Finite, ...],
-        Meta(min_length=1, description="a list of numbers that ascend"),
-        says("length", "places along the way"),
+        Meta(min_length=1, description="a list of increasing numbers"),
+        says("length", "positions along the route"),
     ]
     slope: Annotated[
         Angle | tuple[Angle, ...],
         says(
             "rad",
-            "rise of the ground there: *m*<sub>i</sub> *g* sin(`slope`) is added to the load on "
-            "each mass; needs equal masses",
+            "angle at which the ground rises there: *m*<sub>i</sub> *g* sin(`slope`) is added to "
+            "the load on each mass; needs equal masses",
         ),
     ] = 0.0
     gravity: Gravity = None
-    load: Annotated[Along, says("force", "against forward motion, on each mass")] = 0.0
-    towed: Annotated[Along, says("force", "the same on the tail alone: what is towed")] = 0.0
+    load: Annotated[Along, says("force", "force on each mass against forward motion")] = 0.0
+    towed: Annotated[
+        Along, says("force", "additional force on the tail against forward motion: a towed load")
+    ] = 0.0
     drag: Annotated[
-        Along | None, says("drag", "*k* of each mass in truth; `worm.drag` if left out")
+        Along | None, says("drag", "true drag *k* of each mass; default: `worm.drag`")
     ] = None
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys."""
         for k, (a, b) in enumerate(zip(self.place, self.place[1:], strict=False), start=1):
             if b <= a:
-                yield f"ground.place[{k}]", f"{b:g} is not beyond {a:g}; let places ascend"
+                yield f"ground.place[{k}]", f"{b:g} is not above {a:g}; write increasing places"
         for name in ("slope", "load", "towed", "drag"):
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != len(self.place):
                 yield (
                     f"ground.{name}",
-                    f"{len(value)} numbers for {len(self.place)} places; write one for all, or "
-                    f"a list of {len(self.place)}",
+                    f"{len(value)} numbers for {len(self.place)} places; write one for all, or a "
+                    f"list of {len(self.place)}",
                 )
 
 
 class ShiftLimitsTable(Table, frozen=True, kw_only=True):
-    """What gears and the transitions between them must keep to."""
+    """Limits of the gears and of the transitions between them."""
 
-    spike_load: Annotated[Positive, says("force", "most that a spike carries")]
+    spike_load: Annotated[Positive, says("force", "largest load on one spike")]
     actuator_force: Annotated[
-        Positive | None, says("force", "of each actuator, both ways; none if left out")
+        Positive | None, says("force", "largest force of each actuator; default: unlimited")
     ] = None
-    rate: Annotated[Positive, says("speed", "of each link length, both ways")]
-    acceleration: Annotated[Positive, says("acceleration", "of each link length, both ways")]
+    rate: Annotated[Positive, says("speed", "largest rate of each link length")]
+    acceleration: Annotated[Positive, says("acceleration", "largest acceleration of each length")]
     length: Annotated[Pair, says("length", "shortest and longest link length")]
-    resting: Annotated[Few, says("count", "masses that rest throughout a transition, at least")] = 1
+    resting: Annotated[
+        Few, says("count", "smallest number of masses at rest throughout a transition")
+    ] = 1
 
 
 class SupervisorTable(Table, frozen=True, kw_only=True):
-    """When to shift, by loads measured over whole cycles."""
+    """Rules for shifting by loads measured over whole cycles."""
 
     down: Annotated[
         Share,
-        says("share", "of the limits: above it peaks, as measured loads tell, are too high"),
+        says("share", "shift down if estimated peak loads exceed this share of the limits"),
     ] = 0.9
     up: Annotated[
         Share,
-        says("share", "below it peaks would have to be in the next faster gear; less than `down`"),
+        says(
+            "share",
+            "shift up if peak loads in the next faster gear would stay below this share; less "
+            "than `down`",
+        ),
     ] = 0.85
-    dwell: Annotated[NonNegative, says("time", "that a gear is kept at least")] = 0.0
+    dwell: Annotated[NonNegative, says("time", "shortest time in a gear")] = 0.0
 
 
 class WayTable(Table, frozen=True, kw_only=True):
-    """From where to where the mean of the masses goes."""
+    """Start and goal of the mean position of the masses."""
 
-    start: Annotated[Finite, says("length", "place of the mean of the masses at time 0")] = 0.0
-    goal: Annotated[Finite, says("length", "and at the end")]
+    start: Annotated[Finite, says("length", "mean position of the masses at time 0")] = 0.0
+    goal: Annotated[Finite, says("length", "mean position of the masses at the end")]
 
 
 class AdaptiveTable(Table, frozen=True, kw_only=True):
-    """The same as a chain of springs whose links follow by a λ-tracker (13)."""
+    """The same worm as a chain of springs whose links follow the gears by a λ-tracker.
 
-    stiffness: Annotated[Positive, says("stiffness", "*c* of each link")]
-    damping: Annotated[NonNegative, says("drag", "*d* of each link")]
+    The tracker is that of eq. 13 of Zimmermann et al. 2007 [1].
+    """
+
+    stiffness: Annotated[Positive, says("stiffness", "stiffness *c* of each link")]
+    damping: Annotated[NonNegative, says("drag", "damping *d* of each link")]
     friction: Annotated[
-        CoulombFriction | SpikeFriction, says("", 'of the ground, `kind = "spike"` or `"coulomb"`')
+        CoulombFriction | SpikeFriction,
+        says("", 'friction of the ground, `kind = "spike"` or `"coulomb"`'),
     ] = field(default_factory=SpikeFriction)
-    tube_radius: Annotated[Positive, says("length", "*λ*")]
-    gain_start: Annotated[Positive, says("1", "*k*(0)")] = 1.0
-    growth: Annotated[Positive, says("1", "*γ* of the gain's growth")] = 1.0
+    tube_radius: Annotated[Positive, says("length", "tube radius *λ* of the tracker")]
+    gain_start: Annotated[Positive, says("1", "initial gain *k*(0)")] = 1.0
+    growth: Annotated[Positive, says("1", "growth rate *γ* of the gain")] = 1.0
     memory: Annotated[
         Positive | None,
         says(
             "time",
-            "over which the load that each mass feels is averaged, for actuators to share it "
-            "among the spikes; a quarter of the shortest cycle if left out",
+            "averaging time of the load measured on each mass, by which actuators share the load "
+            "among the spikes; default: a quarter of the shortest cycle",
         ),
     ] = None
 
@@ -149,71 +161,72 @@ GearTable = BlockWaveShape | AccordionShape | FileShape
 
 
 class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
-    """A worm with a gear box on a way whose slope, towed load and drag change.
+    """A worm with gears on a route whose slope, towed load and drag change.
 
-    Each gear is a gait; gear 0 is the slowest, whatever the order of the tables. Between
-    neighbouring gears there are the shortest transitions within the limits, by which masses at
-    rest stay at rest. A supervisor that knows nothing of the way shifts by measured loads; its
-    time is compared with that of each gear alone, and of the best schedule in hindsight. See
+    Each gear is a gait. Gears are numbered from 0, the slowest, in any order of the tables. The
+    shortest transitions within the limits are designed between neighbouring gears; resting masses
+    stay at rest in them. A supervisor without knowledge of the route shifts by measured loads. Its
+    time is compared with that of each gear alone and of the best schedule in hindsight. See
     [theory](../gait-shift.md).
 
-    Results tell gears from the slowest to the fastest. Variables with the dimension `stroke` are
-    one number for each stroke of the motion. `timings_s`: `transitions`, `simulate`,
-    `hindsight`, `adaptive`, `recheck`.
+    Results list gears from the slowest to the fastest. Variables with the dimension `stroke` have
+    one number for each stroke of the motion. `timings_s`: `transitions`, `simulate`, `hindsight`,
+    `adaptive`, `recheck`.
     """
 
     headline: ClassVar = ("time", "best_time", "efficiency", "fixed_time", "shifts")
     scalars: ClassVar = {
-        "time": ("time", "that the supervised worm takes"),
-        "best_time": ("time", "of the best schedule of gears, which knows the way"),
-        "efficiency": ("share", "`best_time` by `time`"),
+        "time": ("time", "travel time of the supervised worm"),
+        "best_time": ("time", "travel time of the best schedule of gears, which knows the route"),
+        "efficiency": ("share", "`best_time` divided by `time`"),
         "ideal_time": (
             "time",
-            "were shifts free, with the fastest gear that bears the lightest load nearby",
+            "travel time with free shifts, with the fastest gear for the lightest load nearby",
         ),
-        "fixed_time": ("time", "of the fastest gear that alone keeps all limits; unknown if none"),
-        "fixed_times": ("time", "of each gear alone; unknown where it breaks a limit"),
-        "fixed_spike_loads": ("force", "largest load of a spike in each gear alone"),
-        "shifts": ("count", "how often the supervisor shifts"),
-        "best_shifts": ("count", "how often the best schedule does"),
-        "shift_times": ("time", "when the supervisor's shifts begin"),
-        "shift_places": ("length", "where the mean of the masses is then"),
-        "shift_gears": ("count", "gears into which it shifts"),
+        "fixed_time": ("time", "travel time of the fastest single gear within the limits, if any"),
+        "fixed_times": ("time", "travel time of each gear alone; unknown if it violates a limit"),
+        "fixed_spike_loads": ("force", "largest spike load in each gear alone"),
+        "shifts": ("count", "number of shifts of the supervisor"),
+        "best_shifts": ("count", "number of shifts of the best schedule"),
+        "shift_times": ("time", "start times of the supervisor's shifts"),
+        "shift_places": ("length", "mean position of the masses at these times"),
+        "shift_gears": ("count", "gear after each of these shifts"),
         "gear_speeds": ("speed", "mean speed of each gear"),
-        "gear_resting": ("count", "fewest masses at rest in each gear"),
+        "gear_resting": ("count", "smallest number of resting masses in each gear"),
         "gear_loads": (
             "force",
-            "least and largest load on each mass that each gear bears: below the least it glides",
+            "smallest and largest admissible load on each mass for each gear; below the smallest "
+            "it glides",
         ),
-        "up_durations": ("time", "of transitions from each gear into the next faster one"),
-        "down_durations": ("time", "and back"),
+        "up_durations": ("time", "duration of the transition from each gear to the next faster"),
+        "down_durations": ("time", "duration of the transition back"),
         "up_resting": ("count", "masses that rest throughout each transition up"),
-        "down_resting": ("count", "and down"),
-        "spike_load_max": ("force", "largest load of a spike under the supervisor"),
-        "actuator_force_max": ("force", "largest force of an actuator, either way"),
-        "spike_total_min": ("force", "least load of all spikes together; below 0 the worm glides"),
-        "adaptive_time": ("time", "that the tracked chain takes, shifting by itself"),
-        "adaptive_shifts": ("count", "how often it shifts"),
-        "adaptive_spike_load_max": ("force", "largest load of one of its spikes"),
-        "adaptive_actuator_force_max": ("force", "largest force in one of its links, either way"),
-        "adaptive_total_max": ("force", "largest load of all its spikes together"),
+        "down_resting": ("count", "masses that rest throughout each transition down"),
+        "spike_load_max": ("force", "largest spike load under the supervisor"),
+        "actuator_force_max": ("force", "largest actuator force under the supervisor"),
+        "spike_total_min": ("force", "smallest total load of all spikes; the worm glides below 0"),
+        "adaptive_time": ("time", "travel time of the tracked chain, which shifts by itself"),
+        "adaptive_shifts": ("count", "number of its shifts"),
+        "adaptive_spike_load_max": ("force", "its largest spike load"),
+        "adaptive_actuator_force_max": ("force", "its largest link force"),
+        "adaptive_total_max": ("force", "its largest total load of all spikes"),
         "adaptive_error_max": ("length", "largest norm of its tracking error"),
         "adaptive_gain": ("1", "its gain at the end"),
     }
     variables: ClassVar = {
-        "stroke_time": ("time", ("stroke",), "when the stroke begins"),
-        "stroke_place": ("length", ("stroke",), "mean place of the masses then"),
+        "stroke_time": ("time", ("stroke",), "start time of the stroke"),
+        "stroke_place": ("length", ("stroke",), "mean position of the masses at that time"),
         "stroke_gear": ("count", ("stroke",), "gear of the stroke"),
         "stroke_shifting": ("count", ("stroke",), "1 in a transition"),
-        "stroke_load": ("force", ("stroke",), "load on each mass there, with its part of the tow"),
-        "stroke_spike_load": ("force", ("stroke",), "largest load of a spike in it"),
-        "stroke_actuator_force": ("force", ("stroke",), "largest force of an actuator in it"),
-        "best_stroke_time": ("time", ("best_stroke",), "of the best schedule: begin of the stroke"),
-        "best_stroke_place": ("length", ("best_stroke",), "its mean place of the masses"),
-        "best_stroke_gear": ("count", ("best_stroke",), "its gear"),
-        "best_stroke_spike_load": ("force", ("best_stroke",), "its largest load of a spike"),
+        "stroke_load": ("force", ("stroke",), "load on each mass there, with its share of the tow"),
+        "stroke_spike_load": ("force", ("stroke",), "largest spike load in the stroke"),
+        "stroke_actuator_force": ("force", ("stroke",), "largest actuator force in the stroke"),
+        "best_stroke_time": ("time", ("best_stroke",), "best schedule: start time of the stroke"),
+        "best_stroke_place": ("length", ("best_stroke",), "best schedule: mean position then"),
+        "best_stroke_gear": ("count", ("best_stroke",), "best schedule: gear"),
+        "best_stroke_spike_load": ("force", ("best_stroke",), "best schedule: largest spike load"),
         "adaptive_sample": ("time", ("adaptive_sample",), "time of the tracked chain"),
-        "adaptive_place": ("length", ("adaptive_sample",), "mean place of its masses"),
+        "adaptive_place": ("length", ("adaptive_sample",), "mean position of its masses"),
         "adaptive_gear": ("count", ("adaptive_sample",), "its gear"),
         "adaptive_error": ("length", ("adaptive_sample",), "norm of its tracking error"),
     }
@@ -223,8 +236,8 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["shift", "transitions"], ...],
         says(
             "",
-            "`shift`: gear, loads against limits and way over time; `transitions`: what loads "
-            "each gear bears at what speed",
+            "`shift`: gear, loads with their limits and position over time; `transitions`: speed "
+            "and admissible loads of each gear",
         ),
     ] = ()
     worm: Annotated[ShiftedWormTable, says("", "the worm")]
@@ -233,21 +246,19 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
         Meta(min_length=2, max_length=8, description="a list of 2 to 8 tables"),
         says(
             "",
-            "the gaits; `shape` decides which other keys there are. Polynomials only: "
+            "the gaits; `shape` selects the other keys. Only polynomials: "
             '`profile = "quintic"` or `"trapezoid"`, a design, or a table',
         ),
     ]
-    limits: Annotated[ShiftLimitsTable, says("", "what they must keep to")]
-    ground: Annotated[GroundTable, says("", "the ground along the way")]
-    way: Annotated[WayTable, says("", "the way")]
-    supervisor: Annotated[SupervisorTable, says("", "when to shift")] = field(
+    limits: Annotated[ShiftLimitsTable, says("", "limits of gears and transitions")]
+    ground: Annotated[GroundTable, says("", "the ground along the route")]
+    way: Annotated[WayTable, says("", "the route")]
+    supervisor: Annotated[SupervisorTable, says("", "rules for shifting")] = field(
         default_factory=SupervisorTable
     )
     adaptive: Annotated[
         AdaptiveTable | None,
-        says(
-            "", "a chain that follows by a tracker and shifts by its own forces; none if left out"
-        ),
+        says("", "a chain that follows by a tracker and shifts by its own forces; none by default"),
     ] = None
 
     @property
@@ -267,13 +278,20 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
         if self.supervisor.up >= self.supervisor.down:
             yield (
                 "supervisor.up",
-                f"must be below supervisor.down = {self.supervisor.down:g}, or the worm would "
-                "shift to and fro; write less",
+                f"{self.supervisor.up:g} is not below supervisor.down = {self.supervisor.down:g}, "
+                "so the worm would shift to and fro; write a smaller value",
             )
         if self.way.goal <= self.way.start:
-            yield "way.goal", f"is not beyond way.start = {self.way.start:g}; write more"
+            yield (
+                "way.goal",
+                f"{self.way.goal:g} is not above way.start = {self.way.start:g}; write a larger "
+                "value",
+            )
         if self.limits.resting > self.worm.links:
-            yield "limits.resting", f"leaves none to move; write at most {self.worm.links}"
+            yield (
+                "limits.resting",
+                f"{self.limits.resting} leaves no mass to move; write at most {self.worm.links}",
+            )
         if self.adaptive is not None:
             law = self.adaptive.friction
             yield from faults_of_law("adaptive.friction", law, self.worm.links + 1)
@@ -284,11 +302,14 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
         if self.ground.gravity is None and self.units != "SI":
             yield (
                 "ground.gravity",
-                'missing; ground.slope needs it where units are not "SI": write the acceleration '
-                "of the fall in units of the scene",
+                'missing; ground.slope needs it if units are not "SI": write the acceleration of '
+                "gravity in units of the scene",
             )
         if isinstance(self.worm.mass, tuple) and len(set(self.worm.mass)) > 1:
-            yield "ground.slope", "pulls unequal masses back unequally; write one worm.mass for all"
+            yield (
+                "ground.slope",
+                "pulls unequal masses back by unequal forces; write one worm.mass for all",
+            )
 
     def _faults_of_gear(self, k: int, gear: GearTable, folder: Path) -> Iterator[Fault]:
         key = f"gears[{k}]"
@@ -298,7 +319,10 @@ class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
         if gear.profile == "cosine":
             yield (
                 f"{key}.profile",
-                'gears are gaits of polynomials; write "quintic", or "trapezoid" with a ramp',
+                '"cosine" is not a polynomial; write "quintic", or "trapezoid" with a ramp',
             )
         if gear.ramp == 0.0:
-            yield f"{key}.ramp", "corners jerk the worm; write a number above 0, at most 0.5"
+            yield (
+                f"{key}.ramp",
+                "0 gives corners, at which velocities jump; write a number above 0, at most 0.5",
+            )

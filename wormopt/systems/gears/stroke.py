@@ -16,14 +16,14 @@ from wormopt.systems.spiked import Drive, periodic_stretches
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """Velocities of the masses over a while in which the same masses rest."""
+    """Velocities of the masses during an interval in which the same masses rest."""
 
     duration: float
     velocity: np.ndarray  # (n+1, degree + 1) by ascending power of the time since it began
     resting: tuple[int, ...]  # masses at rest, ascending
 
     def at(self, s: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """Way, velocity or acceleration (n+1, m) at times `s`; `derivative` is -1, 0 or 1."""
+        """Displacement, velocity or acceleration (n+1, m) at times `s`; `derivative` -1, 0, 1."""
         powers = np.arange(self.velocity.shape[1])
         if derivative < 0:
             return (self.velocity / (powers + 1)) @ s[None] ** (powers[:, None] + 1)
@@ -33,11 +33,11 @@ class Stroke:
 
     @property
     def way(self) -> np.ndarray:
-        """How far every mass goes (n+1,)."""
+        """Displacement of every mass (n+1,)."""
         return self.at(np.array([self.duration]), -1)[:, 0]
 
     def until(self, way: float) -> float:
-        """Time at which the mean of the masses has gone `way`, from 0 to what the stroke brings."""
+        """Time at which the mean of the masses has moved by `way`, at most that of the stroke."""
 
         def short(s: float) -> float:
             return float(self.at(np.array([s]), -1).mean()) - way
@@ -49,19 +49,19 @@ class Stroke:
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Forces at m instants."""
+    """Forces at m times."""
 
-    total: np.ndarray  # (m,) of all spikes together; below 0 the worm would glide
+    total: np.ndarray  # (m,) of all spikes together; the worm would glide below 0
     spike: np.ndarray  # (n+1, m) of each spike
-    actuator: np.ndarray  # (n, m) of each actuator, positive where it pulls
+    actuator: np.ndarray  # (n, m) of each actuator, positive in tension
 
 
 def loads(
     mass: np.ndarray, ground: Ground, stroke: Stroke, s: np.ndarray, begin: np.ndarray
 ) -> Loads:
-    """Forces in a stroke at times `s` (m,), if masses begin it at `begin` (n+1,).
+    """Forces in a stroke at times `s` (m,), with masses at `begin` (n+1,) at its start.
 
-    Resting masses share the load alike.
+    Resting masses share the load equally.
     """
     place = begin[:, None] + stroke.at(s, -1)
     need = mass[:, None] * stroke.at(s, 1) + ground.at("drag", place) * stroke.at(s)
@@ -72,9 +72,9 @@ def loads(
 
 
 def strokes_of(gait: Gait, mass: np.ndarray) -> Iterator[Stroke]:
-    """Cut a gait of polynomials into strokes, where its resting masses change.
+    """Cut a polynomial gait into strokes where its resting masses change.
 
-    Which masses rest does not hang on the load, so one is taken that lets none glide.
+    Resting masses do not depend on the load, so a load is used at which the worm never glides.
     """
     widths = np.diff(gait.breaks)
     fastest = max(

@@ -1,10 +1,9 @@
-"""When to shift: measured loads of spikes and actuators against thresholds, over whole cycles.
+"""Supervisor: compares measured loads of spikes and actuators with thresholds over whole cycles.
 
-Over a cycle the mean load of all spikes is (n+1)(k speed + load), whatever the gait, and the mean
-square of the actuator forces grows with the load too. Either tells the load on each mass, and that
-tells how large the peaks are in this gear and how large they would be in the next. A single stroke
-tells the load on the masses as well, by the balance of impulses; on ground that rises it is the
-first to tell.
+Over a cycle, the mean load of all spikes is (n+1)(k speed + load) for any gait. The mean square of
+the actuator forces increases with the load too. Each of them gives the load on each mass, and thus
+the peak loads in this gear and in the next. A single stroke also gives the load on the masses, by
+the balance of impulses. On rising ground it responds first.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from wormopt.systems.gears.gear import Gear, Limits
 
 @dataclass(frozen=True, eq=False)
 class Supervisor:
-    """Thresholds of each gear for what is measured: above `down` it is too fast, below `up` slow.
+    """Thresholds of each gear on measured means: above `down` it shifts down, below `up` up.
 
-    Means over a cycle: of the load of all spikes together, and of the sum of squared actuator
-    forces; a decision needs a whole cycle in the gear, and `dwell` since the last shift. Impulses
-    of all spikes over a stroke above `alarm` want the slower gear without waiting for the cycle.
+    The means over a cycle are those of the total spike load and of the sum of squared actuator
+    forces. A decision needs a whole cycle in the gear, and `dwell` since the last shift. An
+    impulse of all spikes over a stroke above `alarm` requests the slower gear immediately.
     """
 
     spike_down: np.ndarray  # (gears,) -> slower
@@ -34,7 +33,7 @@ class Supervisor:
     dwell: float
 
     def decide(self, gear: int, spike: float, actuator: float) -> int:
-        """Gear that is wanted after a cycle in which this was measured."""
+        """Gear wanted after a cycle with these measured means."""
         if spike > self.spike_down[gear] or actuator > self.actuator_down[gear]:
             return gear - 1
         if spike < self.spike_up[gear] and actuator < self.actuator_up[gear]:
@@ -43,17 +42,17 @@ class Supervisor:
 
 
 def supervise(box: GearBox, limits: Limits, *, down: float, up: float, dwell: float) -> Supervisor:
-    """Thresholds by which peaks in a gear reach no more than a share `down` of the limits.
+    """Set thresholds such that peak loads in a gear stay within a share `down` of the limits.
 
-    The next faster gear is taken where its peaks would stay below a share `up`, less than `down`:
-    the hysteresis.
+    The next faster gear is selected if its peaks would stay below a share `up`, less than `down`,
+    which gives the hysteresis.
     """
     gears = box.gears
     most = [gear.bears(limits.times(down)) for gear in gears]
     spike_down, actuator_down = _measures(gears, most)
     borne = [gear.bears(limits.times(up)) for gear in gears[1:]]
     spike_up, actuator_up = _measures(gears[:-1], borne)
-    # the slowest gear has none below it, the fastest none above
+    # the slowest gear has none below it, the fastest none above it
     spike_down[0] = actuator_down[0] = np.inf
     return Supervisor(
         spike_down,
@@ -77,7 +76,7 @@ def _alarm(row: Row, gear: Gear, most: float) -> float:
 def _measures(
     gears: tuple[Gear, ...], borne: list[tuple[float, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What is measured in gears at the loads that spikes bear, and at those that actuators bear."""
+    """Measured means in gears at the load limits of spikes, and at those of actuators."""
     spike = [gear.spike_mean(most) for gear, (most, _) in zip(gears, borne, strict=True)]
     force = [
         gear.actuator_square(most) if np.isfinite(most) else most

@@ -1,11 +1,10 @@
-"""The shortest way from one gear into another, by which masses at rest stay at rest.
+"""The shortest transition from one gear to another in which resting masses stay at rest.
 
-A worm leaves gear A at a phase and enters gear B at another. Lengths and rates at both ends are
-given, and with them how far each mass has to go beside the others: those that go least rest
-throughout, on spikes that held them before and hold them after. Velocities of the others are
-piecewise linear, so that all limits are linear in them while the duration is held; the least
-duration of which there is a solution is found by bisection, for the phases in the order of a bound
-from below.
+A worm leaves gear A at one phase and enters gear B at another. Lengths and rates at both ends are
+given, and so are the displacements of the masses relative to each other. The masses with the
+smallest displacement rest throughout, on spikes that hold them before and after. Velocities of the
+others are piecewise linear, so all limits are linear in them at a fixed duration. Bisection finds
+the smallest feasible duration, for pairs of phases in the order of a lower bound.
 """
 
 from __future__ import annotations
@@ -24,47 +23,47 @@ from wormopt.errors import SolveError
 from wormopt.systems.gears.gear import Gear, Limits
 from wormopt.systems.gears.stroke import Stroke
 
-Matrix = Any  # a sparse one, of which the stubs know too little
+Matrix = Any  # a sparse matrix; the type stubs are incomplete
 
-# Masses whose ways or velocities differ by less, in units of the links' own, go alike.
+# Smaller differences of displacements or velocities, in units of the links' own, are ignored.
 _ALIKE = 1e-9
-# Relative width at which the duration counts as found; factor from one that is tried to the next,
-# and longest that is tried, by the bound.
+# Relative accuracy of the duration; factor between durations that are tried, and the longest one
+# relative to the bound.
 _FOUND, _STEP, _LONGEST = 1e-4, 1.3, 40.0
 
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """From the begin of stroke `leaves` of one gear to the begin of stroke `enters` of another."""
+    """Strokes from the start of stroke `leaves` of one gear to that of `enters` of another."""
 
     leaves: int
     enters: int
     resting: tuple[int, ...]  # throughout
-    strokes: tuple[Stroke, ...]  # none where both gears meet
-    complete: bool  # whether no pair of phases was left out
+    strokes: tuple[Stroke, ...]  # empty if both gears meet
+    complete: bool  # whether all pairs of phases were tried
 
     @property
     def duration(self) -> float:
-        """How long it lasts."""
+        """Duration of the transition."""
         return float(sum(stroke.duration for stroke in self.strokes))
 
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """A pair of phases: what lengths and velocities are at its ends."""
+    """A pair of phases with the lengths and velocities at its ends."""
 
     leaves: int
     enters: int
     resting: tuple[int, ...]
-    way: np.ndarray  # (n+1,) of each mass
-    first: np.ndarray  # (n+1,) velocities at the begin
-    last: np.ndarray  # (n+1,) and at the end
-    length: np.ndarray  # (n,) at the begin
-    bound: float  # no transition is shorter
+    way: np.ndarray  # (n+1,) displacement of each mass
+    first: np.ndarray  # (n+1,) velocities at the start
+    last: np.ndarray  # (n+1,) velocities at the end
+    length: np.ndarray  # (n,) at the start
+    bound: float  # lower bound on the duration
 
     @property
     def still(self) -> bool:
-        """Whether all masses are at rest at both ends: then a longer way is possible if one is."""
+        """Whether all masses rest at both ends: then longer durations are feasible if one is."""
         return not (np.any(self.first) or np.any(self.last))
 
 
@@ -78,11 +77,11 @@ def shortest_transition(
     arcs: int = 12,
     most: int = 150,
 ) -> Transition:
-    """Find the shortest transition from one gear into another.
+    """Find the shortest transition from one gear to another.
 
     Limits hold at every load on each mass in the range `load`; at least `resting` masses rest.
-    After `most` linear programs no further pair of phases is looked at. Raises SolveError if there
-    is none.
+    No further pair of phases is tried after `most` linear programs. Raises SolveError if there is
+    no transition.
     """
     tasks = sorted(_tasks(before, after, limits, load[1], resting), key=_hopeless)
     programs = _Programs(before.mass, before.drag, limits, load, arcs)
@@ -100,10 +99,11 @@ def shortest_transition(
         if nodes is not None:
             best = duration, task, nodes
     if best is None:
-        where = "" if tried < most else ", as far as pairs of phases were looked at,"
+        where = "" if tried < most else ", among the pairs of phases that were tried,"
         raise SolveError(
             f"there is no transition from {before.name} to {after.name}{where} within the limits",
-            "give links more rate, acceleration or length, or leave one of the gears out",
+            "increase limits.rate, limits.acceleration or the range limits.length, or remove one "
+            "of the gears",
         )
     duration, task, nodes = best
     strokes = tuple(_strokes(task, nodes, duration))
@@ -111,18 +111,18 @@ def shortest_transition(
 
 
 def _hopeless(task: _Task) -> tuple[float, int]:
-    """Order in which pairs of phases are tried; among many of one bound, spikes that share tell."""
+    """Order of trials: by the bound, then by the number of resting masses."""
     return round(task.bound, 9), -len(task.resting)
 
 
 def _least_duration(
     solve: Callable[[float], np.ndarray | None], bound: float, longest: float, still: bool
 ) -> tuple[float, np.ndarray | None, int]:
-    """Least duration of which there is a solution, that solution, and how many programs it took.
+    """Smallest feasible duration, its solution, and the number of programs solved.
 
-    Longer is not always possible: a mass that moves at an end may have no room to slow down. So
-    durations are tried in steps, until one does, and the step halved. Where all are `still` at
-    both ends the longest decides whether there is any.
+    Longer is not always feasible: a mass that moves at an end may have no room to slow down. So
+    durations are increased step by step until one is feasible, and the step is then bisected. If
+    all masses are `still` at both ends, the longest duration decides whether any is feasible.
     """
     low, high, looks = bound, bound, 0
     found = None
@@ -143,7 +143,7 @@ def _least_duration(
 
 
 def _tasks(before: Gear, after: Gear, limits: Limits, load: float, least: int) -> Iterator[_Task]:
-    """Pairs of phases by which enough masses can rest throughout."""
+    """Pairs of phases with enough masses at rest throughout."""
     begins = [np.array([gear.strokes[k].velocity[:, 0] for k in range(len(gear.strokes))])
               for gear in (before, after)]  # fmt: skip
     stroke = limits.length[1] - limits.length[0]
@@ -154,7 +154,7 @@ def _tasks(before: Gear, after: Gear, limits: Limits, load: float, least: int) -
             way[way < _ALIKE * stroke] = 0.0
             still = _ALIKE * limits.rate
             rests = (way == 0) & (np.abs(first) <= still) & (np.abs(last) <= still)
-            # where momentum does not fall, spikes carry the load on all masses in the mean
+            # if momentum does not decrease, spikes carry the load on all masses on average
             heavy = (
                 len(way) * load > limits.spike * rests.sum() and before.mass @ (last - first) >= 0
             )
@@ -166,7 +166,7 @@ def _tasks(before: Gear, after: Gear, limits: Limits, load: float, least: int) -
 
 
 def _bound(way: np.ndarray, first: np.ndarray, last: np.ndarray, limits: Limits) -> float:
-    """Least time in which each link could make its change, did it not heed the others."""
+    """Smallest time in which each link alone could make its change."""
     change, r0, r1 = -np.diff(way), -np.diff(first), -np.diff(last)
     most = limits.acceleration
     surplus = change - (r0 + r1) * np.abs(r1 - r0) / (2 * most)
@@ -181,9 +181,9 @@ def _bound(way: np.ndarray, first: np.ndarray, last: np.ndarray, limits: Limits)
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Rows that stay below a side: of velocities by the step, as they are, and times the step.
+    """Rows bounded by a side: coefficients of velocities by the step, plain, and times the step.
 
-    Of the link lengths at the begin, and of the largest load of a spike, there are but few.
+    There are few coefficients of the initial link lengths and of the largest spike load.
     """
 
     by_step: Matrix
@@ -194,7 +194,7 @@ class _Rows:
     peak: float = 0.0
 
     def wide(self, links: int) -> tuple[Matrix, Matrix, Matrix, np.ndarray]:
-        """The same rows of all unknowns: lengths, velocities, peak."""
+        """Extend the rows to all unknowns: lengths, velocities, peak."""
         count = len(self.side)
         length = self.length if self.length is not None else csr_array((count, links))
         peak, none = csr_array(np.full((count, 1), self.peak)), csr_array((count, 1))
@@ -209,12 +209,12 @@ class _Rows:
 
 @dataclass(frozen=True, eq=False)
 class _Programs:
-    """The linear programs of pairs of phases, once a duration is given.
+    """Linear programs of pairs of phases at a given duration.
 
-    Unknowns are link lengths at the begin, velocities of all masses at the nodes of arcs of equal
-    length, node by node, and the largest load of a spike, which is made small. What a pair of
-    phases prescribes are bounds on them, so that rows are put together once for all pairs by
-    which the same masses rest.
+    Unknowns are the initial link lengths, the velocities of all masses at the nodes of equal arcs,
+    node by node, and the largest spike load, which is minimised. The conditions of a pair of
+    phases are bounds on the unknowns, so the rows are assembled once for all pairs with the same
+    resting masses.
     """
 
     mass: np.ndarray
@@ -227,11 +227,11 @@ class _Programs:
     )
 
     def solve(self, task: _Task, duration: float) -> np.ndarray | None:
-        """Velocities (arcs + 1, n+1) at all nodes; None if there are none of this duration."""
+        """Velocities (arcs + 1, n+1) at all nodes; None if this duration is infeasible."""
         step, masses = duration / self.arcs, len(self.mass)
         by_step, plain, times_step, side = self._rows(task.resting)
         weights = np.ones((1, self.arcs + 1))
-        weights[0, [0, -1]] = 0.5  # the rule of trapezoids, which is exact here
+        weights[0, [0, -1]] = 0.5  # the trapezoidal rule, which is exact here
         ways, width = _kron(weights, eye_array(masses)), plain.shape[1]
         found = linprog(
             np.eye(width)[-1],
@@ -247,7 +247,7 @@ class _Programs:
         return found.x[masses - 1 : -1].reshape(self.arcs + 1, masses)
 
     def _bounds(self, task: _Task) -> np.ndarray:
-        """Least and largest of every unknown, (unknowns, 2)."""
+        """Bounds of every unknown, (unknowns, 2)."""
         velocity = np.zeros((2, self.arcs + 1, len(self.mass)))
         velocity[1] = np.inf
         velocity[1, :, list(task.resting)] = 0.0
@@ -257,7 +257,7 @@ class _Programs:
         return np.hstack([length, velocity.reshape(2, -1), peak]).T
 
     def _rows(self, resting: tuple[int, ...]) -> tuple[Matrix, Matrix, Matrix, np.ndarray]:
-        """Rows of all unknowns, kept for the next pair of phases."""
+        """Rows of all unknowns, stored for the next pair of phases."""
         if resting not in self._known:
             links = len(self.mass) - 1
             blocks = [*_link_rows(links, self.limits, self.arcs), *self._force_rows(resting)]
@@ -267,11 +267,11 @@ class _Programs:
         return self._known[resting]
 
     def _force_rows(self, resting: tuple[int, ...]) -> Iterator[_Rows]:
-        """The worm does not glide at the least load; spikes and actuators bear the largest."""
+        """Rows: no gliding at the smallest load, limits of spikes and actuators at the largest."""
         masses, arcs = len(self.mass), self.arcs
         share = np.zeros(masses)
         share[list(resting)] = 1 / len(resting)
-        # mu_j is what spikes ahead of the link carry, less what masses there need
+        # mu_j is the load of spikes ahead of the link minus the needs of the masses there
         split = np.cumsum(share[:, None] - np.eye(masses), axis=0)[:-1]
         every, each = _kron(eye_array(arcs), np.ones((1, masses))), _kron(eye_array(arcs), split)
         none = csr_array((arcs, (arcs + 1) * masses))
@@ -290,7 +290,7 @@ class _Programs:
 
 
 def _link_rows(links: int, limits: Limits, arcs: int) -> Iterator[_Rows]:
-    """Rates, accelerations and lengths of the links."""
+    """Rows of rates, accelerations and lengths of the links."""
     link = eye_array(links, links + 1) - eye_array(links, links + 1, k=1)
     rate: Matrix = csr_array(_kron(eye_array(arcs + 1), link))
     bend: Matrix = csr_array(_kron(_change(arcs), link))
@@ -310,7 +310,7 @@ def _link_rows(links: int, limits: Limits, arcs: int) -> Iterator[_Rows]:
 
 
 def _needs(mass: np.ndarray, drag: float, arcs: int) -> Iterator[tuple[Matrix, Matrix]]:
-    """Inertia (by the step) and drag of every mass at the begin and at the end of every arc."""
+    """Inertia (over the step) and drag of every mass at the start and the end of every arc."""
     for end in (0, 1):
         slowing = _kron(eye_array(arcs, arcs + 1, k=end), drag * eye_array(len(mass)))
         yield csr_array(_kron(_change(arcs), np.diag(mass))), csr_array(slowing)
@@ -321,7 +321,7 @@ def _change(arcs: int) -> Matrix:
 
 
 def _strokes(task: _Task, nodes: np.ndarray, duration: float) -> Iterator[Stroke]:
-    """Arcs of a solution, those that go on alike in one."""
+    """Strokes of a solution; arcs with the same acceleration are merged."""
     step = duration / (len(nodes) - 1)
     nodes = nodes.copy()
     nodes[:, list(task.resting)] = 0.0
@@ -337,5 +337,5 @@ def _strokes(task: _Task, nodes: np.ndarray, duration: float) -> Iterator[Stroke
 
 
 def _kron(one: Matrix | np.ndarray, other: Matrix | np.ndarray) -> Matrix:
-    # of dense arrays SciPy gives a matrix, and warns of it since 1.18
+    # SciPy makes a matrix from dense arrays, with a warning since 1.18
     return sparse.kron(coo_array(one), coo_array(other))

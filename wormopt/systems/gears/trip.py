@@ -1,4 +1,4 @@
-"""Round trips through two gears as one periodic gait, integrated by a route that knows no gears."""
+"""Round trips through two gears as one periodic gait, integrated independently of gears."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from wormopt.systems.gears.gear import Gear
 from wormopt.systems.gears.stroke import Stroke
 from wormopt.systems.spiked import integrate
 
-# Spells of rest, and gaps in them, that last a smaller share of the trip count for nothing.
+# Intervals of rest, and gaps in them, of a smaller share of the trip are ignored.
 _NOTHING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Trip:
-    """A cycle in a gear, up into the next, a cycle there, and down again."""
+    """A cycle in a gear, the transition up, a cycle in the next gear, and the transition down."""
 
     gait: Gait
-    spells: tuple[tuple[float, float, tuple[int, ...]], ...]  # begin, end, and who must rest then
-    advance: float  # way of the trip, by its strokes
+    spells: tuple[tuple[float, float, tuple[int, ...]], ...]  # start, end, masses that must rest
+    advance: float  # distance of the trip, from its strokes
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What the integration of a trip says of its transitions."""
+    """Transitions of a trip, as integrated."""
 
-    moved: float  # share of the trip in which a mass that must rest does not
+    moved: float  # share of the trip in which a mass moves that must rest
     glides: int
     impulses: int  # a corner of the lengths gives one
-    advance: float  # by how much the way differs, as a share
+    advance: float  # relative difference of the distance
 
 
 def round_trip(box: GearBox, lower: int) -> Trip:
@@ -56,7 +56,7 @@ def round_trip(box: GearBox, lower: int) -> Trip:
 
 
 def _around(gear: Gear, begin: int, end: int) -> tuple[Stroke, ...]:
-    """Strokes from one phase on to another, once around at least."""
+    """Strokes from one phase to another, at least once around."""
     count = len(gear.strokes)
     return tuple(gear.strokes[(begin + k) % count] for k in range(count + (end - begin) % count))
 
@@ -73,7 +73,7 @@ def _gait(length: np.ndarray, strokes: list[Stroke], breaks: np.ndarray) -> Gait
 
 
 def tried(box: GearBox, trip: Trip, load: float) -> Trial:
-    """Integrate (7) along a trip under a load on each mass, and see who rests when."""
+    """Integrate eq. 7 along a trip under a load on each mass, and compare the resting masses."""
     period, drag = trip.gait.period, box.gears[0].drag
     found = integrate(trip.gait, box.mass.tolist(), drag, load)
     times = [time for time, _ in found.switches] + [period]

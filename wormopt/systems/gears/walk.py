@@ -1,4 +1,4 @@
-"""Walk by a table of strokes: places by their polynomials, loads by looking closely."""
+"""Travel by a table of strokes: positions from their polynomials, loads from samples."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from wormopt.systems.gears.ground import Ground
 from wormopt.systems.gears.stroke import loads
 from wormopt.systems.gears.supervisor import Supervisor
 
-# Instants of a stroke at which forces are looked at, among them Gauss' for the means.
+# Times in a stroke at which forces are sampled, with Gauss nodes for the means.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _LOOKS = np.concatenate([(_NODES + 1) / 2, np.linspace(0, 1, 33)])
 
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """A way over the ground, stroke by stroke; peaks are of each stroke."""
+    """Motion over the ground, stroke by stroke, with the peaks of each stroke."""
 
     row: np.ndarray  # (strokes,) rows of the table
-    time: np.ndarray  # (strokes + 1,) when they begin, and the end
-    place: np.ndarray  # (strokes + 1, n+1) of the masses then
-    total: np.ndarray  # (strokes,) least load of all spikes together
+    time: np.ndarray  # (strokes + 1,) start times, and the end
+    place: np.ndarray  # (strokes + 1, n+1) of the masses at these times
+    total: np.ndarray  # (strokes,) smallest total load of all spikes
     spike: np.ndarray  # (strokes,) largest load of a spike
-    actuator: np.ndarray  # (strokes,) largest force of an actuator, either way
-    arrival: float  # when the mean of the masses reaches the goal; inf if it does not
+    actuator: np.ndarray  # (strokes,) largest actuator force
+    arrival: float  # time at which the mean of the masses reaches the goal; inf if it does not
 
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """A stroke that is done, and what was measured in it."""
+    """A finished stroke with its measured loads."""
 
     row: Row
     number: int  # of the row
     time: float  # now
-    spike: float  # integral over it of the load of all spikes
-    actuator: float  # and of the squared actuator forces
+    spike: float  # integral over the stroke of the total spike load
+    actuator: float  # integral of the squared actuator forces
 
 
 Choose = Callable[[Done], int]
@@ -55,7 +55,7 @@ def walk(
     goal: float,
     longest: float,
 ) -> Walk:
-    """Walk from places `begin` (n+1,) until the mean place reaches `goal`, or time `longest`."""
+    """Travel from positions `begin` (n+1,) until the mean reaches `goal`, or to time `longest`."""
     rows, times, places = [], [0.0], [begin]
     least, spikes, forces = [], [], []
     number, now = first, 0.0
@@ -87,14 +87,14 @@ def walk(
 
 
 def _arrival(last: Row, times: list[float], places: list[np.ndarray], goal: float) -> float:
-    """When the goal is reached within the last stroke."""
+    """Time at which the goal is reached within the last stroke."""
     if places[-1].mean() < goal:
         return np.inf
     return times[-2] + last.stroke.until(goal - float(places[-2].mean()))
 
 
 class Supervised:
-    """Chooses rows as a supervisor does; a second writing of what `model` says as a Model."""
+    """Row selection of a supervisor; an independent implementation of that in `model`."""
 
     def __init__(self, box: GearBox, supervisor: Supervisor) -> None:
         self._box, self._supervisor = box, supervisor
@@ -104,7 +104,7 @@ class Supervised:
         self._sums = np.zeros(2)
 
     def __call__(self, done: Done) -> int:
-        """Next row; decides at the end of a cycle, and where a stroke raises the alarm."""
+        """Next row; decides at the end of a cycle, and on an alarm of a stroke."""
         row, now = done.row, done.time
         self._sums += done.spike, done.actuator
         wanted = row.gear if self._wanted is None else self._wanted
@@ -128,11 +128,11 @@ class Supervised:
 
 
 def kept(done: Done) -> int:
-    """Choose as who never shifts."""
+    """Keep the gear."""
     return done.row.follows
 
 
 def by_schedule(rows: tuple[int, ...]) -> Choose:
-    """Choose as a schedule says, and keep the gear where it ends."""
+    """Follow a schedule, and keep the gear after its end."""
     left = iter(rows[1:])
     return lambda done: next(left, done.row.follows)

@@ -1,4 +1,4 @@
-"""The magneto-elastic pair averaged in closed form: (18) and its steady motion (19)."""
+"""The averaged magneto-elastic pair in closed form (eq. 18), and its steady motion (eq. 19)."""
 
 from __future__ import annotations
 
@@ -25,33 +25,38 @@ def averaged_pair(
     stiffness: float = 1.0,
     cosines: Sequence[float] = (1.0, 1.0),
 ) -> Model:
-    """Build (18), corrected: dry friction averaged over a swing, to first order.
+    """Build the averaged model of the pair in closed form, of first order.
 
-    With s = V / (a Omega) between -1 and 1 the mean friction of a mass is
-    (F- - F+) / 2 - (F+ + F-) asin(s) / pi, and it takes (F+ + F-) sqrt(1 - s^2) / (pi m Omega)
-    from the rate of a. Beyond, both masses slide one way all along: the swing loses nothing. Of
-    the field only the first harmonic counts.
+    It is eq. 18 of Zimmermann et al. 2007, corrected, with dry friction averaged over a swing. With
+    s = V / (a Omega) between -1 and 1, the mean friction of a mass is (F- - F+) / 2 - (F+ + F-)
+    asin(s) / pi, and it subtracts (F+ + F-) sqrt(1 - s^2) / (pi m Omega) from the rate of a. For
+    larger |s|, both masses slide in one direction all the time, and the swing has no loss. Only the
+    first harmonic of the field matters.
 
     Parameters
     ----------
     law : Coulomb
-        Friction of both masses, without stiction.
-    push, frequency : float
-        Force P and angular frequency nu, as for `magnetic_pair`, and so are the others.
-    mass, stiffness : float, optional
-        Each mass, spring constant.
+        Friction of both masses, without stiction, in units of force.
+    push : float
+        Force P of the field, positive.
+    frequency : float
+        Angular frequency nu of the field, positive.
+    mass : float, optional
+        Mass m of each mass.
+    stiffness : float, optional
+        Spring constant c.
     cosines : sequence of float, optional
-        Harmonics of the field.
+        Cosine amplitudes of the field, the mean first, as for `magnetic_pair`.
 
     Returns
     -------
     Model
-        States and outputs of `slow_pair`, autonomous, without contacts.
+        States and outputs of `slow_pair`; autonomous and without contacts.
 
     Raises
     ------
     ArgumentError
-        As `magnetic_pair`, or if the law is not Coulomb's.
+        As `magnetic_pair`, or if the law is not a Coulomb law.
 
     Examples
     --------
@@ -59,7 +64,10 @@ def averaged_pair(
     ()
     """
     if not isinstance(law, Coulomb):
-        raise ArgumentError(f"the closed form is for Coulomb(forward, backward), not {law!r}")
+        raise ArgumentError(
+            f"law is {law!r}, but the closed form needs dry friction; write Coulomb(forward, "
+            "backward)"
+        )
     parts = pair_parts(law, mass, stiffness, push, frequency, cosines)
     ahead = sum(-each.slip_force(0.0, 1) for each in parts.laws) / 2
     behind = sum(each.slip_force(0.0, -1) for each in parts.laws) / 2
@@ -67,7 +75,7 @@ def averaged_pair(
     p, q = ca.vertsplit(swing)
     omega, m = parts.natural_frequency, parts.mass
     top, detuning = ca.sqrt(ca.sumsqr(swing)) * omega, parts.frequency - parts.natural_frequency
-    # where both masses go one way, asin and sqrt get 0: their derivatives stay finite
+    # if both masses slide in one direction, asin and sqrt get 0: their derivatives stay finite
     within = ca.fabs(V) < top
     s = ca.if_else(within, V / ca.if_else(within, top, 1), 0)
     turn = ca.if_else(within, ca.asin(s), ca.pi / 2 * ca.sign(V))
@@ -91,7 +99,7 @@ def averaged_pair(
 
 @dataclass(frozen=True)
 class SteadyPair:
-    """Steady motion (19) of the dimensionless pair."""
+    """Steady motion of the dimensionless pair (eq. 19 of Zimmermann et al. 2007)."""
 
     velocity: float  # V
     amplitude: float  # a, of half the stretch
@@ -99,29 +107,33 @@ class SteadyPair:
 
 
 def steady_pair(forward: float, backward: float, detuning: float) -> SteadyPair:
-    """Give the steady motion (19) of (18) under G = 1 + cos(nu t), nu = sqrt(2) + eps detuning.
+    """Steady motion of the averaged pair in the field G = 1 + cos(nu t), in closed form.
 
-    With E = (F- + F+) / pi, Phi = (pi / 2) (F- - F+) / (F- + F+) and
-    R = sqrt(1/4 - E^2 cos^2 Phi): V = R sin(Phi) / |Delta|, a = R / (sqrt(2) |Delta|),
-    cos(xi) = -2 R sign(Delta).
+    Source: eq. 19 of Zimmermann et al. 2007, with nu = sqrt(2) + eps detuning. With E = (F- + F+) /
+    pi, Phi = (pi / 2) (F- - F+) / (F- + F+) and R = sqrt(1/4 - E^2 cos^2 Phi): V = R sin(Phi) /
+    |Delta|, a = R / (sqrt(2) |Delta|), cos(xi) = -2 R sign(Delta). All quantities are
+    dimensionless.
 
     Parameters
     ----------
-    forward, backward : float
-        Friction F+ and F- over eps, not negative, not both 0.
+    forward : float
+        Friction F+ against forward motion over eps, not negative.
+    backward : float
+        Friction F- against backward motion over eps, not negative; not both 0.
     detuning : float
-        Delta.
+        Detuning Delta.
 
     Returns
     -------
     SteadyPair
+        Velocity V, amplitude a of half the stretch, and phase xi in rad.
 
     Raises
     ------
     ArgumentError
-        If there is none: E cos(Phi) is 1/2 or more, so that friction takes more than the field
-        gives, or Delta is 0, where the swing grows without bound; or an argument is beyond its
-        range.
+        If no steady motion exists: E cos(Phi) is 1/2 or more, so friction takes more than the field
+        supplies, or Delta is 0, where the swing grows without bound. Also if an argument is out of
+        its range.
 
     Examples
     --------
@@ -129,24 +141,27 @@ def steady_pair(forward: float, backward: float, detuning: float) -> SteadyPair:
     0.28110586
     """
     if not (0 <= forward < math.inf and 0 <= backward < math.inf and forward + backward > 0):
-        raise ArgumentError("friction must be finite and not negative, one of both above 0")
+        raise ArgumentError(
+            "friction must be finite and not negative, with at least one value above 0"
+        )
     if not math.isfinite(detuning):
         raise ArgumentError(f"detuning must be a finite number, not {detuning!r}")
     taken = _taken(forward, backward)
     if taken >= 0.5:
         raise ArgumentError(
-            f"no steady motion: friction takes E cos(Phi) = {taken:.6g} of the swing and the field "
-            "gives at most 1/2; write smaller friction"
+            f"no steady motion exists: friction takes E cos(Phi) = {taken:.6g} of the swing, and "
+            "the field supplies at most 1/2; write smaller friction"
         )
     if detuning == 0:
         raise ArgumentError(
-            "no steady motion at detuning 0: the swing grows without bound; write another detuning"
+            "no steady motion exists at detuning 0, where the swing grows without bound; write "
+            "another detuning"
         )
     return SteadyPair(*(float(part) for part in steady_form(forward, backward, detuning)))
 
 
 def steady_form(forward: Any, backward: Any, detuning: Any) -> tuple[Any, Any, Any]:
-    """V, a and xi of (19), for numbers or CasADi expressions, unchecked."""
+    """V, a and xi of eq. 19, for numbers or CasADi expressions, without checks."""
     taken = _taken(forward, backward)
     rest = ca.sqrt((0.5 - taken) * (0.5 + taken))
     size = rest / ca.fabs(detuning)
@@ -155,10 +170,10 @@ def steady_form(forward: Any, backward: Any, detuning: Any) -> tuple[Any, Any, A
 
 
 def _phi(forward: Any, backward: Any) -> Any:
-    """Phi of (19)."""
+    """Phi of eq. 19."""
     return ca.pi / 2 * (backward - forward) / (backward + forward)
 
 
 def _taken(forward: Any, backward: Any) -> Any:
-    """E cos(Phi) of (19): what friction takes of the swing."""
+    """E cos(Phi) of eq. 19, the share of the swing that friction takes."""
     return (backward + forward) / ca.pi * ca.cos(_phi(forward, backward))

@@ -1,6 +1,6 @@
-"""A magneto-elastic pair under a given periodic field: the motion it settles into, the best cosine.
+"""A magneto-elastic pair in a given periodic field: its periodic motion, and the best cosine field.
 
-Everything here is exact simulation; nothing is optimised but the two numbers of a harmonic field.
+All results are exact simulations; only the two parameters of a harmonic field are optimised.
 """
 
 from __future__ import annotations
@@ -21,29 +21,28 @@ from wormopt.simulation.simulate import Values, simulate
 from wormopt.simulation.trajectory import Trajectory
 
 FADED = 0.5
-"""Share of a small push of which at most so much must be left."""
+"""Largest share of a small push that may remain."""
 
 MOST_PERIODS = 1200
-"""Periods after which it must have faded."""
+"""Periods after which the push must have decayed."""
 
-# Size of the push, in that of the motion, its direction, and periods between two looks at it.
+# Size of the push, relative to the motion, its direction, and periods between two checks.
 _PUSH, _DIRECTION, _LOOK = 1e-3, np.array([1.0, -0.7, 0.4]), 20
-# Periods of the first block of a simulation that is to settle, and of all together; the last while
-# searching.
+# Periods of the first block of a simulation, and of all blocks together; the last during a search.
 _BLOCK, _MOST, _MOST_SOON = 20, 20_000, 5000
-# Change over a block, in the size of the motion, at which it has settled.
+# Change over a block, relative to the motion, below which it counts as periodic.
 _SETTLED = 1e-10
-# A swing so much larger than the strain allowed will not come back.
+# A swing that exceeds the allowed strain by this factor does not return.
 _LOST = 3.0
-# Amplitudes tried, until a limit is met to this part; while searching, a motion has settled sooner.
+# Number of amplitudes, until a limit is met to this share; during a search the tolerance is larger.
 _TRIALS, _MET, _SOON = 14, 1e-6, 1e-8
-# Frequencies looked at, then so many rounds of so many nearer ones.
+# Number of frequencies, then number of refinements and frequencies in each.
 _FREQUENCIES, _ROUNDS, _NEARER = 9, 4, 4
 
 
 @dataclass(frozen=True)
 class FieldLimits:
-    """What a waveform must keep to."""
+    """Limits of a waveform."""
 
     field: tuple[float, float]  # least and largest G
     frequency: tuple[float, float]  # least and largest angular frequency; alike where given
@@ -68,9 +67,9 @@ class FieldLimits:
 
 @dataclass(frozen=True)
 class FieldAim:
-    """What a waveform is to be good at.
+    """Objective of a waveform.
 
-    Least work without a speed raises ArgumentError: a pair at rest takes none.
+    Least work without a least speed raises ArgumentError, since a pair at rest needs no work.
     """
 
     # mean speed; None: least work of the field per distance
@@ -79,7 +78,10 @@ class FieldAim:
 
     def __post_init__(self) -> None:
         if self.maximise is None and not (self.speed or 0.0) > 0:
-            raise ArgumentError("the cheapest motion is rest; give the least speed, above 0")
+            raise ArgumentError(
+                "speed is missing, and without it the cheapest motion is rest; give a least speed "
+                "above 0"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,14 +110,14 @@ class Orbit:
 
     @property
     def work_per_distance(self) -> float | None:
-        """Work over advance, None where there is none."""
+        """Work over advance, None without advance."""
         advance = self.speed * self.motion.end_time
         return self.work / advance if advance > 1e-9 * self.strain else None
 
 
 @dataclass(frozen=True, eq=False)
 class Harmonic:
-    """A field mean + amplitude cos(frequency t), and what the pair does under it."""
+    """A field mean + amplitude cos(frequency t), and the motion of the pair in it."""
 
     frequency: float
     mean: float
@@ -133,7 +135,7 @@ class Harmonic:
 
 
 def relative(state: np.ndarray) -> np.ndarray:
-    """Stretch and velocities (3, ...), which return after a period, of states (4, ...)."""
+    """Stretch and velocities (3, ...), which are periodic, of states (4, ...)."""
     return np.array([state[1] - state[0], state[2], state[3]])
 
 
@@ -158,7 +160,8 @@ def orbit_from(
 ) -> Orbit:
     """Simulate one period of a driven `magnetic_pair` from `start` (4,), and measure it.
 
-    `p`: parameters other than the model's own; `drift`, `periods`: known of the way there.
+    `p`: parameters that differ from the model's; `drift`, `periods`: results of the previous
+    blocks.
     """
     motion = simulate(plant, period, contact=Exact(), x0=named(start), p=p, dense=True)
     assert motion.dense is not None
@@ -187,9 +190,9 @@ def settle(
     strain: float | None = None,
     soon: bool = False,
 ) -> Orbit:
-    """Simulate a driven `magnetic_pair` until its motion repeats; the orbit's ``drift`` tells.
+    """Simulate a driven `magnetic_pair` until the ``drift`` of its orbit is small.
 
-    `strain`: given up where the stretch is far beyond it; `soon`: settle for less.
+    `strain`: stop where the stretch is far beyond it; `soon`: use a larger tolerance.
     """
     total, block, drift = 0, _BLOCK, math.inf
     enough, most = (_SOON, _MOST_SOON) if soon else (_SETTLED, _MOST)
@@ -206,7 +209,7 @@ def settle(
 
 
 def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> float:
-    """Push the pair off a periodic motion, and return the least share of the push left later.
+    """Perturb a periodic motion, and return the least share of the perturbation that remains.
 
     Ends once that is below `FADED`; `size`: of the motion's stretch and velocities.
     """
@@ -222,10 +225,11 @@ def push_left(driven: Model, period: float, start: np.ndarray, size: float) -> f
 
 
 def best_harmonic(pair: Model, limits: FieldLimits, aim: FieldAim, report: Report) -> Harmonic:
-    """Harmonic field that keeps to a waveform's limits and serves its aim best.
+    """Find the best harmonic field within the limits of a waveform.
 
-    Mean: mid-range; amplitude: largest allowed, or smallest of the speed asked; frequency:
-    best. Not ``kept``, amplitude 0 where the mean put on at rest exceeds the strain.
+    Mean: the middle of the range; amplitude: the largest allowed, or the smallest with the required
+    speed; frequency: the best. Not ``kept``, with amplitude 0, if the mean alone, applied at rest,
+    exceeds the strain.
     """
     least, most = limits.frequency
     grid = np.linspace(least, most, 1 if least == most else _FREQUENCIES)
@@ -284,7 +288,7 @@ def _edge(
     holds: Harmonic,
     fails: Harmonic,
 ) -> Harmonic:
-    """Amplitude at which a limit is just kept, by false position between one kept and one not."""
+    """Amplitude at which a limit is just kept, by false position between kept and exceeded."""
     kept, inside, outside, before = excess(holds), excess(holds), excess(fails), 0
     for _ in range(_TRIALS):
         if kept >= -_MET:

@@ -1,8 +1,8 @@
-"""Two masses on a magneto-elastic link under a pulsating field, (16).
+"""Two masses on a magneto-elastic link in a pulsating field (eq. 16 of Zimmermann et al. 2007).
 
-The link is a spring of which the rest length follows the square of the field: it pushes its masses
-apart with the force P G(t). One of them is in front of the other by choice of names only; friction
-that is weaker forward than backward is what moves them.
+The link is a spring whose rest length follows the square of the field: it pushes its masses apart
+with the force P G(t). The order of the two masses is arbitrary. The pair moves because friction is
+weaker forward than backward.
 """
 
 from __future__ import annotations
@@ -33,13 +33,15 @@ def magnetic_pair(
     damping: float = 0.0,
     cosines: Sequence[float] | None = (1.0, 1.0),
 ) -> Model:
-    """Build m x_1'' = c (x_2 - x_1) + F_1 - P G, m x_2'' = c (x_1 - x_2) + F_2 + P G, (16).
+    """Build the model of two masses on a magneto-elastic link in a pulsating field.
 
-    A dashpot beside the spring adds d (x_2' - x_1') to the force c (x_2 - x_1) that pulls both
-    masses together; (16) has none, d = 0. Places are displacements from where the link is at rest
-    without field. In the chapter's dimensionless form mass and stiffness are 1, the push P is eps
-    and so is the factor in front of the friction; forces in newton and times in seconds do as
-    well, see `PairScales`.
+    This is eq. 16 of Zimmermann et al. 2007: m x_1'' = c (x_2 - x_1) + F_1 - P G and m x_2'' = c
+    (x_1 - x_2) + F_2 + P G. A dashpot beside the spring adds d (x_2' - x_1') to the force c (x_2 -
+    x_1) that pulls both masses together; eq. 16 has d = 0. Positions are displacements from the
+    rest state without field.
+
+    In the dimensionless form of that text, mass and stiffness are 1, and the push P and the factor
+    of the friction are eps. SI units are possible too, see `PairScales`.
 
     Parameters
     ----------
@@ -49,13 +51,15 @@ def magnetic_pair(
         Force P, positive: eps, or half the field's strain u0 times stiffness and length.
     frequency : float
         Angular frequency nu of the field, positive.
-    mass, stiffness : float, optional
-        Each mass m, spring constant c, positive.
+    mass : float, optional
+        Mass m of each mass, positive.
+    stiffness : float, optional
+        Spring constant c in force per length, positive.
     damping : float, optional
-        Dashpot constant d, not negative.
+        Dashpot constant d in force per speed, not negative.
     cosines : sequence of float, optional
-        G(t) = sum_k cosines[k] cos(k nu t). None makes G the input ``field``: drive it by a Gait,
-        or optimise it.
+        Dimensionless field G(t) = sum_k cosines[k] cos(k nu t). None makes G the input ``field``,
+        which can be driven by a Gait or optimised.
 
     Returns
     -------
@@ -66,7 +70,8 @@ def magnetic_pair(
     Raises
     ------
     ArgumentError
-        If a number is not positive and finite, damping negative, or the law no friction law.
+        If a value is not positive and finite, damping is negative, or the law is not a friction
+        law.
 
     Examples
     --------
@@ -112,7 +117,7 @@ def magnetic_pair(
 
 @dataclass(frozen=True, eq=False)
 class PairParts:
-    """What all forms of the pair share."""
+    """Symbols and expressions that all forms of the pair share."""
 
     t: ca.SX  # time
     mass: ca.SX
@@ -128,11 +133,11 @@ class PairParts:
 
     @property
     def natural_frequency(self) -> ca.SX:
-        """Frequency of the free masses against each other, the square root of 2 in (17)."""
+        """Natural frequency of the free masses against each other, sqrt(2) in eq. 17."""
         return ca.sqrt(2 * self.stiffness / self.mass)
 
     def contacts(self, velocities: ca.SX, nominal_force: float) -> list[Contact]:
-        """Put both masses, of velocities (2, 1), on the ground.
+        """Contacts of both masses, with velocities (2, 1), on the ground.
 
         `nominal_force`: usual friction.
         """
@@ -186,19 +191,19 @@ def _positive(name: str, value: float, unit: str) -> Signal:
 def _harmonics(cosines: Sequence[float]) -> Signal:
     values = numbers("cosines", cosines).ravel()
     if not (values.size and np.all(np.isfinite(values))):
-        raise ArgumentError("cosines must be finite numbers, the mean first")
+        raise ArgumentError("cosines must be finite numbers, with the mean first")
     return Signal("cosines", ca.SX.sym("cosines", values.size), value=tuple(values.tolist()))
 
 
 def _laws(law: Any) -> list[Law]:
     laws = list(law) if isinstance(law, list | tuple) else [law, law]
     if len(laws) != 2 or not all(isinstance(each, Law) for each in laws):
-        raise ArgumentError(f"law must be one friction law or two, not {law!r}")
+        raise ArgumentError(f"law must be one friction law, or two, not {law!r}")
     return laws
 
 
 def scaled_law(law: Law, push: float) -> Law:
-    """Law whose forces are told over the push in units of force; a Stribeck width stays."""
+    """Friction law with forces times the push; a Stribeck velocity is unchanged."""
     forces = {
         name: push * value
         for name, value in fields_of(law).items()

@@ -1,8 +1,8 @@
-"""The magneto-elastic pair in slow variables, (17).
+"""The magneto-elastic pair in slow variables (eq. 17 of Zimmermann et al. 2007).
 
-They change slowly where friction and field are small against the spring: the standard form for
-averaging. `slow_pair` tells the same motions as `magnetic_pair`, exactly; `to_slow` and `from_slow`
-go from one to the other.
+They change slowly where friction and field are small compared with the spring: the standard form
+for averaging. `slow_pair` has exactly the motions of `magnetic_pair`; `to_slow` and `from_slow`
+convert between them.
 """
 
 from __future__ import annotations
@@ -28,34 +28,39 @@ def slow_pair(
     stiffness: float = 1.0,
     cosines: Sequence[float] | None = (1.0, 1.0),
 ) -> Model:
-    """Build the same pair in slow variables, (17) with the phase lag of (18).
+    """Build the model of the pair in slow variables: amplitude and lag of the swing.
 
-    Half the stretch is z = a cos(nu t - xi), its rate z' = -a Omega sin(nu t - xi) with
-    Omega = sqrt(2 c / m). The states are the velocity V of the center and, since amplitude a and
-    lag xi are no coordinates at a = 0, the components a cos(xi) and a sin(xi):
+    Source: eq. 17 of Zimmermann et al. 2007 with the phase lag of eq. 18. Half the stretch is z = a
+    cos(nu t - xi), its rate z' = -a Omega sin(nu t - xi) with Omega = sqrt(2 c / m). The states are
+    the velocity V of the centre and the components p = a cos(xi) and q = a sin(xi), since amplitude
+    a and lag xi are no coordinates at a = 0:
 
-    V' = (F_1 + F_2) / (2 m),
-    p' = -(nu - Omega) q - h sin(nu t) / Omega,   q' = (nu - Omega) p + h cos(nu t) / Omega,
-    h = (P G + (F_2 - F_1) / 2) / m.
+    V' = (F_1 + F_2) / (2 m), p' = -(nu - Omega) q - h sin(nu t) / Omega,   q' = (nu - Omega) p + h
+    cos(nu t) / Omega, h = (P G + (F_2 - F_1) / 2) / m.
 
-    Nothing is left out: with x_1' = V - z', x_2' = V + z' this is (16), less its place.
+    The transformation is exact: with x_1' = V - z', x_2' = V + z' this is eq. 16 without the
+    position.
 
     Parameters
     ----------
     law : Law or sequence of Law
-        Friction of both masses, as for `magnetic_pair`, and so are the others.
-    push, frequency : float
-        Force P and angular frequency nu; the latter is the frame's too.
-    mass, stiffness : float, optional
-        Each mass, spring constant.
+        Friction of both masses, as for `magnetic_pair`.
+    push : float
+        Force P of the field, positive.
+    frequency : float
+        Angular frequency nu of the field and of the rotating frame, positive.
+    mass : float, optional
+        Mass m of each mass.
+    stiffness : float, optional
+        Spring constant c.
     cosines : sequence of float, optional
-        Harmonics of the field, or None for an input.
+        Cosine amplitudes of the field, the mean first, or None for an input.
 
     Returns
     -------
     Model
-        States ``center_velocity`` and ``swing`` (p, q), outputs ``amplitude`` a, ``lag`` xi and
-        ``speed_share`` V / (a Omega). In standard form for `average` where law, push and
+        States ``center_velocity`` and ``swing`` (p, q); outputs ``amplitude`` a, ``lag`` xi and
+        ``speed_share`` V / (a Omega). It is in standard form for `average` where law, push and
         frequency - Omega are small.
 
     Raises
@@ -102,10 +107,10 @@ def to_slow(
     frequency: float,
     natural_frequency: float = math.sqrt(2),
 ) -> dict[str, np.ndarray]:
-    """Go from states of `magnetic_pair`, (2, m) at times t (m,), to those of `slow_pair`.
+    """Convert states of `magnetic_pair`, (2, m) at times t (m,), to those of `slow_pair`.
 
-    Returns ``center_velocity`` (m,), ``swing`` (2, m), and ``center`` (m,) to lose nothing.
-    `frequency`: nu of the frame; `natural_frequency`: Omega.
+    Returns ``center_velocity`` (m,), ``swing`` (2, m), and ``center`` (m,), which `slow_pair` does
+    not have. `frequency`: nu of the frame; `natural_frequency`: Omega.
     """
     x, v, psi = np.asarray(position), np.asarray(velocity), frequency * np.asarray(t)
     z, rate = (x[1] - x[0]) / 2, (v[1] - v[0]) / (2 * natural_frequency)
@@ -126,10 +131,11 @@ def from_slow(
     frequency: float,
     natural_frequency: float = math.sqrt(2),
 ) -> dict[str, np.ndarray]:
-    """Go back from states of `slow_pair` to ``position`` and ``velocity`` (2, m) of the pair.
+    """Convert states of `slow_pair` to ``position`` and ``velocity`` (2, m) of the pair.
 
-    `center_velocity` (m,): V; `swing` (2, m): a cos(xi), a sin(xi); `center`: unknown to
-    `slow_pair`; `frequency`: nu of the frame; `natural_frequency`: Omega.
+    `center_velocity` (m,): V; `swing` (2, m): a cos(xi), a sin(xi); `center`: position of the
+    centre, which `slow_pair` does not have; `frequency`: nu of the frame; `natural_frequency`:
+    Omega.
     """
     V, (p, q), psi = np.asarray(center_velocity), np.asarray(swing), frequency * np.asarray(t)
     c, s = np.cos(psi), np.sin(psi)
@@ -141,7 +147,7 @@ def from_slow(
 
 
 def slow_states(V: ca.SX, swing: ca.SX) -> list[Signal]:
-    """States of `slow_pair` and of its averages: V of the centre, swing (a cos(xi), a sin(xi))."""
+    """States of `slow_pair` and its averages: V of the centre, swing (a cos(xi), a sin(xi))."""
     return [
         Signal("center_velocity", V, "speed", value=0.0),
         Signal("swing", swing, "length", value=(0.0, 0.0)),
@@ -149,7 +155,7 @@ def slow_states(V: ca.SX, swing: ca.SX) -> list[Signal]:
 
 
 def slow_outputs(V: ca.SX, swing: ca.SX, natural_frequency: ca.SX) -> list[Output]:
-    """List the outputs of `slow_pair` and of its averages.
+    """Outputs of `slow_pair` and its averages.
 
     `V`: velocity of the centre; `swing` (2, 1): a cos(xi), a sin(xi).
     """

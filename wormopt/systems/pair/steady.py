@@ -1,4 +1,4 @@
-"""Steady motions of the pair, on average and exactly, along the frequency of its field."""
+"""Steady motions of the pair, averaged and exact, over the frequency of its field."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from wormopt.systems.pair.exact import magnetic_pair, scaled_law
 from wormopt.systems.pair.scenes.pair_waveform import NATURAL
 from wormopt.systems.pair.slow import from_slow, slow_pair
 
-# Swings beyond which averages are not asked for.
+# Swings beyond which averages are not evaluated.
 _LARGEST = 100.0
-# Averages of second order hold where the swing is so many times eps: below, a reversal shifts by
-# as much as the swing itself.
+# Averages of second order hold where the swing exceeds eps by this factor; below, a reversal shifts
+# by as much as the swing itself.
 _SWUNG = 4.0
-# Detunings at which steady states are searched to begin branches, as shares of the sweep.
+# Detunings at which steady states are searched as starts of branches, as shares of the sweep.
 _BEGINNINGS = (0.0, 0.13, 0.37, 0.63, 0.87, 1.0)
-# Steady states that differ by less from those of a branch are on it.
+# Steady states that differ by less from those of a branch belong to it.
 _ALIKE = 1e-6
 _MOST = 30  # branches
 # Means over consecutive periods that differ by more have not settled.
@@ -51,7 +51,7 @@ class Pair:
 
     @property
     def drive(self) -> float:
-        """First harmonic of the field: the one that swings the pair."""
+        """First harmonic of the field, which drives the swing."""
         return self.cosines[1]
 
     def _build(self, builder: Any) -> Model:
@@ -60,12 +60,12 @@ class Pair:
 
     @cached_property
     def exact(self) -> Model:
-        """(16)."""
+        """Model of eq. 16."""
         return self._build(magnetic_pair)
 
     @cached_property
     def slow(self) -> Model:
-        """(17)."""
+        """Model of eq. 17."""
         return self._build(slow_pair)
 
     @cached_property
@@ -78,7 +78,7 @@ class Pair:
         return average(self.slow, period, order=order, nodes=nodes)
 
     def frequency(self, detuning: Any) -> Any:
-        """Frequency of the field, in natural rates, at detuning Delta or several."""
+        """Frequency of the field, in natural frequencies, at detuning Delta or several."""
         return NATURAL + self.eps * detuning
 
     def detuning(self, frequency: Any) -> Any:
@@ -88,8 +88,8 @@ class Pair:
     def steady(self, detuning: float) -> tuple[SteadyState, ...]:
         """Steady states of the first average at detuning Delta, the stable ones first.
 
-        Their swing is at most the frictionless |G_1| / (2 sqrt(2) |Delta|), since friction
-        has no part in phase with it.
+        Their swing is at most the frictionless |G_1| / (2 sqrt(2) |Delta|), since friction has no
+        component in phase with it.
         """
         bound = abs(self.drive) / (2 * NATURAL * max(abs(detuning), 1e-12))
         size = 1.05 * min(bound, _LARGEST)
@@ -103,7 +103,7 @@ class Pair:
     def refined(self, state: SteadyState) -> SteadyState | None:
         """Steady state of the second average next to one of the first.
 
-        None without one, or where the swing is too small for a second order.
+        None if there is none, or the swing is too small for a second order.
         """
         if not self.swung(state.states["swing"]):
             return None
@@ -118,12 +118,12 @@ class Pair:
     def start(self, x: np.ndarray, frequency: float) -> dict[str, np.ndarray]:
         """Positions and velocities at time 0 of a state (3,) of an average.
 
-        `frequency`: of the field, in natural rates.
+        `frequency`: of the field, in natural frequencies.
         """
         return from_slow(0.0, x[0], x[1:], frequency=frequency)
 
     def closed_form(self, detuning: float) -> SteadyPair | None:
-        """Steady motion by (19); None unless the friction is dry and alike for both.
+        """Steady motion by eq. 19; None unless the friction is dry and equal for both.
 
         Raises ArgumentError if there is no steady motion; `detuning`: Delta.
         """
@@ -138,9 +138,9 @@ class Pair:
         return closed if self.drive > 0 else replace(closed, lag=closed.lag - math.pi)
 
     def closed_form_difference(self, x: np.ndarray, detuning: float) -> float | None:
-        """Distance of a steady state (3,) of the first average from (19); None if inapplicable.
+        """Distance of a steady state (3,) of the first average from eq. 19; None if inapplicable.
 
-        In velocity and swing, over the larger of both; infinite if (19) has no such state.
+        In velocity and swing, over the larger of both; infinite if eq. 19 has no such state.
         """
         try:
             closed = self.closed_form(detuning)
@@ -153,7 +153,7 @@ class Pair:
         return float(np.abs(x - known).max() / np.abs(known).max())
 
     def why_none(self, detuning: float) -> str:
-        """Say why there is no steady motion at detuning Delta."""
+        """Reason why there is no steady motion at detuning Delta."""
         try:
             self.closed_form(detuning)
         except ArgumentError as error:
@@ -183,12 +183,12 @@ class Points:
 
     @property
     def velocity(self) -> np.ndarray:
-        """Of the centre."""
+        """Velocity of the centre."""
         return self.x[:, 0]
 
     @property
     def amplitude(self) -> np.ndarray:
-        """Of half the stretch."""
+        """Amplitude of half the stretch."""
         return np.hypot(self.x[:, 1], self.x[:, 2])
 
 
@@ -202,7 +202,7 @@ class Exact:
 
     @property
     def settled(self) -> np.ndarray:
-        """Whether the mean has come to its end."""
+        """Whether the mean has converged."""
         size = np.maximum(np.abs(self.velocity), np.abs(self.before))
         return np.abs(self.velocity - self.before) <= _SETTLED * size
 
@@ -210,7 +210,7 @@ class Exact:
 def branches_of(pair: Pair, detuning: tuple[float, float], largest: float) -> list[Branch]:
     """Branches through the steady states found at some detunings of a range, each once.
 
-    `largest`: amplitude at which a branch is given up as running away.
+    `largest`: amplitude above which a branch counts as unbounded.
     """
     low, high = detuning
     span = (pair.frequency(low), pair.frequency(high))
@@ -228,7 +228,7 @@ def branches_of(pair: Pair, detuning: tuple[float, float], largest: float) -> li
 
 
 def _crossings(branch: Branch) -> Iterator[float]:
-    """Where stability changes without a fold: other branches may begin there, on either side."""
+    """Points where stability changes without a fold, from which other branches may start."""
     folds = np.array([fold.parameter for fold in branch.folds])
     for k in np.flatnonzero(np.diff(branch.stable)):
         ends = branch.parameter[k : k + 2]
@@ -245,7 +245,7 @@ def _on(branch: Branch, state: SteadyState) -> bool:
 
 
 def points_of(pair: Pair, branches: Sequence[Branch], detuning: np.ndarray) -> Points:
-    """States of all branches at some detunings, as far as there are any."""
+    """States of all branches at some detunings, where they exist."""
     sampled = [branch.at(pair.frequency(detuning)) for branch in branches]
     frequency = np.concatenate([branch.parameter for branch in sampled])
     x = np.concatenate([branch.x for branch in sampled])
@@ -286,7 +286,7 @@ def confirmed(
     motions = simulate_ensemble(
         pair.exact, end, members, times=np.unique(marks), tolerance=tolerance, report=report
     )
-    # displacement over time between the marks of every member
+    # Displacement over time between the marks of every member.
     columns = np.searchsorted(motions.time, marks)
     places = np.take_along_axis(motions.states[:, :2].mean(axis=1), columns, axis=1)
     means = np.full((2, len(points.detuning)), np.nan)

@@ -1,7 +1,7 @@
-"""The best course of the field of a magneto-elastic pair, by optimal control, and its proof.
+"""The best field of a magneto-elastic pair over time, by optimal control and exact simulation.
 
-The motion under a harmonic field is where the search starts; phases between switches are made
-exact, and exact simulation tells whether the pair keeps to what was found.
+The search starts from the motion in a harmonic field. Phases between switches are then exact, and
+an exact simulation checks the result.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ from wormopt.systems.pair.driven_pair import (
 )
 
 PERIODS = 20
-"""Periods of the simulation by which the speed is checked."""
-# Fields by chance have so many harmonics and, as polylines, so many corners.
+"""Periods of the simulation that checks the speed."""
+# Number of harmonics of random fields, and of their corners as polylines.
 _HARMONICS, _CORNERS = 3, 96
-# Widths of the smoothed law, in usual velocities: the masses turn more often than they rest, and a
-# steep law shows the turns with a third of the iterations that complementarity takes.
+# Widths of the smoothed law, in usual velocities. The masses reverse more often than they rest, and
+# a steep law shows the reversals with a third of the iterations of complementarity.
 _WIDTHS = (0.6, 0.01, 0.3)
 _RELAXED = Complementarity(residual=1e-4, first=1.0)
 # State polynomials between switches.
 _EXACT = Collocation(7)
-_REST = "the pair rests under the harmonic field, so that there is no motion to start from"
-# Tops of fields lower than the harmonic one, as shares of the range, and fields by chance that are
-# tried before a pair is said to rest.
+_REST = "the pair rests in the harmonic field, so there is no motion to start from"
+# Tops of fields lower than the harmonic one, as shares of the range, and number of random fields
+# that are tried before a pair counts as resting.
 _TOPS, _OTHERS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 4
 
 
@@ -61,10 +61,10 @@ _TOPS, _OTHERS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1), 4
 
 
 def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem:
-    """State the periodic motion of a pair under the best field, with mass 0 at 0 at the start.
+    """State the periodic motion of a pair in the best field, with mass 0 at 0 at the start.
 
-    Velocities return, positions up to the advance. Net work of the field: friction's loss.
-    The phase is free; with a slope the field is a state and its rate the input.
+    Velocities repeat, positions repeat up to the advance. Net work of the field: friction's loss.
+    The phase is free; with a slope limit the field is a state and its rate the input.
     """
     plant = _limited(pair, limits)
     ends = Ends.of(plant, 1)
@@ -77,7 +77,7 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem
     if limits.strain is not None:
         stretch, most = plant["stretch"], limits.strain
         along.append(Constraint("limits.strain", stretch, -most, most, nominal=most))
-    least = (aim.speed or 0.0) / 2  # keeps the quotient finite on the way
+    least = (aim.speed or 0.0) / 2  # keeps the quotient finite during the search
     work = ends.integrals[0] / (ends.duration * ca.fmax(speed, least))
     return Problem(
         model=plant,
@@ -93,7 +93,7 @@ def waveform_problem(pair: Model, limits: FieldLimits, aim: FieldAim) -> Problem
 
 
 def _limited(pair: Model, limits: FieldLimits) -> Model:
-    """Pair whose field keeps to its limits, its slope included."""
+    """Pair whose field keeps to its limits, including its slope."""
     if [signal.name for signal in pair.u] != ["field"]:
         raise ArgumentError(f"{pair.name} has no input field; build it with cosines=None")
     least, most = limits.field
@@ -109,7 +109,7 @@ def _limited(pair: Model, limits: FieldLimits) -> Model:
 def field_course(motion: Motion) -> Gait:
     """The field over one period as piecewise polynomials of time, one row, for `drive`.
 
-    A field with a slope is its rate integrated exactly, piece after piece.
+    A field with a slope limit is its rate integrated exactly, piece after piece.
     """
     course = motion.input_course()
     if motion.program.problem.model.u[0].name == "field":
@@ -157,23 +157,22 @@ def first_harmonic(field: Gait) -> tuple[float, float]:
 
 
 def check_strain(limits: FieldLimits, push: float, forward: float) -> None:
-    """Refuse a strain at which the link cannot draw mass 0, of friction `forward`, forward.
+    """Refuse a strain at which the link cannot pull mass 0, of friction `forward`, forward.
 
-    To gather speed forward it must be drawn with more than its friction and the field that pushes
-    it back; and if it never gathers any, these are what the mean force of the link makes up for.
-    Raises SolveError; friction is over the push.
+    The pull must exceed the friction of mass 0 plus the field that pushes it back, since otherwise
+    mass 0 never gains forward speed. Raises SolveError; friction is over the push.
     """
     strain, least = limits.strain, push * (limits.field[0] + forward)
     if strain is not None and strain <= least:
         raise SolveError(
-            f"limits.strain {strain:.6g} lets nothing move: the link draws mass 0 forward, against "
+            f"limits.strain {strain:.6g} allows no motion: the link pulls mass 0 forward, against "
             f"friction and the least field, only at strains above {least:.6g}",
             f"write limits.strain above {least:.6g}, or weaker friction forward",
         )
 
 
 def first_field(given: Model, limits: FieldLimits, harmonic: Harmonic, report: Report) -> Harmonic:
-    """The harmonic field, or where the strain leaves it none that moves the pair, a lower one."""
+    """The harmonic field, or a lower one if the strain leaves none that moves the pair."""
     if limits.strain is None or (harmonic.kept and harmonic.orbit.moves):
         return harmonic
     (low, high), nu = limits.field, harmonic.frequency
@@ -188,9 +187,9 @@ def first_field(given: Model, limits: FieldLimits, harmonic: Harmonic, report: R
 def guesses(
     free: Model, limits: FieldLimits, first: Harmonic, push: float, *, starts: int, seed: int
 ) -> list[Guess]:
-    """The settled motion under a harmonic field, then those under fields by chance.
+    """The periodic motion in a harmonic field, then those in random fields.
 
-    `free`: the pair with the field as its input. Raises SolveError where it always rests.
+    `free`: the pair with the field as its input. Raises SolveError if it always rests.
     """
     (low, high), found = limits.field, []
     lowered = (low, min(high, 2 * first.mean - low))
@@ -217,13 +216,13 @@ def _guess(orbit: Orbit, course: Gait, *, steep: bool) -> Guess:
 
 
 def _rests(limits: FieldLimits, first: Harmonic, push: float) -> SolveError:
-    """Say what holds the pair: the strain, if it cut the harmonic field down, or friction."""
+    """Reason why the pair rests: the strain, if it limits the harmonic field, or friction."""
     (low, high), strain = limits.field, limits.strain
     whole = min((high - low) / 2, (limits.slope or math.inf) / first.frequency)
     if strain is None or first.amplitude >= whole:
         return SolveError(_REST, "write weaker friction, or a wider limits.field")
     return SolveError(
-        f"limits.strain {strain:.6g} leaves no field that was tried and moves the pair; the steady "
+        f"no field that was tried moves the pair within limits.strain {strain:.6g}; the steady "
         f"field {(low + high) / 2:.6g} alone stretches it by about {push * (low + high) / 2:.6g}",
         "write a larger limits.strain, or weaker friction",
     )
@@ -233,7 +232,7 @@ def _rests(limits: FieldLimits, first: Harmonic, push: float) -> SolveError:
 
 
 def scaled(pair: Model, harmonic: Harmonic) -> Model:
-    """Pair with the sizes that motions under the harmonic field have."""
+    """Pair with the sizes of motions in the harmonic field."""
     orbit = harmonic.orbit
     velocity = max(orbit.strain * harmonic.frequency / 2, 1e-12)
     sizes = {"position": max(orbit.strain / 2, 1e-12), "velocity": velocity}
@@ -247,10 +246,10 @@ def scaled(pair: Model, harmonic: Harmonic) -> Model:
 def best_field(
     problem: Problem, mesh: Mesh, starts: Sequence[Guess], tolerance: float, report: Report
 ) -> tuple[dict[str, Optimum], tuple[float, ...]]:
-    """Steep friction first, and complementary contact where its phases lead nowhere.
+    """Solve with steep friction first, and with complementary contact where its phases fail.
 
-    Returns both solves, that with exact phases last, and what the starts led to. `tolerance`:
-    local error. Raises SolveError where neither leads to one.
+    Returns both solves, that with exact phases last, and the results of the starts. `tolerance`:
+    local error. Raises SolveError if neither leads to a solution.
     """
     speed = problem.model.contacts[0].nominal_speed
     first, last, ratio = _WIDTHS
@@ -278,7 +277,7 @@ def best_field(
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """What exact simulation says of a waveform."""
+    """Results of the exact simulation of a waveform."""
 
     orbit: Orbit  # its last period
     speed: float  # over all periods simulated
@@ -286,7 +285,7 @@ class Proof:
 
 
 def prove(free: Model, motion: Motion, report: Report) -> Proof:
-    """Simulate the waveform over many periods, from the optimal start and from beside it."""
+    """Simulate the waveform over many periods, from the optimal start and a perturbed one."""
     report("simulating the field found", 0.95)
     course = field_course(motion)
     driven, period = drive(free, course, periodic=True), course.period

@@ -1,10 +1,10 @@
-"""The bimodal system (7) integrated in time with located events: a second route to every gait.
+"""Event-located integration of the bimodal system (eq. 7), as a second route to every motion.
 
-Given the gait, the velocity of the masses at w = 0 and sigma are known functions of time. They
-are sampled beforehand, and the period is cut into arcs on which one mass leads and sigma keeps
-its sign. The worm glides throughout an arc of sigma < 0; on an arc of sigma >= 0 a glide slows
-down steadily, ends at most once, and then the spikes hold. So no event is missed between two
-steps, and the double zero of w where a glide begins is the end of an arc, never an event inside.
+For a given gait, the velocities of the masses at w = 0 and sigma are known functions of time. They
+are sampled first, and the period is cut into arcs on which one mass leads and sigma keeps its
+sign. On an arc with sigma < 0 the worm glides throughout. On an arc with sigma >= 0 a glide slows
+down monotonically and ends at most once; then the spikes hold. No event can therefore be missed
+between two steps. The double zero of w at the start of a glide is the end of an arc, never inside.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.roots import root
 
 Vectorised = Callable[[np.ndarray], np.ndarray]
-"""Maps times (m,) to values (m,) or (rows, m)."""
+"""Function of times (m,) with values (m,) or (rows, m)."""
 
 Spell = tuple[float, float, tuple[int, ...]]
-"""Start and end of a stretch of time, and the masses that rest in it."""
+"""Start and end of an interval, and the masses at rest in it."""
 
-# Relative to the largest rate or force: below it masses rest together and sigma counts as 0,
-# so that gaits that ride on sigma = 0 do not flicker between the modes.
+# Relative to the largest rate or force: smaller differences of velocities, and smaller sigma, count
+# as 0, so that gaits with sigma = 0 do not flicker between the modes.
 _TIE = 1e-9
-_SAMPLES = 129  # per smooth interval; extrema between samples are found from their parabola
+_SAMPLES = 129  # per smooth interval; extrema between samples are found from a parabola
 _QUADRATURE = 1e-14  # relative to the integral of the largest value
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
@@ -40,15 +40,15 @@ class BimodalMotion:
 
     advance: float  # distance per period
     speed: float  # advance / period
-    # start, end in [0, T); past T it ends before it starts; (0, T): never ends
+    # start, end in [0, T); a glide past T ends before it starts; (0, T): it never ends
     glides: tuple[tuple[float, float], ...]
-    # (time, masses resting from then on); the first at 0
+    # (time, masses at rest from then on); the first at 0
     switches: tuple[tuple[float, frozenset[int]], ...]
-    lambda_min: float  # of (7), mean spike load over masses, no impulses
+    lambda_min: float  # of lambda in eq. 7, the mean spike load over masses, without impulses
     lambda_max: float  # as lambda_min
     lambda_mean: float  # over the period, impulses included
     impulses: tuple[tuple[float, float], ...]  # (time, size) on the spikes, summed over the masses
-    resting_min: int  # fewest masses at rest together on any interval
+    resting_min: int  # smallest number of masses at rest on any interval
     time: np.ndarray  # (events,) times of one period when something changes
     position: np.ndarray  # (events,) of the head
     glide: np.ndarray  # (events,) common velocity w, after a jump
@@ -63,13 +63,14 @@ def integrate(
     rtol: float = 1e-13,
     max_periods: int = 50,
 ) -> BimodalMotion:
-    """Integrate (7) from w = 0 until periodic; return the last period. Raises SolveError.
+    """Integrate eq. 7 from w = 0 until periodic, and return the last period. Raises SolveError.
 
-    Unequal masses: mean(m) w' + k w + sigma = lambda, sigma = p' + k W0 + Γ, p the mean of
-    m_i v_i at w = 0. Without load and drag w + const is a motion too. `rtol` ≥ 3e-14.
+    With unequal masses, mean(m) w' + k w + sigma = lambda and sigma = p' + k W0 + Γ, where p is
+    the mean of m_i v_i at w = 0. Without load and drag, w + const is a solution too. `rtol` must
+    be at least 3e-14.
     """
     if len(mass) != gait.links + 1:
-        raise ArgumentError(f"{len(mass)} masses on {gait.links} links")
+        raise ArgumentError(f"{len(mass)} masses for {gait.links} links; write {gait.links + 1}")
     worm = DrivenWorm(gait, np.asarray(mass, dtype=float), drag, load)
     arcs = [arc for piece in range(gait.pieces) for arc in cut_piece(worm, piece)]
     w = 0.0
@@ -83,12 +84,12 @@ def integrate(
         w = track.w
     raise SolveError(
         f"the worm's motion is not periodic after {max_periods} periods of the gait",
-        "allow more periods, or give worm.drag or worm.load a larger value",
+        "increase max_periods, worm.drag or worm.load",
     )
 
 
 class _Track:
-    """One period on the way: where the worm is, how it moves and what was met."""
+    """State of the integration over one period: position, velocity and events so far."""
 
     def __init__(self, worm: DrivenWorm, w: float, rtol: float) -> None:
         self.worm, self.w, self.rtol = worm, w, rtol
@@ -100,7 +101,7 @@ class _Track:
         self.piece = 0
 
     def run(self, arc: Arc) -> None:
-        """Move along an arc, gliding first if the worm glides or sigma pulls."""
+        """Move along an arc; glide first if the worm glides or sigma is negative."""
         if arc.piece != self.piece:
             self.cross_corner(self.piece, arc.piece)
         held = self._glide(arc) if self.w > 0 or arc.pulls else arc.start
@@ -108,7 +109,7 @@ class _Track:
             self._hold(arc, held)
 
     def cross_corner(self, piece: int, following: int) -> None:
-        """Keep the momentum between pieces, unless the spikes have to push."""
+        """Keep the momentum between pieces, unless the spikes push."""
         worm, self.piece = self.worm, following
         jump = worm.momentum(following, 0.0) - worm.momentum(piece, worm.duration(piece))
         jump /= float(worm.mass.mean())
@@ -122,8 +123,8 @@ class _Track:
         self.events.append((self.events[-1][0], self.x, self.w))
 
     def _glide(self, arc: Arc) -> float:
-        """Glide along an arc; returns when the glide ends, at the latest the arc's end."""
-        from scipy.integrate import solve_ivp  # loads for long, and designed gaits never glide
+        """Glide along an arc; returns the end of the glide, at the latest that of the arc."""
+        from scipy.integrate import solve_ivp  # slow to import, and designed gaits never glide
 
         worm = self.worm
         mass = worm.mass.mean()
@@ -136,7 +137,7 @@ class _Track:
         def stop(_: float, state: np.ndarray) -> float:
             return state[1]
 
-        # attributes that scipy reads; while sigma < 0 no glide ends
+        # attributes that scipy reads; no glide ends while sigma < 0
         vars(stop).update(terminal=True, direction=-1)
         solution = solve_ivp(
             slope,
@@ -150,7 +151,7 @@ class _Track:
         if solution.status < 0:
             raise SolveError(
                 f"a glide of the worm could not be integrated ({solution.message})",
-                "loosen rtol",
+                "increase rtol",
             )
         end = float(solution.t[-1])
         self.x += float(solution.y[0, -1])
@@ -160,10 +161,10 @@ class _Track:
         return end
 
     def _hold(self, arc: Arc, start: float) -> None:
-        """Rest on the spikes: w = 0, so that position and load are integrals of known functions.
+        """Rest on the spikes: w = 0, so position and load are integrals of known functions.
 
-        They are found by quadrature and not from the lengths and momenta of which they are the
-        differences, so that lambda_mean = k speed + Gamma remains a check.
+        The integrals are computed by quadrature, not as differences of lengths and momenta, so
+        lambda_mean = k speed + Gamma remains an independent check.
         """
         worm = self.worm
 
@@ -184,7 +185,7 @@ class _Track:
         self.events.append((begin + end, self.x, self.w))
 
     def motion(self) -> BimodalMotion:
-        """What was met, as a periodic motion."""
+        """Make the periodic motion from the recorded events."""
         period = self.worm.gait.period
         switches = _switches(self.spells, 1e-9 * period)
         time, position, glide = np.array(self.events).T
@@ -205,7 +206,7 @@ class _Track:
 
 
 def _integral(rows: Vectorised, ends: tuple[float, float], scale: np.ndarray) -> np.ndarray:
-    """Integrate rows by Gauss' rule on ever more panels, until nothing changes but round-off."""
+    """Integrate rows by Gauss quadrature, with more panels until only round-off changes."""
     (a, b), before = ends, np.full(len(scale), np.inf)
     for panels in (1, 2, 4, 8, 16, 32, 64, 128):
         width = (b - a) / panels
@@ -218,14 +219,14 @@ def _integral(rows: Vectorised, ends: tuple[float, float], scale: np.ndarray) ->
 
 
 def _extremes(function: Vectorised, ends: tuple[float, float], flat: float) -> list[float]:
-    """Smallest and largest value on an interval; variation below `flat` is not looked into."""
+    """Smallest and largest value on an interval; variation below `flat` is ignored."""
     s = np.linspace(*ends, 33)
     values = function(s)
     found = []
     for sign in (1.0, -1.0):
         at = int(np.argmin(sign * values))
         best = float(values[at])
-        if np.ptp(values) > flat:  # the extreme may also lie between an end and its neighbour
+        if np.ptp(values) > flat:  # the extreme may be between an end and its neighbour
             from scipy.optimize import fminbound
 
             lowest = fminbound(
@@ -240,7 +241,7 @@ def _extremes(function: Vectorised, ends: tuple[float, float], flat: float) -> l
 
 
 def _switches(spells: list[Spell], shortest: float) -> tuple[tuple[float, frozenset[int]], ...]:
-    """Times at which the resting set changes, spells below a length left out."""
+    """Times at which the resting set changes, without spells below a length."""
     switches: list[tuple[float, frozenset[int]]] = []
     for start, end, masses in spells:
         resting = frozenset(masses)
@@ -250,7 +251,7 @@ def _switches(spells: list[Spell], shortest: float) -> tuple[tuple[float, frozen
 
 
 def _glides(spells: list[Spell]) -> tuple[tuple[float, float], ...]:
-    """Glides of the period; one that runs on past its end is one glide, not two."""
+    """Glides of the period; a glide across its end is one glide, not two."""
     glides: list[tuple[float, float]] = []
     for start, end, resting in spells:
         if resting:
@@ -274,20 +275,20 @@ class DrivenWorm:
     load: float  # load Γ of every mass
 
     def spans(self, piece: int, s: np.ndarray, derivative: int) -> np.ndarray:
-        """S_i = x_0 - x_i of (2), or its `derivative` (0 to 2), (n+1, m) at times `s` (m,)."""
+        """S_i = x_0 - x_i (eq. 2), or its `derivative` (0 to 2), (n+1, m) at times `s` (m,)."""
         links = self.gait.on_piece(piece, s, derivative)
         return np.vstack([np.zeros(links.shape[1]), np.cumsum(links, axis=0)])
 
     def velocities(self, piece: int, s: np.ndarray) -> np.ndarray:
-        """Velocity of every mass at w = 0, that is max_j S_j' - S_i', shape (n+1, m).
+        """Velocity of every mass at w = 0, which is max_j S_j' - S_i', shape (n+1, m).
 
-        0 for the masses that rest, positive for the others; `s` (m,) are times in the piece.
+        0 for masses at rest, positive for the others; `s` (m,) are times in the piece.
         """
         rates = self.spans(piece, s, 1)
         return rates.max(axis=0) - rates
 
     def held(self, piece: int, leader: int, s: np.ndarray) -> np.ndarray:
-        """Velocity of the head and sigma of (7) while mass `leader` rests, shape (2, m)."""
+        """Velocity of the head and sigma of eq. 7 while mass `leader` rests, shape (2, m)."""
         rates, accelerations = self.spans(piece, s, 1), self.spans(piece, s, 2)
         momentum_rate = self.mass @ (accelerations[leader] - accelerations) / len(self.mass)
         drag = self.drag * (rates[leader] - rates.mean(axis=0))
@@ -309,7 +310,7 @@ class DrivenWorm:
 
     @cached_property
     def force_scale(self) -> float:
-        """Largest sum of the forces of which sigma consists; 1 if there are none."""
+        """Largest sum of the forces in sigma; 1 if there are none."""
         largest = 0.0
         for piece in range(self.gait.pieces):
             s = np.linspace(0, self.duration(piece), _SAMPLES)
@@ -324,19 +325,19 @@ class Arc:
     piece: int  # index of the piece of the gait
     start: float  # since the piece began
     end: float  # since the piece began
-    resting: tuple[int, ...]  # masses that rest at w = 0, ascending
-    pulls: bool  # sigma < 0: only gliding is possible
+    resting: tuple[int, ...]  # masses at rest at w = 0, ascending
+    pulls: bool  # sigma < 0: the worm can only glide
 
     @property
     def leader(self) -> int:
-        """A mass that rests at w = 0."""
+        """A mass at rest at w = 0."""
         return self.resting[0]
 
 
 def cut_piece(worm: DrivenWorm, piece: int) -> Iterator[Arc]:
     """Cut a piece where the resting mass changes and where sigma changes its sign.
 
-    Arcs come in order of time and together make up the piece.
+    Arcs are in order of time and together cover the piece.
     """
     end, shortest = worm.duration(piece), 1e-13 * worm.gait.period
     samples = _samples(lambda s: worm.velocities(piece, s), 0.0, end)
@@ -353,10 +354,10 @@ def cut_piece(worm: DrivenWorm, piece: int) -> Iterator[Arc]:
 
 
 def _samples(rows: Vectorised, a: float, b: float) -> np.ndarray:
-    """Sample times in [a, b], those of the minima of all rows among them.
+    """Sample times in [a, b], including those of the minima of all rows.
 
-    A row that dips between two samples shows by the parabola through three of them, whose
-    lowest point is right to fourth order in the spacing.
+    A row that dips between two samples is found from the parabola through three of them, whose
+    minimum is accurate to fourth order in the spacing.
     """
     s = np.linspace(a, b, _SAMPLES)
     values = np.atleast_2d(rows(s))
@@ -369,10 +370,10 @@ def _samples(rows: Vectorised, a: float, b: float) -> np.ndarray:
 
 
 def _resting(worm: DrivenWorm, piece: int, samples: np.ndarray) -> list[Spell]:
-    """Intervals of a piece and the masses that rest throughout them at w = 0."""
+    """Intervals of a piece, and the masses at rest throughout them at w = 0."""
     spells = _spells(worm, piece, samples)
     for _ in range(worm.gait.links):
-        # a third mass may lead for an instant where two others change places
+        # a third mass may lead for an instant where two others exchange the lead
         ends = np.array([end for _, end, _ in spells])
         lag = worm.velocities(piece, ends)[
             [leader for _, _, (leader, *_) in spells], range(len(ends))
@@ -397,7 +398,7 @@ def _spells(worm: DrivenWorm, piece: int, samples: np.ndarray) -> list[Spell]:
         pair = int(np.argmax(together)), int(np.argmax(rests[:, k]))
         switch = _overtaking(worm, piece, pair, samples[k - 1], samples[k])
         spells.append((start, switch, tuple(map(int, np.flatnonzero(together)))))
-        # of masses that lead together at the sample, not all need do so from the switch on
+        # of masses that lead together at the sample, not all need to lead from the switch on
         now = rests[:, k] & (worm.velocities(piece, np.array([switch]))[:, 0] <= tie)
         start, together = switch, now if now.any() else rests[:, k]
     spells.append((start, float(samples[-1]), tuple(map(int, np.flatnonzero(together)))))
@@ -405,7 +406,7 @@ def _spells(worm: DrivenWorm, piece: int, samples: np.ndarray) -> list[Spell]:
 
 
 def _overtaking(worm: DrivenWorm, piece: int, pair: tuple[int, int], a: float, b: float) -> float:
-    """When the second mass of a pair takes over the lead in S_i' from the first."""
+    """Time at which the second mass of a pair takes the lead in S_i' from the first."""
     old, new = pair
 
     def lead(s: float) -> float:
@@ -416,18 +417,18 @@ def _overtaking(worm: DrivenWorm, piece: int, pair: tuple[int, int], a: float, b
 
 
 def _sign_changes(sigma: Vectorised, a: float, b: float, worm: DrivenWorm) -> list[float]:
-    """Ends of alternating intervals in [a, b]: sigma >= 0 (perhaps empty), < 0, >= 0, ..."""
+    """Ends of alternating intervals in [a, b]: sigma >= 0 (may be empty), < 0, >= 0, ..."""
     tie = _TIE * worm.force_scale
     s = _samples(sigma, a, b)
     values = sigma(s)
     sign = np.sign(np.where(np.abs(values) <= tie, 0.0, values))
     sign[0] = sign[0] or 1.0
-    for k in np.flatnonzero(sign == 0):  # within round-off of 0 the mode is kept
+    for k in np.flatnonzero(sign == 0):  # within round-off of 0 the mode does not change
         sign[k] = sign[k - 1]
     cuts = [a] if sign[0] > 0 else [a, a]
     for k in np.flatnonzero(np.diff(sign)):
-        # Sample k is the last of the old sign or within round-off of 0; in the latter case sigma
-        # may have lain at 0 for long, and only then the sample itself is the cut.
+        # Sample k is the last of the old sign or within round-off of 0. In the latter case sigma
+        # may have been 0 for a while, and only then the sample itself is the cut.
         last, least = (k, 0.0) if values[k] * sign[k] > 0 else (k - 1, tie)
         crosses = last >= 0 and values[last] * sign[k] > least
         ends = (s[last], s[last + 1])

@@ -1,11 +1,11 @@
-"""Ceiling on the mean speed by link rates and resting masses alone, and the modes that reach it.
+"""Ceiling on the mean speed from link rates and resting masses alone, and modes that reach it.
 
-The mode linear program has a share of time for every set of resting masses, far too many to list
-for a long worm. So it is solved by column generation (Gilmore and Gomory; Dantzig and Wolfe): a
-small program mixes the velocity patterns found so far, its multipliers weigh the masses, and the
-best pattern for these weights comes in until none is better than the mix. The best pattern is
-found exactly: between two neighbouring masses at rest its value does not depend on the rest of
-the worm, and choosing where masses rest is then a longest path along the chain.
+The mode linear program has a share of time for every set of resting masses, too many to list for a
+long worm. It is therefore solved by column generation (Gilmore and Gomory; Dantzig and Wolfe). A
+small program mixes the velocity patterns found so far; its multipliers are weights of the masses.
+The best pattern for these weights is added until none is better than the mix. The best pattern is
+found exactly: between two neighbouring resting masses its value does not depend on the rest of the
+worm, so choosing the resting masses is a longest path along the chain.
 """
 
 from __future__ import annotations
@@ -20,37 +20,36 @@ import numpy as np
 
 from wormopt.numerics.linear_program import simplex, solve
 
-# Of the speed: by so much a pattern must beat the mix to be worth adding, and so far from the
-# best may a mix be that counts as best. The solver's tolerance must be below the first.
+# Shares of the speed: smallest gain for which a pattern is added, and largest distance from the
+# best for a mix to count as best. The solver's tolerance must be below the first.
 _WORTHWHILE = 2e-10
 _SOLVED = 1e-10
 _SAME = 1e-8
 _TOLERANCE = 1e-10
-# Of the largest rate: slower links are taken to be as fast as this, which the solver can tell
-# from 0; and what is slower counts as rest where a unit of speed is chosen.
+# Shares of the largest rate: slower links count as this fast, which the solver can distinguish from
+# 0; and slower masses count as resting where a unit of speed is chosen.
 _SLOWEST = 1e-6
 _TINY = 1e-9
-# Rounds after which the bound stands as it is, true but not sharp; 32 links take about 100.
+# Rounds after which the bound is used although it is not sharp; 32 links take about 100.
 _ROUNDS = 500
-# What sums of up to some hundred terms of one sign are off by at most, relatively.
+# Largest relative error of sums of up to some hundred terms of one sign.
 _ROUNDING = 1e-13
-# Sets drawn per mass when mixes of few are sought.
+# Sets drawn per mass when mixes of few sets are searched.
 _DRAWS = 4
 
 
 @dataclass(frozen=True)
 class ModeMix:
-    """Modes that together reach the ceiling; a length is periodic if modes take turns.
+    """Modes that together reach the ceiling; lengths are periodic if modes alternate.
 
-    No motion within the limits has a larger weighted sum of velocities than the ceiling,
-    which proves it.
+    The largest weighted sum of velocities within the limits is the ceiling, which proves it.
     """
 
     ceiling: float  # upper bound on the mean speed, see `ceiling`
     speed: float  # mean speed of this mix, the ceiling to about 1e-9
     sets: tuple[tuple[int, ...], ...]  # resting masses of each mode, sorted
-    shares: tuple[float, ...]  # of time, by mode
-    velocities: tuple[tuple[float, ...], ...]  # of all masses, by mode
+    shares: tuple[float, ...]  # of time, for each mode
+    velocities: tuple[tuple[float, ...], ...]  # of all masses, for each mode
     weights: tuple[float, ...]  # multipliers of the masses, with sum 1
 
 
@@ -60,11 +59,12 @@ def ceiling(
     resting: int,
     sets: Iterable[Iterable[int]] | None = None,
 ) -> float:
-    """Upper bound on the mean speed that link rates -l_j', l_j' (n,) and resting masses allow.
+    """Upper bound on the mean speed from link rates -l_j', l_j' (n,) and resting masses.
 
-    Mode linear program, for any period and order of modes; at most about 1e-9 above optimum, and
-    never below it: weights of the masses prove it, whatever their own rounding, and its sums are
-    rounded up. Rates count as ≥ 1e-6 of the fastest. See section 7 of the page on kinematic theory.
+    Mode linear program, for any period and order of modes. The result is at most about 1e-9 above
+    the optimum and never below it: weights of the masses prove it for any rounding, and its sums
+    are rounded up. Rates count as at least 1e-6 of the fastest. See section 7 of the page on
+    kinematic theory.
     """
     given = sorted({tuple(sorted(set(z))) for z in sets or ()}) or None
     return _generate(np.array([contraction, extension], float), resting, given).ceiling
@@ -79,13 +79,13 @@ def best_modes(
 ) -> tuple[ModeMix, ...]:
     """Find up to `count` mixes of few modes that reach the ceiling, fewest resting sets first.
 
-    Sets are left out in random order; none of a mix returned can be spared, yet smaller
-    mixes may exist. Raises ArithmeticError where none reaches the ceiling to 1e-8 of it.
+    Sets are removed in random order. No set of a returned mix can be removed, but smaller mixes
+    may exist. Raises ArithmeticError if none reaches the ceiling to 1e-8 of it.
     """
     rates = np.array([contraction, extension], float)
     whole = _generate(rates, resting, None)
     if whole.speed < whole.ceiling * (1 - _SAME):
-        raise ArithmeticError("no modes were found that reach the ceiling: rates differ too much")
+        raise ArithmeticError("no modes that reach the ceiling were found: rates differ too much")
     rng, found = np.random.default_rng(seed), {}
     for _ in range(count):
         mix = _thinned(whole, rates, _perhaps_used(whole, rates, rng))
@@ -96,7 +96,7 @@ def best_modes(
 def _perhaps_used(
     whole: ModeMix, rates: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[int, ...]]:
-    """Draw resting sets that a best mix can have: those whose weighted sum is the ceiling."""
+    """Draw resting sets of optimal mixes: those whose weighted sum is the ceiling."""
     resting = len(whole.sets[0])
     gains = _Chain(rates / whole.ceiling).gains(np.array(whole.weights))
     behind = _longest_paths(gains[::-1, ::-1].T, resting)[0][:, ::-1]
@@ -113,7 +113,7 @@ def _perhaps_used(
 
 
 def _thinned(whole: ModeMix, rates: np.ndarray, sets: list[tuple[int, ...]]) -> ModeMix:
-    """Take out sets, many at a time at first, as long as the others reach the ceiling."""
+    """Remove sets, many at a time at first, while the others reach the ceiling."""
     mix, size = whole, len(sets)
     while size := size // 2:
         start = 0
@@ -124,7 +124,7 @@ def _thinned(whole: ModeMix, rates: np.ndarray, sets: list[tuple[int, ...]]) -> 
                 mix, sets = fewer, others
             else:
                 start += size
-    # weights that prove the best for fewer sets prove nothing for all
+    # weights that prove optimality for fewer sets prove nothing for all
     return replace(mix, ceiling=whole.ceiling, weights=whole.weights)
 
 
@@ -133,7 +133,7 @@ def _generate(rates: np.ndarray, resting: int, sets: list[tuple[int, ...]] | Non
     masses = rates.shape[1] + 1
     blocks = (range(start, start + resting) for start in range(masses))
     first = sets or [tuple(sorted(i % masses for i in block)) for block in blocks]
-    rates = np.maximum(rates, _SLOWEST * rates.max())  # which can only raise the ceiling
+    rates = np.maximum(rates, _SLOWEST * rates.max())  # this can only raise the ceiling
     # Tolerances of the solver are absolute, so the speed of the first mix becomes the unit.
     unit = float(rates.max())
     speed = _Mixer(_Chain(rates / unit), first).mix()[0]
@@ -165,19 +165,19 @@ def _generate(rates: np.ndarray, resting: int, sets: list[tuple[int, ...]] | Non
 
 
 def _proven(values: np.ndarray, weights: np.ndarray) -> float:
-    """Speed that none exceeds, by the largest weighted sums of velocities of the resting sets.
+    """Proven bound on the speed from the largest weighted sums of velocities of the resting sets.
 
-    Where all masses advance alike, the speed is such a sum over the sum of the weights, which
-    `_Chain.gains` takes as they are summed up here. Any weights give a bound, and sums of terms
-    of one sign are off by a known share.
+    If all masses advance alike, the speed is such a sum over the sum of the weights, accumulated
+    as in `_Chain.gains`. Any weights give a bound, and sums of terms of one sign have a known
+    relative error.
     """
     return float(values.max() / np.cumsum(weights)[-1]) * (1 + _ROUNDING)
 
 
 class _Mixer:
-    """Mixes of velocity patterns in which all masses advance alike, as fast as possible.
+    """Fastest mixes of velocity patterns in which all masses advance alike.
 
-    The fastest motions of the resting sets `sets` are there from the start.
+    The fastest motions of the resting sets `sets` are included from the start.
     """
 
     def __init__(self, chain: _Chain, sets: list[tuple[int, ...]]) -> None:
@@ -200,7 +200,7 @@ class _Mixer:
         for z in sets:
             fastest = chain.fastest_of_all(z)
             self.add(z, fastest)
-            self.add(z, np.minimum(fastest, chain.slowest))  # blocks that take turns crawl
+            self.add(z, np.minimum(fastest, chain.slowest))  # blocks that alternate crawl
 
     def add(self, resting: tuple[int, ...], velocities: np.ndarray) -> None:
         """Add a pattern."""
@@ -212,13 +212,13 @@ class _Mixer:
         self._solver.addCol(0.0, 0.0, np.inf, len(entries), self._rows, entries)
 
     def mix(self) -> tuple[float, np.ndarray]:
-        """Give the speed of the best mix, and the weights of the masses that prove it best."""
+        """Speed of the best mix, and the weights of the masses that prove it best."""
         values, duals = _solution(self._solver)
         weights = -duals[:-1]
         return float(values[0]), weights / weights.sum()  # the sum is 1 but for rounding
 
     def modes(self) -> tuple[dict[tuple[int, ...], float], list[np.ndarray]]:
-        """Give shares and mean velocities of the resting sets in the best mix, sets sorted."""
+        """Shares and mean velocities of the resting sets in the best mix, sets sorted."""
         parts = _solution(self._solver)[0][1:] / self._units
         way: dict[tuple[int, ...], np.ndarray] = {}
         shares: dict[tuple[int, ...], float] = {}
@@ -230,9 +230,9 @@ class _Mixer:
 
 
 def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Solve; give values of the columns and multipliers of the rows."""
+    """Solve; returns values of the columns and multipliers of the rows."""
     status, _ = solve(solver)
-    for tolerance in (_TOLERANCE, 1e-7):  # bounds are true for any multipliers
+    for tolerance in (_TOLERANCE, 1e-7):  # bounds hold for any multipliers
         if status == highspy.HighsModelStatus.kOptimal:
             break
         solver.clearSolver()  # the basis of the last program may be a poor start
@@ -246,10 +246,10 @@ def _solution(solver: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Chain:
-    """Velocities that link rates allow; `rates` (2, n) are of contraction and extension.
+    """Velocities within link rates; `rates` (2, n) are of contraction and extension.
 
-    Nodes are the masses, numbered from 1, and an imagined one at rest at either end, whose
-    link is too fast to matter; so everything lies between two nodes at rest.
+    Nodes are the masses, numbered from 1, and a virtual resting one at either end, whose link is
+    too fast to matter. Everything is then between two resting nodes.
     """
 
     def __init__(self, rates: np.ndarray) -> None:
@@ -260,19 +260,19 @@ class _Chain:
         self._contraction, self._extension = np.hstack([ends, rates, ends])
         behind = np.concatenate([[0.0], np.cumsum(rates[0])])
         ahead = np.concatenate([[0.0], np.cumsum(rates[1])])
-        # A mass behind a resting one is no faster than the links between contract, one ahead no
-        # faster than they extend.
+        # A mass behind a resting one is at most as fast as the links between them contract, a mass
+        # ahead at most as fast as they extend.
         self._reach = np.maximum(behind - behind[:, None], ahead[:, None] - ahead)
 
     def fastest_of_all(self, resting: tuple[int, ...]) -> np.ndarray:
-        """Largest velocity of every mass; all are possible at the same time."""
+        """Largest velocity of every mass; all can be reached at the same time."""
         return self._reach[list(resting)].min(axis=0)
 
     def fastest(self, weights: np.ndarray, resting: tuple[int, ...]) -> np.ndarray:
         """Velocities with the largest sum, weighted by `weights` (n + 1,), head first.
 
-        Dynamic programming from the head: the largest sum over a mass and those ahead is a
-        concave function of its velocity, from 0 on, kept as segments in order of slope.
+        Dynamic programming from the head: the largest sum over a mass and those ahead is a concave
+        function of its velocity from 0 on, stored as segments in order of slope.
         """
         ahead = np.concatenate([[0.0], np.cumsum(weights)]).tolist()
         levels: list[float] = []  # slope = sum of weights so far - level
@@ -290,16 +290,16 @@ class _Chain:
             best[i] = sum(lengths[: bisect_right(levels, ahead[i + 1])])
             most[i] = sum(lengths)
         velocities = best.copy()
-        for i in range(self.masses - 2, -1, -1):  # as near to the best as the mass behind lets it
+        for i in range(self.masses - 2, -1, -1):  # as near to the best as the mass behind allows
             least = max(0.0, velocities[i + 1] - self._rates[0, i])
             largest = min(most[i], velocities[i + 1] + self._rates[1, i])
             velocities[i] = min(max(best[i], least), largest)
         return velocities
 
     def gains(self, weights: np.ndarray) -> np.ndarray:
-        """Largest weighted velocity sums between nodes ahead and behind, both at rest, or -inf.
+        """Largest weighted velocity sums between resting nodes ahead and behind, or -inf.
 
-        (n + 3, n + 3). The dual, flows g_j of cost c_j [g]+ + e_j [-g]+, is an isotonic
+        Shape (n + 3, n + 3). The dual, flows g_j of cost c_j [g]+ + e_j [-g]+, is an isotonic
         regression in u_j = g_j + (weights ahead of link j), solved for all pairs by link.
         """
         ahead = np.concatenate([[0.0], np.cumsum(weights)])
@@ -316,7 +316,7 @@ class _Chain:
 
 
 def _shorten(levels: list[float], lengths: list[float], by: float) -> None:
-    """Take a length off the front of segments."""
+    """Remove a length from the front of segments."""
     while lengths and lengths[0] <= by:
         by -= lengths.pop(0)
         levels.pop(0)
@@ -327,7 +327,7 @@ def _shorten(levels: list[float], lengths: list[float], by: float) -> None:
 def _offer_of(
     chain: _Chain, resting: int, sets: list[tuple[int, ...]] | None
 ) -> Callable[[np.ndarray], tuple[np.ndarray, list[tuple[int, ...]]]]:
-    """Callable that turns `_Chain.gains` into the largest sums and their resting sets.
+    """Make a function from `_Chain.gains` to the largest sums and their resting sets.
 
     `sets` are those that may rest; None: the best of all.
     """
@@ -347,16 +347,16 @@ def _offer_of(
 
 
 def _best_sets(gains: np.ndarray, resting: int) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-    """Find, for every mass, the best set of so many resting masses that contains it.
+    """Find, for every mass, the best set of `resting` masses that contains it.
 
-    More resting masses are never better. Longest paths from either end: by the number of resting
-    masses up to a node, that node included, the largest gain and the node before it.
+    More resting masses are never better. Longest paths from either end give, by the number of
+    resting masses up to and including a node, the largest gain and the node before it.
     """
     nodes = len(gains)
     ahead, before = _longest_paths(gains, resting)
     behind, after = _longest_paths(gains[::-1, ::-1].T, resting)
     behind, after = behind[:, ::-1], nodes - 1 - after[:, ::-1]
-    total = (ahead[1:] + behind[:0:-1])[:, 1:-1]  # place of a mass in its set, mass
+    total = (ahead[1:] + behind[:0:-1])[:, 1:-1]  # position of a mass in its set, mass
     places = total.argmax(axis=0)
     sets = []
     for mass, place in enumerate(places):
@@ -372,8 +372,8 @@ def _best_sets(gains: np.ndarray, resting: int) -> tuple[np.ndarray, list[tuple[
 def _longest_paths(gains: np.ndarray, resting: int) -> tuple[np.ndarray, np.ndarray]:
     """Best choice of at most `resting` resting masses up to every node, from `_Chain.gains`.
 
-    Returns the largest sums by number at rest and last of them, and the one before; both
-    of shape (resting + 1, n + 3).
+    Returns the largest sums by number at rest and last of them, and the previous node; both have
+    shape (resting + 1, n + 3).
     """
     value = np.full((resting + 1, len(gains)), -np.inf)
     value[0, 0] = 0.0
@@ -381,5 +381,5 @@ def _longest_paths(gains: np.ndarray, resting: int) -> tuple[np.ndarray, np.ndar
     for k in range(1, resting + 1):
         through = value[k - 1][:, None] + gains
         before[k], value[k] = through.argmax(axis=0), through.max(axis=0)
-        value[k, [0, -1]] = -np.inf  # the imagined nodes do not count
+        value[k, [0, -1]] = -np.inf  # the virtual nodes do not count
     return value, before

@@ -1,4 +1,4 @@
-"""Constructed gaits: gait (15), travelling sines, block-rest waves and the accordion."""
+"""Constructed gaits: the fast gait (eq. 15), travelling sines, block-rest waves, the accordion."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ Profile = Literal["cosine", "quintic", "trapezoid"]
 
 
 def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15) -> Gait:
-    """Gait (15) for three masses: fast, one mass at rest at any time.
+    """Make the fast gait for three masses, of which one rests at any time.
+
+    This is eq. 15 of Zimmermann et al. 2007. The worm advances 4 e l0 per period.
 
     Parameters
     ----------
@@ -23,12 +25,12 @@ def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15)
     rest_length : float, optional
         Length l0.
     elongation : float, optional
-        Relative amplitude e: lengths lie within l0 (1 - 2 e) and l0 (1 + 2 e).
+        Relative amplitude e: lengths are between l0 (1 - 2 e) and l0 (1 + 2 e).
 
     Returns
     -------
     Gait
-        Once continuously differentiable.
+        Lengths of two links, once continuously differentiable.
 
     Examples
     --------
@@ -38,7 +40,7 @@ def fast_gait(period: float, rest_length: float = 2.0, elongation: float = 0.15)
            [2. , 1.4]])
     """
     size = rest_length * elongation
-    # Local time runs in each third from 0, so cos(3 pi t) turns by pi from third to third.
+    # Local time starts at 0 in each third, so cos(3 pi t) goes from 1 to -1 in each of them.
     constant = np.array([[1, -1], [1, -2], [0, -1]]) * size + rest_length
     cosine = np.array([[-1, 1], [1, 0], [0, -1]]) * size
     return Gait(
@@ -57,7 +59,7 @@ def travelling_sine(
     amplitude: float = 0.6,
     lag: float = 1 / 3,
 ) -> Gait:
-    """Sine that runs from link to link, l_j = l0 + A sin(2 pi (t/T - (j + 1) lag)).
+    """Make a sine wave that runs from link to link, l_j = l0 + A sin(2 pi (t/T - (j + 1) lag)).
 
     Parameters
     ----------
@@ -68,13 +70,18 @@ def travelling_sine(
     rest_length, amplitude : float, optional
         Mean length l0 and amplitude A of every link.
     lag : float, optional
-        By how much of a period each link is behind the one ahead of it; link 0 itself lags by
-        as much.
+        Lag of each link behind the one ahead of it, as a share of the period. Link 0 has the same
+        lag.
 
     Returns
     -------
     Gait
-        Of one piece, smooth.
+        Lengths of n links, one smooth piece.
+
+    Raises
+    ------
+    ArgumentError
+        If `links` is less than 1.
 
     Raises
     ------
@@ -89,7 +96,7 @@ def travelling_sine(
            [2. , 1.5, 2. ]])
     """
     if links < 1:
-        raise ArgumentError("a worm has at least one link")
+        raise ArgumentError(f"links is {links}; write 1 or more")
     behind = 2 * np.pi * lag * np.arange(1, links + 1)
     return Gait(
         np.array([0.0, period]),
@@ -108,13 +115,13 @@ def block_wave(
     profile: Profile = "cosine",
     ramp: float = 0.25,
 ) -> Gait:
-    """Block-rest wave in n + 1 equal phases: links go between two lengths, a masses rest.
+    """Make a block-rest wave in n + 1 equal phases; links move between two lengths, a masses rest.
 
     Speed is (n + 1 - a) (difference of the lengths) / period, 1 ≤ a ≤ n. For "trapezoid",
     `ramp` is the share of a phase in which the rate rises, and falls: 0 (corners) to 0.5.
     """
     short, long = length
-    # A mass that moves in a phase gains, relative to one that rests, one stroke.
+    # A mass that moves in a phase gains one stroke relative to a resting mass.
     moves = np.array(
         [[i not in rest for i in range(links + 1)] for rest in block_wave_sequence(links, resting)]
     )
@@ -129,7 +136,7 @@ def accordion(
     profile: Profile = "cosine",
     ramp: float = 0.25,
 ) -> Gait:
-    """All links contract while the head rests, then all extend while the tail rests.
+    """Make the accordion: all links contract while the head rests, then extend as the tail rests.
 
     Each takes half a period; speed is n (difference of the lengths) / period.
     `length` is (short, long); `profile` and `ramp` are those of `block_wave`.
@@ -150,7 +157,7 @@ def _strokes(
     width = period / phases
     after = np.cumsum(changes, axis=0)
     before = after - changes
-    # Every link spans its range exactly: shift each so that its shortest state is the short one.
+    # Every link uses its whole range: shift each so that its shortest length is the short one.
     base = length[0] - np.minimum(before.min(axis=0), after.min(axis=0))
     before = before + base
     if profile == "cosine":
@@ -174,12 +181,12 @@ def _strokes(
 
 Row = tuple[float, float, np.ndarray]
 
-# Shape of a unit stroke over a unit time: rows (start, stop, coefficients in time since start).
+# Shape of a unit stroke in a unit time: rows (start, stop, coefficients in time since start).
 _QUINTIC: list[Row] = [(0.0, 1.0, np.array([0.0, 0.0, 0.0, 10.0, -15.0, 6.0]))]
 
 
 def _trapezoid(ramp: float) -> list[Row]:
-    """Rate rises linearly, stays, falls linearly; without a ramp the length has corners."""
+    """Rate profile that rises linearly, stays constant, falls linearly; ramp 0 gives corners."""
     if ramp == 0.0:
         return [(0.0, 1.0, np.array([0.0, 1.0]))]
     top = 1.0 / (1.0 - ramp)

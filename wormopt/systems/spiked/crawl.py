@@ -1,8 +1,8 @@
-"""How a worm with spikes crawls with a given gait: the bimodal system (7), solved in closed form.
+"""The motion of a worm with spikes under a given gait: the bimodal system, solved in closed form.
 
-Between instants at which the resting masses change, everything is a smooth explicit function of
-time. The instants are roots of such functions, and gliding (mode 1) is a linear equation whose
-solution is one integral. Nothing is stepped through time.
+The system is eq. 7 of Zimmermann et al. 2007. Between changes of the resting masses, everything is
+a smooth explicit function of time. The times of change are roots of these functions. Gliding (mode
+1) is a linear equation, and its solution is one integral. There is no time stepping.
 """
 
 from __future__ import annotations
@@ -32,14 +32,30 @@ from wormopt.systems.spiked.stretches import (
 
 @dataclass(frozen=True, eq=False)
 class Crawl(SampledMotion):
-    """Periodic motion of a worm with spikes under a rigidly prescribed gait."""
+    """Periodic motion of a worm with spikes under a prescribed gait.
+
+    `motion[name]` returns samples of a signal at the times `motion.time`. Signals are listed in
+    `names`.
+
+    Parameters
+    ----------
+    gait : Gait
+        Link lengths over time.
+    stretches : tuple of Stretch
+        Parts of the period with fixed resting masses, in order.
+    impulses : tuple of (float, float)
+        Time and size of each spike impulse at a corner of the gait.
+    drops : tuple of float
+        Times at which the kinematic velocity W0 jumps down and the worm is thrown forward.
+    drive : Drive
+        Gait, masses, drag and load as functions of time.
+    """
 
     gait: Gait
-    stretches: tuple[Stretch, ...]  # the whole period in order
-    # (time, size) of spike impulses at corners of the gait
+    stretches: tuple[Stretch, ...]
     impulses: tuple[tuple[float, float], ...]
-    drops: tuple[float, ...]  # times when W0 jumps down: the worm is thrown forward
-    drive: Drive  # the functions of time behind it
+    drops: tuple[float, ...]
+    drive: Drive
 
     # Rows of a stretch's quantities.
     def _rows(self) -> dict[str, slice]:
@@ -73,12 +89,12 @@ class Crawl(SampledMotion):
 
     @property
     def time(self) -> np.ndarray:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Some 600 instants (m,) of a period, both sides of every jump."""
+        """About 600 times (m,) in a period, with both sides of every jump."""
         return self._sampled["time"]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of its signals."""
+        """Names of the signals."""
         return tuple(name for name in self._sampled if name != "time")
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -88,7 +104,7 @@ class Crawl(SampledMotion):
         return self._sampled[name]
 
     def dimension(self, name: str) -> str:
-        """Name of the dimension of a signal's rows."""
+        """Dimension of a signal's rows, "link" or "mass"."""
         return "link" if len(self[name]) == self.gait.links else "mass"
 
     def quantities(self, stretch: Stretch, s: np.ndarray) -> np.ndarray:
@@ -132,12 +148,12 @@ class Crawl(SampledMotion):
 
     @cached_property
     def parts(self) -> tuple[tuple[Stretch, Series], ...]:
-        """Stretches with their quantities as Chebyshev series, split where loads have kinks."""
+        """Stretches with their signals as Chebyshev series, split where loads have kinks."""
         return tuple(part for stretch in self.stretches for part in self._resolve(stretch))
 
     def _resolve(self, stretch: Stretch) -> Iterator[tuple[Stretch, Series]]:
         kinked = self.drive.sharing == "least_actuation" and len(stretch.resting) > 1
-        # In mode 2 power has the highest degree: it is the product of a force and a rate.
+        # In mode 2 the power has the highest degree: it is the product of a force and a rate.
         degree = None if stretch.common else exact_degree(self.gait, 2)
         series = resolve(
             lambda s: self.quantities(stretch, s),
@@ -155,10 +171,20 @@ class Crawl(SampledMotion):
         yield from self._resolve(replace(stretch, start=middle))
 
     def extremes(self, signal: str) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest value (rows,) of every row of a signal over the period.
+        """Smallest and largest values (rows,) of a signal over the period.
 
-        ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``, ``sigma``,
-        ``reaction_mean``, ``actuator_force``, ``power``, ``glide`` or ``closure``.
+        Signals are ``length``, ``rate``, ``acceleration``, ``velocity``, ``reaction``, ``sigma``,
+        ``reaction_mean``, ``actuator_force``, ``power``, ``glide`` and ``closure``.
+
+        Parameters
+        ----------
+        signal : str
+            Name of the signal.
+
+        Returns
+        -------
+        low, high : numpy.ndarray, shape (rows,)
+            Extremes of the functions of time, not of samples.
         """
         ends = np.array([series.extremes() for series in self._series(signal)])
         return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
@@ -169,18 +195,28 @@ class Crawl(SampledMotion):
             yield Series(series.a, series.b, series.coefficients[rows])
 
     def integral(self, signal: str) -> np.ndarray:
-        """Integral (rows,) of every row of a signal of `extremes` over the period."""
+        """Integral (rows,) of a signal of `extremes` over the period.
+
+        Parameters
+        ----------
+        signal : str
+            Name of the signal.
+
+        Returns
+        -------
+        numpy.ndarray, shape (rows,)
+        """
         rows = self._rows()[signal]
         return np.sum([s.integral()[rows] for _, s in self.parts], axis=0)
 
     @cached_property
     def advance(self) -> float:
-        """Distance per period."""
+        """Distance travelled per period."""
         return float(self.integral("velocity")[0])
 
     @property
     def force_scale(self) -> float:
-        """Size of the forces at play: load, inertia and drag."""
+        """Size of the forces: load, inertia and drag."""
         return self.drive.force_scale
 
     @property
@@ -195,14 +231,14 @@ class Crawl(SampledMotion):
 
     @property
     def resting_sequence(self) -> list[list[int]]:
-        """Resting masses, phase after phase, over one period."""
+        """Resting masses of each phase, over one period."""
         phases = [list(resting) for resting, _ in groupby(s.resting for s in self.stretches)]
         closed = phases[0] == phases[-1]
         return phases[:-1] or phases if closed else phases
 
     @property
     def glides(self) -> list[tuple[float, float]]:
-        """Begin and end of every glide; joined across pieces, but not across the period's end."""
+        """Start and end of every glide; joined across pieces, but not across the period's end."""
         found, breaks = [], self.gait.breaks
         for held, together in groupby(self.stretches, lambda stretch: stretch.common is None):
             if not held:
@@ -212,14 +248,14 @@ class Crawl(SampledMotion):
 
     @property
     def corners(self) -> list[float]:
-        """Times at which a link rate jumps: actuator forces are impulses there."""
+        """Times at which a link rate jumps, where actuator forces are impulses."""
         after, before = at_breaks(self.gait, 1)
         jumps = np.abs(after - before).max(axis=1)
         return self.gait.breaks[:-1][jumps > 1e-9 * self.drive.rate_scale].tolist()
 
     @cached_property
     def energy(self) -> float:
-        """Energy the actuators spend per period, nothing recovered."""
+        """Energy spent by the actuators per period, without recovery."""
         power, total = self._rows()["power"], 0.0
         for _, series in self.parts:
             primitive = series.primitive()
@@ -240,29 +276,37 @@ class Crawl(SampledMotion):
 
     @cached_property
     def dissipation(self) -> float:
-        """Energy lost to drag and gained in height per period; spikes do no work."""
+        """Energy per period lost to drag and spent against the load; spikes do no work."""
         lost, drive = sum(map(_integral_of_squares, self._series("velocity"))), self.drive
         return drive.drag * lost + len(drive.mass) * drive.load * self.advance
 
     @cached_property
     def smallest_load(self) -> float:
-        """Smallest load Gamma for which kinematics alone rules this gait; inf if none does."""
+        """Smallest load Gamma at which kinematics alone determines the motion; inf if none."""
         if self.drops:
             return float("inf")
         return max(0.0, Region(self.drive).least_load(self.gait.period))
 
     @cached_property
     def smallest_period(self) -> float:
-        """Smallest period for which kinematics alone rules this shape of gait; inf if none does."""
+        """Smallest period at which kinematics alone determines the motion; inf if none."""
         if self.drops:
             return float("inf")
         return Region(self.drive).least_period(self.drive.load)
 
     def sample(self, points: int = 600) -> dict[str, np.ndarray]:
-        """Signals on a grid of about `points` times in which both sides of every jump appear.
+        """Sample all signals at about `points` times, with both sides of every jump.
 
-        ``time`` (m,), ``resting`` (n+1, m), ``position`` (n+1, m) and the signals of
-        `extremes`, each (rows, m).
+        Parameters
+        ----------
+        points : int, optional
+            Approximate number of times.
+
+        Returns
+        -------
+        dict of str to numpy.ndarray
+            ``time`` (m,), ``resting`` (n+1, m), ``position`` (n+1, m) and the signals of
+            `extremes`, each (rows, m).
         """
         times, values, resting, head, travelled = [], [], [], [], 0.0
         rows = self._rows()
@@ -301,39 +345,41 @@ def crawl(
     sharing: Sharing = "equal",
     spike_load: float | Sequence[float] | None = None,
 ) -> Crawl:
-    """Find the periodic motion that a gait gives a worm with spikes, (1)-(7).
+    """Find the periodic motion of a worm with spikes under a gait.
 
     Parameters
     ----------
     gait : Gait
-        Link lengths over time.
+        Lengths of n links over time.
     mass : sequence of float, shape (n+1,)
-        Point masses.
+        Point masses, head first.
     drag : float
-        Viscous drag k of every mass.
+        Viscous drag coefficient k of every mass: force over velocity.
     load : float or sequence of float, shape (n+1,)
-        Load Gamma, on every mass or one for each.
+        Load Gamma, a force against the direction of motion, on every mass or one for each.
     sharing : {"equal", "least_actuation"}, optional
-        How two or more resting masses share the load.
-    spike_load : float or sequence of float, optional
-        What each spike can carry: "least_actuation" leaves more to the others, see `share_load`.
+        Rule by which two or more resting masses share the load.
+    spike_load : float or sequence of float, shape (n+1,), optional
+        Largest load that each spike can carry. With "least_actuation" the other spikes carry the
+        remaining load, see `share_load`.
 
     Returns
     -------
     Crawl
-        In mode 2 throughout, or with its glides and impulses found.
+        The motion, in mode 2 throughout or with its glides and impulses.
 
     Raises
     ------
     ArgumentError
-        If the number of masses or loads is not that of the links plus one.
+        If the number of masses or loads is not n + 1.
     SolveError
-        If no periodic motion is reached: the worm glides faster from period to period.
+        If there is no periodic motion, because the worm glides faster from period to period.
 
     Notes
     -----
-    Without load and drag nothing stops a glide, and every faster one is a motion too; found is
-    the one that starts from w = 0.
+    The equations are eqs. 1 to 7 of Zimmermann et al. 2007. Without load and drag nothing stops a
+    glide, and a faster glide is a solution too; this function returns the one that starts from
+    w = 0.
 
     Examples
     --------
@@ -344,10 +390,16 @@ def crawl(
     (0.25, [[1], [0]])
     """
     if len(mass) != gait.links + 1:
-        raise ArgumentError(f"{gait.links} links join {gait.links + 1} masses, not {len(mass)}")
+        raise ArgumentError(
+            f"mass has {len(mass)} entries, but {gait.links} links join {gait.links + 1} masses; "
+            f"write {gait.links + 1} numbers"
+        )
     loads = np.asarray(load, dtype=float)
     if loads.shape not in ((), np.shape(mass)):
-        raise ArgumentError(f"{loads.size} loads for {len(mass)} masses; give one for each")
+        raise ArgumentError(
+            f"load has {loads.size} entries for {len(mass)} masses; write one number, or one for "
+            "each"
+        )
     mean = float(loads.mean())
     own = loads - mean
     drive = Drive(gait, np.asarray(mass, dtype=float), drag, mean, sharing, spike_load, own)

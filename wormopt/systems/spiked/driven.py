@@ -1,7 +1,7 @@
-"""The worm with spikes under a known gait, (7), as a Model of which masses, drag, load are fitted.
+"""The worm with spikes under a known gait (eq. 7) as a Model, to fit its masses, drag and load.
 
-The gait alone decides which masses rest while any does: it is a schedule. What is left to move is
-the common velocity w of a glide, on one spike that stands for all.
+While any mass rests, the gait alone determines which ones do; this is a schedule. The only state
+left is the common velocity w of a glide, on one spike that represents all.
 """
 
 from __future__ import annotations
@@ -20,40 +20,39 @@ from wormopt.model.schedule import Schedule
 from wormopt.systems.shared.parameters import parameter
 from wormopt.systems.spiked.stretches import Drive, at_breaks, kinematic_stretches
 
-# A rate that jumps by less, as a share of the largest one, does not jump.
+# A smaller jump of a rate, as a share of the largest rate, is rounding.
 _NO_CORNER = 1e-9
 
 
 def driven_worm(gait: Gait, mass: float | Sequence[float], drag: float, load: float) -> Model:
-    """Build the bimodal system (7) of a gait that repeats from time 0 on, at rest there.
+    """Build the bimodal system of a gait that repeats from time 0, where the worm is at rest.
 
     Parameters
     ----------
     gait : Gait
         Link lengths over a period, without corners.
     mass : float or sequence of float, shape (n+1,)
-        Point masses.
+        Point masses, head first.
     drag, load : float
         Viscous drag k and load Gamma on every mass.
 
     Returns
     -------
     Model
-        States ``position`` of the head and ``glide`` w; parameters ``mass``, ``drag``, ``load``;
-        outputs ``velocity`` (n+1), ``spike_load`` (of all spikes together), and
-        ``actuator_force`` and ``length`` (n each). Masses that rest together share the load
-        equally.
+        States are ``position`` of the head and ``glide`` w; parameters are ``mass``, ``drag`` and
+        ``load``. Outputs are ``velocity`` (n+1), ``spike_load`` (sum of all spikes),
+        ``actuator_force`` (n) and ``length`` (n). Resting masses share the load equally.
 
     Raises
     ------
     ArgumentError
-        If the gait has a corner, where forces are impulses, or a mass is not positive.
+        If the gait has a corner, where forces are impulses, or if a mass is not positive.
     """
     n = gait.links
     drive = Drive(gait, np.ones(n + 1), 0.0, 0.0, "equal")
     after, before = at_breaks(gait, 1)
     if np.abs(after - before).max() > _NO_CORNER * drive.rate_scale:
-        raise ArgumentError("the gait has corners, where forces are impulses; round them")
+        raise ArgumentError("the gait has corners, where forces are impulses; round the corners")
     t = ca.SX.sym("t")
     course, resting = gait_reference(gait, t), _resting(drive)
     m, k, gamma = (
@@ -96,7 +95,7 @@ def driven_worm(gait: Gait, mass: float | Sequence[float], drag: float, load: fl
 
 
 def _resting(drive: Drive) -> Schedule:
-    """How the masses share the load while the worm does not glide, (n+1) shares at a time."""
+    """Shares of the load of all masses while the worm does not glide, as a schedule (n+1)."""
     gait, masses = drive.gait, len(drive.mass)
     stretches = kinematic_stretches(drive)
     shares = np.zeros((len(stretches), masses))

@@ -1,4 +1,4 @@
-"""The worm with spikes, (1)-(7), as a Model; its gait design as a problem of optimal control."""
+"""The worm with spikes (eqs. 1 to 7) as a Model, and its gait design as optimal control."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def spiked_worm(
     length_nominal: float = 1.0,
     time_nominal: float = 1.0,
 ) -> Model:
-    """Build the chain of n+1 point masses (head first), n link lengths prescribed, (1)-(7).
+    """Build a chain of n+1 point masses (head first) with n prescribed link lengths.
 
     States: ``position``, ``velocity`` of the head, ``length``, ``rate``; inputs l_j'';
-    outputs ``reaction_mean`` (lambda of (7)), ``actuator_force``, ``power``; a spike each.
+    outputs ``reaction_mean`` (lambda of eq. 7), ``actuator_force``, ``power``; one spike per mass.
     """
     n = len(mass) - 1
     speed = length_nominal / time_nominal
@@ -68,9 +68,9 @@ def spiked_worm(
 
 
 def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
-    """Kinematic gait design as an optimal-control problem, periodic up to the advance, (1)-(7).
+    """Formulate kinematic gait design as an optimal-control problem, periodic up to the advance.
 
-    Costs are scaled to about 1; peaks become bounding constants, positive powers slacks
+    Costs are scaled to about 1; peaks become bounding constants, positive powers become slacks
     (epigraph form).
     """
     n, period_range = worm.links, limits.period_range
@@ -132,7 +132,7 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
     ):
         if getattr(limits, key) is not None:
             most = np.broadcast_to(getattr(limits, key), expression.numel())
-            least = -np.inf if key == "spike_load" else -most  # spikes do not pull
+            least = -np.inf if key == "spike_load" else -most  # spikes cannot pull
             bounds.append(Constraint(f"limits.{key}", expression, least, most, float(most.max())))
     if limits.sigma_margin > 0:
         sigma = model["reaction_mean"]
@@ -145,7 +145,7 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
 
 
 def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca.SX] | None:
-    """Residual of the sharing rule, for contacts whose load the motion leaves open."""
+    """Residual of the sharing rule, for contacts whose load the motion does not determine."""
     if limits.resting == 1 and not matter:
         return None
 
@@ -168,7 +168,7 @@ def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca
 def _cost(
     minimise: Cost | None, model: Model, ends: Ends, way: ca.SX, speed: float, time: float
 ) -> dict[str, Any]:
-    """What an objective adds to the problem; `way` is per period, `speed` and `time` are sizes."""
+    """Terms of an objective in the problem; `way` is per period, `speed` and `time` are sizes."""
     force = float(sum(c.nominal_force for c in model.contacts))
     match minimise:
         case None:
@@ -194,6 +194,6 @@ def _cost(
     forces = model.forces
     if minimise == "peak_actuator_force":
         forces = ca.vertcat(model["actuator_force"], -model["actuator_force"])
-    peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # their smallest upper bound
+    peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # smallest upper bound
     bound = Constraint(minimise, forces - peak.symbol, upper=0.0, nominal=force)
     return {"minimise": peak.symbol / force, "along": (bound,), "design": (peak,)}

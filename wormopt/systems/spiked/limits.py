@@ -1,4 +1,4 @@
-"""What a gait must keep to: period, lengths, rates, accelerations, loads."""
+"""Limits of a gait: period, lengths, rates, accelerations, loads."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from wormopt.model.given import (
     wrong_order,
 )
 
-# Periods that differ by a smaller share are one.
+# Periods with a smaller relative difference are equal.
 _ROUNDING = 1e-9
-# So much of a tick is none; a controller's table holds so many.
+# Smaller shares of a tick are rounding; the largest number of ticks in a table.
 _NO_TICK, _MOST_TICKS = Fraction(1, 10**6), 1_000_000
 
 Sharing = Literal["equal", "least_actuation"]
@@ -30,12 +30,19 @@ Sharing = Literal["equal", "least_actuation"]
 
 @dataclass(frozen=True)
 class Rates(Frozen):
-    """Limits on the rate of a link, apart for both directions.
+    """Limits on the rate of a link, separate for both directions.
 
     Parameters
     ----------
     contraction, extension : float or sequence of float
-        How fast a link may shorten and lengthen at most, alike for all or one per link.
+        Largest rates at which a link shortens and lengthens, one number for all links or one per
+        link.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> wo.Limits(period=1.0, length=(0.7, 1.3), rate=Rates(1.0, 0.5)).rate_limits(2)
+    ((1.0, 1.0), (0.5, 0.5))
     """
 
     contraction: Numbers
@@ -44,37 +51,39 @@ class Rates(Frozen):
 
 @dataclass(frozen=True)
 class Limits(Frozen):
-    """What a gait must keep to. Limits left out do not hold.
+    """Limits that a gait must meet. A limit that is not given does not apply.
+
+    All quantities are in one consistent system of units.
 
     Parameters
     ----------
     period : float or (float, float)
-        The motion repeats after this time, or after one between these; one or more cycles fill
+        The motion repeats after this time, or after a time in this range. One or more cycles fill
         it.
     length : (float, float) or sequence of such pairs
-        Shortest and longest length, of every link or of each.
+        Shortest and longest length, of all links or of each.
     resting : int, optional
-        At least so many masses rest at any time.
+        Smallest number of masses at rest at any time.
     rate : float, sequence of float or Rates, optional
-        Limit on the rate of each link.
+        Largest rate of each link length.
     acceleration : float or sequence of float, optional
-        Limit on the acceleration of each link.
+        Largest acceleration of each link length.
     spike_load : float or sequence of float, optional
-        Limit on the load of a spike, alike for all or one per mass.
+        Largest load on a spike, one number for all masses or one per mass.
     actuator_force : float or sequence of float, optional
-        Limit on the force of each actuator.
+        Largest force of each actuator, one number for all links or one per link.
     sigma_margin : float, optional
-        sigma of (7) stays at or above this.
+        Lower bound on sigma of eq. 7 of Zimmermann et al. 2007, a force.
     sharing : {"equal", "least_actuation"}, optional
-        How several resting masses share the spike load.
+        Rule by which several resting masses share the spike load.
     impulses : bool, optional
-        Velocities may jump, where no acceleration limit is given.
+        Whether velocities may jump; only without a limit on acceleration.
     tick : float, optional
-        Tick of a controller: a cycle lasts a whole number of ticks, so that a table of lengths at
+        Tick of a controller, a time. A cycle is a whole number of ticks, so a table of lengths at
         the ticks repeats exactly.
     length_step : float, optional
-        Lengths at the ticks are rounded to its multiples, in `Design.table` and in what is
-        exported; other limits count before that.
+        Lengths at the ticks are rounded to multiples of this step, in `Design.table` and in
+        exports. The other limits apply before rounding.
 
     Examples
     --------
@@ -100,17 +109,21 @@ class Limits(Frozen):
 
     @property
     def period_range(self) -> tuple[float, float]:
-        """Shortest and longest period; equal where the period is fixed."""
+        """Shortest and longest period; equal if the period is fixed."""
         shortest, longest = per(self.period, 2)
         return shortest, longest
 
     def cycles_of(self, period: float) -> int:
-        """Fewest repetitions of a motion that last as long as the limits ask, be it too long.
+        """Smallest number of cycles that fill the required period, even if they exceed its range.
 
         Parameters
         ----------
         period : float
-            The motion's shortest period.
+            Shortest period of the motion.
+
+        Returns
+        -------
+        int
 
         Examples
         --------
@@ -120,14 +133,17 @@ class Limits(Frozen):
         return max(1, math.ceil(self.period_range[0] / period * (1.0 - _ROUNDING)))
 
     def ticks_of(self, period: float) -> tuple[int, ...]:
-        """Numbers of ticks that a cycle may last, the next to a period: below it and above it.
-
-        A single one where the period is that; none without a tick.
+        """Numbers of ticks of a cycle next to a period: the nearest below and above it.
 
         Parameters
         ----------
         period : float
-            Of a cycle, as the other limits allow it.
+            Period of a cycle under the other limits.
+
+        Returns
+        -------
+        tuple of int
+            Two numbers, or one if the period is a whole number of ticks; empty without a tick.
 
         Examples
         --------
@@ -140,7 +156,7 @@ class Limits(Frozen):
             return ()
         fewest, most = self._ticks_of_period()
 
-        def fits(ticks: int) -> bool:  # some multiple of it is within the range
+        def fits(ticks: int) -> bool:  # a multiple of it is within the range
             return most % ticks <= most - fewest
 
         below, above = whole_beside(period, self.tick)
@@ -149,50 +165,66 @@ class Limits(Frozen):
         return tuple(sorted({k for k in (shorter, longer) if k is not None}))
 
     def whole_ticks(self, count: int) -> float:
-        """Time of so many ticks, rounded once.
+        """Duration of a number of ticks, rounded once.
 
         Parameters
         ----------
         count : int
-            How many.
+            Number of ticks.
+
+        Returns
+        -------
+        float
         """
         return float(count * Fraction(repr(float(self.tick or 0.0))))
 
     def without_ticks(self, period: float | tuple[float, float] | None = None) -> Limits:
-        """Limits of a cycle of any length, and with another period if one is given.
+        """Limits without tick and length step, optionally with another period.
 
         Parameters
         ----------
         period : float or (float, float), optional
-            In place of the own one.
+            Replaces the period of the limits.
+
+        Returns
+        -------
+        Limits
         """
         return replace(self, period=period or self.period, tick=None, length_step=None)
 
     def _ticks_of_period(self) -> tuple[int, int]:
-        """Fewest and most ticks of the range of periods; the fewest are more where none fit."""
+        """Fewest and most ticks of the range of periods; fewest exceeds most if none fits."""
         shortest, longest = self.period_range
         tick = self.tick or math.inf
         return whole_beside(shortest, tick)[1], whole_beside(longest, tick)[0]
 
     def length_ranges(self, links: int) -> tuple[tuple[float, float], ...]:
-        """Shortest and longest length of each of so many links.
+        """Shortest and longest length of each link.
 
         Parameters
         ----------
         links : int
             Number of links.
+
+        Returns
+        -------
+        tuple of (float, float)
         """
         one = all(not isinstance(item, tuple) for item in self.length)
         pairs = [self.length] * links if one else self.length
         return tuple((low, high) for low, high in pairs)
 
     def rate_limits(self, links: int) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
-        """Limits on contraction and on extension, one number per link each; None without.
+        """Limits on contraction and on extension, one number per link each; None if not given.
 
         Parameters
         ----------
         links : int
             Number of links.
+
+        Returns
+        -------
+        contraction, extension : tuple of float
         """
         if self.rate is None:
             return None
@@ -203,8 +235,8 @@ class Limits(Frozen):
     def rate_bounds(self, links: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Largest contraction and extension rates, given or implied by length and acceleration.
 
-        A link that swings within a range R with acceleration at most a is never faster than
-        sqrt(a R): it starts from and returns to rate 0 within that range.
+        A link that oscillates within a range R with acceleration at most a is never faster than
+        sqrt(a R), because it starts from and returns to rate 0 within that range.
 
         Parameters
         ----------
@@ -229,14 +261,18 @@ class Limits(Frozen):
         return contraction, extension
 
     def within(self, rate: float, acceleration: float, links: int) -> Limits:
-        """Limits that every link keeps to as well, of a motor say.
+        """Tighten the limits by the largest rate and acceleration of a motor.
 
         Parameters
         ----------
         rate, acceleration : float
-            Most that a motor gives.
+            Largest rate and acceleration of every link length.
         links : int
             Number of links.
+
+        Returns
+        -------
+        Limits
 
         Examples
         --------
@@ -255,14 +291,18 @@ class Limits(Frozen):
         )
 
     def faults(self, links: int, prefix: str = "") -> Iterator[Fault]:
-        """Yield field and message of whatever is wrong, or does not fit so many links.
+        """Yield name and message of every fault, for a worm with this number of links.
 
         Parameters
         ----------
         links : int
             Number of links.
         prefix : str, optional
-            What the names of limits begin with in messages, "gait." say.
+            Prefix of names of limits in messages, for example "gait.".
+
+        Yields
+        ------
+        tuple of (str, str)
         """
         wrong = [*faults_of_numbers("period", self.period, 2, "ends of a range")]
         if not wrong:
@@ -271,20 +311,20 @@ class Limits(Frozen):
         if is_number(self.resting, links + 1):
             yield (
                 "resting",
-                f"{self.resting} resting masses leave a worm of {links} links none to move; "
+                f"{self.resting} resting masses leave a worm of {links} links no mass to move; "
                 f"write at most {links}",
             )
         else:
             yield from faults_of_whole("resting", self.resting, 1, links)
         if self.sharing not in get_args(Sharing):
-            yield "sharing", f"not {self.sharing!r}; write equal or least_actuation"
+            yield "sharing", f'{self.sharing!r} is not known; write "equal" or "least_actuation"'
         wrong = [*self._faults_of_length(links)]
         yield from wrong or self._faults_of_steps(links, prefix)
         yield from self._faults_of_lists(links)
         yield from self._faults_of_jumps(prefix)
 
     def _faults_of_tick(self, prefix: str) -> Iterator[Fault]:
-        """Yield what is wrong with a tick, the period being right by itself."""
+        """Yield the faults of a tick for a valid period."""
         if self.tick is None:
             return
         shortest, longest = self.period_range
@@ -302,7 +342,9 @@ class Limits(Frozen):
                 return
             nearest = [f"{self.whole_ticks(k):.12g}" for k in (most, fewest) if k > 0]
             fixed = shortest == longest
-            given = f"{shortest:.12g} is" if fixed else f"[{shortest:.12g}, {longest:.12g}] holds"
+            given = (
+                f"{shortest:.12g} is" if fixed else f"[{shortest:.12g}, {longest:.12g}] contains"
+            )
             yield (
                 "period",
                 f"{given} no whole number of ticks of {prefix}tick = {self.tick:.12g}; write "
@@ -316,7 +358,7 @@ class Limits(Frozen):
         if wrong := [*faults_of_number("length_step", step)]:
             yield from wrong
         elif self.tick is None:
-            yield "length_step", f"lengths are rounded at ticks; give {prefix}tick too"
+            yield "length_step", f"is given without {prefix}tick; write {prefix}tick too"
         else:
             ranges = self.length_ranges(links)
             few = [r for r in ranges if whole_beside(r[0], step)[1] >= whole_beside(r[1], step)[0]]
@@ -337,8 +379,8 @@ class Limits(Frozen):
         elif numbers or len(pairs) != links or any(len(pair) != 2 for pair in pairs):
             yield (
                 "length",
-                "neither one range nor one per link; write [shortest, longest], "
-                f"or a list of {links} such pairs",
+                "the list is neither one range nor one per link; write [shortest, longest], or a "
+                f"list of {links} such pairs",
             )
             return
         else:
@@ -362,29 +404,34 @@ class Limits(Frozen):
 
     def _faults_of_jumps(self, prefix: str) -> Iterator[Fault]:
         if self.rate is None and self.acceleration is None:
-            yield "", f"links of unlimited rate and acceleration; give {prefix}rate or both"
+            yield (
+                "",
+                f"neither {prefix}rate nor {prefix}acceleration is given; write {prefix}rate or "
+                "both",
+            )
         if self.acceleration is None and not self.impulses:
             yield (
                 "acceleration",
-                f"velocities may jump: give {prefix}acceleration or set {prefix}impulses = true",
+                f"missing, so velocities may jump; write {prefix}acceleration or {prefix}impulses "
+                "= true",
             )
         if not self.impulses:
             return
         if self.acceleration is not None:
             yield (
                 "impulses",
-                f"{prefix}acceleration forbids the jumps that impulses allow; leave one out",
+                f"{prefix}acceleration forbids the jumps that impulses allow; remove one of them",
             )
         for key in ("actuator_force", "spike_load"):
             if getattr(self, key) is not None:
                 yield (
                     "impulses",
-                    f"an impulse exceeds any {prefix}{key}; leave {prefix}impulses out and give "
-                    f"{prefix}acceleration",
+                    f"true, but an impulse exceeds any {prefix}{key}; remove {prefix}impulses and "
+                    f"write {prefix}acceleration",
                 )
 
 
 def whole_beside(value: float, step: float) -> tuple[int, int]:
-    """Whole numbers of steps next to a value, below and above; the same where it is one."""
+    """Whole numbers of steps next to a value, below and above; equal if the value is one."""
     steps = Fraction(repr(float(value))) / Fraction(repr(float(step)))
     return math.floor(steps + _NO_TICK), math.ceil(steps - _NO_TICK)

@@ -1,4 +1,4 @@
-"""How several resting masses share the spike load, which statics leaves open: by a rule."""
+"""Rules by which several resting masses share the spike load, which statics leaves open."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ def share_load(
     sharing: Sharing,
     most: Sequence[float] | np.ndarray | float | None = None,
 ) -> np.ndarray:
-    """Split the total spike load (m,) over the resting masses: (n+1, m), 0 for those that move.
+    """Split the total spike load (m,) over the resting masses: (n+1, m), 0 for moving masses.
 
-    `unloaded`: mu_1..mu_{n+1} (n+1, m) from the head without loads. Least actuation: least
-    sum of mu², loads 0 to `most`, or all overloaded alike; "equal" does not heed `most`.
+    `unloaded` is mu_1..mu_{n+1} (n+1, m) from the head without spike loads. "least_actuation"
+    minimises the sum of mu² with loads from 0 to `most`, or with equal overloads if that is
+    infeasible; "equal" ignores `most`.
     """
     loads, masses = np.zeros_like(unloaded), list(resting)
     if sharing == "equal" or len(masses) == 1:
@@ -44,11 +45,11 @@ def share_load(
 
 
 def _wanted(sums: np.ndarray, counts: Sequence[int], caps: np.ndarray) -> Iterator[np.ndarray]:
-    """What the first resting masses would carry together, did those behind let them.
+    """Loads that the first resting masses together would carry without bounds behind them.
 
-    The least sum of squares ahead is a convex function of the load carried so far; its slope is
-    piecewise linear, given by knots. One more spike, which takes 0 to its cap, parts the slope
-    at its root and moves what is behind by the cap.
+    The least sum of squares ahead is a convex function of the load carried so far. Its slope is
+    piecewise linear, given by knots. One more spike, which carries 0 to its cap, splits the slope
+    at its root and moves the part behind by the cap.
     """
     zero = np.zeros(sums.shape[1])
     place = slope = np.zeros((0, len(zero)))
@@ -63,7 +64,7 @@ def _wanted(sums: np.ndarray, counts: Sequence[int], caps: np.ndarray) -> Iterat
 
 
 def _zero_of(place: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Root of ascending piecewise linear functions, or the end of their range nearest to one."""
+    """Root of ascending piecewise linear functions, or the end of their range nearest to it."""
     last = len(place) - 1
     above = np.minimum((slope < 0).sum(axis=0), last)
     below = np.maximum(above - 1, 0)

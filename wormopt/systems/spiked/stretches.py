@@ -1,4 +1,4 @@
-"""When the resting masses change and when the worm glides: the modes of (7) over a period."""
+"""Changes of the resting masses and glides: the modes of eq. 7 over a period."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from wormopt.model.gait import Gait
 from wormopt.numerics.chebyshev import Series, relaxed, resolve
 from wormopt.systems.spiked.limits import Sharing
 
-# A glide of more time constants of drag than this is parted where so many have passed: one series
-# has what drag makes of the velocity at its start, another what drag and drive alone say.
+# A glide longer than this many time constants of drag is split after a number of them: the first
+# series contains the decay of the initial velocity, the second only drag and drive.
 _STIFF, _LAYER = 300.0, 40.0
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A gait drives a worm: the explicit functions of time on each piece of the gait."""
+    """A gait that drives a worm, as explicit functions of time on each piece of the gait."""
 
     gait: Gait
     mass: np.ndarray  # (n+1,)
     drag: float  # viscous drag k of every mass
-    load: float  # Gamma on every mass, the mean of those that differ
-    sharing: Sharing  # how resting masses share the load
-    # what each spike can carry; for "least_actuation"
+    load: float  # Gamma on every mass, or the mean of different loads
+    sharing: Sharing  # rule by which resting masses share the load
+    # load that each spike can carry; for "least_actuation"
     spike_load: float | Sequence[float] | None = None
-    # load of each mass beyond the mean, (n+1,); the motion does not depend on it
+    # load of each mass minus the mean, (n+1,); the motion does not depend on it
     beyond: np.ndarray | float = 0.0
 
     @property
     def mean_mass(self) -> float:
-        """Mean of the point masses, which takes the place of m in (7)."""
+        """Mean of the point masses, which replaces m in eq. 7."""
         return float(self.mass.mean())
 
     @cached_property
@@ -68,7 +68,7 @@ class Drive:
         return first[leader] - first, second[leader] - second
 
     def sigma(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Driving term of (7), for masses that may differ.
+        """Driving term of eq. 7, for masses that may differ.
 
         `v` and `a` (n+1, m) are velocities and accelerations while a mass rests.
         """
@@ -83,7 +83,7 @@ class Stretch:
     start: float  # since the piece began
     stop: float  # since the piece began
     resting: tuple[int, ...]  # masses at rest, ascending; empty in a glide
-    leader: int  # rests in mode 2, or would if the worm did not glide
+    leader: int  # a mass that rests in mode 2, or would without the glide
     common: Series | None = None  # velocity w in a glide; None in mode 2
 
 
@@ -92,8 +92,8 @@ def periodic_stretches(
 ) -> tuple[tuple[Stretch, ...], tuple[tuple[float, float], ...], tuple[float, ...]]:
     """Follow the worm from w = 0 until its motion repeats.
 
-    Returns one period's stretches, times and sizes of spike impulses, and times at which the
-    kinematic velocity W0 jumps down. Raises SolveError if it glides faster period by period.
+    Returns the stretches of one period, times and sizes of spike impulses, and times at which the
+    kinematic velocity W0 jumps down. Raises SolveError if it glides faster from period to period.
     """
     cells, w = _driven_cells(drive), 0.0
     for _ in range(500):
@@ -102,13 +102,13 @@ def periodic_stretches(
             return tuple(stretches), tuple(impulses), tuple(drops)
         w = end
     raise SolveError(
-        "the worm glides on from period to period and never settles",
-        "raise worm.load or worm.drag, or choose a longer period",
+        "the glide of the worm does not become periodic",
+        "increase worm.load or worm.drag, or write a longer period",
     )
 
 
 def kinematic_stretches(drive: Drive) -> list[Stretch]:
-    """Stretches of one period while a mass rests throughout: the gait alone decides which."""
+    """Stretches of one period without a glide, which depend on the gait alone."""
     return [cell for piece in range(drive.gait.pieces) for cell in _cells(drive, piece)]
 
 
@@ -121,7 +121,7 @@ def _cells(drive: Drive, piece: int) -> list[Stretch]:
     for i, j in combinations(alike, 2):
         gap = Series(0.0, width, (spans.coefficients[i] - spans.coefficients[j])[None])
         if np.abs(gap.coefficients).sum() <= tie:
-            # The functions are analytic: masses that rest together do so on the whole piece.
+            # The functions are analytic: masses that rest together rest so on the whole piece.
             alike[i].add(j)
             alike[j].add(i)
             continue
@@ -133,7 +133,7 @@ def _cells(drive: Drive, piece: int) -> list[Stretch]:
     for a, b in pairwise(sorted(cuts)):
         values = spans(a + (b - a) * np.array([0.1, 0.5, 0.9]))
         ahead = (values >= values.max(axis=0) - tie).all(axis=1)
-        # Where curves only touch, round-off may not choose the leader: keep the one before.
+        # Where curves only touch, round-off must not choose the leader: keep the previous one.
         leader = (
             cells[-1].leader if cells and ahead[cells[-1].leader] else int(values[:, 1].argmax())
         )
@@ -146,7 +146,7 @@ def _cells(drive: Drive, piece: int) -> list[Stretch]:
 
 
 def _absorb_touching(cells: list[Stretch], spans: Series, tie: float) -> list[Stretch]:
-    """Let a first cell that is a mere touch begin with the next cell's resting masses."""
+    """Merge a first cell that is a mere touch into the next cell."""
     while len(cells) > 1:
         first, second = cells[:2]
         values = spans(np.linspace(first.start, first.stop, 5))
@@ -158,11 +158,11 @@ def _absorb_touching(cells: list[Stretch], spans: Series, tie: float) -> list[St
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """A stretch of `kinematic_stretches`, and what drives the worm there in every period."""
+    """A stretch of `kinematic_stretches`, with the drive of the worm in it."""
 
     stretch: Stretch
-    jump: float  # of the velocity of the centre at its start, while a mass rests
-    sigma: Series  # driving term of (7)
+    jump: float  # of the velocity of the centre of mass at its start, while a mass rests
+    sigma: Series  # driving term of eq. 7
     edges: np.ndarray  # start, zeros of sigma, stop
 
 
@@ -189,7 +189,7 @@ def _driven_cells(drive: Drive) -> list[_Cell]:
 def _one_period(
     drive: Drive, cells: list[_Cell], w: float
 ) -> tuple[list[Stretch], list[tuple[float, float]], list[float], float]:
-    """Go once through the cells from common velocity ``w``; return also w at the end."""
+    """Follow the cells once from common velocity ``w``; returns also w at the end."""
     total = float(drive.mass.sum())
     still = 1e-11 * drive.rate_scale
     stretches: list[Stretch] = []
@@ -197,7 +197,7 @@ def _one_period(
     drops: list[float] = []
     for cell in cells:
         if abs(cell.jump) > 1e2 * still:
-            # it jumps where pieces meet only
+            # jumps occur only where pieces meet
             time = float(drive.gait.breaks[cell.stretch.piece])
             w -= cell.jump
             if cell.jump < 0:
@@ -231,7 +231,7 @@ def _glide_or_hold(drive: Drive, driven: _Cell, w: float) -> Iterator[Stretch]:
             far = now + _LAYER / decay
         # m w' + k w + sigma = 0, and sigma is known
         common = relaxed(lambda s: -sigma(s) / drive.mean_mass, decay, w, now, far)
-        # A glide ends where w falls through 0; at its start w is 0 too, but rising.
+        # A glide ends where w falls through 0; at its start w is 0 too, but increases.
         slope = common.derivative()
         falls = [r for r in common.roots() if r > now and slope(np.array([r])).item() < 0]
         stop = float(falls[0]) if falls else far
@@ -241,7 +241,7 @@ def _glide_or_hold(drive: Drive, driven: _Cell, w: float) -> Iterator[Stretch]:
 
 
 def _first_dip(sigma: Series, edges: np.ndarray, now: float, touch: float) -> float | None:
-    """First instant from ``now`` at which sigma goes below zero by more than a touch."""
+    """First time from ``now`` at which sigma falls below zero by more than a touch."""
     for a, b in pairwise(edges):
         low = max(float(a), now)
         if b <= low:
@@ -257,7 +257,7 @@ def exact_degree(gait: Gait, power: int = 1) -> int | None:
 
 
 def at_breaks(gait: Gait, derivative: int) -> tuple[np.ndarray, np.ndarray]:
-    """Values right after and right before every piece's begin, (pieces, n) each, periodically."""
+    """Values right after and right before the start of every piece, (pieces, n) each, periodic."""
     widths = np.diff(gait.breaks)
     begins = [gait.on_piece(q, np.zeros(1), derivative).ravel() for q in range(gait.pieces)]
     ends = [gait.on_piece(q, widths[q : q + 1], derivative).ravel() for q in range(gait.pieces)]

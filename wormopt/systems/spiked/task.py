@@ -1,4 +1,4 @@
-"""What the design of a gait is asked for: worm, limits, objective, and how to search."""
+"""The task of gait design: worm, limits, objective, and search."""
 
 from __future__ import annotations
 
@@ -32,24 +32,27 @@ Effort = Literal["quick", "normal", "thorough"]
 
 @dataclass(frozen=True)
 class Worm(Frozen):
-    """A chain of point masses with spikes, whose link lengths are prescribed, (1)-(7).
+    """A chain of point masses with spikes and prescribed link lengths.
+
+    The model is that of eqs. 1 to 7 of Zimmermann et al. 2007. All quantities are in one
+    consistent system of units.
 
     Parameters
     ----------
     links : int
-        Number of links n, 1 to 32; the masses are n + 1.
-    mass : float or sequence of float, optional
-        Mass, alike for all or one per mass, head first.
+        Number of links n, 1 to 32; there are n + 1 masses.
+    mass : float or sequence of float, shape (n+1,), optional
+        Mass, one number for all or one per mass, head first.
     drag : float, optional
-        Viscous drag coefficient of each mass.
-    load : float, (float, float) or sequence of float, optional
-        Force against the direction of motion on each mass: a towed load, on a slope m g sin(slope)
-        too. A pair is a range: what is designed must hold for every load in it. Three or more
-        numbers are the loads of the masses, head first: a cable at the tail of four masses is
-        (0, 0, 0, 0.3).
-    pull : float or sequence of float, optional
-        Further force on each mass, alike for all or one per mass: the pull of unequal weights on a
-        slope, beside a range of loads say.
+        Viscous drag coefficient of each mass: force over velocity.
+    load : float, (float, float) or sequence of float, shape (n+1,), optional
+        Force against the direction of motion on each mass, for example a towed load or the weight
+        m g sin(slope) on a slope. A pair is a range: a design meets its limits for every load in
+        it. Three or more numbers are the loads of the individual masses, head first. Example: a
+        cable at the tail of four masses is (0, 0, 0, 0.3).
+    pull : float or sequence of float, shape (n+1,), optional
+        Additional force on each mass, one number for all or one per mass: for example the weight
+        of unequal masses on a slope, together with a range of loads.
 
     Examples
     --------
@@ -71,9 +74,9 @@ class Worm(Frozen):
 
     @property
     def load_range(self) -> tuple[float, float]:
-        """Smallest and largest load on each mass, their mean where they differ.
+        """Smallest and largest load on each mass; their mean over the masses if these differ.
 
-        Equal where the load is known. How the worm moves depends on the mean alone.
+        Both are equal if the load is known. The motion depends on the mean alone.
         """
         fixed = _mean(self._known)
         low, high = per(self.load, 2) if self._may_vary else (0.0, 0.0)
@@ -81,12 +84,12 @@ class Worm(Frozen):
 
     @property
     def _may_vary(self) -> bool:
-        """Whether the load is one number for all masses, or a range of it."""
+        """Whether the load is one number for all masses, or a range."""
         return not isinstance(self.load, tuple) or len(self.load) == 2
 
     @property
     def _known(self) -> tuple[float, ...]:
-        """What each mass bears beside a number or range for all."""
+        """Load of each mass in addition to a number or range for all."""
         pull = per(self.pull, self.links + 1)
         if self._may_vary:
             return pull
@@ -94,23 +97,27 @@ class Worm(Frozen):
 
     @property
     def beyond(self) -> tuple[float, ...]:
-        """What each mass bears beyond the mean of all; they sum to 0."""
+        """Load of each mass minus the mean over all masses; they sum to 0."""
         mean = _mean(self._known)
         return tuple(each - mean for each in self._known)
 
     def loads(self, mean: float) -> float | tuple[float, ...]:
-        """Load on each mass where the mean is given; one number where all are alike.
+        """Load on each mass for a given mean; one number if all are equal.
 
         Parameters
         ----------
         mean : float
-            Within `load_range`.
+            Mean load, within `load_range`.
+
+        Returns
+        -------
+        float or tuple of float, shape (n+1,)
         """
         beyond = self.beyond
         return tuple(mean + each for each in beyond) if any(beyond) else mean
 
     def faults(self) -> Iterator[Fault]:
-        """Yield field and message of whatever is wrong."""
+        """Yield name and message of every fault."""
         if not is_whole(self.links, 1, MOST_LINKS):
             yield from faults_of_whole("links", self.links, 1, MOST_LINKS)
             return
@@ -126,20 +133,21 @@ class Worm(Frozen):
 
 
 def _mean(each: tuple[float, ...]) -> float:
-    """Mean of numbers; exact where they are alike."""
+    """Mean of numbers; exact if they are equal."""
     return each[0] if len(set(each)) == 1 else sum(each) / len(each)
 
 
 @dataclass(frozen=True)
 class Objective(Frozen):
-    """What makes a gait the best: the largest mean speed, or the least cost at a required speed.
+    """The objective of a design: the largest mean speed, or the smallest cost at a required speed.
 
     Parameters
     ----------
     minimise : str, optional
-        Cost to be made small; the mean speed is made large if left out.
+        Cost to minimise: "peak_spike_load", "peak_actuator_force", "energy_per_distance" or
+        "acceleration_effort". By default the mean speed is maximised.
     speed : float, optional
-        Mean speed required when a cost is minimised.
+        Required mean speed if a cost is minimised.
 
     Examples
     --------
@@ -152,29 +160,38 @@ class Objective(Frozen):
 
     @classmethod
     def of(cls, what: Literal["speed"] | Cost | Objective, speed: float | None = None) -> Objective:
-        """Make an objective of its name.
+        """Make an objective from its name.
 
         Parameters
         ----------
         what : str or Objective
-            "speed", or the cost to be made small; an objective as it is.
+            "speed", or the cost to minimise; an Objective is returned unchanged.
         speed : float, optional
-            Mean speed required where a cost is made small.
+            Required mean speed if a cost is minimised.
+
+        Returns
+        -------
+        Objective
+
+        Raises
+        ------
+        ArgumentError
+            If `what` is an Objective and `speed` is given too.
         """
         if not isinstance(what, Objective):
             return cls(None if what == "speed" else what, speed)
         if speed is not None:
-            raise ArgumentError("speed: the objective has its own; leave one out")
+            raise ArgumentError("speed is given, but the objective has its own; remove one of them")
         return what
 
     @property
     def is_smooth(self) -> bool:
-        """Whether it is neither linear nor a peak; only the others have proofs and multipliers."""
+        """Whether it is energy or effort, for which there are no proofs and multipliers."""
         return self.minimise in ("energy_per_distance", "acceleration_effort")
 
     @property
     def quantity(self) -> str:
-        """What it measures, as `unit_of` takes it."""
+        """Physical quantity of the objective, a name for `unit_of`."""
         match self.minimise:
             case None:
                 return "speed"
@@ -186,74 +203,87 @@ class Objective(Frozen):
                 return "force"
 
     def faults(self) -> Iterator[Fault]:
-        """Yield field and message of whatever is wrong."""
+        """Yield name and message of every fault."""
         if self.minimise is not None and self.minimise not in get_args(Cost):
             costs = ", ".join(get_args(Cost))
-            yield "minimise", f"not {self.minimise!r}; write speed or one of {costs}"
+            yield "minimise", f"{self.minimise!r} is not known; write speed or one of {costs}"
         elif self.minimise is None and self.speed is not None:
-            yield "speed", "a speed that is made large cannot be required; leave one out"
+            yield "speed", "given, but the speed is maximised; remove it, or minimise a cost"
         elif self.minimise is not None and self.speed is None:
-            yield "speed", "missing; minimise needs the speed to keep, a finite number above 0"
+            yield "speed", "missing; minimise needs the required speed: write a number above 0"
         elif self.speed is not None:
             yield from faults_of_number("speed", self.speed)
 
     def faults_within(self, worm: Worm, limits: Limits) -> Iterator[str]:
-        """Yield why it cannot be sought of a worm within limits, each of them right by itself.
+        """Yield why the objective cannot be used for a worm within limits, each valid by itself.
 
         Parameters
         ----------
         worm : Worm
             Masses, drag, load.
         limits : Limits
-            What the gait must keep to.
+            Limits of the gait.
+
+        Yields
+        ------
+        str
         """
         if self.minimise is not None and limits.impulses:
             yield (
-                f"{self.minimise} has no finite value with limits.impulses; leave that out and "
-                "give limits.acceleration"
+                f"{self.minimise} has no finite value with limits.impulses; remove limits.impulses "
+                "and write limits.acceleration"
             )
         low, high = worm.load_range
         if self.is_smooth and low < high:
             yield (
-                f"{self.minimise} depends on the load, and worm.load is a range; give one load, "
-                "or seek speed or a peak"
+                f"{self.minimise} depends on the load, and worm.load is a range; write one load, "
+                "or choose speed or a peak"
             )
 
 
 @dataclass(frozen=True)
 class Certify(Frozen):
-    """Proof of how much better any gait could be."""
+    """Settings of the proof that bounds the objective of any gait."""
 
-    gap: float = 1e-2  # as a share: enough when no gait can be better by more
-    time_limit: float = 60.0  # s; then it stops with the gap it has
+    gap: float = 1e-2  # end when no gait can be better by more than this share
+    time_limit: float = 60.0  # s; end after this time with the gap reached
 
     def faults(self) -> Iterator[Fault]:
-        """Yield field and message of what is wrong."""
+        """Yield name and message of every fault."""
         yield from _faults_of_gap(self.gap)
         yield from faults_of_number("time_limit", self.time_limit)
 
 
 @dataclass(frozen=True)
 class Search(Frozen):
-    """How the order in which masses rest is sought.
+    """Settings of the search over the sequences in which masses rest.
 
     Parameters
     ----------
     seed : int, optional
-        Seed of random starts.
+        Seed of the random starts.
     effort : {"quick", "normal", "thorough"}, optional
-        How much is searched.
+        Extent of the search.
     phases : int, optional
-        A cycle has at most so many phases, 2 to 64.
+        Largest number of phases of a cycle, 2 to 64.
     sequence : sequence of sequences of int, optional
-        The resting masses of each phase of a cycle in turn; nothing else is tried then.
+        Resting masses of each phase of a cycle; only this sequence is used.
     time_limit : float, optional
-        Seconds after which the best gait found so far is taken; no limit if left out.
+        Time in seconds after which the best gait found so far is returned. There is no limit by
+        default.
     workers : int, optional
         Number of processes.
     gap : float, optional
         The search for a speed ends when no gait can be faster by a larger share, as proven by
         small linear programs before it begins.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> found = wo.design(wo.Worm(links=2, load=5.0), limits, search=Search(effort="quick", seed=1))
+    >>> round(found.speed, 6)
+    0.825667
     """
 
     seed: int = 0
@@ -265,14 +295,18 @@ class Search(Frozen):
     gap: float = 1e-3
 
     def faults(self, links: int, resting: int) -> Iterator[Fault]:
-        """Yield field and message of what is wrong.
+        """Yield name and message of every fault.
 
         Parameters
         ----------
         links : int
             Number of links.
         resting : int
-            At least so many masses rest at any time.
+            Smallest number of masses at rest at any time.
+
+        Yields
+        ------
+        tuple of (str, str)
         """
         if self.effort not in get_args(Effort):
             yield "effort", f"not {self.effort!r}; write one of {', '.join(get_args(Effort))}"
@@ -285,7 +319,11 @@ class Search(Frozen):
         yield from _faults_of_gap(self.gap)
         yield from _faults_of_sequence(self.sequence, links, resting)
         if self.phases is not None and (count := len(self.sequence or ())) > self.phases:
-            yield "sequence", f"{count} phases, but search.phases allows {self.phases}"
+            yield (
+                "sequence",
+                f"{count} phases, but search.phases = {self.phases}; write fewer phases, or "
+                "increase search.phases",
+            )
 
 
 def _faults_of_gap(gap: Any) -> Iterator[Fault]:
@@ -302,7 +340,10 @@ def _faults_of_sequence(sequence: Any, links: int, resting: int) -> Iterator[Fau
     if sequence is None:
         return
     if not isinstance(sequence, tuple) or not all(isinstance(item, tuple) for item in sequence):
-        yield "sequence", f"not {sequence!r}; write a list of lists of masses, [[0], [2], [1]] say"
+        yield (
+            "sequence",
+            f"not {sequence!r}; write a list of lists of masses, for example [[0], [2], [1]]",
+        )
         return
     if len(sequence) < 2:
         yield "sequence", "fewer than two phases; write at least two"
@@ -312,11 +353,15 @@ def _faults_of_sequence(sequence: Any, links: int, resting: int) -> Iterator[Fau
         if len(set(masses)) != len(masses):
             yield key, "names a mass twice; name it once"
         if not all(is_whole(mass, 0, links) for mass in masses):
-            yield key, f"names a mass there is not; write indices 0 to {links}"
+            yield key, f"names a mass that does not exist; write indices 0 to {links}"
         if len(set(masses)) < resting:
             yield key, f"fewer resting masses than limits.resting = {resting}; name more"
         if set(masses) == set(sequence[index - 1]):
-            yield key, "the same masses rest as in the phase before (round the period)"
+            yield (
+                key,
+                "the same masses rest as in the phase before (the last is before the first); write "
+                "other masses",
+            )
     for mass in sorted(set(sequence[0]).intersection(*sequence)):
         yield "sequence", f"mass {mass} rests in every phase; let it move in one"
 
@@ -330,14 +375,14 @@ class GaitProblem:
     worm : Worm
         Masses, drag, load.
     limits : Limits
-        What the gait must keep to.
+        Limits of the gait.
     objective : Objective, optional
-        What to seek; the speed if left out.
+        Objective; by default the mean speed is maximised.
 
     Raises
     ------
     ArgumentError
-        If something in it is wrong or does not fit together; the message names it.
+        If a value is invalid or values do not fit together; the message names the value.
 
     Examples
     --------
@@ -365,18 +410,18 @@ class GaitProblem:
 
     @property
     def resting_sizes(self) -> range:
-        """Numbers of masses at rest worth trying: more than asked for help to share a load."""
+        """Numbers of resting masses worth trying; more than required help to share a load."""
         fewest = self.limits.resting
         return range(fewest, self.worm.links + 1 if self.loads_matter else fewest + 1)
 
     @property
     def count_of_sets(self) -> int:
-        """How many sets of masses may rest."""
+        """Number of sets of masses that may rest."""
         return sum(comb(self.worm.links + 1, size) for size in self.resting_sizes)
 
     @property
     def speed_nominal(self) -> float:
-        """Usual size of the speed: the largest rate of a link."""
+        """Nominal speed: the largest rate of a link."""
         return max(map(max, self.limits.rate_bounds(self.worm.links)))
 
     def _faults(self) -> Iterator[Fault]:

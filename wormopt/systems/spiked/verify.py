@@ -1,4 +1,4 @@
-"""Hold a gait against the limits of its scene, over all time and not by sampling."""
+"""Checks a gait against its limits, over all time and not by sampling."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from wormopt.systems.spiked.stretches import at_breaks
 
 
 def violations(motion: Crawl, limits: Limits) -> dict[str, float]:
-    """Excess over every limit, relative to the limit's own size; not positive where it holds.
+    """Compute the violation of every limit, relative to the limit; at most 0 if it holds.
 
-    Extremes are those of the motion's own functions over all time, see `Crawl.extremes`.
+    Extremes are those of the motion's functions over all time, see `Crawl.extremes`.
 
     Parameters
     ----------
     motion : Crawl
         Motion under the gait.
     limits : Limits
-        What it must keep to.
+        Limits to check.
 
     Returns
     -------
     dict of str to float
-        By the limits' names, and ``closed`` for the gait's return to its start; ``sigma`` is
-        the requirement that no mass glides, relative to the size of the forces. Infinite for
-        ``limits.spike_load`` where the gait has impulses.
+        Violations by name of the limit. ``closed`` is the gap between the gait's end and start.
+        ``sigma`` is the violation of the condition that no mass glides, relative to the size of
+        the forces. ``limits.spike_load`` is infinite if the gait has impulses.
 
     Examples
     --------
@@ -77,11 +77,11 @@ def _excess(motion: Crawl, signal: str, low: np.ndarray, high: np.ndarray) -> fl
 
 
 def _gap(motion: Crawl, limits: Limits) -> float:
-    """Largest jump of lengths, and of rates unless impulses are allowed, between pieces."""
+    """Largest jump of lengths between pieces, and of rates unless impulses are allowed."""
     gaps = []
     for derivative in (0,) if limits.impulses else (0, 1):
         after, before = at_breaks(motion.gait, derivative)
-        # rates may vanish at every break, so their size is that of the whole period
+        # rates may vanish at every break, so they are compared with those of the whole period
         size = np.abs(motion.extremes(("length", "rate")[derivative])).max()
         gaps.append(np.abs(after - before).max() / (size or 1.0))
     return float(max(gaps))

@@ -1,1 +1,1 @@
-"""Worms driven by masses that swing inside, or about their centre as prescribed."""
+"""Worms driven by oscillating internal masses, or by masses with prescribed oscillations."""

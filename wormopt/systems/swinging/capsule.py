@@ -1,4 +1,4 @@
-"""A capsule on rough ground that a mass inside it drives, and its best cycle."""
+"""A capsule on rough ground driven by an internal mass, and its optimal cycle."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from wormopt.systems.swinging.scenes.internal_mass import CapsuleTable
 
 
 def capsule(*, share: float, friction: float, stroke: float) -> Model:
-    """Build v' = f - mu u, w' = u: a body on the ground, and a mass that moves in it.
+    """Build the model v' = f - mu u, w' = u: a body on the ground, and a mass that moves in it.
 
-    Momentum v + mu w, per mass of the whole as f is, changes by friction alone. `share`
-    is mu, below 1. The input u is the relative acceleration; impulses of it are jumps of w.
+    Only friction changes the momentum v + mu w, which like f is per total mass. `share` is mu,
+    below 1. The input u is the relative acceleration; its impulses are jumps of w.
     """
     if not (0 < share < 1 and friction > 0 and stroke > 0):
-        raise ArgumentError("share must be between 0 and 1, friction and stroke positive")
+        raise ArgumentError("share must be between 0 and 1, friction and stroke must be positive")
     x, v, s, w, u, f, mu = (ca.SX.sym(name) for name in ("x", "v", "s", "w", "u", "f", "mu"))
     inner = (friction * stroke / share) ** 0.5
     speed = share * inner
@@ -44,10 +44,10 @@ def capsule(*, share: float, friction: float, stroke: float) -> Model:
 
 
 def capsule_problem(table: CapsuleTable) -> Problem:
-    """What to optimise: the mean speed of a cycle after which all is as before.
+    """Optimal-control problem: the mean speed of a periodic cycle.
 
-    Relative acceleration is by impulses only. The momentum vanishes at the cycle's ends: the
-    body is at rest where the inner mass is.
+    Relative acceleration is by impulses only. The momentum is 0 at the cycle's ends: the body is at
+    rest where the inner mass is.
     """
     model, slow = _coasting(table), _slow(table)
     ends = Ends.of(model)
@@ -74,12 +74,12 @@ def _coasting(table: CapsuleTable) -> Model:
 
 
 def _slow(table: CapsuleTable) -> float:
-    """Usual time of a cycle."""
+    """Usual duration of a cycle."""
     return 2 * math.sqrt(table.share * table.stroke / table.friction)
 
 
 def capsule_guess(table: CapsuleTable) -> Guess:
-    """To and fro at constant relative velocity."""
+    """First guess: to and fro at constant relative velocity."""
     duration, stroke = _slow(table), table.stroke
     inner = 2 * stroke / duration
     speed = table.share * inner / 2

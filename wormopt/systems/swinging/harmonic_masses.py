@@ -1,8 +1,8 @@
-"""Point masses whose velocities relative to their centre are prescribed harmonics of time.
+"""Point masses with prescribed harmonic velocities relative to their centre.
 
-Actuators strong enough to hold the prescribed velocities are all there is between the masses; the
-velocity V of the centre is left, and only the ground changes it. Small friction changes it slowly:
-in standard form for averaging.
+Actuators strong enough to hold the prescribed velocities act between the masses. The remaining
+unknown is the velocity V of the centre, which only the ground changes. Small friction changes it
+slowly: this is the standard form for averaging.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from wormopt.scene.types import per
 from wormopt.systems.chain import laws_of
 from wormopt.systems.swinging.scenes.harmonic_masses import SwingingTable
 
-# Of the largest relative momentum of a mass: so much may be left of their sum.
+# Accepted sum of the relative momenta, as a share of the largest of a mass.
 _BALANCED = 1e-12
 
 
@@ -38,10 +38,11 @@ def harmonic_masses(
     velocity: float = 0.0,
     place: bool = False,
 ) -> Model:
-    """Build M V' = sum of contact forces for masses with v_i = V + w_i(t), sum m_i w_i = 0.
+    """Build the model M V' = sum of contact forces for masses with v_i = V + w_i(t).
 
-    w_i = scale sum_k (cosines[i, k] cos((k+1) omega t) + sines[i, k] sin((k+1) omega t)),
-    (N,) or (N, K). `place`: the centre is a state too; not for `average`, as it is not slow.
+    The relative velocities have no momentum, sum m_i w_i = 0: w_i = scale sum_k (cosines[i, k]
+    cos((k+1) omega t) + sines[i, k] sin((k+1) omega t)), with arrays (N,) or (N, K). `place`: the
+    position of the centre is a state too; not for `average`, since it is not slow.
     """
     cosines, sines = _harmonics(cosines, sines)
     masses = _masses(mass, len(cosines))
@@ -87,7 +88,7 @@ def harmonic_masses(
 
 
 def imbalance(cosines: ArrayLike, sines: ArrayLike, mass: ArrayLike = 1.0) -> np.ndarray:
-    """Relative momentum left over, (K, 2), which must vanish.
+    """Sum of the relative momenta, (K, 2), which must vanish.
 
     Sum over masses of m_i times cosines and sines, (N,) or (N, K), of every harmonic.
     """
@@ -97,21 +98,23 @@ def imbalance(cosines: ArrayLike, sines: ArrayLike, mass: ArrayLike = 1.0) -> np
 
 
 def steady_masses(amplitude: ArrayLike, law: Coulomb | Sequence[Coulomb]) -> float:
-    """Steady mean velocity V under small dry friction, of one harmonic, to first order.
+    """Steady mean velocity V under small dry friction, for one harmonic, to first order.
 
-    V is where the sum of (F- - F+) / 2 - (F- + F+) asin(V / A_i) / pi vanishes, with terms
-    constant for |V| >= A_i. Raises ArgumentError if all masses rub one way only.
+    V is the root of the sum of (F- - F+) / 2 - (F- + F+) asin(V / A_i) / pi, with terms constant
+    for |V| >= A_i. Raises ArgumentError if all masses have friction in one direction only.
     """
     sizes = numbers("amplitude", amplitude).ravel()
     if not (sizes.size and np.all((sizes > 0) & (sizes < math.inf))):
         raise ArgumentError("amplitudes must be positive and finite")
     laws = _laws(law, sizes.size)
     if not all(isinstance(each, Coulomb) for each in laws):
-        raise ArgumentError("the closed form is for Coulomb(forward, backward)")
+        raise ArgumentError("the closed form needs dry friction; write Coulomb(forward, backward)")
     ahead = np.array([float(each.slip_force(0.0, 1)) for each in laws])
     behind = np.array([float(each.slip_force(0.0, -1)) for each in laws])
     if not (ahead.sum() < 0 < behind.sum()):
-        raise ArgumentError("there must be friction both ways; write forward and backward above 0")
+        raise ArgumentError(
+            "friction must act in both directions; write forward and backward above 0"
+        )
     if np.ptp(sizes) == 0 and np.ptp(ahead) == 0 and np.ptp(behind) == 0:
         return float(sizes[0] * math.sin(math.pi / 2 * (behind + ahead)[0] / (behind - ahead)[0]))
 
@@ -134,7 +137,7 @@ def _harmonics(cosines: ArrayLike, sines: ArrayLike) -> tuple[np.ndarray, np.nda
         found.append(table.reshape(len(table), -1))
     if found[0].shape != found[1].shape:
         raise ArgumentError(
-            f"cosines and sines must have one shape, not {found[0].shape} and {found[1].shape}"
+            f"cosines and sines must have the same shape, not {found[0].shape} and {found[1].shape}"
         )
     if not any(np.any(table) for table in found):
         raise ArgumentError("all relative velocities are 0; write others")
@@ -154,16 +157,16 @@ def _check_balance(cosines: np.ndarray, sines: np.ndarray, masses: np.ndarray) -
     worst = int(np.argmax(np.abs(left).max(axis=1)))
     if np.abs(left[worst]).max() > _BALANCED * largest:
         raise ArgumentError(
-            f"velocities relative to the centre have no momentum, but in harmonic {worst + 1} the "
-            f"masses times cosines add up to {left[worst, 0]:.6g}, times sines to "
-            f"{left[worst, 1]:.6g}; change one mass's by that much"
+            "velocities relative to the centre must have no total momentum, but in harmonic "
+            f"{worst + 1} the masses times cosines add up to {left[worst, 0]:.6g}, times sines to "
+            f"{left[worst, 1]:.6g}; change one mass's by that amount"
         )
 
 
 def _laws(law: Law | Sequence[Law], count: int) -> list[Any]:
     laws: list[Any] = list(law) if isinstance(law, Sequence) else [law] * count
     if len(laws) != count or not all(isinstance(each, Law) for each in laws):
-        raise ArgumentError(f"law must be one friction law or {count}, not {law!r}")
+        raise ArgumentError(f"law must be one friction law, or {count}, not {law!r}")
     return laws
 
 
@@ -178,7 +181,7 @@ def _positive(symbol: ca.SX, unit: str, value: float) -> Signal:
 
 
 def model_of(worm: SwingingTable, *, place: bool) -> Model:
-    """Make the Model of a scene; `place`: whether the place of the centre is a state."""
+    """Make the Model of a scene; `place`: whether the position of the centre is a state."""
     coefficients = np.array(worm.coefficients)
     return harmonic_masses(
         coefficients[:, :, 0],
@@ -191,14 +194,14 @@ def model_of(worm: SwingingTable, *, place: bool) -> Model:
 
 
 def relative_velocities(worm: SwingingTable, theta: np.ndarray) -> np.ndarray:
-    """Velocities relative to the centre, (N, m), at shares `theta` (m,) of the period."""
+    """Velocities relative to the centre, (N, m), at phases `theta` (m,) of the period."""
     coefficients = np.array(worm.coefficients)
     turn = 2 * np.pi * np.outer(np.arange(1, coefficients.shape[1] + 1), theta)
     return coefficients[:, :, 0] @ np.cos(turn) + coefficients[:, :, 1] @ np.sin(turn)
 
 
 def extremes_of(worm: SwingingTable) -> np.ndarray:
-    """Velocities V at which a mass begins or ceases to reverse, with round-off of a grid."""
+    """Velocities V at which a mass begins or ceases to reverse, with the round-off of a grid."""
     w = relative_velocities(worm, np.arange(4096) / 4096)
     before, after = np.roll(w, 1, axis=1), np.roll(w, -1, axis=1)
     bent = before - 2 * w + after
@@ -208,7 +211,7 @@ def extremes_of(worm: SwingingTable) -> np.ndarray:
 
 
 def closed_form(worm: SwingingTable) -> float | None:
-    """Steady velocity of `steady_masses`, of dry friction and one harmonic."""
+    """Steady velocity of `steady_masses`, for dry friction and one harmonic."""
     laws = [law for law in laws_of(worm) if isinstance(law, Coulomb)]
     only, *others = worm.harmonic
     if others or len(laws) < worm.masses:
@@ -217,9 +220,9 @@ def closed_form(worm: SwingingTable) -> float | None:
 
 
 def smallness_of(worm: SwingingTable) -> float:
-    """Impulse of the largest sliding forces in a period against the smallest swing's momentum.
+    """Impulse of the largest sliding forces in a period over the least momentum amplitude.
 
-    Averaging is for values far below 1.
+    Averaging needs values far below 1.
     """
     speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257)))
     forces = sum(

@@ -1,4 +1,4 @@
-"""Two masses on rough ground that push each other, Chernousko's pair, and its best cycle."""
+"""Two masses on rough ground that push each other (Chernousko's pair), and their best cycle."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def pair(
     gravity: float = 1.0,
     length_nominal: float = 1.0,
 ) -> Model:
-    """Build M X'' = -u + M g c_0, m x'' = u + m g c_1 with m = ratio M.
+    """Build the model M X'' = -u + M g c_0, m x'' = u + m g c_1 with m = ratio M.
 
-    Contact forces are per weight, c = force / (mass g): one law for both, whatever `ratio`,
-    which may be a symbol. F. L. Chernousko, Doklady Physics 47 (2002) 49-52.
+    Contact forces are per weight, c = force / (mass g): one law for both masses, for every `ratio`,
+    which may be a symbol. Source: F. L. Chernousko, Doklady Physics 47 (2002) 49-52.
     """
     numbers = [friction, mass, gravity, *([] if isinstance(ratio, ca.SX) else [ratio])]
     if not min(numbers) > 0:
@@ -61,9 +61,9 @@ def pair(
 
 
 def pair_problem(table: PairTable) -> Problem:
-    """What to optimise: the mean speed of slow stroke and instantaneous return.
+    """Optimal-control problem: the mean speed of a slow stroke and an instantaneous return.
 
-    Over the slow stroke; the mode keeps the big mass at rest.
+    The problem covers the slow stroke; its mode keeps the big mass at rest.
     """
     slow = _slow(table)
     ratio, (low, high) = ca.SX.sym("ratio"), table.ratios
@@ -92,17 +92,17 @@ def pair_problem(table: PairTable) -> Problem:
 
 
 def advance(table: PairTable, ratio: Any) -> Any:
-    """Way of the big mass in the return, by which the momentum, none, is not changed."""
+    """Displacement of the big mass in the return, which conserves the zero momentum."""
     return table.stroke * ratio / (1 + ratio)
 
 
 def _slow(table: PairTable) -> float:
-    """Usual time of the slow stroke, with the heaviest small mass."""
+    """Usual duration of the slow stroke, with the heaviest small mass."""
     return 2 * math.sqrt(table.stroke * table.ratios[1] / (table.friction * table.gravity))
 
 
 def pair_guess(table: PairTable) -> Guess:
-    """Steady stroke."""
+    """First guess: a stroke at constant velocity."""
     slow = _slow(table)
     speed = table.stroke / slow
     return Guess(slow, lambda t: np.vstack([0 * t, speed * t, 0 * t, 0 * t + speed]))

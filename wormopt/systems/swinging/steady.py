@@ -1,7 +1,7 @@
-"""Steady velocities of a worm with one slow velocity: by averages, and as exact periodic motions.
+"""Steady velocities of a worm with one slow velocity: averages, and exact periodic motions.
 
-Exactly, the velocity at the start of a period is sought that comes again at its end; the
-simulation then goes on over several periods, so that what is left of a drift shows.
+An exact motion is periodic if the velocity at the end of a period equals that at its start. The
+simulation continues over several periods, which shows the remaining drift.
 """
 
 from __future__ import annotations
@@ -28,16 +28,17 @@ from wormopt.systems.shared.proof import CrossCheck, cross_check
 from wormopt.systems.shared.signals import rests
 
 # Points between two velocities at which a mass begins or ceases to reverse, and the distance kept
-# from these, of the largest velocity: the second order has poles there.
+# from these, relative to the largest velocity: the second order has poles there.
 _POINTS, _AWAY = 200, 1e-7
-# A root is where the rate is smaller than this, of its largest; at a pole it is not.
+# A root is where the rate is below this share of its largest; at a pole it is not.
 _ROOT = 1e-6
-# Periods in which the end is compared with the start, and simulations to find the start.
+# Periods after which end and start are compared, and number of simulations to find the start.
 _PERIODS, _TRIALS = 10, 60
-# Of the usual velocity: what may come again otherwise, and the size of the first trial.
+# Accepted difference over a period, relative to the usual velocity, and the size of the first
+# trial.
 _CLOSED, _FIRST = 1e-13, 1e-4
 NUDGE = 1e-9
-"""Share by which friction is changed where masses reverse at once, see `nudged`."""
+"""Share by which friction is changed where masses reverse at the same instant, see `nudged`."""
 
 
 # -- by averages ---------------------------------------------------------------------------------
@@ -52,7 +53,7 @@ class Steady:
 
     @property
     def stable(self) -> bool:
-        """Whether small deviations die out."""
+        """Whether small deviations decay."""
         return self.slope < 0
 
 
@@ -91,16 +92,16 @@ class SlowVelocity:
     def steady(self, bends: Sequence[float]) -> list[Steady]:
         """Find all steady velocities, ascending.
 
-        At `bends` a mass begins or ceases to reverse; none is steady beyond the outermost.
+        At `bends` a mass begins or ceases to reverse; no velocity beyond the outermost is steady.
         """
         found = sign_changes(self.rate, _grid(bends))
         return [Steady(V, self.slope(V)) for V in found]
 
 
 def sign_changes(rate: Callable[[float], float], grid: np.ndarray) -> list[float]:
-    """Find where a function passes through 0, poles left out; ascending.
+    """Find zeros of a function with a sign change, without poles; ascending.
 
-    Between two points of the ascending `grid` it is taken to have one zero at most.
+    It is assumed to have at most one zero between two points of the ascending `grid`.
     """
     values = np.array([rate(V) for V in grid])
     usual = np.median(np.abs(values[np.isfinite(values)]))
@@ -114,7 +115,7 @@ def sign_changes(rate: Callable[[float], float], grid: np.ndarray) -> list[float
 
 
 def _grid(bends: Sequence[float]) -> np.ndarray:
-    """Points around and between the bends, none of them on one."""
+    """Points around and between the bends, none of them on a bend."""
     places = np.unique(np.append(bends, 0.0))
     away = _AWAY * np.abs(places).max()
     edges = np.concatenate([[places[0] - 1e3 * away], places, [places[-1] + 1e3 * away]])
@@ -166,8 +167,8 @@ def measured(model: Model) -> Model:
 def nudged(model: Model) -> dict[str, np.ndarray]:
     """Parameters with friction larger by a billionth backward, and smaller forward.
 
-    Exact simulation gives up where two masses reverse at once; this parts such reversals
-    if they coincide at one velocity only. The centre's velocity changes by a like share.
+    Exact simulation fails where two masses reverse at the same instant. This separates reversals
+    that coincide at one velocity only. The centre's velocity changes by a similar share.
     """
     share = {"backward": 1 + NUDGE, "forward": 1 - NUDGE}
     found = {}
@@ -180,7 +181,7 @@ def nudged(model: Model) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Runner:
-    """Simulates a worm from a velocity."""
+    """Simulates a worm from an initial velocity."""
 
     model: Model  # from `measured`, with center and center_velocity
     period: float
@@ -208,8 +209,8 @@ class Runner:
     def orbit(self, guess: float, *, recheck: Recheck = True) -> Orbit:
         """Find the periodic motion near a velocity of the centre.
 
-        `recheck`: as of `cross_check`. Raises SolveError if a simulation gives
-        up, or the velocity does not come again.
+        `recheck`: as of `cross_check`. Raises SolveError if a simulation fails, or the motion is
+        not periodic.
         """
         start, trials = self._start(guess)
         samples = 400 * _PERIODS + 1
@@ -239,13 +240,13 @@ class Runner:
         )
 
     def _start(self, guess: float) -> tuple[float, int]:
-        """Velocity that comes again after a period: by secants, or by going on where they fail."""
+        """Velocity that repeats after a period: by secants, else by longer simulation."""
         size = next(s.nominal for s in self.model.x if s.name == "center_velocity")
 
         def change(V: float) -> float:
             return float(self.run(V, 1)["center_velocity"][0, -1]) - V
 
-        # not at the guess itself, which is where masses like to reverse at once
+        # not at the guess itself, at which masses often reverse at the same instant
         before, V = guess + 0.7 * _FIRST * size, guess + _FIRST * size
         change_before, best = change(before), (np.inf, guess)
         for trial in range(2, _TRIALS):
@@ -264,8 +265,8 @@ class Runner:
         if best[0] <= 1e-9 * size:
             return best[1], _TRIALS
         raise SolveError(
-            f"no periodic motion was found near the velocity {guess:.6g}: after a period it is "
-            f"another one by {best[0]:.2g}",
-            "take less friction, or another velocity in [course]",
+            f"no periodic motion was found near the velocity {guess:.6g}: after a period the "
+            f"velocity differs by {best[0]:.2g}",
+            "write smaller friction, or another velocity in [course]",
             code="no_periodic_motion",
         )

@@ -15,11 +15,11 @@ from wormopt.plotting.parts import GREY, LINKS, fact, legend_below, narrow, need
 from wormopt.result import Result
 
 _NAMES = {
-    "quick": "13 captures quickly",
-    "open": "14 does not capture",
-    "settled": "gain of 13 converges",
-    "growing": "gain of 14 grows",
-    "closer": "13 is closer",
+    "quick": "(13) captures quickly",
+    "open": "(14) does not capture",
+    "settled": "gain of (13) converges",
+    "growing": "gain of (14) grows",
+    "closer": "(13) is closer",
     "learning": "gains grow outside",
     "working": "both stay bounded",
 }

@@ -39,7 +39,7 @@ _STRIP, _REFERENCE = 0.16, (0, (1, 1.2))
 # Widths of the bars that show rests, and the length of the shortest shown, in points.
 _REST, _THIN_REST, _SHORTEST_REST = 4.0, 2.0, 1.2
 _MOST_SIGNALS = 16  # shown in one picture
-# Rows of the pictures of trackers, and how high: in the order of the chapter's figures 5 to 8.
+# Rows of the pictures of trackers, and how high: in the order of figures 5 to 8.
 _ROWS = {
     "length": ("length $l_j$", 2.6),
     "error_norm": ("error $|e|$", 1.6),

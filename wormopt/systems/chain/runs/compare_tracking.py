@@ -171,7 +171,7 @@ def _predictive(table: CompareScene, gait: Gait, decided: Mapping[str, Decided])
             yield Rival(name, driven(table, gait, each.believed), each.others)
 
 
-# -- what is said of it ----------------------------------------------------------------------------
+# -- checks and warnings ---------------------------------------------------------------------------
 
 
 def _result(

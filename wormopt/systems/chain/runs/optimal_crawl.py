@@ -274,7 +274,7 @@ def _guesses(table: OptimalCrawlScene, plant: Model, worms: int) -> Iterator[Gue
         yield sine_guess(plant, period, share * force, phase, worms)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _kept(numbers: Mapping[str, Any], accepted: float) -> Check:

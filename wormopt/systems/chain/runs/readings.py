@@ -58,7 +58,7 @@ from wormopt.systems.shared.signals import event_arrays, fitted, sample, simulat
 from wormopt.systems.spiked import gait_of_shape
 
 TRACKERS: dict[Feedback, str] = {"filter": "tracker (14)", "derivative": "tracker (13)"}
-"""Order of the published figures: tracker 14 left, tracker 13 right."""
+"""Order of the published figures: tracker (14) left, tracker (13) right."""
 # Readings differ by percents; the reading that is shown is simulated again, exactly.
 _LOOSE = Tolerance(relative=1e-9, absolute=1e-10, max_steps=200_000)
 # Mirror images are two integrations of one motion, with gains of up to 1e4 times the error.
@@ -132,7 +132,7 @@ def _criteria(table: ReadingsScene) -> Criteria:
 def _simulate(
     table: ReadingsScene, example: Example, listed: Sequence[Reading], report: Report
 ) -> dict[tuple[str, int], Course]:
-    """Motions by tracker and reading; the signs of tracker 14 do not affect tracker 13."""
+    """Motions by tracker and reading; the signs of tracker (14) do not affect tracker (13)."""
     groups: dict[Structure, list[int]] = {}
     for name in TRACKERS:
         for k, reading in enumerate(listed):

@@ -120,7 +120,7 @@ def models_of(scene: Scene[TrackScene]) -> dict[str, Model]:
     return {name: build_loop(scene, k, gait, links) for k, name in enumerate(names)}
 
 
-# -- what is said of the motions -----------------------------------------------------------------
+# -- checks, warnings and signals ------------------------------------------------------------------
 
 
 def _result(

@@ -180,7 +180,7 @@ def _seconds(
     return [second for second in found if second]
 
 
-# -- what is said of the members -----------------------------------------------------------------
+# -- checks, warnings and scalars ------------------------------------------------------------------
 
 
 def _result(

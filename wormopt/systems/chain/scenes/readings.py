@@ -57,7 +57,7 @@ class ExampleTable(Table, frozen=True, kw_only=True):
 
 
 class TrackersTable(Table, frozen=True, kw_only=True):
-    """Parameters of trackers 13 and 14 that all readings share."""
+    """Parameters of trackers (13) and (14) that all readings share."""
 
     tube_radius: Annotated[Positive, says("length", "*λ*")]
     gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
@@ -145,7 +145,7 @@ class SentencesTable(Table, frozen=True, kw_only=True):
             "`both`: either of the two supports a sentence",
         ),
     ] = "both"
-    quick: Annotated[Positive, says("time", "time within which tracker 13 captures the outputs")]
+    quick: Annotated[Positive, says("time", "time within which tracker (13) captures the outputs")]
     window: Annotated[
         Positive,
         says(
@@ -162,7 +162,7 @@ _EACH = ("tracker", "reading")
 
 
 class ReadingsScene(SceneTable, frozen=True, kw_only=True):
-    """Trackers 13 and 14 of Zimmermann et al. 2007 under every reading of their example.
+    """Trackers (13) and (14) of Zimmermann et al. 2007 under every reading of their example.
 
     The published data contradict each other in places and are incomplete in others, and the text
     alone describes figures 5 to 8. Every combination of `[readings]` is simulated with both
@@ -197,7 +197,7 @@ class ReadingsScene(SceneTable, frozen=True, kw_only=True):
         "chosen": ("count", "index of the reading that is shown, from 0"),
         "chosen_departures": ("count", "number of keys in which it departs from the first entries"),
         "chosen_gain": ("count", "gains of the shown reading at the end"),
-        "given_up": ("count", "numbers of divergent motions with trackers 13 and 14"),
+        "given_up": ("count", "numbers of divergent motions with trackers (13) and (14)"),
         "recheck_error": CHAIN["recheck_error"],
     }
     variables: ClassVar = {

@@ -43,7 +43,7 @@ class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="cons
     ]
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `folder` is the scene's."""
+        """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
         yield from wrong_count("actuation.force", self.force, links, "links")
 
 
@@ -65,7 +65,7 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
     ] = 0.0
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `folder` is the scene's."""
+        """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
         yield from wrong_count("actuation.amplitude", self.amplitude, links, "links")
 
 
@@ -81,7 +81,7 @@ class CommandedGait(Table, frozen=True, kw_only=True, tag_field="law", tag="gait
     ] = 0.0
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
-        """Yield what does not fit a worm of so many links; `folder` is the scene's."""
+        """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
         yield from self.gait.faults(links, folder, "actuation.gait")
 
 

@@ -131,7 +131,7 @@ class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
 
 
 class DerivativeTracker(LambdaTracker, frozen=True, kw_only=True, tag="derivative"):
-    """Tracker 13 of Zimmermann et al. 2007, which measures the rates of the links.
+    """Tracker (13) of Zimmermann et al. 2007, which measures the rates of the links.
 
     It uses *e* = *y* − *y*<sub>ref</sub> and the Euclidean norm. Its parameters refer to the
     scene's units of time and length, since it adds *k e* and (*k e*)′.
@@ -139,7 +139,7 @@ class DerivativeTracker(LambdaTracker, frozen=True, kw_only=True, tag="derivativ
 
 
 class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
-    """Tracker 14 of Zimmermann et al. 2007, which estimates the rates of the links by a filter.
+    """Tracker (14) of Zimmermann et al. 2007, which estimates the rates of the links by a filter.
 
     Its parameters refer to the scene's units of time and length, since it adds *k θ* and (*k θ*)′.
     """
@@ -153,7 +153,7 @@ class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
 
 
 class DifferenceTracker(LambdaTracker, frozen=True, kw_only=True, tag="difference"):
-    """Tracker 13 with the difference (*e*(*t*) − *e*(*t* − *h*))/*h* in place of *e*′.
+    """Tracker (13) with the difference (*e*(*t*) − *e*(*t* − *h*))/*h* in place of *e*′.
 
     It does not measure rates. Before the start, the error is constant. The loop is a delay
     equation, simulated by the method of steps. It is unstable at high gain: *k h* must be small

@@ -1,1 +1,1 @@
-"""The best wave of a film."""
+"""Optimal waves of a film."""

@@ -1,4 +1,4 @@
-"""What an optimal wave does by its shape alone, by quadrature, and the cosine wave beside it."""
+"""Check an optimal wave by quadrature of its shape alone, and compare it with a cosine wave."""
 
 from __future__ import annotations
 
@@ -21,20 +21,21 @@ from wormopt.systems.film.design.wave import (
 from wormopt.systems.film.float import CAPTURE_DELTA, cosine_drift
 from wormopt.systems.film.shapes import field_function, flow_constant, grid
 
-# Phases at which the thickness is taken. Where the field jumps, differences blur it over two.
+# Number of phases of the thickness. Where the field jumps, differences smooth it over two.
 _NODES = 16384
-# Slopes of the field are taken over so many of them: they are third differences of the thickness.
+# Slopes of the field use this many phases: they are third differences of the thickness.
 _APART = 16
-# A wave that just holds a float misses it by no more than round-off and quadrature leave.
+# A wave that just holds a float may miss it by round-off and quadrature only.
 HELD = 1e-6
-"""What a float that is held may be short of by rounding."""
-# Accepted: of numbers of order 1; of the field over its range; of its slope over the largest.
+"""Accepted deficit, by rounding, of the margin with which a float is held."""
+# Accepted errors: of quantities of order 1; of the field over its range; of its slope over the
+# largest.
 _NUMBER, _FIELD, _SLOPE = 1e-6, 1e-3, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """What a wave does, from values of its thickness alone."""
+    """Results of a wave from values of its thickness alone."""
 
     thickness: np.ndarray  # (nodes,) on `grid`
     constant: float  # C, by quadrature
@@ -46,9 +47,9 @@ class Sampled:
 
 
 def sampled(h: np.ndarray, tension: float) -> Sampled:
-    """What a wave does, from its thickness `h` (nodes,) on `grid`; its slope may have corners.
+    """Evaluate a wave from its thickness `h` (nodes,) on `grid`; its slope may have corners.
 
-    Second differences blur a curvature jump over two points, without harmonics' overshoot.
+    Second differences smooth a jump of the curvature over two points, without overshoot.
     """
     C, apart = float(flow_constant(h)), 2 * np.pi / len(h)
     bend = (np.roll(h, 1) - 2 * h + np.roll(h, -1)) / apart**2
@@ -61,9 +62,9 @@ def sampled(h: np.ndarray, tension: float) -> Sampled:
 
 
 def check_wave(wave: DesignedWave, aim: WaveAim) -> tuple[Sampled, tuple[Check, ...]]:
-    """Find flow, field and float of a wave again, from values of its thickness alone.
+    """Compute flow, field and float of a wave again, from values of its thickness alone.
 
-    Checks tell how far the optimiser's numbers and limits are missed, and how far is accepted.
+    Checks compare the optimiser's results and limits with accepted errors.
     """
     xi, limits = grid(_NODES), wave.limits
     h = wave.thickness(xi)
@@ -92,13 +93,13 @@ def _checks(wave: DesignedWave, aim: WaveAim, shape: Sampled, apart: np.ndarray)
 
 
 def _check(name: str, off: float, accepted: float) -> Check:
-    advice = f"{name} is off by {off:.2g} where {accepted:g} is accepted"
+    advice = f"{name} differs by {off:.2g} where {accepted:g} is accepted"
     return Check(name, float(off), accepted, advice)
 
 
 @dataclass(frozen=True)
 class CosineBeside:
-    """The cosine wave within the same limits; all NaN where none does what is asked."""
+    """The cosine wave within the same limits; all NaN where none meets the requirements."""
 
     delta: float = math.nan  # amplitude
     mean_flow: float = math.nan
@@ -107,7 +108,7 @@ class CosineBeside:
 
 
 def cosine_beside(limits: WaveLimits, aim: WaveAim) -> CosineBeside:
-    """Find the largest cosine wave within the limits, or the smallest that does what is asked."""
+    """Find the largest cosine wave within limits, or the smallest that meets the requirements."""
     if limits.field is not None:
         delta = limits.cosine()
     else:

@@ -1,14 +1,14 @@
-"""The best wave of a film of magnetic fluid, stated as an optimal-control problem over its phase.
+"""The best wave of a film of magnetic fluid as an optimal-control problem over its phase.
 
-The phase xi takes the place of time. (29) integrates to W h'' + B = m, m' = -3 (h + C) / h³, with
-B = (mu - 1) H² / (8 pi): thickness h, its slope and m are states, B is the input, C a constant to
-choose along with the wave. Before that, what waves within limits of thickness and field carry: the
-supremum of flow, the best cosine. The range of a field, from least to largest, does not depend on
-H0.
+The phase xi takes the role of time. Eq. 29 of Zimmermann et al. 2007 integrates to W h'' + B = m,
+m' = -3 (h + C) / h³, with B = (mu - 1) H² / (8 pi). Thickness h, its slope and m are states, B is
+the input, and C is a constant that is optimised along with the wave. This module also computes
+bounds for all waves within limits of thickness and field: the supremum of the flow, and the best
+cosine wave. The range of a field, from least to largest, does not depend on H0.
 
-A wave of n crests alike is one of a single crest in a film of n³ times the tension and n times
-the field: with h(xi) = g(n xi), n times the field of h is that of g. So only single crests are
-optimised.
+A wave with n equal crests corresponds to one with a single crest in a film with n³ times the
+tension and n times the field: with h(xi) = g(n xi), the field of h is n times that of g. So only
+single crests are optimised.
 """
 
 from __future__ import annotations
@@ -32,18 +32,19 @@ from wormopt.systems.film.lubrication import field_slope
 from wormopt.systems.film.shapes import FourierWave, grid
 
 Seek = Literal["mean_flow", "margin", "drift", "field"]
-"""What is made as large, or of the field as small, as possible."""
+"""Quantity that is maximised, or minimised for the field."""
 
 TURN = 2 * math.pi
 """Phase of a wavelength."""
-# The wave that is to hold a float or to carry a flow may at first need so many times the field of
-# a cosine wave near to it.
+# Initial factor on the field of a cosine wave, for a wave that must hold a float or have a given
+# flow.
 _AMPLE = 1.5
-# A cosine wave to start from keeps so far inside its limits.
+# Distance of an initial cosine wave from its limits.
 _INSIDE = 0.98
 _NODES = 4096
-# The amplitude of a cosine wave is sought between these shares of the largest one. Below the least
-# the needs count as proportional to it; they grow faster, so that limits are kept all the same.
+# Shares of the largest amplitude between which the cosine wave is searched for. Below the least,
+# its field counts as proportional to the amplitude; the true field grows faster, so limits still
+# hold.
 _LEAST, _TOP = 1e-7, 1 - 1e-12
 
 
@@ -61,8 +62,8 @@ def check_thickness(thickness: tuple[float, float]) -> tuple[float, float]:
 def largest_flow(thickness: tuple[float, float]) -> float:
     """Least upper bound of the mean flow 1 + C of all waves with a ≤ h ≤ b, at any field.
 
-    A square wave is best: the lower convex envelope of h^-2 + c h^-3 is a chord. Its C is
-    -(s b^-2 + (1 - s) a^-2) / (s b^-3 + (1 - s) a^-3), s = (1 - a) / (b - a) the share of b.
+    A square wave is best: the lower convex envelope of h^-2 + c h^-3 is a chord. Its C is -(s b^-2
+    + (1 - s) a^-2) / (s b^-3 + (1 - s) a^-3), where s = (1 - a) / (b - a) is the share of b.
     """
     a, b = check_thickness(thickness)
     thick = (1 - a) / (b - a)
@@ -72,7 +73,7 @@ def largest_flow(thickness: tuple[float, float]) -> float:
 
 
 def field_needs(delta: float, tension: float) -> tuple[float, float]:
-    """Range and steepest slope of (mu - 1) H² / (8 pi) that a cosine wave needs."""
+    """Range and steepest slope of (mu - 1) H² / (8 pi) of a cosine wave."""
     wave, xi = CosineWave(delta), grid(_NODES)
     D = wave.field_function(xi, tension)
     h, third = wave.height(xi), wave.height(xi, 3)
@@ -85,13 +86,14 @@ def fitting_cosine(
 ) -> float:
     """Amplitude of the largest cosine wave within limits of thickness, field range and slope.
 
-    Field and slope grow with the amplitude, so the root is unique; linear where it is tiny.
+    Field and slope increase with the amplitude, so the root is unique; they are linear at small
+    amplitudes.
     """
     a, b = check_thickness(thickness)
     if not (field > 0 and gradient > 0):
         raise ArgumentError(
-            f"field and gradient must be above 0, not {field!r} and {gradient!r}: every wave "
-            "needs some of both"
+            f"field and gradient must be above 0, not {field!r} and {gradient!r}: every wave needs "
+            "both"
         )
 
     def excess(delta: float) -> float:
@@ -109,7 +111,7 @@ def fitting_cosine(
 
 
 def carrying_cosine(mean_flow: float) -> float:
-    """Amplitude of the cosine wave of a mean flow, 0 to 1."""
+    """Amplitude of the cosine wave with a mean flow from 0 to 1."""
     return math.sqrt(2 * mean_flow / (3 - mean_flow))
 
 
@@ -123,24 +125,24 @@ def highest(values: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class WaveLimits:
-    """What a wave must keep to.
+    """Limits of a wave.
 
     Parameters
     ----------
     tension : float
-        Number W of surface tension, positive.
+        Surface tension W, positive.
     thickness : tuple of float
-        Least and largest h, around the mean 1.
+        Least and largest thickness over the mean thickness 1.
     field : float, optional
-        Largest range of (mu - 1) H² / (8 pi), from least to largest; without it the range is what
-        is sought.
+        Upper limit of the range of (mu - 1) H² / (8 pi), in units of P. Without it the range is
+        minimised.
     gradient : float, optional
-        Largest size of its slope by the phase; without it the field may jump.
+        Upper limit of the slope of that field over the phase; without it the field may jump.
 
     Raises
     ------
     ArgumentError
-        If a number is not positive, or the mean 1 is not between the thicknesses.
+        If a value is not positive, or the mean 1 is not between the thicknesses.
 
     Examples
     --------
@@ -165,7 +167,7 @@ class WaveLimits:
                 raise ArgumentError(f"{name} must be a number above 0, not {value!r}")
 
     def single(self, crests: int) -> WaveLimits:
-        """Limits within which one crest is what a number of crests alike is within these.
+        """Limits of a single crest that are equivalent to these limits for several equal crests.
 
         Parameters
         ----------
@@ -175,12 +177,13 @@ class WaveLimits:
         Returns
         -------
         WaveLimits
+            Limits in the scales of the single crest.
         """
         field = None if self.field is None else crests * self.field
         return WaveLimits(self.tension * crests**3, self.thickness, field, self.gradient)
 
     def cosine(self) -> float:
-        """Amplitude of the largest cosine wave within these limits, that of the field included."""
+        """Amplitude of the largest cosine wave within these limits, including that of the field."""
         assert self.field is not None
         gradient = math.inf if self.gradient is None else self.gradient
         return fitting_cosine(self.tension, self.thickness, self.field, gradient)
@@ -188,26 +191,31 @@ class WaveLimits:
 
 @dataclass(frozen=True)
 class WaveAim:
-    """What a wave is to be good at.
+    """Objective of a wave.
 
     Parameters
     ----------
     seek : {"mean_flow", "margin", "drift", "field"}
-        The largest mean flow; the largest thickness + 3 C at a crest, which is not negative where
-        a small float is held; the largest drift of a float that is not held; the least range of
-        the field.
+        "mean_flow": the largest mean flow. "margin": the largest thickness + 3 C at a crest, which
+        is not negative where a small float is held. "drift": the largest drift of a float that is
+        not held. "field": the least range of the field.
     mean_flow : float, optional
-        With "field": least mean flow.
+        With "field": lower limit of the mean flow.
     capture : bool, optional
-        With "field": whether a small float is to be held.
+        With "field": whether the wave must hold a small float.
     margin : float, optional
-        With "drift": a margin below 0 that no wave within the limits exceeds.
+        With "drift": a negative margin that no wave within the limits exceeds.
 
     Raises
     ------
     ArgumentError
-        If a flow is not from 0 to 1, a margin not negative, or nothing is asked of a wave of the
-        least field.
+        If a flow is not between 0 and 1, a margin is not negative, or a wave of the least field has
+        no requirement.
+
+    Examples
+    --------
+    >>> WaveAim("field", mean_flow=0.2)
+    WaveAim(seek='field', mean_flow=0.2, capture=False, margin=None)
     """
 
     seek: Seek = "mean_flow"
@@ -218,29 +226,32 @@ class WaveAim:
 
     def __post_init__(self) -> None:
         if self.seek == "field" and self.mean_flow is None and not self.capture:
-            raise ArgumentError("no wave takes the least field; ask for a mean flow, or capture")
+            raise ArgumentError("the least field makes no wave; write a mean_flow, or capture")
         if self.mean_flow is not None and not 0 < self.mean_flow < 1:
             raise ArgumentError(f"mean_flow must be above 0 and below 1, not {self.mean_flow!r}")
         if (self.seek == "drift") != (self.margin is not None and self.margin < 0):
-            raise ArgumentError("the drift is sought with a margin below 0, and only then")
+            raise ArgumentError(
+                'margin belongs to seek = "drift", and must be below 0; write margin with "drift" '
+                "only"
+            )
 
     @property
     def on_crest(self) -> bool:
-        """Whether the crest itself is asked about, where the wave then starts."""
+        """Whether the objective refers to the crest, where the wave then starts."""
         return self.seek == "margin" or self.capture
 
     def out_of_reach(self, thickness: tuple[float, float]) -> str | None:
-        """Say what no wave between two thicknesses does, however strong its field.
+        """Message if no wave between two thicknesses meets the requirements, at any field.
 
         Parameters
         ----------
         thickness : tuple of float
-            Least and largest h.
+            Least and largest thickness over the mean.
 
         Returns
         -------
         str or None
-            What to do about it, None where nothing is.
+            The reason and what to change; None if no bound excludes the objective.
 
         Examples
         --------
@@ -251,26 +262,30 @@ class WaveAim:
         most = largest_flow(thickness)
         if self.mean_flow is not None and self.mean_flow >= most:
             return (
-                f"no wave between these thicknesses carries more than {most:.6g}, however strong "
-                "the field; ask for less, or allow a larger or a smaller thickness"
+                f"no wave between these thicknesses has a mean flow above {most:.6g}, at "
+                "any field; require less, or allow a larger or a smaller thickness"
             )
         if self.capture and most <= 1 - thickness[1] / 3:
             return (
-                "no wave between these thicknesses holds a float, however strong the field: its "
-                f"flow would have to be {1 - thickness[1] / 3:.6g} and is below {most:.6g}; allow "
-                "a larger or a smaller thickness"
+                "no wave between these thicknesses holds a float, at any field: its flow "
+                f"must be {1 - thickness[1] / 3:.6g} but is below {most:.6g}; allow a "
+                "larger or a smaller thickness"
             )
         return None
 
 
 def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
-    """State the best wave over the phase, 0 to 2 pi, from a mean crossing upward or a crest.
+    """State the optimal-control problem of the wave over the phase, from 0 to 2 pi.
 
-    States: thickness, slope, pressure m; input ``field``, B over ``field_range``, 0 to 1.
-    With a gradient B is a state and its slope ``field_rate`` the input.
+    It starts at an upward crossing of the mean, or at a crest. States: thickness, slope, pressure
+    m; input ``field``, B over ``field_range``, 0 to 1. With a gradient limit, B is a state and its
+    slope ``field_rate`` the input.
     """
     if (limits.field is None) != (aim.seek == "field"):
-        raise ArgumentError("give the largest range of the field, unless the least is sought")
+        raise ArgumentError(
+            'limits need a field unless seek = "field", which minimises it; write field, or leave '
+            "it out"
+        )
     delta, size = nearby_cosine(limits, aim)
     flow = ca.SX.sym("mean_flow")
     strength = ca.SX.sym("field_range") if limits.field is None else ca.SX(limits.field)
@@ -308,7 +323,7 @@ def wave_problem(limits: WaveLimits, aim: WaveAim) -> Problem:
 
 
 def _film(limits: WaveLimits, flow: ca.SX, strength: ca.SX, size: float) -> Model:
-    """(29) over the phase, with the field as its input, or as a state if its slope is limited."""
+    """Eq. 29 over the phase, with the field as its input, or as a state if its slope is limited."""
     h, slope, m, field = (ca.SX.sym(name) for name in ("thickness", "slope", "pressure", "field"))
     least, most = limits.thickness
     steep = math.sqrt(size * min(most - least, 1.0) / limits.tension)
@@ -343,7 +358,7 @@ def _at_ends(model: Model, ends: Ends, aim: WaveAim, constant: ca.SX) -> Iterato
 
 
 def nearby_cosine(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
-    """Amplitude of a cosine wave near what is sought, and a range of the field."""
+    """Amplitude of a cosine wave close to the objective, and a range of the field."""
     if limits.field is not None:
         return _INSIDE * limits.cosine(), limits.field
     a, b = limits.thickness
@@ -353,7 +368,7 @@ def nearby_cosine(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
 
 
 def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
-    """Start from the largest cosine wave within the limits, or one near to what is asked for.
+    """First guess: the largest cosine wave within the limits, or one close to the requirements.
 
     `second`: harmonic of half the amplitude, for unequal crests; 1 for the cosine alone.
     """
@@ -386,7 +401,7 @@ def wave_guess(limits: WaveLimits, aim: WaveAim, second: int = 1) -> Guess:
 
 
 def _rise(wave: FourierWave) -> float:
-    """Phase at which a wave with a crest at 0 rises to its crest through the mean."""
+    """Phase at which a wave with a crest at 0 crosses the mean before its crest."""
     xi = np.linspace(-TURN / 2, 0.0, 2049)
     below = np.flatnonzero(np.asarray(wave.height(xi)) <= 1)[-1]
     low, high = xi[below : below + 2].tolist()

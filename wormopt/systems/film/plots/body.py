@@ -1,4 +1,4 @@
-"""Pictures of bodies that a given wave carries."""
+"""Pictures of bodies in a given wave."""
 
 from __future__ import annotations
 
@@ -25,14 +25,15 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _FRAMES = 4
-_SHORT, _FLAT = 0.02, 0.1  # short and flat bodies are drawn as long and as high as this
+_SHORT, _FLAT = 0.02, 0.1  # short and flat bodies are drawn at least as long and as high as this;
+# periods of the wave whose velocities are drawn
 _TURNS = 4.0  # periods of the wave whose velocities are drawn
 
 
 def carried(result: Result) -> Figure:
-    """Draw the body under the wave in the last period, and how fast it goes.
+    """Body in the wave in the last period, and its velocity.
 
-    Heights are stretched against lengths.
+    Heights are stretched relative to lengths.
     """
     speed = scalar(result, "wave_speed") or 1.0
     t, turn = result["time"].values, 2 * math.pi * _scales(result)[1]
@@ -56,17 +57,17 @@ def carried(result: Result) -> Figure:
         fact(result, "drift_massless", "without mass"),
         fact(result, "mass", "mass"),
         fact(result, "friction", "friction"),
-        fact(result, "friction_forward", "not forward from"),
-        fact(result, "friction_backward", "not backward from"),
+        fact(result, "friction_forward", "no forward motion from"),
+        fact(result, "friction_backward", "no backward motion from"),
     )
     drawn.align_ylabels()
     return drawn
 
 
 def floats(result: Result) -> Figure:
-    """Draw floats on the wave at some times, from the first on, and the field that makes it.
+    """Floats on the wave at some times, from the first on, and the field that makes the wave.
 
-    Heights are stretched against lengths; the field has no scale.
+    Heights are stretched relative to lengths; the field has no scale.
     """
     drawn = sheet(7.1, 5.6, 6.2)
     frames = drawn.subplots(_FRAMES + 1, height_ratios=[1] * _FRAMES + [0.8])
@@ -105,14 +106,14 @@ def _scales(result: Result) -> tuple[float, float]:
 
 
 def _phase(result: Result, time: float, place: np.ndarray) -> np.ndarray:
-    """Phases from 0 to 2 pi of places in wavelengths."""
+    """Phases from 0 to 2 pi of positions in wavelengths."""
     return np.mod(time / _scales(result)[1] - 2 * math.pi * place, 2 * math.pi)
 
 
 def _frames(
     rows: Sequence[Axes], result: Result, places: np.ndarray, lengths: list[float], at: np.ndarray
 ) -> None:
-    """Draw the film, and bodies whose `places` are (body, time), at the times of the indices."""
+    """Film and bodies at the times of the indices; `places` is (body, time)."""
     turn, unit = 2 * math.pi * _scales(result)[0], result["time"].unit
     across = float(np.mean(result["height"].values[:-1]))
     lying = result.attributes.get("on") == "ground"
@@ -132,7 +133,7 @@ def _frames(
             half = max(length, _SHORT) / 2
             under = np.linspace(middle - half, middle + half, 41)
             low = np.zeros(41) if lying else film(under)
-            order = 3 - length  # short ones before long ones
+            order = 3 - length  # short bodies before long bodies
             axes.fill_between(under, low, low + thick, color=MASSES[i], linewidth=0, zorder=order)
         axes.set(xlim=(place[0], place[-1]), ylim=(0, None), ylabel="$h/d$")
         axes.grid(visible=False)

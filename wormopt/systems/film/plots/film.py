@@ -1,4 +1,4 @@
-"""Pictures of a film of magnetic fluid, of what its wave carries, and of the best wave."""
+"""Pictures of a film of magnetic fluid: waves, floats and tracers on them, and the best wave."""
 
 from __future__ import annotations
 
@@ -42,9 +42,10 @@ _OTHER = (0, (4, 2))
 
 
 def film(result: Result) -> Figure:
-    """Mean flow against amplitude (the chapter's figure 15), and the squared field by phase.
+    """Mean flow over amplitude, and the squared field over phase.
 
-    Fields are over their largest least H0², because those differ a hundredfold.
+    The first panel is figure 15 of Zimmermann et al. 2007. Fields are relative to their largest
+    least H0², since these differ by a factor of a hundred.
     """
     drawn = sheet(7.1, 5.6, 8.4)
     parts = drawn.subplots(*((4, 1) if narrow() else (2, 2))).ravel()
@@ -60,9 +61,9 @@ def film(result: Result) -> Figure:
     legend_above(shape, share=_share())
     _fields(fields, result)
     own.plot(xi, result["field_squared"].values, color=LINKS[2],
-             label=r"field $(\mu-1)H^2/(8\pi P)$, least")  # fmt: skip
+             label="least field $(\\mu-1)H^2/(8\\pi P)$")  # fmt: skip
     own.plot(xi, result["film_pressure"].values, color=LINKS[1], linestyle=DASHES[1],
-             label="pressure $p/P$, less mean")  # fmt: skip
+             label="pressure $p/P$ minus mean")  # fmt: skip
     own.axhline(0, color="black", linewidth=0.8)
     own.set_ylabel("field, pressure")
     legend_above(own, share=_share())
@@ -83,7 +84,7 @@ def film(result: Result) -> Figure:
 
 
 def _corrected(result: Result) -> Iterator[str]:
-    """Mean flow with the next order and its bar, where they are known."""
+    """Mean flow with the next order and its error estimate, where they are known."""
     bar = scalar(result, "mean_flow_bar")
     if bar is not None:
         value = number(needed(result, "mean_flow_corrected"))
@@ -91,7 +92,7 @@ def _corrected(result: Result) -> Iterator[str]:
 
 
 def _share() -> float:
-    """Share of the sheet that a panel of `film` takes."""
+    """Share of the sheet for a panel of `film`."""
     return 0.85 if narrow() else 0.42
 
 
@@ -100,7 +101,7 @@ def _mean_flow(axes: Axes, result: Result) -> None:
     axes.plot(delta, result["curve_mean_flow"].values, color=LINKS[0],
               label="cosine wave")  # fmt: skip
     axes.plot(delta, result["curve_square_wave"].values, color=GREY, linestyle=DASHES[1],
-              label="no wave has more")  # fmt: skip
+              label="upper bound of all waves")  # fmt: skip
     axes.plot(needed(result, "delta"), needed(result, "mean_flow"), "o", color=RED,
               label="this wave")  # fmt: skip
     bar = scalar(result, "mean_flow_bar")
@@ -126,7 +127,7 @@ def _fields(axes: Axes, result: Result) -> None:
 
 
 def _field_axis(axes: Axes, result: Result) -> None:
-    """On the right, the field of which the square is drawn."""
+    """Right axis with the field whose square is drawn."""
     most = float(result["field"].values.max()) / 1e3
     unit = most / math.sqrt(float(result["field_squared"].values.max()))
 
@@ -138,8 +139,8 @@ def _field_axis(axes: Axes, result: Result) -> None:
 
     beside = axes.secondary_yaxis("right", functions=(to_field, from_field))
     ticks = np.asarray(MaxNLocator(5).tick_values(0.0, most))
-    beside.set_yticks(ticks[(ticks == 0) | (ticks > most / 3)])  # the others lie close together
-    beside.set_ylabel("of this the field $H$ (kA m$^{-1}$)", color=LINKS[2])
+    beside.set_yticks(ticks[(ticks == 0) | (ticks > most / 3)])  # the others are close together
+    beside.set_ylabel("field $H$ (kA m$^{-1}$)", color=LINKS[2])
     beside.tick_params(axis="y", colors=LINKS[2])
 
 
@@ -150,10 +151,10 @@ def _phases(axes: Axes, text: str = r"phase $\xi = t - x$ (rad)") -> None:
 
 
 def ride(result: Result) -> Figure:
-    """Paths of floats over the travelling wave, and of points of the fluid below them.
+    """Paths of floats over the travelling wave, and of tracers below them.
 
-    Above: time by place, dark where the film is thick. Below: tracer paths seen from the
-    wave, or velocities by phase if there are no tracers.
+    Above: time over position, dark where the film is thick. Below: tracer paths in the frame of the
+    wave, or velocities over the phase if there are no tracers.
     """
     drawn = sheet(7.1, 6.0, 6.2)
     over, below = drawn.subplots(2, 1, height_ratios=(3, 2))
@@ -201,7 +202,7 @@ def _waterfall(axes: Axes, result: Result) -> None:
         axes.plot(path / wavelength, time[shown], color=MASSES[k], linewidth=1.6,
                   linestyle=DASHES[k % 4], label=text)  # fmt: skip
     axes.grid(visible=False)
-    axes.set_xlabel("place $x$ in wavelengths")
+    axes.set_xlabel("position $x$ in wavelengths")
     axes.set_ylabel(label("time $t$", result["time"].unit))
     entries = [*axes.get_lines(), Patch(color=_CREST, label="crests of the film")]
     told = "length: drift with $\\varepsilon^2$\nover the wave's speed" if drifts else ""
@@ -209,7 +210,7 @@ def _waterfall(axes: Axes, result: Result) -> None:
 
 
 def _drifts(result: Result) -> list[str]:
-    """Drift of every float over the wave's speed with its error bar; empty where not known."""
+    """Drift of every float over the wave speed with its error estimate; empty where unknown."""
     bars = result.scalars.get("float_drift_bar")
     if bars is None or bars.value is None or None in np.atleast_1d(bars.value):
         return []
@@ -223,7 +224,7 @@ def _from_the_wave(axes: Axes, result: Result) -> None:
     length, duration = _scales(result)
     time, xi = result["time"].values, result["xi"].values
     height = result["height"].values
-    place = np.linspace(-math.pi, math.pi, 401)  # as seen from the wave
+    place = np.linspace(-math.pi, math.pi, 401)  # in the frame of the wave
     surface = np.interp(np.mod(-place, 2 * math.pi), xi, height)
     axes.fill_between(place, surface, color="#CFE3F3")
     axes.plot(place, surface, color=LINKS[0])
@@ -239,14 +240,14 @@ def _from_the_wave(axes: Axes, result: Result) -> None:
     axes.set_xlim(-math.pi, math.pi)
     axes.set_ylim(0, None)
     axes.set_xticks(np.linspace(-math.pi, math.pi, 5), ["−π", "−π/2", "0", "π/2", "π"])
-    axes.set_xlabel("place seen from the wave, $x - t$ (rad)")
+    axes.set_xlabel("position in the frame of the wave, $x - t$ (rad)")
     axes.ticklabel_format(axis="y", scilimits=(-3, 3), useMathText=True)
     axes.set_ylabel(label("height $z$", result["tracer_height"].unit))
     entries = [
         line(str(own.get_label()), str(own.get_color()), "none", marker="o")
         for own in axes.get_lines()[1:]
     ]
-    legend(axes, entries, "points of the fluid,\ndrift over the wave's speed")
+    legend(axes, entries, "tracers,\ndrift over the wave's speed")
 
 
 def _speeds(axes: Axes, result: Result) -> None:
@@ -298,18 +299,18 @@ def film_wave(result: Result) -> Figure:
     cosine = [line("cosine wave", LINKS[3], _OTHER)] * ("height_cosine" in result)
     legend_above(rows[0], [
         line("best wave", LINKS[0]), *cosine, line("limits", GREY, LIMIT, 0.8),
-        line("speed of the wave: faster floats are held", "black", ":", 0.9),
+        line("speed of the wave: it holds faster floats", "black", ":", 0.9),
     ])  # fmt: skip
     tell(
         drawn,
         fact(result, "mean_flow", "mean flow"),
-        fact(result, "mean_flow_cosine", "of the cosine"),
-        fact(result, "mean_flow_supremum", "no wave has more than"),
+        fact(result, "mean_flow_cosine", "cosine wave"),
+        fact(result, "mean_flow_supremum", "upper bound of all waves"),
         fact(result, "tension_number", "surface tension $W$"),
         fact(result, "field_range", r"range of the field $\beta$"),
         fact(result, "crests"),
         fact(result, "float_drift", "drift of a float"),
-        fact(result, "float_drift_cosine", "on the cosine"),
+        fact(result, "float_drift_cosine", "cosine wave"),
     )
     if swept:
         _draw_sweep(rows[3], result)
@@ -318,7 +319,7 @@ def film_wave(result: Result) -> Figure:
 
 
 def _draw_sweep(axes: Axes, result: Result) -> None:
-    """What is missing to the supremum, against the parameter of which there are more values."""
+    """Gap to the supremum over the parameter with more values."""
     supremum = needed(result, "mean_flow_supremum")
     tension, field = (result[f"sweep_{name}"].values for name in ("tension", "field"))
     flows = {"best": result["sweep_mean_flow"], "cosine": result["sweep_mean_flow_cosine"]}

@@ -1,4 +1,4 @@
-"""Pictures of a film that a given field moves: its course and stability, and where films go."""
+"""Pictures of a film in a given field: motion and stability, and outcomes of flat films."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from wormopt.plotting.parts import (
 from wormopt.result import Result
 
 _TURN = 2 * math.pi
-# Outcomes in the order of their numbers: name, colour, words.
+# Outcomes in the order of their codes: name, colour, label.
 _OUTCOMES = (
     ("wave", "#D6E9F8", "takes the wave"),
     ("other", "#F2B84B", "another steady film"),
@@ -41,7 +41,7 @@ _FEW = 12
 
 
 def forward(result: Result) -> Figure:
-    """Course of a film, its end, the field, and the eigenvalues; steady branches if followed."""
+    """Motion of a film, its end, the field, and the eigenvalues; steady branches if continued."""
     branches = "branch_delta" in result
     drawn = sheet(7.1, 6.4, 8.5 if branches else 7.2)
     if narrow():
@@ -62,7 +62,7 @@ def forward(result: Result) -> Figure:
         drawn,
         f"the film {words}" if words.endswith(("s", "wave")) else words,
         fact(result, "tension_number", "surface tension $W$"),
-        fact(result, "growth_rate_max", "largest rate of growth"),
+        fact(result, "growth_rate_max", "largest growth rate"),
     )
     return drawn
 
@@ -74,7 +74,7 @@ def _phases(axes: Axes) -> None:
 
 
 def _closed(result: Result, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Phases in units of pi and values, the first once more at the end."""
+    """Phases in units of pi and values, the first repeated at the end."""
     xi, values = result["xi"].values / math.pi, result[name].values
     return np.append(xi, 2.0), np.append(values, values[0])
 
@@ -82,7 +82,7 @@ def _closed(result: Result, name: str) -> tuple[np.ndarray, np.ndarray]:
 def _course(drawn: Figure, axes: Axes, result: Result) -> None:
     xi = np.append(result["xi"].values, _TURN) / math.pi
     time, h = result["time"].values / _TURN, result["thickness"].values
-    if len(time) == 1:  # it was broken to begin with
+    if len(time) == 1:  # the film was ruptured at the start
         axes.plot(*_closed(result, "thickness_end"), color=LINKS[0])
     else:
         closed = np.column_stack([h, h[:, 0]])
@@ -148,7 +148,7 @@ def _spectrum(axes: Axes, result: Result) -> None:
     axes.axvline(0, color=RED, linewidth=0.9)
     axes.text(0.99, 0.03, "unstable", color=RED, ha="right", fontsize=7.5, transform=axes.transAxes)
     axes.set_xlabel(r"growth rate ($\mathrm{Re}\,\lambda$)")
-    axes.set_ylabel(r"angular rate ($\mathrm{Im}\,\lambda$)")
+    axes.set_ylabel("angular frequency ($\\mathrm{Im}\\,\\lambda$)")
     if shown:
         together = np.concatenate(shown)
         right = max(0.0, float(together.max())) + 0.5
@@ -167,7 +167,7 @@ def _branches(axes: Axes, result: Result) -> None:
         axes.plot(delta, np.where(stable, crest, np.nan), color=colour,
                   label=f"{'prescribed' if which == 0 else 'other'} branch, stable")  # fmt: skip
         axes.plot(delta, crest, color=colour, linewidth=1, linestyle=DASHES[2], zorder=1,
-                  label="not stable" if which == 0 else None)  # fmt: skip
+                  label="unstable" if which == 0 else None)  # fmt: skip
     for fold in needed(result, "delta_fold"):
         axes.axvline(fold, color=RED, linewidth=0.8, linestyle=":", label="fold")
     axes.set_xlabel(r"amplitude that the field prescribes ($\delta$)")
@@ -178,9 +178,9 @@ def _branches(axes: Axes, result: Result) -> None:
 
 
 def basins(result: Result) -> Figure:
-    """Where flat films go, over the amplitude and the number of surface tension.
+    """Outcomes of flat films, over the amplitude and the surface tension.
 
-    A cell for each film, with the largest rate of growth on the prescribed wave.
+    A cell for each film, with the largest growth rate of the prescribed wave.
     """
     delta, tension = result["map_delta"].values, result["map_tension"].values
     outcome, growth = result["map_outcome"].values, result["map_growth"].values
@@ -206,9 +206,7 @@ def basins(result: Result) -> Figure:
         axis.set_tick_params(length=0)
     axes.set_xlabel(r"amplitude that the field prescribes ($\delta$)")
     axes.set_ylabel("surface tension $W$")
-    tell(
-        drawn, "numbers: largest rate of growth on the prescribed wave, bold where it is not stable"
-    )
+    tell(drawn, "numbers: largest growth rate of the prescribed wave, bold where it is unstable")
     present = [
         Patch(facecolor=colour, edgecolor=GREY, label=text)
         for k, (_, colour, text) in enumerate(_OUTCOMES)

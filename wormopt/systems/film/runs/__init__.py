@@ -1,1 +1,1 @@
-"""Runs of kinds about films."""
+"""Runners of the kinds of scenes about films."""

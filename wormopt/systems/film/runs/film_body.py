@@ -1,4 +1,4 @@
-"""Scenes of kind ``film-body``: what a given wave does to a body with a mass."""
+"""Run scenes of kind ``film-body``: the motion of a body with mass in a given wave."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
 from wormopt.systems.shared.settings import tolerance_of
 
 _TURN = 2 * math.pi
-# Periods that are simulated if the scene does not say; sums over phases; samples of the last turn.
+# Default number of simulated periods; phases in sums; samples of the last turn.
 _PERIODS, _PHASES, _SAMPLES = 40.0, 1 << 16, 2001
 # Velocities this near to the wave's are held by it; two turns this near to each other settled.
 _HELD, _SETTLED = 1e-6, 1e-5
@@ -39,7 +39,7 @@ _DRAUGHT = 0.1  # above this share of the thickness a float is not told to leave
 
 @dataclass(frozen=True)
 class _Numbers:
-    """A body's numbers in the scales of (25)."""
+    """Parameters of a body in the scales of eq. 25 of Zimmermann et al. 2007."""
 
     mass: float
     weight: float = 0.0
@@ -49,25 +49,25 @@ class _Numbers:
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """How a body went, and its last turn under the wave."""
+    """Motion of a body, and its last turn in the wave."""
 
     motion: Trajectory
 
     @cached_property
     def held(self) -> bool:
-        """Whether the wave carries it along in the end."""
+        """Whether the wave carries the body along at the end."""
         end = self.motion.end_time
         late = self.motion.at(np.linspace(end - min(_TURN, end / 2), end, 101))["velocity"][0]
         return bool(np.all(np.abs(late - 1) < _HELD))
 
     @cached_property
     def turns(self) -> np.ndarray:
-        """Times from trough to trough."""
+        """Times at which troughs pass the body."""
         return np.diff([e.time for e in self.motion.events if e.name == "body 0 overtaken"])
 
     @property
     def drift(self) -> float | None:
-        """Mean velocity over the last turn; 1 of what is held."""
+        """Mean velocity over the last turn; 1 if the body is held."""
         if self.held:
             return 1.0
         if not len(self.turns):
@@ -77,24 +77,24 @@ class _Course:
 
     @property
     def settled(self) -> float | None:
-        """Last turn less the one before, over it."""
+        """Relative difference between the last two turns."""
         if self.held or len(self.turns) < 2:
             return None
         return float(abs(self.turns[-1] / self.turns[-2] - 1))
 
     @cached_property
     def late(self) -> np.ndarray:
-        """Velocities in the last turn, or period."""
+        """Velocities in the last turn, or in the last period."""
         end = self.motion.end_time
         turn = self.turns[-1] if len(self.turns) and not self.held else min(_TURN, end)
         return self.motion.at(np.linspace(end - turn, end, _SAMPLES))["velocity"][0]
 
 
 def mean_velocity(places: np.ndarray, turns: int, times: Sequence[float]) -> float:
-    """Mean velocity of a body over whole turns, to the digits of their times.
+    """Mean velocity of a body over whole turns, as exact as their times.
 
-    The wave goes past it, or it past the wave: its `places` (2,) at the first and the last of the
-    `times` say which.
+    The wave overtakes the body, or the body the wave: its `places` (2,) at the first and the last
+    of the `times` decide.
     """
     took = times[-1] - times[0]
     ahead = 1.0 if places[-1] - places[0] > took else -1.0
@@ -103,7 +103,7 @@ def mean_velocity(places: np.ndarray, turns: int, times: Sequence[float]) -> flo
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[FilmBodyScene], report: Report) -> Result:
-    """Simulate a body with a mass; "failed" where balances or the second route do not agree."""
+    """Simulate a body with mass; "failed" where balances or the second route disagree."""
     table, begin = scene.table, time.perf_counter()
     fluid, numbers = fluid_of(table.film), _numbers(table)
     body = _body(scene, numbers, fluid)
@@ -176,23 +176,25 @@ def _body(
 
 
 def _check_weight(scene: Scene[FilmBodyScene], numbers: _Numbers, wave: Wave) -> None:
-    """Refuse a float that swings in a trough more often than can be followed."""
+    """Refuse a float that oscillates in a trough too often to be simulated."""
     bend = float(np.abs(wave.height(grid(4096), 2)).max())
     periods = scene.table.course.periods or _PERIODS
     swings = periods * math.sqrt(numbers.weight * bend / numbers.mass)
     if swings <= _MOST_SWINGS:
         return
-    share = 0.95 * _MOST_SWINGS / swings  # what is written has two digits
+    share = 0.95 * _MOST_SWINGS / swings  # Values in the message have two digits.
     fewer = f"write course.periods = {share * periods:.2g} at most"
     key, given = ("course.periods", periods)
-    if scene.table.units != "SI":  # there mass and weight grow alike
+    if scene.table.units != "SI":  # in these scenes mass and weight increase together
         key, given = "body.weight", numbers.weight
         fewer = f"write {share**2 * given:.2g} at most, or {fewer.removeprefix('write ')}"
-    message = f"{given:g}: the float would swing some {swings:.1g} times in a trough, more often "
-    raise SceneError(scene.name, [(key, message + f"than can be followed; {fewer}")])
+    message = (
+        f"{given:g}: the float would oscillate about {swings:.1g} times in a trough, too often"
+    )
+    raise SceneError(scene.name, [(key, message + f"to be simulated; {fewer}")])
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(
@@ -205,7 +207,10 @@ def _checks(
     for name, gained in (("momentum", mass * speed), ("energy", mass * speed**2 / 2)):
         given = motion["impulse" if name == "momentum" else "work"][0, -1]
         error = float((gained - given) / size)
-        advice = f"{name} of the body is {error:.2g} off what forces gave it; lower the tolerance"
+        advice = (
+            f"the {name} of the body differs by {error:.2g} from the integral of the "
+            "forces; lower the tolerance"
+        )
         yield Check(name, error, accepted, advice)
 
 
@@ -247,7 +252,8 @@ def _scalars(
 def _massless(body: HeavyFloat | LyingBody, numbers: _Numbers) -> float:
     """Drift of the body without mass."""
     velocity = _light(body, numbers, grid(_PHASES))
-    if np.min(velocity) <= 1 <= np.max(velocity):  # it goes as fast as the wave somewhere
+    if np.min(velocity) <= 1 <= np.max(velocity):  # The massless body reaches the speed of the wave
+        # somewhere.
         return 1.0
     return 1 - 1 / float(np.mean(1 / (1 - velocity)))
 
@@ -259,7 +265,7 @@ def _light(body: HeavyFloat | LyingBody, numbers: _Numbers, xi: np.ndarray) -> n
 
 
 def _largest(body: LyingBody, sign: int) -> float:
-    """Largest push on the body at rest, one way."""
+    """Largest force on the body at rest, in one direction."""
     xi = grid(4096)
     first = xi[np.argmax(sign * body.push(xi))]
     found: Any = minimize_scalar(
@@ -292,18 +298,18 @@ def _variables(
 
 
 def _warnings(table: FilmBodyScene, course: _Course, fluid: Fluid | None) -> Iterator[str]:
-    yield "that the body does not change the wave is an assumption"
+    yield "the body is assumed not to change the wave"
     if course.drift is None:
-        yield "fewer than two troughs passed: write more course.periods to learn the drift"
+        yield "fewer than two troughs passed, so the drift is unknown; write more course.periods"
     elif course.settled is not None and course.settled > _SETTLED:
         yield (
-            f"the last two turns differ by {course.settled:.2g}: the start is not forgotten; write "
-            "more course.periods"
+            f"the last two turns differ by {course.settled:.2g}: the motion still depends on its "
+            "start; write more course.periods"
         )
     draught = _draught(table, fluid) if fluid and table.body.on == "surface" else 0.0
     if draught > _DRAUGHT:
         yield left_out(
             draught,
-            f"its draught is {draught:.3g} of the thickness of the film, not small against 1: a "
-            "heavy float makes a hollow",
+            f"the draught is {draught:.3g} of the film's thickness, which is not small: a heavy "
+            "float dents the surface",
         )

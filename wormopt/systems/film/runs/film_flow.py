@@ -1,4 +1,4 @@
-"""Scenes of kind ``film-flow``: the flow under a wave, and the field that makes the wave."""
+"""Run scenes of kind ``film-flow``: the flow in a wave, and the field that makes the wave."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from wormopt.systems.film.units import Fluid
 # Checks are accepted up to this share of the largest value.
 _ACCEPTED = 1e-9
 _GAUSS = 3
-# An amplitude that quadrature resolves.
+# Largest amplitude that quadrature resolves.
 _STEEPEST = 0.999
 
 
 def run(scene: Scene[FilmFlowScene], report: Report) -> Result:
-    """Tell mean flow and field of a wave, and of cosine waves of other amplitudes.
+    """Compute mean flow and field of a wave, and of cosine waves of other amplitudes.
 
-    Status "failed" where fluid is not conserved, or the field does not hold the shape.
+    The result is "failed" where volume is not conserved, or the field does not hold the shape.
     """
     table, begin = scene.table, time.perf_counter()
     report("evaluating", None)
@@ -58,14 +58,14 @@ def wave_of(scene: Scene[Any], table: FilmTable) -> Wave:
     key = "film.cosines" if table.cosines else "film.sines"
     try:
         wave = FourierWave(table.cosines or (), table.sines or ())
-        _ = wave.nodes  # refuses what no grid resolves
+        _ = wave.nodes  # refuses waves that no grid resolves
     except ArgumentError as error:
         raise SceneError(scene.name, [(key, str(error))]) from None
     return wave
 
 
 def _harmonics(scene: Scene[FilmFlowScene], wave: Wave) -> FourierWave:
-    """Give the wave as harmonics, by which it is checked; raises SceneError for too thin a film."""
+    """Harmonics of the wave, used for checks; raises SceneError for too thin a film."""
     if not isinstance(wave, CosineWave):
         return wave
     harmonics = FourierWave([wave.delta])
@@ -73,7 +73,7 @@ def _harmonics(scene: Scene[FilmFlowScene], wave: Wave) -> FourierWave:
         _ = harmonics.nodes
     except ArgumentError as error:
         what = str(error).partition(";")[0]
-        message = f"{wave.delta!r}: {what}, by which it is checked; write at most {_STEEPEST:g}"
+        message = f"{wave.delta!r}: {what}, which the checks need; write at most {_STEEPEST:g}"
         raise SceneError(scene.name, [("film.delta", message)]) from None
     return harmonics
 
@@ -87,7 +87,7 @@ def fluid_of(table: FilmTable) -> Fluid | None:
 
 
 def eps_of(table: FilmTable) -> float | None:
-    """Depth times wave number, where the scene tells it."""
+    """Depth times wave number, if the scene determines it."""
     fluid = fluid_of(table)
     return fluid.eps if fluid else table.eps
 
@@ -98,7 +98,7 @@ def least_field(wave: Wave, xi: np.ndarray, tension: float) -> np.ndarray:
 
 
 def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
-    """Say where the next order in eps is no error bar."""
+    """Warn where the next order in eps does not estimate the error."""
     if eps is None:
         return
     if within_reach(wave, eps):
@@ -106,18 +106,19 @@ def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
         if bar is not None and bar > flow:
             yield left_out(
                 bar / flow if flow else math.inf,
-                f"eps = {eps:.3g}: lubrication may be off by {bar:.2g} of a mean flow {flow:.2g}",
+                f"eps = {eps:.3g}: lubrication theory may have an error of {bar:.2g} in a mean "
+                f"flow of {flow:.2g}",
             )
     else:
         yield Unchecked(
-            f"eps = {eps:.3g} times the highest harmonic is above {REACH:g}: how far lubrication "
-            "is off is not known"
+            f"eps = {eps:.3g} times the highest harmonic is above {REACH:g}: the error of "
+            "lubrication theory is unknown"
         )
 
 
 def _checks(wave: Wave, harmonics: FourierWave, tension: float) -> Iterator[Check]:
-    """What does not hold, each as a share of its size, by ways that found nothing."""
-    xi = grid(2 * harmonics.nodes) + 0.1  # nowhere on the grid of the quadrature
+    """Relative residuals of the laws, by routes that are independent of the solution."""
+    xi = grid(2 * harmonics.nodes) + 0.1  # Phases outside the grid of the quadrature.
     h, slope, C = wave.height(xi), wave.height(xi, 1), wave.constant
     field = wave.field_function(xi, tension)
     count = np.fft.rfftfreq(len(xi), 1 / len(xi))
@@ -138,7 +139,7 @@ def _checks(wave: Wave, harmonics: FourierWave, tension: float) -> Iterator[Chec
         "C by quadrature": abs(flow_constant(h) / C - 1),
     }
     for name, off in found.items():
-        advice = f"{name} is off by {off:.2g} of its size, where {_ACCEPTED:g} is accepted"
+        advice = f"{name} has an error of {off:.2g} of its size, where {_ACCEPTED:g} is accepted"
         yield Check(name, off, _ACCEPTED, advice)
 
 
@@ -147,7 +148,7 @@ def _share(error: Any, size: np.ndarray) -> float:
 
 
 def _validity(fluid: Fluid) -> dict[str, float]:
-    """Numbers that are to be small, and how well the two systems of units agree."""
+    """Quantities that must be small, and the agreement of the two systems of units."""
     field = float(fluid.field(1.0))
     gaussian = gaussian_pressure(fluid.mu_r, field / OERSTED) / 10
     return {

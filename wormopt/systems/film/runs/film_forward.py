@@ -1,4 +1,4 @@
-"""Scenes of kind ``film-forward``: the wave a film takes under a given travelling field."""
+"""Run scenes of kind ``film-forward``: the wave of a film in a given travelling field."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene, StartTable
 from wormopt.systems.film.shapes import Wave, grid
 
-# Volume that may be lost, residual of steady films, what a tighter integrator may change.
+# Accepted loss of volume, residual of steady films, and effect of a tighter integrator.
 _VOLUME, _RESIDUAL, _STEPS = 1e-12, 1e-6, 1e-5
-# Shares of the field that the points may leave out before it is told.
+# Share of the field in unresolved harmonics above which a warning is given.
 _LEFT_OUT = 1e-6
-# Eigenvalues that are kept.
+# Number of eigenvalues that are kept.
 _MODES = 24
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """A film that was followed, and how."""
+    """A simulated film, and the settings of the simulation."""
 
     setting: Setting
     field: WaveField | GivenField
@@ -56,7 +56,7 @@ class _Found:
 
     @property
     def changed(self) -> float | None:
-        """What a hundredth of the tolerances changes at the end."""
+        """Effect of a hundredth of the tolerances on the end state."""
         one, other = self.course, self.tighter
         if other is None or one.outcome != other.outcome or one.outcome == "unresolved":
             return None
@@ -66,10 +66,10 @@ class _Found:
 
 
 def run(scene: Scene[FilmForwardScene], report: Report) -> Result:
-    """Follow a film in time, tell where it goes and what is stable.
+    """Simulate a film in time, and find its final state and the stability.
 
-    Status "failed" where points do not suffice, or a check fails. Raises SceneError for an
-    impossible field, wave or start, SolveError if the allowed steps do not suffice.
+    The result is "failed" where the points do not suffice, or a check fails. Raises SceneError for
+    an impossible field, wave or start, and SolveError if the allowed steps do not suffice.
     """
     table, begin = scene.table, time.perf_counter()
     fluid = fluid_of(table.film)
@@ -163,7 +163,7 @@ def _start(table: StartTable, wave: Wave | None) -> Callable[[np.ndarray], np.nd
     return thickness
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(found: _Found) -> Iterator[Check]:
@@ -171,9 +171,9 @@ def _checks(found: _Found) -> Iterator[Check]:
     thin, last = course.thickness[:, -1], course.time[-1]
     held = course.outcome != "unresolved"
     advice = (
-        f"the film leaves what {course.points} points can hold at t = {last:.6g} "
-        f"({last / (2 * math.pi):.4g} periods): at its thinnest it is {thin.min():.3g}, at its "
-        f"thickest {thin.max():.4g}; write more grid.most, or a larger course.rupture"
+        f"{course.points} points do not resolve the film at t = {last:.6g} "
+        f"({last / (2 * math.pi):.4g} periods), with thicknesses from {thin.min():.3g} to "
+        f"{thin.max():.4g}; write more grid.most, or a larger course.rupture"
     )
     yield Check("points hold the film", course.tail, TAIL, advice, passed=held)
     if not held:
@@ -181,26 +181,26 @@ def _checks(found: _Found) -> Iterator[Check]:
     if coarser is not None:
         advice = (
             f"{coarser.points} points end with {coarser.outcome!r}, {course.points} with "
-            f"{course.outcome!r}; write more grid.most than {found.setting.most}"
+            f"{course.outcome!r}; write more than grid.most = {found.setting.most}"
         )
         alike, limit = coarser.outcome == course.outcome, found.setting.agreement
         yield Check("outcome on half the points", found.resolved.difference, limit, advice, alike)
-    advice = f"the volume changes by {course.volume_error:.2g} of itself"
+    advice = f"the volume changes by a share of {course.volume_error:.2g}"
     yield Check("volume", course.volume_error, _VOLUME, advice)
     if tighter is not None and tighter.outcome != course.outcome:
         advice = (
-            f"to a hundredth of the tolerances the film ends with {tighter.outcome!r}, not "
-            f"{course.outcome!r}; write smaller ones"
+            f"with a hundredth of the tolerances the film ends with {tighter.outcome!r}, "
+            f"not {course.outcome!r}; write smaller tolerances"
         )
         yield Check("tighter tolerances", None, _STEPS, advice)
     elif found.changed is not None:
-        advice = f"a hundredth of the tolerances changes the end by {found.changed:.2g}"
+        advice = f"a hundredth of the tolerances changes the end state by {found.changed:.2g}"
         fine = course.outcome == "moving" or not found.changed > _STEPS
         yield Check("tighter tolerances", found.changed, _STEPS, advice, fine)
     for name, film in (("prescribed wave", course.wave), ("film at the end", course.end)):
         if film is not None:
             left = film.state.residual
-            advice = f"{name}: rates of {left:.2g} are left"
+            advice = f"{name} is not steady: its rates of change are {left:.2g}"
             yield Check(f"rates of the {name}", left, _RESIDUAL, advice)
 
 
@@ -250,7 +250,7 @@ def _variables(found: _Found) -> dict[str, Any]:
 
 def _facts(found: _Found) -> dict[str, Any]:
     course, coarser, tighter = found.course, found.resolved.coarser, found.tighter
-    off = None  # the prescribed wave as the points hold it from what was prescribed
+    off = None  # The prescribed wave on the points, compared with its closed form.
     if course.wave is not None and isinstance(found.field, WaveField):
         off = np.abs(course.wave.thickness - found.field.wave.height(grid(course.points))).max()
     return {
@@ -267,8 +267,8 @@ def _facts(found: _Found) -> dict[str, Any]:
         "residual_end": course.end and course.end.state.residual,
         "closed_form_difference": off,
         "assumptions": [
-            "lubrication: slopes are small against 1 / (depth times wave number)",
-            f"a film thinner than {found.setting.rupture:g} of its mean counts as broken",
+            "lubrication theory: slopes are small against 1 / (depth times wave number)",
+            f"a film thinner than {found.setting.rupture:g} of its mean counts as ruptured",
         ],
     }
 
@@ -278,24 +278,27 @@ def _warnings(found: _Found) -> Iterator[str]:
     given = isinstance(found.field, GivenField)
     lost = found.field.left_out(course.points) if isinstance(found.field, GivenField) else 0.0
     if lost > _LEFT_OUT:
-        yield f"{lost:.2g} of the field are harmonics that {course.points} points cannot hold"
+        yield (
+            f"a share of {lost:.2g} of the field is in harmonics that {course.points} points "
+            "do not resolve"
+        )
     if found.resolved.coarser is None:
-        yield "one resolution only: grid.most allows no second one"
+        yield "there is only one resolution, since grid.most does not allow a second"
     elif difference is not None and difference > found.setting.agreement:
         yield (
-            f"twice the points change the film at the end by {difference:.2g}: trust where it "
-            "goes, not its last digits"
+            f"twice the points change the end state by {difference:.2g}: its outcome is reliable, "
+            "its last digits are not"
         )
     if wave is not None and wave.growth > 0:
-        yield (f"the prescribed wave is not stable: deviations grow at the rate {wave.growth:.4g}")
+        yield (f"the prescribed wave is unstable: deviations grow at the rate {wave.growth:.4g}")
     elif wave is not None and course.outcome in ("other", "moving", "breaks"):
         yield "the prescribed wave is stable, but the film does not reach it from this start"
     if course.outcome == "wave" and wave is not None and wave.growth > 0:
-        yield "the film stays on it for having begun there"
+        yield "the film stays on it only because it starts there"
     if course.outcome == "moving":
         yield "the film still moves at the end; write more course.periods"
     if found.wave is not None and given:
         yield (
-            "the field is not that of film's wave: the film is compared with the wave, and rates "
-            "of growth are those of the steady film next to it"
+            "the field is not that of film's wave: the film is compared with that wave, and growth "
+            "rates are those of the nearest steady film"
         )

@@ -1,4 +1,4 @@
-"""Scenes of kind ``film-wave``: the best wave of a film of magnetic fluid, checked by its shape."""
+"""Run scenes of kind ``film-wave``: the best wave of a film of magnetic fluid."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ _OTHERS = 401
 
 @np.errstate(all="ignore")  # what is not finite is noticed where it matters
 def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
-    """Find the best wave, and say what its shape does by quadrature alone.
+    """Find the best wave, and evaluate its shape by quadrature alone.
 
-    Status "failed" where that differs from what the optimiser says. Raises SceneError if the
-    aim is out of reach of any field, SolveError if no wave is found.
+    The result is "failed" where that differs from the optimiser. Raises SceneError if no field can
+    reach the aim, and SolveError if no wave is found.
     """
     table, begin = scene.table, time.perf_counter()
     given = table.limits
@@ -78,7 +78,7 @@ def run(scene: Scene[FilmWaveScene], report: Report) -> Result:
 def _waves(
     table: FilmWaveScene, limits: WaveLimits, aim: WaveAim, report: Report
 ) -> tuple[list[DesignedWave], list[str]]:
-    """Waves found on the way, the one sought last, and why later searches found none."""
+    """All waves found, the requested one last, and the reasons why later searches failed."""
 
     def best(aim: WaveAim, near: DesignedWave | None = None) -> DesignedWave:
         return best_wave(limits, aim, near=near, report=report, **_options(table))
@@ -92,8 +92,8 @@ def _waves(
             waves.append(best(aim, waves[-1]))
         except SolveError as error:
             missed.append(
-                f"the search for the wave with {what} found none ({error.reason}): a float may go "
-                "faster than on the wave told"
+                f"the search for the wave with {what} failed ({error.reason}): a float may be "
+                "faster than on the reported wave"
             )
 
     def speed(wave: DesignedWave) -> float:
@@ -102,7 +102,7 @@ def _waves(
     margin = check_wave(waves[0], aim)[0].margin
     if margin >= 0:
         return waves, missed
-    # a wave that carries less may hold a float by a higher crest
+    # A wave with less flow may hold a float by a higher crest.
     add("the highest crest", WaveAim("margin"))
     margin = max(margin, check_wave(waves[-1], aim)[0].margin)
     if check_wave(waves[-1], aim)[0].margin >= 0:
@@ -121,7 +121,7 @@ def _options(table: FilmWaveScene) -> dict[str, Any]:
     }
 
 
-# -- what comes out --------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _scalars(
@@ -163,7 +163,7 @@ def _scalars(
 
 
 def _on_bounds(h: np.ndarray, thickness: tuple[float, float]) -> float:
-    """Share of the wave that lies at a bound of the thickness."""
+    """Share of the wave at a bound of the thickness."""
     near = 1e-6 * (thickness[1] - thickness[0])
     return float(np.mean((h <= thickness[0] + near) | (h >= thickness[1] - near)))
 
@@ -244,18 +244,18 @@ def _warnings(
     yield from warnings_of_optimum(wave.optimum, table.mesh.tolerance)
     if wave.crests >= table.search.crests and table.search.crests > 1:
         yield (
-            f"the best wave has {wave.crests} crests and the search began with "
-            f"{table.search.crests} at most; raise search.crests to see whether more are better"
+            f"the best wave has {wave.crests} crests, and the search begins with at most "
+            f"{table.search.crests}; increase search.crests to check for better waves"
         )
     if -HELD <= shape.margin < HELD:
         yield (
-            f"the wave just holds a small float: capture_margin is {shape.margin:.2g}, and any "
-            "disturbance may take it off"
+            f"the wave barely holds a small float: capture_margin is {shape.margin:.2g}, and a "
+            "disturbance may release it"
         )
     if wave.limits.gradient is not None and "phases" not in wave.stages:
         yield (
-            "under a bounded slope the field switches without end before the film rests at a bound "
-            "of its thickness; on this mesh it does so a few times"
+            "with a limited slope, the field of the exact optimum switches infinitely often before "
+            "the film reaches a bound of its thickness; on this mesh it switches a few times"
         )
     if math.isnan(cosine.delta):
-        yield "no cosine wave between these limits does what is asked, so that none is compared"
+        yield "no cosine wave within the limits meets the requirements, so there is no comparison"

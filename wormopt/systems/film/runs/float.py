@@ -1,4 +1,4 @@
-"""Scenes of kind ``float``: what the wave on a film carries, simulated and by formulas."""
+"""Run scenes of kind ``float``: drift of floats and tracers, simulated and by formulas."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ from wormopt.systems.shared.proof import (
 from wormopt.systems.shared.settings import tolerance_of
 
 _TURN = 2 * math.pi
-# How often a body shall be overtaken, how many periods are simulated at least.
+# Least number of times the wave overtakes a body, and least number of simulated periods.
 _OVERTAKEN, _LEAST = 4, 20.0
 # A body is at rest on the wave if it moves less than this within the last period.
 _STILL = 1e-6
@@ -62,7 +62,7 @@ def _apart(one: float, other: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Ride:
-    """Bodies of one sort, and how they went."""
+    """Bodies of one type, and their motion."""
 
     what: str
     drifts: tuple[Drift, ...]
@@ -71,9 +71,9 @@ class _Ride:
 
     @property
     def simulated(self) -> list[float | None]:
-        """Mean velocities between the first and the last trough that passed.
+        """Mean velocity between the first and the last trough that passed.
 
-        Of bodies that are held, over the second half of the time.
+        For bodies that are held, the mean velocity over the second half of the time.
         """
         end = self.motion.end_time
         middle, last = self.motion.at(np.array([end / 2, end]))["position"].T
@@ -92,7 +92,7 @@ class _Ride:
 
     @property
     def rests(self) -> list[float | None]:
-        """Of the phases at which a body is held, the nearest to where it is in the end."""
+        """Phase of rest of each held body that is closest to its final phase."""
         return [
             min(drift.rests, key=lambda rest: abs(_apart(rest, phase))) if drift.rests else None
             for phase, drift in zip(self._phases(self.motion.end_time), self.drifts, strict=True)
@@ -100,7 +100,7 @@ class _Ride:
 
     @property
     def phase_errors(self) -> list[float | None]:
-        """Simulated phases less those of rest, of bodies that have come to rest."""
+        """Simulated phases minus phases of rest, for bodies that have come to rest."""
         end = self.motion.end_time
         last, before = self._phases(end), self._phases(end - min(_TURN, end / 2))
         return [
@@ -113,7 +113,7 @@ class _Ride:
 
     @property
     def errors(self) -> list[float | None]:
-        """Simulated mean velocities less those by formula, of bodies that are not held."""
+        """Simulated mean velocities minus those of the formula, for bodies that are not held."""
         return [
             None if found is None or drift.captured else found - drift.velocity
             for found, drift in zip(self.simulated, self.drifts, strict=True)
@@ -124,8 +124,8 @@ class _Ride:
 def run(scene: Scene[FloatScene], report: Report) -> Result:
     """Simulate floats and tracers, and compare their drift with the formulas.
 
-    Status "failed" where both disagree, or a tracer leaves the film. Raises SceneError also
-    for a wave so near to holding a body that its drift cannot be told.
+    The result is "failed" where both disagree, or a tracer leaves the film. Raises SceneError also
+    for a wave that nearly holds a body, so its drift cannot be computed.
     """
     table, begin = scene.table, time.perf_counter()
     wave, fluid = wave_of(scene, table.film), fluid_of(table.film)
@@ -159,7 +159,7 @@ def run(scene: Scene[FloatScene], report: Report) -> Result:
 def _drifts(
     scene: Scene[FloatScene], wave: Wave, lengths: list[float], heights: np.ndarray, place: float
 ) -> tuple[tuple[Drift, ...], tuple[Drift, ...]]:
-    """What the formulas say of floats and tracers."""
+    """Drifts of floats and tracers by formulas."""
     try:
         drifts = tuple(float_drift(wave, length) for length in lengths)
         below = tuple(tracer_drift(wave, height, place) for height in heights)
@@ -168,15 +168,16 @@ def _drifts(
     shares = scene.table.tracers.height if scene.table.tracers else ()
     if 1 in shares and float_drift(wave).captured:
         message = (
-            "this wave holds what floats, and at the place where it does any error takes a point "
-            "off the surface; write a height below 1, and let floats tell of the surface"
+            "is on the surface of a wave that holds floats, and at the point of capture "
+            "every error takes a tracer off the surface; write a height below 1, and use "
+            "floats for the surface"
         )
         raise SceneError(scene.name, [(f"tracers.height[{shares.index(1)}]", message)])
     return drifts, below
 
 
 def _periods(drifts: Sequence[Drift]) -> float:
-    """Periods of the wave in which every body that is not held is overtaken several times."""
+    """Periods in which the wave overtakes every body that is not held several times."""
     turns = [drift.turn / _TURN for drift in drifts if not drift.captured]
     return min(max([_LEAST, *(_OVERTAKEN * turn for turn in turns)]), MOST_PERIODS)
 
@@ -193,7 +194,7 @@ def _ridden(
     return _Ride(what, drifts, motion, second)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(rides: Sequence[_Ride], table: FloatScene) -> Iterator[Check]:
@@ -203,25 +204,28 @@ def _checks(rides: Sequence[_Ride], table: FloatScene) -> Iterator[Check]:
             yield replace(ride.cross_check.check, name=f"second route of {ride.what}s")
         for i, error in enumerate(ride.errors):
             if error is not None:
-                advice = f"the simulated drift of {ride.what} {i} is {error:.2g} off its formula"
+                advice = (
+                    f"the simulated drift of {ride.what} {i} differs from its formula by "
+                    f"{error:.2g}"
+                )
                 yield Check(f"drift of {ride.what} {i}", error, accepted, advice)
         for i, error in enumerate(ride.phase_errors):
             if error is not None:
                 limit = _accepted_phase(ride, table)
-                advice = f"{ride.what} {i} is held {error:.2g} rad off the phase of rest"
+                advice = f"{ride.what} {i} is held {error:.2g} rad away from its phase of rest"
                 yield Check(f"phase of {ride.what} {i}", error, limit, advice)
     for name, value in _left(rides[1]).items() if len(rides) > 1 else ():
         yield Check(name, value, accepted, f"{name} {value:.2g}, where {accepted:.2g} is accepted")
 
 
 def _accepted_phase(ride: _Ride, table: FloatScene) -> float:
-    """What is accepted of a phase t - x, the difference of two numbers as large as the time."""
+    """Accepted error of a phase t - x, the difference of two numbers as large as the time."""
     accepted = accepted_error(tolerance_of(table.tolerance))
     return max(_STILL, accepted, table.tolerance.relative * ride.motion.end_time)
 
 
 def _left(ride: _Ride) -> dict[str, float]:
-    """How far tracers leave their lines, and the film."""
+    """Deviation of tracers from their streamlines, and from the film."""
     stream, depth = ride.motion["stream"], ride.motion["depth"]
     low = min(float(depth.min()), float(ride.motion["height"].min()))
     return {
@@ -307,13 +311,14 @@ def _warnings(rides: Sequence[_Ride], table: FloatScene) -> Iterator[str]:
         for i, (found, drift, off) in enumerate(rows):
             if found is None:
                 yield (
-                    f"{ride.what} {i} was not overtaken twice, so that simulation tells no drift; "
-                    f"write course.periods of {2.5 * drift.turn / _TURN:.4g} or more"
+                    f"the wave overtakes {ride.what} {i} fewer than two times, so the simulated "
+                    f"drift is unknown; write course.periods = {2.5 * drift.turn / _TURN:.4g} or "
+                    "more"
                 )
             elif drift.captured and ride.what == "float" and (off is None or abs(found - 1) > 1e-6):
                 yield f"{ride.what} {i} has not come to rest on the wave; write more course.periods"
     if max(table.floats.length) > 0:
         yield (
-            "floats with a length bend with the surface and are thin; that the film under them "
-            "flows as if they were not there is an assumption"
+            "floats with a length are thin and bend with the surface; they are assumed not to "
+            "change the flow of the film"
         )

@@ -1,4 +1,4 @@
-"""Scenes of kinds "film-flow" and "float": a film of magnetic fluid, and what its wave carries."""
+"""Tables of scenes of kinds "film-flow" and "float": a film of magnetic fluid and its wave."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Levels = Annotated[
     Meta(min_length=1, max_length=8, description="1 to 8 numbers above 0, up to 1"),
 ]
 MOST_PERIODS = 20_000
-"""Periods of the wave that a float rides at most."""
+"""Upper limit of the wave periods of a simulated float."""
 Points = Annotated[int, Meta(ge=2, le=100_000, description="a whole number, 2 to 100000")]
 
 
@@ -54,135 +54,181 @@ class FluidTable(Table, frozen=True, kw_only=True):
 
     mu_r: Annotated[Permeability, says("1", "relative permeability")]
     viscosity: Annotated[Positive, says("viscosity", "dynamic viscosity")]
-    density: Annotated[Positive, says("density", "of the fluid")]
-    surface_tension: Annotated[NonNegative, says("surface_tension", "0 leaves it out")]
+    density: Annotated[Positive, says("density", "density of the fluid")]
+    surface_tension: Annotated[NonNegative, says("surface_tension", "surface tension; 0: none")]
     depth: Annotated[Positive, says("length", "mean thickness of the film")]
-    wavelength: Annotated[Positive, says("length", "of the wave")]
-    frequency: Annotated[Positive, says("angular_frequency", "of the wave")]
+    wavelength: Annotated[Positive, says("length", "wavelength of the wave")]
+    frequency: Annotated[Positive, says("angular_frequency", "frequency of the wave")]
 
 
 class FilmTable(Table, frozen=True, kw_only=True):
-    """A film and the shape of its wave, over the mean thickness: `delta`, or harmonics.
+    """Film and shape of its wave relative to the mean thickness: `delta`, or harmonics.
 
-    Scenes without units count in the scales of (25).
+    Scenes without units use the scales of eq. 25 of Zimmermann et al. 2007.
     """
 
     delta: Annotated[Share | None, says("1", "amplitude of a cosine wave")] = None
     cosines: Annotated[
         Harmonics | None,
-        says("1", "harmonics of any other wave, the first one first; the film must not tear"),
+        says(
+            "1",
+            "cosine amplitudes of the harmonics of another wave, from the first on; the thickness "
+            "must stay positive",
+        ),
     ] = None
-    sines: Annotated[Harmonics | None, says("1", "the same, of its sines")] = None
+    sines: Annotated[Harmonics | None, says("1", "sine amplitudes of the harmonics")] = None
     tension: Annotated[
         NonNegative | None,
-        says("1", "*W* of (25), 0 if left out; in SI scenes it follows from the fluid"),
+        says(
+            "1",
+            "dimensionless surface tension *W* (eq. 25), default 0; in SI scenes it follows from "
+            "the fluid",
+        ),
     ] = None
     eps: Annotated[
         NonNegative | None,
         says(
             "1",
-            "*ε* of (25), thickness times wave number: tells how far lubrication is off; in SI "
-            "scenes it follows from the fluid",
+            "*ε* (eq. 25), thickness times wave number: gives the error of lubrication theory; in "
+            "SI scenes it follows from the fluid",
         ),
     ] = None
-    fluid: Annotated[FluidTable | None, says("", "what the film is made of, in SI scenes")] = None
+    fluid: Annotated[FluidTable | None, says("", "fluid of the film, in SI scenes")] = None
 
     def faults(self, units: str) -> Iterator[Fault]:
         """Yield key path and message of what is wrong between the keys of this table."""
         harmonics = [name for name in ("cosines", "sines") if getattr(self, name) is not None]
         if self.delta is None and not harmonics:
-            yield "film.delta", "missing; write the amplitude, or harmonics in cosines and sines"
+            yield "film.delta", "missing; write delta, or harmonics in cosines and sines"
         if self.delta is not None and harmonics:
-            yield "film.delta", f"is a cosine wave by itself; write it or {' and '.join(harmonics)}"
+            yield (
+                "film.delta",
+                f"defines a cosine wave, so {' and '.join(harmonics)} cannot be added; write one "
+                "of the two",
+            )
         if harmonics and not any(any(getattr(self, name)) for name in harmonics):
-            yield f"film.{harmonics[0]}", "all harmonics are 0: there is no wave"
+            yield (
+                f"film.{harmonics[0]}",
+                "contains only zeros, so there is no wave; write an amplitude that is not 0",
+            )
         if units == "SI" and self.fluid is None:
             yield "film.fluid", 'missing; with units = "SI" describe the fluid: [film.fluid]'
         if units == "SI" and self.tension is not None:
-            yield "film.tension", "belongs to scenes without units; surface_tension gives it here"
+            yield (
+                "film.tension",
+                "applies to scenes without units only; write surface_tension in [film.fluid]",
+            )
         if units == "SI" and self.eps is not None:
-            yield "film.eps", "belongs to scenes without units; depth and wavelength give it here"
+            yield (
+                "film.eps",
+                "applies to scenes without units only; it follows from depth and wavelength here",
+            )
         if units != "SI" and self.fluid is not None:
             yield "film.fluid", 'is in SI units; write units = "SI"'
 
 
 class CurvesTable(Table, frozen=True, kw_only=True):
-    """Cosine waves of other amplitudes to compare with."""
+    """Amplitudes of cosine waves for comparison."""
 
-    delta: Annotated[Shares, says("1", "amplitudes whose fields are drawn")] = (
+    delta: Annotated[Shares, says("1", "amplitudes of the fields in the picture")] = (
         0.1,
         0.3,
         0.5,
         0.7,
         0.9,
     )
-    range: Annotated[SharePair, says("1", "amplitudes of the curve of mean flow")] = (0.005, 0.995)
-    points: Annotated[Points, says("count", "amplitudes on that curve")] = 199
+    range: Annotated[SharePair, says("1", "range of amplitudes of the mean-flow curve")] = (
+        0.005,
+        0.995,
+    )
+    points: Annotated[Points, says("count", "number of amplitudes on that curve")] = 199
 
 
 class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
     """Flow in a film, and the field that holds its shape.
 
-    The least field that makes a travelling wave, and what the wave pumps, beside cosine waves of
-    other amplitudes. Theory: [theory-film.md](../theory-film.md#1-the-film). The trust report
-    checks laws by another way than the solution was found; its `validity` (SI) holds *ε*, *ε Re*,
-    *μ*<sub>r</sub> − 1 and the weight of the film over *P*, warned of above 0.1.
+    It computes the least field that makes a travelling wave and the flow that the wave pumps, and
+    compares with cosine waves of other amplitudes. Theory:
+    [theory-film.md](../theory-film.md#1-the-film). The trust report checks the equations by routes
+    that are independent of the solution. Its `validity` (SI) contains *ε*, *ε Re*, *μ*<sub>r</sub>
+    − 1 and the weight of the film over *P*; values above 0.1 give a warning.
     """
 
     scalars: ClassVar = {
         "c_constant": ("1", "*C*"),
         "mean_flow": ("1", "mean flow 1 + *C*"),
-        "mean_flow_corrected": ("1", "the same with what the next order, *ε*², adds"),
+        "mean_flow_corrected": ("1", "mean flow with the correction of the next order, *ε*²"),
         "mean_flow_bar": (
             "1",
-            "by how much the flow without lubrication and inertia may differ from that; unknown "
-            "where *ε* times the highest harmonic is above 3",
+            "error estimate of that flow for lubrication theory without inertia; unknown where "
+            "*ε* times the highest harmonic is above 3",
         ),
-        "mean_flow_per_eps2": ("1", "what the next order adds, over *ε*²"),
-        "d_max": ("1", "largest (*μ* − 1)*D*/(8π); (*μ* − 1)*H*<sub>0</sub>²/(8π) is no less"),
-        "xi_at_d_max": ("rad", "where that is"),
-        "delta": ("1", "amplitude; of other waves half of largest less least thickness"),
+        "mean_flow_per_eps2": ("1", "correction of the mean flow by the next order, over *ε*²"),
+        "d_max": (
+            "1",
+            "largest (*μ* − 1)*D*/(8π); (*μ* − 1)*H*<sub>0</sub>²/(8π) is at least as large",
+        ),
+        "xi_at_d_max": ("rad", "phase of the largest *D*"),
+        "delta": (
+            "1",
+            "amplitude; for other waves half the difference of largest and least thickness",
+        ),
         "tension_number": ("1", "*W*"),
         "surface_speed_max": (
             "1",
-            "largest on the surface, over the wave's; holds floats from 1 on",
+            "largest surface speed over the wave speed; from 1 on the wave holds floats",
         ),
-        "mean_flow_square_wave": ("1", "what no wave of this amplitude exceeds (cosine wave)"),
+        "mean_flow_square_wave": (
+            "1",
+            "upper bound of the mean flow of all waves of this amplitude (cosine wave)",
+        ),
         "field_h0": ("magnetic_field", "least *H*<sub>0</sub> (SI)"),
-        "field_h0_gaussian": ("Oe", "the same in Gaussian units (SI)"),
-        "field_max": ("magnetic_field", "largest field then (SI)"),
+        "field_h0_gaussian": ("Oe", "least *H*<sub>0</sub> in Gaussian units (SI)"),
+        "field_max": ("magnetic_field", "largest field at the least *H*<sub>0</sub> (SI)"),
         "wave_speed": ("speed", "speed of the wave (SI)"),
         "flow_rate": ("flow_per_width", "mean flow per width (SI)"),
-        "pressure_scale": ("stress", "*P* (SI)"),
+        "pressure_scale": ("stress", "pressure scale *P* (SI)"),
         "eps": ("1", "*ε* (SI, or as in the scene)"),
         "reynolds": ("1", "*Re* (SI)"),
     }
     variables: ClassVar = {
         "xi": ("rad", ("xi",), "phase t - x of the wave"),
         "height": ("1", ("xi",), "thickness over its mean"),
-        "surface_velocity": ("1", ("xi",), "over the speed of the wave"),
-        "film_pressure": ("1", ("xi",), "pressure in the film less its mean, over P"),
-        "field_squared": ("1", ("xi",), "(mu - 1) H^2 / (8 pi) over P, least field"),
+        "surface_velocity": ("1", ("xi",), "surface velocity over the speed of the wave"),
+        "film_pressure": ("1", ("xi",), "film pressure minus its mean, over P"),
+        "field_squared": ("1", ("xi",), "(mu - 1) H^2 / (8 pi) over P of the least field"),
         "field": ("magnetic_field", ("xi",), "least field H"),
         "curve_delta": ("1", ("curve_delta",), "amplitude over mean thickness"),
         "curve_mean_flow": ("1", ("curve_delta",), "mean flow of a cosine wave"),
-        "curve_square_wave": ("1", ("curve_delta",), "least upper bound of all waves at W = 0"),
+        "curve_square_wave": (
+            "1",
+            ("curve_delta",),
+            "least upper bound of the mean flow of all waves at W = 0",
+        ),
         "curve_d_max": ("1", ("curve_delta",), "(mu - 1) D_max / (8 pi)"),
         "curve_field_h0": ("magnetic_field", ("curve_delta",), "least H0"),
         "field_delta": ("1", ("field_delta",), "amplitude of a field"),
-        "field_curves": ("1", ("field_delta", "xi"), "(mu - 1) H^2 / (8 pi) over P, least field"),
+        "field_curves": (
+            "1",
+            ("field_delta", "xi"),
+            "(mu - 1) H^2 / (8 pi) over P of the least field",
+        ),
     }
 
     kind: Literal["film-flow"]
     want: Annotated[
         tuple[Literal["film"], ...],
-        says("", "`film`: mean flow over amplitude (figure 15), shape, surface velocity, fields"),
+        says(
+            "",
+            "`film`: mean flow over amplitude (as figure 15 of Zimmermann et al. 2007), shape, "
+            "surface velocity, fields",
+        ),
     ] = ()
     film: Annotated[FilmTable, says("", "film and wave")]
-    curves: Annotated[CurvesTable, says("", "other amplitudes")] = field(
+    curves: Annotated[CurvesTable, says("", "cosine waves for comparison")] = field(
         default_factory=CurvesTable
     )
-    samples: Annotated[Points, says("count", "phases that are kept")] = 401
+    samples: Annotated[Points, says("count", "number of phases in the result")] = 401
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
@@ -194,98 +240,99 @@ class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
 class FloatsTable(Table, frozen=True, kw_only=True):
     """Bodies on the surface."""
 
-    length: Annotated[Lengths, says("1", "their lengths in wavelengths; 0 is a small float")] = (
-        0.0,
-    )
+    length: Annotated[Lengths, says("1", "lengths in wavelengths; 0: a small float")] = (0.0,)
     position: Annotated[
-        Finite, says("1", "place of their middles at time 0, in wavelengths ahead of a crest")
+        Finite, says("1", "initial position of the middle, in wavelengths ahead of a crest")
     ] = 0.0
 
 
 class TracersTable(Table, frozen=True, kw_only=True):
-    """Points of the fluid; without this table there are none."""
+    """Tracers in the fluid; default: none."""
 
     height: Annotated[
-        Levels, says("1", "at time 0, as shares of the thickness there; 1 is on the surface")
+        Levels, says("1", "initial height as a share of the thickness; 1: on the surface")
     ]
-    position: Annotated[Finite, says("1", "as for floats")] = 0.0
+    position: Annotated[Finite, says("1", "initial position, as for floats")] = 0.0
 
 
 class RideTable(Table, frozen=True, kw_only=True):
-    """How long is simulated."""
+    """Duration of the simulation."""
 
     periods: Annotated[
         Annotated[float, Meta(gt=0, le=MOST_PERIODS, description="a number above 0, up to 20000")]
         | None,
-        says("1", "of the wave; if left out as many as it takes to overtake every body thrice"),
+        says("1", "number of wave periods; default: enough to overtake every body three times"),
     ] = None
-    samples: Annotated[Points, says("count", "times that are kept")] = 1001
+    samples: Annotated[Points, says("count", "number of times in the result")] = 1001
 
 
 class FloatScene(SceneTable, frozen=True, kw_only=True):
-    """What a travelling wave carries.
+    """Drift of floats and tracers in a travelling wave.
 
-    Floats of several lengths, and points of the fluid, simulated and by formulas. Theory:
-    [theory-film.md](../theory-film.md#2-floats-and-tracers). With several floats or tracers
-    scalars are lists. Speeds are over the wave's, in SI scenes in m/s.
+    Floats of several lengths and tracers in the fluid are simulated, and compared with formulas.
+    Theory: [theory-film.md](../theory-film.md#2-floats-and-tracers). With several floats or
+    tracers, scalars are lists. Speeds are relative to the wave speed, in SI scenes in m/s.
 
-    Refused: a tracer on the surface of a wave that holds floats, since it cannot be followed
-    there, and a body that the wave all but holds.
+    Not allowed: a tracer on the surface of a wave that holds floats, where it cannot be followed; a
+    wave that nearly holds a body.
 
-    A drift that is off its formula by more than 1e-7 or a thousand tolerances fails the result,
-    and so does a float held off its phase of rest by more than 1e-6, a thousand absolute
-    tolerances or the relative tolerance times the time, and a tracer that leaves its line or the
-    film.
+    The result fails if a drift differs from its formula by more than 1e-7 or a thousand tolerances.
+    It also fails if a held float is away from its phase of rest by more than 1e-6, a thousand
+    absolute tolerances, or the relative tolerance times the time, or if a tracer leaves its
+    streamline or the film.
     """
 
     scalars: ClassVar = {
         "float_drift": (
             "speed",
-            "mean velocity by simulation, between the first and the last trough that passed; of "
-            "what is held, over the second half of the time; unknown where fewer than two troughs "
-            "passed",
+            "simulated mean velocity between the first and the last trough that passed; for held "
+            "floats over the second half of the time; unknown if fewer than two troughs passed",
         ),
         "float_drift_closed": (
             "speed",
-            "the same in closed form (small floats on a cosine wave) or by quadrature; 1 of what "
-            "is held",
+            "mean velocity in closed form (small floats on a cosine wave) or by quadrature; 1 for "
+            "held floats",
         ),
-        "float_drift_error": ("1", "their difference"),
-        "float_drift_corrected": ("speed", "by quadrature, with the next order, *ε*²"),
+        "float_drift_error": ("1", "difference of the two"),
+        "float_drift_corrected": ("speed", "drift by quadrature with the next order, *ε*²"),
         "float_drift_bar": (
             "speed",
-            "by how much the drift on a film without lubrication and inertia may differ from that; "
-            "unknown where *ε* times the highest harmonic is above 3",
+            "error estimate of that drift for lubrication theory without inertia; unknown where "
+            "*ε* times the highest harmonic is above 3",
         ),
         "float_turn": (
             "time",
-            "in which the wave overtakes it by a wavelength; unknown of what is held",
+            "time in which the wave overtakes the float by a wavelength; unknown for held floats",
         ),
         "trapped": ("1", "whether the wave holds the float"),
-        "tracer_drift": ("speed", "of tracers, as of floats"),
-        "tracer_drift_closed": ("speed", "of tracers, by quadrature"),
-        "tracer_drift_error": ("1", "their difference"),
-        "tracer_turn": ("time", "of tracers, as of floats"),
+        "tracer_drift": ("speed", "simulated mean velocity of the tracers, as for floats"),
+        "tracer_drift_closed": ("speed", "mean velocity of the tracers by quadrature"),
+        "tracer_drift_error": ("1", "difference of the two"),
+        "tracer_turn": ("time", "overtaking time of the tracers, as for floats"),
         "tracer_trapped": ("1", "whether the wave holds the tracer"),
         "phase_trapped": (
             "rad",
-            "phase *t* − *x* at which it holds the float; where several crests hold floats, the "
-            "one nearest to where it ends",
+            "phase *t* − *x* at which the wave holds the float; with several such phases the one "
+            "closest to its end",
         ),
         "phase_trapped_error": (
             "rad",
-            "simulated phase at the end less this; unknown of floats that still move on the wave",
+            "simulated final phase minus that phase; unknown for floats that still move on the "
+            "wave",
         ),
         "delta_capture": (
             "1",
-            "amplitude of the cosine wave from which on it holds floats of this length",
+            "least amplitude at which a cosine wave holds floats of this length",
         ),
-        "body_speed_max": ("speed", "largest velocity of the float; it is held from the wave's on"),
-        "mean_flow": ("1", "of the film"),
+        "body_speed_max": (
+            "speed",
+            "largest velocity of the float; the float is held from the wave speed on",
+        ),
+        "mean_flow": ("1", "mean flow of the film"),
         "delta": ("1", "amplitude of a cosine wave"),
-        "float_length": ("1", "as in the scene"),
+        "float_length": ("1", "length of the float, as in the scene"),
         "wave_speed": ("speed", "speed of the wave (SI)"),
-        "wavelength": ("length", "of the wave (SI)"),
+        "wavelength": ("length", "wavelength of the wave (SI)"),
     }
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
@@ -294,8 +341,8 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
         "tracer_height": ("length", ("tracer", "time"), "height of the tracers"),
         "xi": ("rad", ("xi",), "phase t - x of the wave"),
         "height": ("length", ("xi",), "thickness of the film"),
-        "field_squared": ("1", ("xi",), "(mu - 1) H^2 / (8 pi) over P, least field"),
-        "body_velocity": ("speed", ("body", "xi"), "velocity of the floats by phase"),
+        "field_squared": ("1", ("xi",), "(mu - 1) H^2 / (8 pi) over P of the least field"),
+        "body_velocity": ("speed", ("body", "xi"), "velocity of the floats over the phase"),
     }
 
     kind: Literal["float"]
@@ -303,17 +350,19 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
         tuple[Literal["floats", "ride"], ...],
         says(
             "",
-            "`floats`: the floats on the wave, and the field (figure 27); `ride`: paths over the "
-            "wave",
+            "`floats`: the floats on the wave, and the field (as figure 27 of Zimmermann et al. "
+            "2007); `ride`: paths over the wave",
         ),
     ] = ()
     film: Annotated[FilmTable, says("", "film and wave, without `tension`")]
     floats: Annotated[FloatsTable, says("", "bodies on the surface")] = field(
         default_factory=FloatsTable
     )
-    tracers: Annotated[TracersTable | None, says("", "points of the fluid")] = None
-    course: Annotated[RideTable, says("", "the time")] = field(default_factory=RideTable)
-    tolerance: Annotated[ToleranceTable, says("", "how exact simulations are")] = field(
+    tracers: Annotated[TracersTable | None, says("", "tracers in the fluid")] = None
+    course: Annotated[RideTable, says("", "duration of the simulation")] = field(
+        default_factory=RideTable
+    )
+    tolerance: Annotated[ToleranceTable, says("", "tolerances of the simulation")] = field(
         default_factory=ToleranceTable
     )
 
@@ -322,4 +371,4 @@ class FloatScene(SceneTable, frozen=True, kw_only=True):
         yield from super().faults(folder)
         yield from self.film.faults(self.units)
         if self.film.tension:
-            yield "film.tension", "does not act on what floats; leave it out"
+            yield "film.tension", "has no effect on floats; leave it out"

@@ -1,4 +1,4 @@
-"""Scenes of kind "film-body": a heavy float, or a body on the ground, under a given wave."""
+"""Tables of scenes of kind "film-body": a heavy float, or a body on the ground, in a wave."""
 
 from __future__ import annotations
 
@@ -14,46 +14,54 @@ from wormopt.scene.numerics import ToleranceTable
 from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, Table, says
 from wormopt.systems.film.scenes.film import FilmTable, Length, RideTable
 
-# What only bodies of one place, or scenes of one sort of units, have.
+# Keys that apply to one type of body, or to one system of units, only.
 _GROUND = ("friction_forward", "friction_backward", "friction_coefficient")
 _SCALED = ("mass", "weight", "friction_forward", "friction_backward")
 _SI = ("density", "friction_coefficient")
-_FARTHEST = 1e6  # wavelengths: further away, phases have no more than nine digits
+_FARTHEST = 1e6  # In wavelengths: farther away, phases have no more than nine digits.
 
 
 class BodyTable(Table, frozen=True, kw_only=True):
     """The body.
 
-    Scenes without units count in the scales of (25), *η* being the viscosity, *ω* and *k*
-    frequency and number of the wave, *d* the mean thickness.
+    Scenes without units use the scales of eq. 25 of Zimmermann et al. 2007: *η* is the viscosity,
+    *ω* and *k* are frequency and wave number, *d* is the mean thickness.
     """
 
     on: Annotated[
-        Literal["surface", "ground"], says("", "where it is: it floats, or lies in the film")
+        Literal["surface", "ground"],
+        says("", "type of body: it floats, or lies in the film on the ground"),
     ]
-    length: Annotated[Length, says("1", "in wavelengths; 0 is a short one")] = 0.0
+    length: Annotated[Length, says("1", "length in wavelengths; 0: a short body")] = 0.0
     height: Annotated[
         NonNegative,
-        says("1", "over the mean thickness of the film; on the ground below its least thickness"),
+        says(
+            "1", "height over the mean film thickness; on the ground below the least film thickness"
+        ),
     ] = 0.0
     position: Annotated[
-        Finite, says("1", "place of its middle at time 0, in wavelengths ahead of a crest")
+        Finite, says("1", "initial position of the middle, in wavelengths ahead of a crest")
     ] = 0.0
     mass: Annotated[Positive | None, says("1", "mass per area times *ω d*/*η*")] = None
     weight: Annotated[
-        NonNegative | None, says("1", "of a float, per area times (*k d*)²/(*η ω*); default 0")
+        NonNegative | None,
+        says("1", "weight of a float per area, times (*k d*)²/(*η ω*); default 0"),
     ] = None
     friction_forward: Annotated[
         NonNegative | None,
-        says("1", "on the ground, per area times *k d*/(*η ω*), against motion with the wave"),
+        says(
+            "1",
+            "friction on the ground per area, times *k d*/(*η ω*), against motion with the wave",
+        ),
     ] = None
     friction_backward: Annotated[
-        NonNegative | None, says("1", "the same against the wave; default: the same")
+        NonNegative | None,
+        says("1", "friction on the ground against motion opposite to the wave; default: the same"),
     ] = None
-    density: Annotated[Positive | None, says("density", "of the body (SI)")] = None
+    density: Annotated[Positive | None, says("density", "density of the body (SI)")] = None
     friction_coefficient: Annotated[
         NonNegative | None,
-        says("1", "friction over the weight less buoyancy, on the ground (SI)"),
+        says("1", "friction on the ground over weight minus buoyancy (SI)"),
     ] = None
 
     def faults(self, units: str, fluid_density: float | None) -> Iterator[Fault]:
@@ -61,11 +69,11 @@ class BodyTable(Table, frozen=True, kw_only=True):
         given = {name for name in self.__struct_fields__ if getattr(self, name) is not None}
         for name in _SI if units != "SI" else _SCALED:
             if name in given:
-                other = 'write units = "SI"' if units != "SI" else "density tells it here"
-                yield f"body.{name}", f"belongs to scenes {_sort(units)} units; {other}"
+                other = 'write units = "SI"' if units != "SI" else "density determines it here"
+                yield f"body.{name}", f"applies to scenes {_sort(units)} units only; {other}"
         for name in _GROUND if self.on == "surface" else ("weight",):
             if name in given and name not in (_SI if units != "SI" else _SCALED):
-                yield f"body.{name}", f'is not of a body with on = "{self.on}"; leave it out'
+                yield f"body.{name}", f'does not apply to on = "{self.on}"; leave it out'
         needed = ["mass"] if units != "SI" else ["density"]
         if self.on == "ground":
             needed.append("friction_forward" if units != "SI" else "friction_coefficient")
@@ -75,16 +83,19 @@ class BodyTable(Table, frozen=True, kw_only=True):
         if abs(self.position) > _FARTHEST:
             yield (
                 "body.position",
-                f"{self.position:g} wavelengths away no digits are left for the phase; every "
-                f"wavelength is alike: write {math.fmod(self.position, 1.0):g}",
+                f"{self.position:g} wavelengths are too far for an accurate phase; all "
+                f"wavelengths are equal: write {math.fmod(self.position, 1.0):g}",
             )
         if units == "SI" and not self.height:
-            yield "body.height", "must be above 0: density times height is the mass"
+            yield (
+                "body.height",
+                "is 0, but the mass is density times height; write a height above 0",
+            )
         if fluid_density is not None and self.density is not None:
             lighter = self.density < fluid_density
             if lighter != (self.on == "surface"):
                 place, does = ("ground", "sinks") if not lighter else ("surface", "rises")
-                message = f"of this density in a fluid of {fluid_density:g} kg/m³ it {does}"
+                message = f"a body of this density {does} in a fluid of {fluid_density:g} kg/m³"
                 yield "body.on", f'{message}; write on = "{place}"'
 
 
@@ -93,59 +104,66 @@ def _sort(units: str) -> str:
 
 
 class FilmBodyScene(SceneTable, frozen=True, kw_only=True):
-    """What a travelling wave does to a body with a mass.
+    """Motion of a body with mass in a travelling wave.
 
-    A float that has a mass and a weight, or a body that lies in the film on the ground, sticks and
+    The body is a float with mass and weight, or lies in the film on the ground, where it sticks and
     slips. It does not change the wave. Theory:
-    [theory-film.md](../theory-film.md#26-floats-with-a-mass). Speeds are over the wave's, in SI
-    scenes in m/s.
+    [theory-film.md](../theory-film.md#26-floats-with-a-mass). Speeds are relative to the wave
+    speed, in SI scenes in m/s.
 
-    What forces gave must be the momentum and the energy of the body, to 1e-7 or a thousand
-    tolerances, and a second route must end where the first does.
+    The integrals of the forces must agree with momentum and energy of the body, to 1e-7 or a
+    thousand tolerances. A second route must end at the same state.
     """
 
     scalars: ClassVar = {
         "drift": (
             "speed",
-            "mean velocity between the last two troughs that passed, the wave's if it is held; "
-            "unknown where fewer passed",
+            "mean velocity between the last two troughs that passed; the wave speed if the body "
+            "is held; unknown if fewer passed",
         ),
-        "drift_massless": ("speed", "of the same body without mass, by quadrature"),
-        "held": ("1", "whether the wave carries it along in the end"),
-        "settled": ("1", "how far the last two turns differ, over the last"),
+        "drift_massless": ("speed", "mean velocity of the same body without mass, by quadrature"),
+        "held": ("1", "whether the wave carries the body along at the end"),
+        "settled": ("1", "relative difference between the last two turns"),
         "speed_max": ("speed", "largest velocity in the last turn"),
-        "speed_min": ("speed", "least velocity in the last turn: negative against the wave"),
-        "at_rest": ("1", "share of the last turn in which the ground holds it"),
+        "speed_min": ("speed", "least velocity in the last turn; negative: opposite to the wave"),
+        "at_rest": ("1", "share of the last turn in which the ground holds the body"),
         "friction_forward": (
             "stress",
-            "friction per area from which on it never moves with the wave (on the ground)",
+            "least friction per area at which the body never moves with the wave (on the ground)",
         ),
-        "friction_backward": ("stress", "the same against the wave"),
-        "friction": ("stress", "the ground's, per area, against motion with the wave"),
-        "mass": ("1", "per area times *ω d*/*η*"),
-        "weight": ("1", "per area times (*k d*)²/(*η ω*)"),
-        "draught": ("1", "of a float over the mean thickness of the film (SI)"),
-        "turn": ("time", "between the last two troughs"),
+        "friction_backward": (
+            "stress",
+            "least friction per area at which the body never moves opposite to the wave (on the "
+            "ground)",
+        ),
+        "friction": ("stress", "friction of the ground per area, against motion with the wave"),
+        "mass": ("1", "mass per area times *ω d*/*η*"),
+        "weight": ("1", "weight per area times (*k d*)²/(*η ω*)"),
+        "draught": ("1", "draught of the float over the mean film thickness (SI)"),
+        "turn": ("time", "time between the last two troughs"),
         "wave_speed": ("speed", "speed of the wave (SI)"),
-        "wavelength": ("length", "of the wave (SI)"),
+        "wavelength": ("length", "wavelength of the wave (SI)"),
     }
     variables: ClassVar = {
         "time": ("time", ("time",), "time"),
-        "position": ("length", ("time",), "middle of the body"),
-        "velocity": ("speed", ("time",), "of the body"),
+        "position": ("length", ("time",), "position of the middle of the body"),
+        "velocity": ("speed", ("time",), "velocity of the body"),
         "xi": ("rad", ("xi",), "phase t - x of the wave"),
         "height": ("length", ("xi",), "thickness of the film"),
-        "velocity_massless": ("speed", ("xi",), "of the body without mass by phase"),
+        "velocity_massless": ("speed", ("xi",), "velocity of the body without mass over the phase"),
     }
 
     kind: Literal["film-body"]
     want: Annotated[
-        tuple[Literal["carried"], ...], says("", "`carried`: the body under the wave, its velocity")
+        tuple[Literal["carried"], ...],
+        says("", "`carried`: the body in the wave, and its velocity"),
     ] = ()
     film: Annotated[FilmTable, says("", "film and wave")]
     body: Annotated[BodyTable, says("", "the body")]
-    course: Annotated[RideTable, says("", "the time")] = field(default_factory=RideTable)
-    tolerance: Annotated[ToleranceTable, says("", "how exact simulations are")] = field(
+    course: Annotated[RideTable, says("", "duration of the simulation")] = field(
+        default_factory=RideTable
+    )
+    tolerance: Annotated[ToleranceTable, says("", "tolerances of the simulation")] = field(
         default_factory=ToleranceTable
     )
 
@@ -156,4 +174,4 @@ class FilmBodyScene(SceneTable, frozen=True, kw_only=True):
         fluid = self.film.fluid
         yield from self.body.faults(self.units, fluid.density if fluid else None)
         if self.film.tension and self.body.on == "surface":
-            yield "film.tension", "does not act on what floats; leave it out"
+            yield "film.tension", "has no effect on floats; leave it out"

@@ -1,4 +1,4 @@
-"""Scenes of kind "film-forward": which wave a film takes under a given travelling field."""
+"""Tables of scenes of kind "film-forward": the wave of a film in a given travelling field."""
 
 from __future__ import annotations
 
@@ -41,40 +41,40 @@ Name = Annotated[str, Meta(min_length=1, description="text that is not empty")]
 
 
 class FieldTable(Table, frozen=True, kw_only=True):
-    """A field over one wavelength, by `samples` or from a `file`.
+    """A field over one wavelength, from `samples` or a `file`.
 
-    Values are at equidistant phases *ξ* = *t* − *x* from 0 on, the end left out.
+    Values are at equidistant phases *ξ* = *t* − *x* from 0 on, without the end.
 
-    The result of a row of coils is such a field: `file` is the folder of a
-    [`coil-inverse`](coil-inverse.md) run, `variable = "pressure_mean"`, `film.delta` and
-    `film.tension` those of its wave. `file` is relative to the scene's folder, so write a scene of
-    your own beside the results, without `[branch]`. Under the packaged row's field the film is
-    after 100 periods within 0.007 of the steady film, itself within 0.017 of the wave; it still
-    moves slowly, and pumps 0.0318 against 0.0334.
+    The result of a row of coils can be used: `file` is the folder of a
+    [`coil-inverse`](coil-inverse.md) run, `variable = "pressure_mean"`, and `film.delta` and
+    `film.tension` are those of its wave. `file` is relative to the scene's folder, so write a new
+    scene beside the results, without `[branch]`. In the field of the packaged row, the film after
+    100 periods is within 0.007 of the steady film, which is within 0.017 of the wave. The film
+    still moves slowly, and pumps 0.0318 instead of 0.0334.
     """
 
-    samples: Annotated[Samples | None, says("", "the values themselves")] = None
+    samples: Annotated[Samples | None, says("", "values of the field")] = None
     file: Annotated[
         Name | None,
         says(
             "",
-            "a table (`.csv`, `.txt`, `.tsv`, `.dat`: one column, or *ξ* and the values, units in "
-            "the head are converted), or an "
-            "earlier result, its folder or its `result.nc`",
+            "a table (`.csv`, `.txt`, `.tsv`, `.dat`) with one column, or with *ξ* and the "
+            "values, in the units of its head; or an earlier result, as its folder or its "
+            "`result.nc`",
         ),
     ] = None
-    variable: Annotated[Name | None, says("", "which variable of the result")] = None
+    variable: Annotated[Name | None, says("", "variable of the result")] = None
     quantity: Annotated[
         Literal["pressure", "field_squared", "field"],
         says(
             "",
-            "whether values are (*μ* − 1)*H*²/(8π) over *P*, *H*² or *H*; in SI scenes the last "
-            "two are in A²/m² and A/m",
+            "quantity of the values: (*μ* − 1)*H*²/(8π) over *P*, *H*² or *H*; in SI scenes the "
+            "last two are in A²/m² and A/m",
         ),
     ] = "pressure"
     mu_r: Annotated[
         Permeability | None,
-        says("1", "permeability, needed for *H* and *H*² in scenes without units"),
+        says("1", "relative permeability, required for *H* and *H*² in scenes without units"),
     ] = None
 
     def faults(self, units: str, folder: Path) -> Iterator[Fault]:
@@ -82,15 +82,17 @@ class FieldTable(Table, frozen=True, kw_only=True):
         if self.samples is None and self.file is None:
             yield "field.samples", "missing; write the values over a wavelength, or file"
         if self.samples is not None and self.file is not None:
-            yield "field.file", "stands beside samples; write one of them"
+            yield "field.file", "cannot be combined with samples; write one of them"
         if self.file is not None:
             yield from self._faults_of_file(self.file, folder)
         elif self.variable is not None:
-            yield "field.variable", "belongs to an earlier result; name it in file"
+            yield "field.variable", "needs an earlier result; name it in file"
         if self.quantity != "pressure" and units != "SI" and self.mu_r is None:
             yield "field.mu_r", f'missing; quantity = "{self.quantity}" needs the permeability'
         if self.mu_r is not None and (units == "SI" or self.quantity == "pressure"):
-            what = "film.fluid has it" if units == "SI" else "does not act on a pressure"
+            what = (
+                "is already given by film.fluid" if units == "SI" else "has no effect on a pressure"
+            )
             yield "field.mu_r", f"{what}; leave it out"
 
     def _faults_of_file(self, name: str, folder: Path) -> Iterator[Fault]:
@@ -99,105 +101,120 @@ class FieldTable(Table, frozen=True, kw_only=True):
         if unreadable:
             yield "field.file", f'"{name}" cannot be read from {folder}: {unreadable}'
         if is_table and self.variable is not None:
-            yield "field.variable", "belongs to an earlier result; a table has columns only"
+            yield "field.variable", "applies to an earlier result, not to a table; leave it out"
         if not is_table and self.variable is None:
-            yield "field.variable", "missing; write which variable of the result the field is"
+            yield (
+                "field.variable",
+                "missing; write the variable of the result that contains the field",
+            )
 
 
 class StartTable(Table, frozen=True, kw_only=True):
     """The film at time 0."""
 
     shape: Annotated[
-        Literal["flat", "wave", "samples"], says("", "flat, the prescribed wave, or given")
+        Literal["flat", "wave", "samples"],
+        says("", "shape: flat, the prescribed wave, or given samples"),
     ] = "flat"
     samples: Annotated[
-        Thicknesses | None, says("1", "thickness at equidistant phases from 0 on, of mean 1")
+        Thicknesses | None, says("1", "thickness at equidistant phases from 0 on, with mean 1")
     ] = None
-    nudge: Annotated[Finite, says("1", "a ripple `nudge` cos(`harmonic` *ξ*) on top")] = 0.0
+    nudge: Annotated[
+        Finite, says("1", "amplitude of an added ripple `nudge` cos(`harmonic` *ξ*)")
+    ] = 0.0
     harmonic: Annotated[
         int,
         Meta(ge=1, le=16, description="a whole number from 1 to 16"),
-        says("count", "which harmonic the ripple is"),
+        says("count", "harmonic of the ripple"),
     ] = 1
 
 
 class GridTable(Table, frozen=True, kw_only=True):
-    """How finely the film is resolved."""
+    """Resolution of the film."""
 
     points: Annotated[
         int,
         Meta(ge=32, le=512, description="a whole number from 32 to 512"),
-        says("count", "equidistant points over a wavelength at first"),
+        says("count", "initial number of equidistant points over a wavelength"),
     ] = 128
     most: Annotated[
         int,
         Meta(ge=32, le=2048, description="a whole number from 32 to 2048"),
-        says("count", "points up to which they are doubled until two resolutions agree"),
+        says("count", "largest number of points; they are doubled until two resolutions agree"),
     ] = 512
-    order: Annotated[Literal[4, 6, 8, 10, 12, 14], says("count", "of the differences")] = 12
+    order: Annotated[
+        Literal[4, 6, 8, 10, 12, 14], says("count", "order of the finite differences")
+    ] = 12
     agreement: Annotated[
         float,
         Meta(gt=0, le=0.1, description="a number above 0, up to 0.1"),
-        says("1", "by how much the ends of two resolutions may differ"),
+        says("1", "accepted difference between the end states of two resolutions"),
     ] = 1e-2
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
-    """How long the film is followed."""
+    """Duration of the simulation."""
 
     periods: Annotated[
-        float, Meta(ge=1, le=1e5, description="a number from 1 to 1e5"), says("1", "of the wave")
+        float,
+        Meta(ge=1, le=1e5, description="a number from 1 to 1e5"),
+        says("1", "number of wave periods"),
     ] = 100.0
     samples: Annotated[
         int,
         Meta(ge=20, le=20_000, description="a whole number, 20 to 20000"),
-        says("count", "times that are kept"),
+        says("count", "number of times in the result"),
     ] = 401
     rupture: Annotated[
         float,
         Meta(gt=0, lt=1, description="a number above 0 and below 1"),
-        says("1", "a film thinner than this share of its mean counts as broken: an assumption"),
+        says(
+            "1",
+            "a film thinner than this share of its mean counts as ruptured; this is an assumption",
+        ),
     ] = 0.02
     settled: Annotated[
         float,
         Meta(gt=0, le=1e-2, description="a number above 0, up to 0.01"),
-        says("1", "distance from a steady film at which it counts as reached"),
+        says("1", "distance from a steady film below which it counts as reached"),
     ] = 1e-6
 
 
 class StepsTable(Table, frozen=True, kw_only=True):
-    """How exact the motion shall be."""
+    """Tolerances of the simulation."""
 
     relative: Annotated[
         float,
         Meta(ge=1e-12, le=1e-3, description="a number from 1e-12 to 1e-3"),
-        says("1", "error of a step, against the size of a state"),
+        says("1", "relative error per step, against the size of a state"),
     ] = 1e-8
-    absolute: Annotated[Positive, says("1", "the same, against 1")] = 1e-10
+    absolute: Annotated[Positive, says("1", "absolute error per step, against 1")] = 1e-10
     max_steps: Annotated[
         int,
         Meta(ge=1, le=10**9, description="a whole number, 1 or above"),
-        says("count", "steps after which a run is given up"),
+        says("count", "largest number of steps of a run"),
     ] = 200_000
     recheck: Annotated[
-        bool, says("", "whether the motion is found again to a hundredth of these tolerances")
+        bool, says("", "whether the simulation is repeated with a hundredth of these tolerances")
     ] = True
 
 
 class MapTable(Table, frozen=True, kw_only=True):
-    """Where a flat film goes under the field of every cosine wave.
+    """Final states of flat films in the fields of many cosine waves.
 
-    The map is content with one resolution where harmonics have died out.
+    The map uses a single resolution where harmonics have decayed.
     """
 
     delta: Annotated[Amplitudes, says("1", "amplitudes, ascending")]
-    tension: Annotated[Tensions, says("1", "numbers *W* of surface tension, ascending")]
+    tension: Annotated[Tensions, says("1", "values of the surface tension *W*, ascending")]
 
 
 class BranchTable(Table, frozen=True, kw_only=True):
-    """Steady films followed along the amplitude of the cosine wave that the field prescribes."""
+    """Continuation of steady films in the amplitude of the prescribed cosine wave."""
 
-    delta: Annotated[SharePair, says("1", "least and largest amplitude; folds are gone around")]
+    delta: Annotated[
+        SharePair, says("1", "least and largest amplitude; the continuation passes folds")
+    ]
     points: Annotated[
         int,
         Meta(ge=32, le=256, description="a whole number from 32 to 256"),
@@ -209,95 +226,102 @@ _MAP = ("map_delta", "map_tension")
 
 
 class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
-    """What a film does under a travelling field.
+    """Dynamics of a film in a travelling field.
 
-    Does the film take the wave for which the field was made, and is the wave stable? Theory:
-    [theory-film.md](../theory-film.md#3-forward-problem). `[film]` is the prescribed wave, with
-    the least field that holds it, and surface tension. With `[field]` another field acts; the wave
-    may then be left out, or is what the film is compared with. All results are without units, in
-    the scales of (25), in SI scenes too.
+    It answers whether the film takes the wave for which the field was made, and whether that wave
+    is stable. Theory: [theory-film.md](../theory-film.md#3-forward-problem). `[film]` is the
+    prescribed wave with its surface tension, in the least field that holds it. `[field]` replaces
+    that field; the wave may then be left out, or is used for comparison. All results are
+    dimensionless, in the scales of eq. 25 of Zimmermann et al. 2007, in SI scenes too.
 
-    Refused: surface tension 0 (the equation is then of first order and its fronts break), fields
-    that jump from their last sample to their first, permeabilities not above 1, too few points
-    for the order.
+    Not allowed: surface tension 0, with which the equation is of first order and its fronts break;
+    fields that jump from their last sample to their first; permeabilities of 1 or below; too few
+    points for the order.
 
-    The trust report: both resolutions with their outcomes and difference, the share of the highest
-    harmonics, the run with tighter tolerances, residuals of Newton's method, the closed form of the
-    wave against the film the points hold (`closed_form_difference`), assumptions. A film that ends
-    otherwise on twice the points, or with tighter tolerances, is `failed`.
+    The trust report contains both resolutions with outcomes and difference, the share of the
+    highest harmonics, the run with tighter tolerances, residuals of Newton's method, the difference
+    between the closed form of the wave and the film on the points (`closed_form_difference`), and
+    assumptions. The status is `failed` if twice the points or tighter tolerances change the
+    outcome.
     """
 
     scalars: ClassVar = {
         "outcome": (
             "1",
-            "`wave`: it settles on the prescribed wave (under a field of its own: on the steady "
-            "film next to that wave); `other`: on another steady film; `moving`: it still moves at "
-            "the end; `breaks`: it becomes thinner than `rupture`; `unresolved`: the points cannot "
-            "hold it, status `failed`",
+            "`wave`: the film converges to the prescribed wave (with `[field]`: to the steady "
+            "film closest to that wave); `other`: to another steady film; `moving`: it still "
+            "moves at the end; `breaks`: it becomes thinner than `rupture`; `unresolved`: the "
+            "points do not resolve it, status `failed`",
         ),
         "distance_to_wave": (
             "1",
-            "largest difference of thickness at the end from the prescribed wave",
+            "largest difference between the thickness at the end and the prescribed wave",
         ),
-        "distance_to_steady": ("1", "the same from the steady film next to the end"),
+        "distance_to_steady": (
+            "1",
+            "largest difference between the thickness at the end and the closest steady film",
+        ),
         "growth_rate_max": (
             "1",
-            "largest rate at which small deviations grow from the prescribed wave (under a field "
-            "of its own: from the steady film next to it); below 0: stable",
+            "largest growth rate of small deviations from the prescribed wave (with `[field]`: "
+            "from the closest steady film); below 0: stable",
         ),
-        "growth_rate_end": ("1", "the same from the steady film next to the end"),
+        "growth_rate_end": (
+            "1",
+            "largest growth rate of small deviations from the steady film closest to the end",
+        ),
         "mean_flow": ("1", "mean of *Q* at the end"),
-        "mean_flow_wave": ("1", "of the prescribed wave"),
+        "mean_flow_wave": ("1", "mean of *Q* for the prescribed wave"),
         "volume_error": ("1", "largest deviation of the mean thickness from 1"),
         "thickness_max": ("1", "largest thickness at the end"),
         "thickness_min": ("1", "least thickness at the end"),
         "thickness_least": ("1", "least thickness over all times"),
-        "broke_time": ("1", "when it broke"),
-        "broke_xi": ("rad", "where it broke"),
+        "broke_time": ("1", "time of rupture"),
+        "broke_xi": ("rad", "phase of rupture"),
         "tension_number": ("1", "*W*"),
-        "rupture_thickness": ("1", "as in the scene"),
-        "points": ("count", "points at last"),
-        "branches": ("count", "how many branches of steady films were followed"),
-        "delta_fold": ("1", "amplitudes at which they turn back"),
+        "rupture_thickness": ("1", "rupture thickness, as in the scene"),
+        "points": ("count", "final number of points"),
+        "branches": ("count", "number of branches of steady films"),
+        "delta_fold": ("1", "amplitudes of the folds"),
         "delta_stability": ("1", "amplitudes near which stability changes"),
-        "map_wave": ("count", "films of the map that take the wave"),
-        "map_other": ("count", "films of the map that settle elsewhere"),
+        "map_wave": ("count", "films of the map that converge to the wave"),
+        "map_other": ("count", "films of the map that converge to another steady film"),
         "map_moving": ("count", "films of the map that still move"),
-        "map_breaks": ("count", "films of the map that break"),
-        "map_unresolved": ("count", "films of the map that the points cannot hold"),
-        "map_wave_unstable": ("count", "waves of the map that are not stable"),
+        "map_breaks": ("count", "films of the map that rupture"),
+        "map_unresolved": ("count", "films of the map that the points do not resolve"),
+        "map_wave_unstable": ("count", "unstable waves of the map"),
         "map_wave_stable_not_reached": (
             "count",
-            "waves of the map that are stable, but not where the flat film goes",
+            "stable waves of the map that the flat film does not reach",
         ),
     }
     variables: ClassVar = {
         "xi": ("rad", ("xi",), "phase t - x"),
         "time": ("1", ("time",), "time"),
-        "thickness": ("1", ("time", "xi"), "thickness over the mean one"),
+        "thickness": ("1", ("time", "xi"), "thickness over the mean thickness"),
         "thickness_end": ("1", ("xi",), "thickness at the end"),
         "thickness_wave": ("1", ("xi",), "prescribed thickness"),
         "flow_end": ("1", ("xi",), "flow Q at the end"),
         "field_pressure": ("1", ("xi",), "(mu - 1) H² / (8 pi)"),
-        "growth_wave": ("1", ("mode_wave",), "rates of growth"),
-        "swing_wave": ("1", ("mode_wave",), "angular rates"),
-        "growth_end": ("1", ("mode_end",), "rates of growth"),
-        "swing_end": ("1", ("mode_end",), "angular rates"),
+        "growth_wave": ("1", ("mode_wave",), "growth rates of the prescribed wave"),
+        "swing_wave": ("1", ("mode_wave",), "angular frequencies of the prescribed wave's modes"),
+        "growth_end": ("1", ("mode_end",), "growth rates of the steady film at the end"),
+        "swing_end": ("1", ("mode_end",), "angular frequencies of its modes"),
         "branch_delta": ("1", ("branch",), "amplitude of the wave that the field prescribes"),
         "branch_thickness_max": ("1", ("branch",), "largest thickness"),
         "branch_thickness_min": ("1", ("branch",), "least thickness"),
         "branch_mean_flow": ("1", ("branch",), "mean flow"),
-        "branch_growth": ("1", ("branch",), "largest rate of growth"),
-        "branch_number": ("1", ("branch",), "number of the branch"),
+        "branch_growth": ("1", ("branch",), "largest growth rate"),
+        "branch_number": ("1", ("branch",), "index of the branch"),
         "map_delta": ("1", ("map_delta",), "amplitude of the wave"),
         "map_tension": ("1", ("map_tension",), "surface tension W"),
         "map_outcome": ("1", _MAP, "0 wave, 1 other, 2 moving, 3 breaks, 4 unresolved"),
         "map_distance": ("1", _MAP, "distance from the prescribed wave at the end"),
-        "map_growth": ("1", _MAP, "largest rate of growth on the prescribed wave"),
-        "map_growth_end": ("1", _MAP, "largest rate of growth on the steady film at the end"),
+        "map_growth": ("1", _MAP, "largest growth rate of the prescribed wave"),
+        "map_growth_end": ("1", _MAP, "largest growth rate of the steady film at the end"),
         "map_crest": ("1", _MAP, "largest thickness at the end"),
         "map_least": ("1", _MAP, "least thickness over time"),
-        "map_time": ("1", _MAP, "time until the end, or until it broke"),
+        "map_time": ("1", _MAP, "time of the end, or of rupture"),
         "map_points": ("1", _MAP, "points"),
     }
 
@@ -311,41 +335,49 @@ class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
         ),
     ] = ()
     film: Annotated[FilmTable, says("", "prescribed wave, and surface tension above 0")]
-    field: Annotated[FieldTable | None, says("", "another field that acts instead")] = None
+    field: Annotated[
+        FieldTable | None, says("", "another field that replaces that of the prescribed wave")
+    ] = None
     start: Annotated[StartTable, says("", "the film at time 0")] = msgspec.field(
         default_factory=StartTable
     )
-    course: Annotated[CourseTable, says("", "the time")] = msgspec.field(
+    course: Annotated[CourseTable, says("", "duration of the simulation")] = msgspec.field(
         default_factory=CourseTable
     )
-    grid: Annotated[GridTable, says("", "the points")] = msgspec.field(default_factory=GridTable)
-    tolerance: Annotated[StepsTable, says("", "how exact simulations are")] = msgspec.field(
+    grid: Annotated[GridTable, says("", "resolution of the film")] = msgspec.field(
+        default_factory=GridTable
+    )
+    tolerance: Annotated[StepsTable, says("", "tolerances of the simulation")] = msgspec.field(
         default_factory=StepsTable
     )
     branch: Annotated[
-        BranchTable | None, says("", "steady films along the amplitude; none if left out")
+        BranchTable | None, says("", "continuation of steady films in the amplitude; default: none")
     ] = None
-    map: Annotated[MapTable | None, says("", "flat films under other fields; none if left out")] = (
-        None
-    )
+    map: Annotated[MapTable | None, says("", "flat films in many fields; default: none")] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
         for key, message in self.film.faults(self.units):
-            # with a field of its own a scene needs no wave
+            # With a given field, a scene needs no wave.
             if self.field is None or not (key == "film.delta" and "missing" in message):
                 yield key, message
         yield from self._faults_of_tension()
         if self.film.eps is not None and self.units != "SI":
-            yield "film.eps", "is 0 here, as lubrication has it; leave it out"
+            yield (
+                "film.eps",
+                "is 0 in this kind, since lubrication theory neglects it; leave it out",
+            )
         if self.field is not None:
             yield from self.field.faults(self.units, folder)
         yield from self._faults_of_start()
         if self.grid.most < self.grid.points:
             yield "grid.most", f"is less than grid.points; write at least {self.grid.points}"
         if self.grid.points < 2 * self.grid.order:
-            yield "grid.points", f"too few for order {self.grid.order}; write {2 * self.grid.order}"
+            yield (
+                "grid.points",
+                f"is too small for order {self.grid.order}; write {2 * self.grid.order}",
+            )
         yield from self._faults_of_tables()
 
     @property
@@ -356,24 +388,27 @@ class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
 
     def _faults_of_tension(self) -> Iterator[Fault]:
         why = (
-            "without surface tension nothing smooths the film: the equation is of first order and "
-            "its fronts steepen until they break"
+            "without surface tension the equation is of first order, and its fronts steepen "
+            "until they break"
         )
         if self.units != "SI" and self.film.tension is None:
-            yield "film.tension", "missing; write the number W of surface tension, 0.1 say"
+            yield "film.tension", "missing; write the surface tension W, for example 0.1"
         elif self.film.tension == 0:
-            yield "film.tension", f"must be above 0; {why}; write 0.1, say"
+            yield "film.tension", f"is not above 0; {why}; write 0.1, for example"
         if self.film.fluid is not None and self.film.fluid.surface_tension == 0:
-            yield "film.fluid.surface_tension", f"must be above 0; {why}"
+            yield "film.fluid.surface_tension", f"is not above 0; {why}"
 
     def _faults_of_start(self) -> Iterator[Fault]:
         start = self.start
         if start.shape == "wave" and not self.has_wave:
-            yield "start.shape", "there is no prescribed wave; write film.delta"
+            yield "start.shape", "needs a prescribed wave; write film.delta"
         if start.shape == "samples" and start.samples is None:
             yield "start.samples", "missing; write the thickness over a wavelength"
         if start.shape != "samples" and start.samples is not None:
-            yield "start.samples", 'goes with shape = "samples"'
+            yield (
+                "start.samples",
+                'applies to shape = "samples" only; write it, or leave samples out',
+            )
 
     def _faults_of_tables(self) -> Iterator[Fault]:
         cosine = self.field is None and self.film.delta is not None
@@ -383,14 +418,17 @@ class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
             yield from wrong_order("branch.delta", self.branch.delta, may_be_equal=False)
             least, largest = self.branch.delta
             if cosine and not least <= (self.film.delta or 0) <= largest:
-                yield "branch.delta", f"does not hold film.delta = {self.film.delta:g}"
+                yield "branch.delta", f"does not contain film.delta = {self.film.delta:g}"
             if self.branch.points < 2 * self.grid.order:
-                yield "branch.points", f"too few for order {self.grid.order}"
+                yield (
+                    "branch.points",
+                    f"is too small for order {self.grid.order}; write {2 * self.grid.order}",
+                )
         if self.map is None:
             if "basins" in self.want:
-                yield "map", 'missing; want = ["basins"] draws it'
+                yield "map", 'missing; want = ["basins"] needs it'
             return
         for name in ("delta", "tension"):
             values = getattr(self.map, name)
             if list(values) != sorted(set(values)):
-                yield f"map.{name}", "must ascend, no value twice"
+                yield f"map.{name}", "is not strictly ascending; sort it, without repetitions"

@@ -1,4 +1,4 @@
-"""Scenes of kind "film-wave": the wave of a film of magnetic fluid that does something best."""
+"""Tables of scenes of kind "film-wave": the optimal wave of a film of magnetic fluid."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Crests = Annotated[int, Meta(ge=1, le=12, description="a whole number from 1 to 
 Values = Annotated[
     tuple[Positive, ...], Meta(min_length=1, max_length=32, description="1 to 32 numbers above 0")
 ]
-# Each decade below takes four times as long, for a wave that carries the same to a share of 1e-3.
+# Each decade below takes four times as long, and changes the flow by a share of 1e-3.
 Tension = Annotated[
     float, Meta(ge=1e-6, le=1e300, description="1e-6 or more: below, fronts are all but corners")
 ]
@@ -40,154 +40,173 @@ class WavyFilmTable(Table, frozen=True, kw_only=True):
 
     tension: Annotated[
         Tension,
-        says("1", "number *W* of surface tension; without any the field could make corners"),
+        says("1", "surface tension *W*; without it the field could make corners"),
     ]
 
 
 class WaveLimitsTable(Table, frozen=True, kw_only=True):
-    """What the wave must keep to."""
+    """Limits of the wave."""
 
     thickness: Annotated[
-        Pair, says("1", "bounds of the thickness over its mean, 1, which lies between them")
+        Pair, says("1", "bounds of the thickness over its mean 1, which lies between them")
     ]
     field: Annotated[
         Positive | None,
-        says("1", "largest range of the field; required, but refused with `minimise`"),
+        says(
+            "1", "upper limit of the range of the field; required, but not allowed with `minimise`"
+        ),
     ] = None
     gradient: Annotated[
         Positive | None,
-        says("1", "largest slope of the field by the phase; without it the field may jump"),
+        says(
+            "1", "upper limit of the slope of the field over the phase; default: the field may jump"
+        ),
     ] = None
 
 
 class WaveAimTable(Table, frozen=True, kw_only=True):
-    """What the wave is to be good at: exactly one of `maximise` and `minimise`.
+    """Objective of the wave: exactly one of `maximise` and `minimise`.
 
-    `minimise` needs `mean_flow`, `capture`, or both. With `float_speed` the wave of the largest
-    flow is taken if it holds the float (speed 1); if not, a wave that holds it is sought; if there
-    is none, that of the largest drift.
+    `minimise` requires `mean_flow`, `capture`, or both. With `float_speed`, the wave with the
+    largest flow is the result if it holds the float (speed 1). Otherwise a wave that holds the
+    float is searched for; if none exists, the result is the wave with the largest drift.
     """
 
     maximise: Annotated[
         Literal["mean_flow", "float_speed"] | None,
-        says("", "mean flow; or mean velocity of a small float"),
+        says("", "mean flow, or mean velocity of a small float"),
     ] = None
     minimise: Annotated[Literal["field"] | None, says("", "range of the field")] = None
-    mean_flow: Annotated[Flow | None, says("1", "least mean flow, with `minimise`")] = None
+    mean_flow: Annotated[
+        Flow | None, says("1", "lower limit of the mean flow, with `minimise`")
+    ] = None
     capture: Annotated[
-        bool, says("", "whether the wave shall hold a small float, with `minimise`")
+        bool, says("", "whether the wave must hold a small float, with `minimise`")
     ] = False
 
     def faults(self) -> Iterator[Fault]:
-        """Yield what does not fit together."""
+        """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
             yield (
                 "aim",
-                'write maximise = "mean_flow", maximise = "float_speed" or minimise = "field", '
-                "one of them",
+                'needs exactly one of maximise = "mean_flow", maximise = "float_speed" and '
+                'minimise = "field"',
             )
         elif self.minimise and self.mean_flow is None and not self.capture:
-            yield "aim", "no wave takes the least field: write mean_flow = 0.3, say, or capture"
+            yield (
+                "aim",
+                "is missing a requirement, since the least field makes no wave; write mean_flow = "
+                "0.3, for example, or capture",
+            )
         elif self.maximise and self.mean_flow is not None:
-            yield "aim.mean_flow", 'belongs to minimise = "field"; leave it out'
+            yield "aim.mean_flow", 'applies to minimise = "field" only; leave it out'
         elif self.maximise and self.capture:
-            yield "aim.capture", 'belongs to minimise = "field"; leave it out'
+            yield "aim.capture", 'applies to minimise = "field" only; leave it out'
 
 
 class WaveSearchTable(Table, frozen=True, kw_only=True):
-    """Where searches begin."""
+    """Starting points of the search."""
 
     crests: Annotated[
         Crests,
         says(
             "count",
-            "searches begin with waves of 1, 2, … up to so many crests alike; where a float is to "
-            "be held also with one crest higher than the others",
+            "largest number of crests at the start: waves with 1, 2, … equal crests; if a float "
+            "must be held, also with one crest higher than the others",
         ),
     ] = 3
 
 
 class WaveMapTable(Table, frozen=True, kw_only=True):
-    """Other films and fields, with `maximise = "mean_flow"`: every tension with every field."""
+    """Combinations of other films and fields, with `maximise = "mean_flow"`."""
 
-    tension: Annotated[Tensions | None, says("1", "numbers *W*; that of the film if left out")] = (
+    tension: Annotated[Tensions | None, says("1", "values of *W*; default: that of the film")] = (
         None
     )
     field: Annotated[
-        Values | None, says("1", "ranges of the field; that of the limits if left out")
+        Values | None, says("1", "ranges of the field; default: that of the limits")
     ] = None
 
 
 class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
-    """The best wave of a film, beside the cosine wave within the same limits.
+    """The best wave of a film, compared with the cosine wave within the same limits.
 
-    The wave carries most, moves a small float fastest, or needs the least field. Theory, and what
-    is found: [theory-film.md](../theory-film.md#4-wave-design). Without units, scaled by (25):
-    fields are (*μ* − 1)*H*²/(8π) over *P*, and only their range counts, from least to largest over
-    a wavelength; `Fluid.field` turns them into A/m.
+    The wave has the largest mean flow, moves a small float fastest, or needs the least field.
+    Theory and results: [theory-film.md](../theory-film.md#4-wave-design). The scene is
+    dimensionless, in the scales of eq. 25 of Zimmermann et al. 2007. Fields are (*μ* − 1)*H*²/(8π)
+    over *P*, and only their range over a wavelength matters; `Fluid.field` converts them to A/m.
 
-    Refused is what no field can do: a mean flow from `mean_flow_supremum` on, and capture where
-    even that flow would not do.
+    Not allowed are requirements that no field can meet: a mean flow of `mean_flow_supremum` or
+    more, and capture where even that flow does not suffice.
 
-    Where the field jumps, variables over `xi` hold what is just before and just after; a crest is
-    at 0. Those of the sweep are not a number where no wave was found that stands its checks.
+    Where the field jumps, variables over `xi` hold the values just before and just after. A crest
+    is at 0. Variables of the sweep are NaN where no wave passes its checks.
 
-    The trust report has `starts` (what each led to), and `checks` beside `accepted`: *C*, mean and
-    bounds of the thickness, range of the field and the field itself (mean difference over its
-    range) by quadrature of (30) and second differences, its slope where limited, and what the aim
-    asks. Where one does not hold the status is `failed`.
+    The trust report has `starts` (the result of each), and `checks` beside `accepted`. By
+    quadrature of eq. 30 and second differences, these check *C*, mean and bounds of the thickness,
+    range of the field, the field itself (mean difference over its range), its slope where limited,
+    and the requirements. If one is violated, the status is `failed`.
     """
 
     scalars: ClassVar = {
         "mean_flow": ("1", "1 + *C*, by quadrature over the thickness found"),
-        "c_constant": ("1", "*C*, by the same"),
+        "c_constant": ("1", "*C*, by the same quadrature"),
         "mean_flow_cosine": (
             "1",
-            "of the largest cosine wave within the limits; with `minimise` of the smallest that "
-            "does what is asked, unknown where the thickness or the gradient does not allow it",
+            "mean flow of the largest cosine wave within the limits; with `minimise` of the "
+            "smallest that meets the requirements, unknown where thickness or gradient do not "
+            "allow it",
         ),
         "cosine_delta": ("1", "amplitude of that wave"),
-        "mean_flow_supremum": ("1", "no wave between the thicknesses carries more, at any field"),
-        "gap_to_supremum": ("1", "distance to it"),
+        "mean_flow_supremum": (
+            "1",
+            "least upper bound of the mean flow of all waves between the thicknesses, at any field",
+        ),
+        "gap_to_supremum": ("1", "difference between that bound and the mean flow"),
         "gain": (
             "1",
-            "over the cosine wave: ratio of the flows, of the drifts, or how many times less field",
+            "gain over the cosine wave: ratio of the flows, or of the drifts, or of the fields "
+            "(how many times less)",
         ),
-        "crests": ("count", "how often the wave rises through its mean in a wavelength"),
+        "crests": ("count", "number of upward crossings of the mean thickness in a wavelength"),
         "field_range": ("1", "range of the field"),
-        "field_range_cosine": ("1", "that of the cosine wave"),
+        "field_range_cosine": ("1", "range of the field of the cosine wave"),
         "captured": ("1", "whether the wave holds a small float"),
         "float_drift": (
             "1",
-            "mean velocity of a small float over that of the wave; 1 if it is held",
+            "mean velocity of a small float over the wave speed; 1 if it is held",
         ),
-        "float_drift_cosine": ("1", "the same on the cosine wave"),
-        "capture_margin": ("1", "largest thickness + 3*C*; from −1e-6 on a float is held"),
+        "float_drift_cosine": ("1", "mean velocity of a small float on the cosine wave"),
+        "capture_margin": ("1", "largest thickness + 3*C*; a float is held from −1e-6 on"),
         "thickness_min": ("1", "least thickness of the wave"),
         "thickness_max": ("1", "largest thickness of the wave"),
-        "plateau_share": ("1", "share of the wave that lies at a bound of the thickness"),
-        "tension_number": ("1", "as in the scene"),
-        "thickness_limits": ("1", "as in the scene"),
-        "field_limit": ("1", "as in the scene"),
-        "n_phases": ("count", "phases between switches of the field, in a wavelength"),
+        "plateau_share": ("1", "share of the wave at a bound of the thickness"),
+        "tension_number": ("1", "surface tension *W*, as in the scene"),
+        "thickness_limits": ("1", "bounds of the thickness, as in the scene"),
+        "field_limit": ("1", "upper limit of the field's range, as in the scene"),
+        "n_phases": ("count", "number of phases between switches of the field, in a wavelength"),
         "defect_max": OPTIMUM["defect_max"],
         "recheck_error": (
             "1",
-            "difference of *C* between optimiser and quadrature; 1e-6 is accepted",
+            "difference of *C* between optimiser and quadrature; up to 1e-6 is accepted",
         ),
         "solve_iterations": OPTIMUM["solve_iterations"],
     }
     variables: ClassVar = {
         "xi": ("rad", ("xi",), "phase t - x"),
         "height": ("1", ("xi",), "thickness over its mean"),
-        "height_slope": ("1", ("xi",), "slope of the thickness by the phase"),
-        "field_pressure": ("1", ("xi",), "field (mu - 1) H^2 / (8 pi), least"),
+        "height_slope": ("1", ("xi",), "slope of the thickness over the phase"),
+        "field_pressure": ("1", ("xi",), "least field as (mu - 1) H^2 / (8 pi)"),
         "surface_velocity": ("1", ("xi",), "velocity of the surface over that of the wave"),
         "xi_cosine": ("rad", ("xi_cosine",), "phase t - x"),
         "height_cosine": ("1", ("xi_cosine",), "thickness of the cosine wave"),
-        "field_pressure_cosine": ("1", ("xi_cosine",), "its least field (mu - 1) H^2 / (8 pi)"),
-        "surface_velocity_cosine": ("1", ("xi_cosine",), "velocity of its surface"),
-        "sweep_tension": ("1", ("sweep_tension",), "number W of surface tension"),
+        "field_pressure_cosine": (
+            "1",
+            ("xi_cosine",),
+            "least field of the cosine wave as (mu - 1) H^2 / (8 pi)",
+        ),
+        "surface_velocity_cosine": ("1", ("xi_cosine",), "surface velocity of the cosine wave"),
+        "sweep_tension": ("1", ("sweep_tension",), "surface tension W"),
         "sweep_field": ("1", ("sweep_field",), "largest range of the field"),
         "sweep_mean_flow": ("1", ("sweep_tension", "sweep_field"), "largest mean flow"),
         "sweep_mean_flow_cosine": (
@@ -199,20 +218,21 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
     }
 
     kind: Literal["film-wave"]
-    units: Annotated[Literal["dimensionless"], says("", "numbers are scaled by (25)")] = (
-        "dimensionless"
-    )
+    units: Annotated[
+        Literal["dimensionless"],
+        says("", "dimensionless, in the scales of eq. 25 of Zimmermann et al. 2007"),
+    ] = "dimensionless"
     want: Annotated[
         tuple[Literal["film_wave"], ...],
-        says("", "`film_wave`: shape, field and speed of the surface, and other films if swept"),
+        says("", "`film_wave`: shape, field and surface velocity, and other films if swept"),
     ] = ()
     film: Annotated[WavyFilmTable, says("", "the film")]
-    limits: Annotated[WaveLimitsTable, says("", "what the wave must keep to")]
-    aim: Annotated[WaveAimTable, says("", "what it is to be good at")]
+    limits: Annotated[WaveLimitsTable, says("", "limits of the wave")]
+    aim: Annotated[WaveAimTable, says("", "objective of the wave")]
     mesh: Annotated[
-        MeshTable, says("", "how finely; 60 arcs if left out, and a degree of at least 3")
+        MeshTable, says("", "mesh over the phase; default: 60 arcs; the degree is at least 3")
     ] = field(default_factory=lambda: MeshTable(arcs=60))
-    search: Annotated[WaveSearchTable, says("", "where to begin")] = field(
+    search: Annotated[WaveSearchTable, says("", "starting points of the search")] = field(
         default_factory=WaveSearchTable
     )
     map: Annotated[WaveMapTable | None, says("", "other films and fields")] = None
@@ -233,18 +253,21 @@ class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
         if self.aim.maximise and self.limits.field is None:
             yield "limits.field", "missing; write the largest range of the field"
         if self.aim.minimise and self.limits.field is not None:
-            yield "limits.field", 'is what minimise = "field" finds; leave it out'
+            yield "limits.field", 'is the result of minimise = "field"; leave it out'
         if self.mesh.degree < 3:
-            yield "mesh.degree", "the field is at least linear on every arc; write 3 or more"
+            yield (
+                "mesh.degree",
+                "is below 3, but the field is at least linear on every arc; write 3 or more",
+            )
         if self.map is not None:
             yield from self._faults_of_map(self.map)
 
     def _faults_of_map(self, table: WaveMapTable) -> Iterator[Fault]:
         if self.aim.maximise != "mean_flow":
-            yield "map", 'is for maximise = "mean_flow"; leave it out'
+            yield "map", 'needs maximise = "mean_flow"; leave [map] out'
         if table.tension is None and table.field is None:
-            yield "map", "is empty; write tension = [0.1, 0.03], say, or field = [...]"
+            yield "map", "is empty; write tension = [0.1, 0.03], for example, or field = [...]"
         for name in ("tension", "field"):
             values = getattr(table, name) or ()
             if len(set(values)) < len(values):
-                yield f"map.{name}", "the same number stands there twice; write it once"
+                yield f"map.{name}", "repeats a number; write each once"

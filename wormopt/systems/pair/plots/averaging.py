@@ -27,10 +27,10 @@ from wormopt.result import Result
 
 
 def reversals(result: Result) -> Figure:
-    """Prescribed velocities over a period with their reversals, and the course of the centre.
+    """Prescribed velocities over a period with their reversals, and the velocity of the centre.
 
-    Above: masses slide backward below the line at -V; dots: reversals of the exact motion.
-    Below: exact and averaged velocity of the centre, with the steady velocities.
+    Above: masses slide backward below the line at -V; dots: reversals of the exact motion. Below:
+    exact and averaged velocity of the centre, with the steady velocities.
     """
     drawn = sheet(7.1, 5.0, 5.0)
     above, below = drawn.subplots(2, 1)
@@ -65,7 +65,7 @@ def _draw_period(axes: Axes, result: Result) -> None:
     axes.set_ylabel(label("velocity relative\nto the centre", result["relative_velocity"].unit))
     told = [line("$-V$: a mass reverses", GREY, LIMIT, 0.9)]
     if "event_share" in result:
-        told.append(line("reversal, exactly", GREY, "none", marker="o"))
+        told.append(line("exact reversal", GREY, "none", marker="o"))
     legend(axes, [*handles("mass", len(relative), worm=False), *told])
 
 
@@ -86,7 +86,7 @@ def _draw_course(axes: Axes, result: Result) -> None:
     steady = zip(needed(result, "steady_velocities"), needed(result, "steady_stable"), strict=True)
     for V, stable in steady:
         axes.axhline(V, color=GREY if stable else RED, linewidth=1, linestyle=":", zorder=1.5)
-        text = "steady" if stable else "steady, not stable"
+        text = "steady" if stable else "steady, unstable"
         if text not in [entry.get_label() for entry in told]:
             colour = GREY if stable else RED
             told.append(line(text, colour, ":", 1))

@@ -1,4 +1,4 @@
-"""The best field of a magneto-elastic pair beside the harmonic one, and what the masses do."""
+"""Picture of the best field of a magneto-elastic pair, the harmonic field, and the motions."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from wormopt.plotting.parts import (
 )
 from wormopt.result import Result
 
-# Below the curves: what each mass does; forward is left white.
+# Contact state of each mass, below the curves; forward sliding is white.
 _DOES = {0: ("rests", "#D9A93A"), -1: ("slides back", "#D9C7D0")}
 
 
 def waveform(result: Result) -> Figure:
-    """Field, stretch and velocities over one period, and when masses rest and slide back.
+    """Field, stretch and velocities over one period, with times of rest and backward sliding.
 
-    Dashed: the harmonic field, and the stretch under it.
+    Dashed: the harmonic field, and the stretch in it.
     """
     drawn = sheet(7.1, 5.4, 5.8)
     rows = drawn.subplots(4, sharex=True, height_ratios=(2, 2, 2, 0.6))

@@ -1,1 +1,1 @@
-"""Runs of kinds about the pair."""
+"""Runners of the kinds of scenes about the pair."""

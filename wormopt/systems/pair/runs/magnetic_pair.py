@@ -1,4 +1,4 @@
-"""Scenes of kind ``magnetic-pair``: velocity of the pair from rest on, exactly and on average."""
+"""Run scenes of kind ``magnetic-pair``: velocity of the pair from rest, exact and averaged."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from wormopt.systems.pair.steady import Pair
 from wormopt.systems.shared.proof import CrossCheck, cross_check
 from wormopt.systems.shared.settings import tolerance_of
 
-# The average of first order shall settle, and agree with (19), to this.
+# Accepted distance of the average of first order from its steady state, and from eq. 19.
 _SETTLED = 1e-9
-# Velocities of consecutive means that differ by more, of their size, have not settled.
+# A motion whose consecutive mean velocities differ by a larger share has not converged.
 _DRIFT = 1e-6
-# Times of 1/e after which a deviation has faded, longest time in 1 / eps, steps of the average.
+# Decay times of a deviation, longest time in 1 / eps, steps of the average.
 _FADED, _LONGEST, _STEPS = 25.0, 2000.0, 5_000
-# Periods of the field at the end that are shown closely.
+# Periods of the field at the end that are shown in detail.
 _LATE, _LATE_SAMPLES = 4, 801
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """All that was computed, dimensionless."""
+    """All dimensionless results."""
 
     pair: Pair
     detuning: float
@@ -52,37 +52,37 @@ class _Found:
 
     @property
     def frequency(self) -> float:
-        """Of the field."""
+        """Frequency of the field."""
         return self.pair.frequency(self.detuning)
 
     @cached_property
     def state(self) -> SteadyState:
-        """The steady state to which the first average settles."""
+        """The steady state to which the first average converges."""
         gaps = [np.abs(state.x - self.first.end).max() for state in self.states]
         return self.states[int(np.argmin(gaps))]
 
     @property
     def settled(self) -> float:
-        """How far from it the first average ends."""
+        """Distance of the end of the first average from it."""
         return float(np.abs(self.state.x - self.first.end).max())
 
     @cached_property
     def refined(self) -> SteadyState | None:
-        """The same of second order."""
+        """Steady state of second order."""
         return self.pair.refined(self.state)
 
     @cached_property
     def difference(self) -> float | None:
-        """Of that state from (19), where this applies."""
+        """Difference of that state from eq. 19, where it applies."""
         return self.pair.closed_form_difference(self.state.x, self.detuning)
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
     """Simulate the pair from rest and compare with its averages.
 
-    Status "failed" where averages do not settle or the second route ends elsewhere. Raises
-    SolveError without a steady motion, or where a motion cannot be followed.
+    The result is "failed" if averages do not converge or the second route ends elsewhere. Raises
+    SolveError without a steady motion, or if a motion cannot be simulated.
     """
     table, begin = scene.table, time.perf_counter()
     pair, scales = pair_of(table.pair, table.averaging.nodes), Scales.of(table.pair)
@@ -107,7 +107,7 @@ def run(scene: Scene[MagneticPairScene], report: Report) -> Result:
 
 
 def models_of(scene: Scene[MagneticPairScene]) -> dict[str, Model]:
-    """Make the pair of (16), in the scene's units; without a dashpot, its `damping` is 0."""
+    """Make the pair of eq. 16, in the scene's units; without a dashpot, its `damping` is 0."""
     table = scene.table
     scales, push = Scales.of(table.pair), table.pair.smallness
     mass = stiffness = 1.0
@@ -128,7 +128,7 @@ def models_of(scene: Scene[MagneticPairScene]) -> dict[str, Model]:
 
 
 def _law_in_units(law: Law, push: float, speed: float) -> Law:
-    """Law of which forces are told over the push, and velocities over a speed."""
+    """Friction law with forces over the push and velocities over a speed."""
     law = scaled_law(law, push)
     if isinstance(law, Viscous):
         return replace(law, drag=law.drag / speed)
@@ -179,15 +179,15 @@ def _first(pair: Pair, end: float, times: np.ndarray, given: dict[str, Any]) -> 
         )
     except SolveError as error:
         raise SolveError(
-            f"the averaged motion cannot be followed from rest ({error.reason}): where friction at "
-            "rest is more than the field gives, the pair does not leave it",
-            "look for its steady motions with kind resonance, or write weaker friction at rest",
+            f"the averaged motion cannot be simulated from rest ({error.reason}): the pair stays "
+            "at rest where the friction at rest exceeds the push of the field",
+            "use kind resonance to find its steady motions, or write weaker friction at rest",
             code="no_start",
         ) from None
 
 
 def _second(pair: Pair, first: Trajectory, given: dict[str, Any]) -> Trajectory | None:
-    """Average of second order, from where the first has swung up enough for it."""
+    """Average of second order, from where the swing of the first is large enough."""
     large = np.flatnonzero(pair.swung(first["swing"]))
     if not large.size or large[0] == len(first.time) - 1:
         return None
@@ -204,13 +204,13 @@ def _means(exact: Trajectory, end: float, length: float) -> tuple[float, float]:
     return float(before), float(last)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _checks(found: _Found) -> Iterator[Check]:
     off = found.difference
     if off is not None:
-        advice = f"the averaged model's steady state differs from (19) by {off:.2g} of its size"
+        advice = f"the averaged model's steady state differs from eq. 19 by {off:.2g} of its size"
         yield Check("closed form (19)", off, _SETTLED, advice)
     if found.cross_check:
         yield found.cross_check.check
@@ -267,7 +267,7 @@ def _variables(found: _Found, scales: Scales) -> dict[str, np.ndarray]:
 
 
 def _sliding(found: _Found) -> np.ndarray:
-    """Mean velocity over one period around every time; nearer to the ends, none."""
+    """Mean velocity over one period around every time; none close to the ends."""
     t, half = found.exact.time, np.pi / found.frequency
     inside = (t >= half) & (t <= t[-1] - half)
     values = np.full(len(t), np.nan)
@@ -304,29 +304,32 @@ def _warnings(table: MagneticPairScene, found: _Found, late: int) -> Iterator[st
     before, last = found.means
     if abs(last - before) > _DRIFT * max(abs(last), abs(before)):
         yield (
-            f"the exact motion has not settled: its mean velocity went from {before:.7g} to "
+            f"the exact motion has not converged: its mean velocity changed from {before:.7g} to "
             f"{last:.7g}; write a later course.end"
         )
     if found.settled > _SETTLED:
         yield (
-            f"the averaged motion ends {found.settled:.2g} from the steady state given; write a "
+            f"the averaged motion ends {found.settled:.2g} away from the steady state; write a "
             "later course.end"
         )
     if late:
         yield (
-            f"masses came to rest {late} times in the second half: averaging assumes that they "
+            f"masses came to rest {late} times in the second half, but averaging assumes that they "
             "pass through 0"
         )
     if found.refined is None:
-        yield "the swing is too small against eps for an average of second order"
+        yield "the swing is too small compared with eps for an average of second order"
     if len(found.states) > 1:
-        yield f"{len(found.states)} steady motions: from rest it settles on the one given"
+        yield (
+            f"{len(found.states)} steady motions exist; from rest the pair converges to the "
+            "reported one"
+        )
     if table.stated_velocity is None:
         return
     scale = Scales.of(table.pair).speed
     own = float(found.state.x[0]) * scale
     if abs(table.stated_velocity - own) > 1e-2 * abs(own):
         yield (
-            f"the stated velocity {table.stated_velocity:g} is not that of (19), {own:.6g}, nor "
-            f"that of the exact motion, {found.means[1] * scale:.6g}"
+            f"the stated velocity {table.stated_velocity:g} agrees neither with eq. 19, {own:.6g}, "
+            f"nor with the exact motion, {found.means[1] * scale:.6g}"
         )

@@ -1,4 +1,4 @@
-"""What the studies of the magneto-elastic pair share: its scales, what is stated."""
+"""Scales and messages that the scenes of the magneto-elastic pair share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from wormopt.systems.chain import law_of
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairTable
 from wormopt.systems.pair.steady import Pair
 
-# Push over stiffness times length from which a small parameter is none.
+# Push over stiffness times length from which the parameter is not small.
 _SMALL = 0.1
 
 
@@ -31,7 +31,7 @@ class Scales:
 
     @classmethod
     def of(cls, table: MagneticPairTable) -> Scales:
-        """Take them from a sample; 1 without."""
+        """Scales of a sample; 1 without a sample."""
         return cls(table.sample.length if table.sample else 1.0, table.natural_time)
 
     @property
@@ -47,17 +47,17 @@ def pair_of(table: MagneticPairTable, nodes: int) -> Pair:
 
 
 def no_steady_motion(scene: Scene[Any], reason: str) -> SolveError:
-    """Error, to be raised, for a pair that never moves steadily; it has a failed Result."""
+    """Error for a pair without a steady motion, with a failed Result."""
     suggestion = "change detuning, pair.friction or pair.cosines"
     return SolveError(reason, suggestion, conclude(scene, {}).failed(reason), "no_steady_motion")
 
 
 def warnings_of_pair(pair: Pair, state: SteadyState | None) -> Iterator[str]:
-    """Say where the pair, settled at `state`, leaves what its theory assumes."""
+    """Warn where the steady pair at `state` violates assumptions of its theory."""
     if pair.eps > _SMALL:
         yield (
-            f"eps = {pair.eps:.4g} is not small: averages are right to about eps in first and "
-            "eps^2 in second order; trust the exact motion"
+            f"eps = {pair.eps:.4g} is not small: averages have errors of about eps in first and "
+            "eps^2 in second order; the exact motion has none"
         )
     if state is None:
         return
@@ -65,8 +65,8 @@ def warnings_of_pair(pair: Pair, state: SteadyState | None) -> Iterator[str]:
     if strain > SMALL_STRAIN:
         yield left_out(
             strain,
-            f"the stretch swings by {strain:.3g} of the length: the law of the material assumes "
-            f"small strains, up to about {SMALL_STRAIN:g}",
+            f"the amplitude of the stretch is {strain:.3g} of the length, but the law of the "
+            f"material assumes small strains, up to about {SMALL_STRAIN:g}",
         )
     if float(state.states["center_velocity"][0]) < 0:
-        yield "the pair goes backward: friction is weaker that way"
+        yield "the pair moves backward, since friction is weaker in that direction"

@@ -1,4 +1,4 @@
-"""Scenes of kind ``pair-waveform``: the field that moves a magneto-elastic pair best."""
+"""Run scenes of kind ``pair-waveform``: the field that moves a magneto-elastic pair best."""
 
 from __future__ import annotations
 
@@ -54,16 +54,16 @@ from wormopt.systems.shared.optimum import (
     warnings_of_reading,
 )
 
-# Strain from which on the model of the link says nothing any more.
+# Strain above which the model of the link is not valid.
 _WIDE = 1.0
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[PairWaveformScene], report: Report) -> Result:
     """Find the best periodic field, and simulate it beside the harmonic one.
 
-    Status "failed" where a simulation with the field found ends elsewhere. Raises SolveError
-    if there is no such field, or it is not found.
+    The result is "failed" if a simulation with the field found ends elsewhere. Raises SolveError if
+    no field exists, or none is found.
     """
     table, begin = scene.table, time.perf_counter()
     given, aim = table.limits, FieldAim(table.aim.maximise, table.aim.speed)
@@ -107,12 +107,12 @@ def run(scene: Scene[PairWaveformScene], report: Report) -> Result:
 
 
 def _pair(table: DrivenPairTable, frequency: float, cosines: tuple[float, ...] | None) -> Model:
-    """The pair without units; forces of the table are over the push."""
+    """The dimensionless pair; forces of the table are over the push."""
     laws = [scaled_law(law_of(table.friction, mass), table.eps) for mass in range(2)]
     return magnetic_pair(law=laws, push=table.eps, frequency=frequency, cosines=cosines)
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _check(motion: Motion, proof: Proof) -> Check:
@@ -128,7 +128,7 @@ def _speed(motion: Motion) -> float:
 
 
 def _gain(aim: FieldAim, proof: Proof, harmonic: Harmonic) -> float | None:
-    """Ratio of speeds, or of works per distance, above 1 where the waveform is better."""
+    """Ratio of speeds, or of works per distance, above 1 if the waveform is better."""
     if aim.maximise:
         still = 1e-9 * harmonic.orbit.strain * harmonic.frequency
         return proof.speed / harmonic.orbit.speed if harmonic.orbit.speed > still else None
@@ -171,7 +171,7 @@ def _variables(motion: Motion, harmonic: Harmonic) -> dict[str, np.ndarray]:
     }
     sampled = sample_motion(motion, expressions)
     course = field_course(motion)
-    # the harmonic field begins where its crest stands as that of the waveform's first harmonic
+    # The harmonic field is shifted so its crest is that of the waveform's first harmonic.
     share = sampled.time / motion.duration - first_harmonic(course)[1] / (2 * math.pi)
     dense = harmonic.orbit.motion.dense
     assert dense is not None
@@ -194,46 +194,46 @@ def _warnings(
     yield from _of_harmonic(table, proof, harmonic)
     if proof.left >= FADED:
         yield (
-            f"a small push does not fade: {proof.left:.2g} of it is left after "
-            f"{MOST_PERIODS} periods; the motion found may not be stable"
+            f"a small push does not decay: {proof.left:.2g} of it remains after {MOST_PERIODS} "
+            "periods, so the motion may be unstable"
         )
     if proof.orbit.strain >= _WIDE:
         yield Unchecked(
-            f"the link changes its length by {100 * proof.orbit.strain:.3g} %: the law of its "
-            "material is for small strains, and below no length masses would pass each other; "
+            f"the link changes its length by {100 * proof.orbit.strain:.3g} %, but the law of its "
+            "material is for small strains, and at zero length the masses would pass each other; "
             "write limits.strain"
         )
     if table.search.starts == 1:
-        yield "a local optimum from one start; write search.starts to try more"
+        yield "the result is a local optimum from a single start; write search.starts to try more"
 
 
 def _of_harmonic(table: PairWaveformScene, proof: Proof, harmonic: Harmonic) -> Iterator[str]:
-    """Say where the comparison with the harmonic field is lost, or none."""
+    """Warn if the waveform is not better than the harmonic field, or there is none to compare."""
     orbit = harmonic.orbit
     if not orbit.settled:
         yield (
-            f"under the harmonic field the motion still changes by {orbit.drift:.2g} after "
-            f"{orbit.periods} periods; its speed is that of the last one"
+            f"in the harmonic field the motion still changes by {orbit.drift:.2g} after "
+            f"{orbit.periods} periods; its speed is that of the last period"
         )
     if not harmonic.kept:
         yield (
             f"the middle of limits.field alone stretches the link by {orbit.strain:.6g}, beyond "
-            "limits.strain: no harmonic field about it to compare with, and no gain to tell"
+            "limits.strain; so there is no harmonic field about it, and gain is unknown"
         )
         return
     if table.aim.maximise and not proof.speed > orbit.speed:
         yield (
-            f"simulated, the waveform is not faster than the harmonic field: {proof.speed:.6g} "
-            f"against {orbit.speed:.6g}; write search.starts to try more"
+            "in the simulation the waveform is not faster than the harmonic field: "
+            f"{proof.speed:.6g} against {orbit.speed:.6g}; write search.starts to try more"
         )
     if table.aim.minimise and not harmonic.reached:
         yield (
-            f"no harmonic field within the limits reaches aim.speed; the best one has "
-            f"{orbit.speed:.6g}, and there is no gain to tell"
+            "no harmonic field within the limits reaches aim.speed; the best has "
+            f"{orbit.speed:.6g}, and gain is unknown"
         )
     spent, least = orbit.work_per_distance, proof.orbit.work_per_distance
     if table.aim.minimise and harmonic.reached and spent and least and not least < spent:
         yield (
-            f"simulated, the waveform takes no less work than the harmonic field: {least:.6g} "
-            f"against {spent:.6g}; write search.starts to try more"
+            "in the simulation the waveform does not need less work than the harmonic field: "
+            f"{least:.6g} against {spent:.6g}; write search.starts to try more"
         )

@@ -1,4 +1,4 @@
-"""Scenes of kind ``resonance``: steady motions of the pair along the frequency of its field."""
+"""Run scenes of kind ``resonance``: steady motions of the pair over the frequency of its field."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from wormopt.systems.pair.scenes.magnetic_pair import ResonanceScene
 from wormopt.systems.pair.steady import Exact, Pair, Points, branches_of, confirmed, points_of
 from wormopt.systems.shared.settings import tolerance_of
 
-# Steady states of (18) and (19) shall agree to this, of their size.
+# Accepted relative difference between steady states of eqs. 18 and 19.
 _CLOSED = 1e-9
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[ResonanceScene], report: Report) -> Result:
-    """Follow the steady motions of the averaged pair, and confirm them.
+    """Continue the steady motions of the averaged pair in the frequency, and confirm them.
 
-    Raises SolveError without a steady motion; Interrupted, with the branches in `partial`,
-    if the user stops the exact motions.
+    Raises SolveError without a steady motion; Interrupted, with the branches in `partial`, if the
+    user stops the exact motions.
     """
     table, begin = scene.table, time.perf_counter()
     pair = pair_of(table.pair, table.averaging.nodes)
@@ -48,7 +48,7 @@ def run(scene: Scene[ResonanceScene], report: Report) -> Result:
             exact = confirmed(pair, points, end, periods, tolerance, report)
         except Interrupted:
             partial = _result(scene, pair, branches, points, None, timings)
-            reason = "interrupted before the exact motions were done"
+            reason = "interrupted before the exact motions were complete"
             raise Interrupted(partial.failed(reason)) from None
     timings["confirm"] = time.perf_counter() - begin - timings["follow"]
     return _result(scene, pair, branches, points, exact, timings)
@@ -67,7 +67,7 @@ def _result(
         for detuning, x in zip(points.detuning, points.x, strict=True)
     ]
     difference = max((d for d in found if d is not None), default=None)
-    advice = f"steady states differ from (19) by {difference or 0:.2g}"
+    advice = f"steady states differ from eq. 19 by {difference or 0:.2g}"
     check = Check("closed form (19)", difference, _CLOSED, advice)
     return conclude(
         scene,
@@ -81,7 +81,7 @@ def _result(
     )
 
 
-# -- what is told ----------------------------------------------------------------------------------
+# -- results ---------------------------------------------------------------------------------------
 
 
 def _scalars(
@@ -166,33 +166,36 @@ def _warnings(
     runaways = sum("runaway" in branch.ends for branch in branches)
     if runaways:
         yield (
-            f"{runaways} branches run away: nothing bounds the swing at the natural frequency, and "
-            "the law of the material ends at small strains"
+            f"{runaways} branches are unbounded: nothing limits the swing at the natural "
+            "frequency, and the law of the material is for small strains"
         )
     lost = sum("lost" in branch.ends or "steps" in branch.ends for branch in branches)
     if lost:
-        yield f"{lost} branches were lost before they came to an end of the sweep"
+        yield f"{lost} branches ended before the end of the sweep"
     strains = 2 * points.amplitude
     if np.any(strains > SMALL_STRAIN):
         yield left_out(
             float(np.median(strains)),
-            f"{np.mean(strains > SMALL_STRAIN):.0%} of the steady motions stretch the link by more "
-            f"than {SMALL_STRAIN:.0%}: the law of the material assumes small strains",
+            f"{np.mean(strains > SMALL_STRAIN):.0%} of the steady motions stretch the link by "
+            f"more than {SMALL_STRAIN:.0%}, but the law of the material assumes small strains",
         )
     small = float(np.mean(~pair.swung(points.x[:, 1:].T)))
     if small:
         yield (
-            f"{small:.0%} of the steady motions swing too little against eps for an average of "
-            "second order"
+            f"{small:.0%} of the steady motions have too small a swing, compared with eps, for an "
+            "average of second order"
         )
     without = len(set(points.detuning.tolist()) - set(points.detuning[points.stable].tolist()))
     if without:
-        yield f"at {without} of the detunings no stable steady motion was found"
+        yield f"no stable steady motion was found at {without} of the detunings"
     if exact is None:
         return
     unsettled = int(points.stable.sum()) - int(exact.settled.sum())
     if unsettled:
-        yield f"{unsettled} exact motions have not settled; write a longer confirm.time"
+        yield f"{unsettled} exact motions have not converged; write a longer confirm.time"
     apart = int(np.sum(np.abs(points.velocity - exact.velocity)[exact.settled] > pair.eps))
     if apart:
-        yield f"{apart} exact motions settle elsewhere than their average, by more than eps"
+        yield (
+            f"{apart} exact motions converge to a velocity that differs from the average by "
+            "more than eps"
+        )

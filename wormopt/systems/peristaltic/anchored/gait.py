@@ -226,6 +226,11 @@ def anchors_needed(
     -------
     int
 
+    Returns
+    -------
+    int
+        Number of anchors k.
+
     Raises
     ------
     ArgumentError

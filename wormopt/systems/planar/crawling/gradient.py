@@ -32,6 +32,15 @@ class CrawlGradient:
         Derivatives of x, y, angle and work in each of K directions of the stroke.
     ground : ndarray, shape (m, 3, 4)
         Derivatives by the forward, backward and sideways resistances of each mass.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> worm = wo.planar.chain_shape(2, lengths=(1.0, 1.0))
+    >>> stroke = wo.planar.Harmonics([0.7], cosine=[[0.5]], sine=[[0.0]])
+    >>> found = wo.planar.crawl(worm, wo.Elliptic(1.0, 1.0, 3.0), stroke)
+    >>> wo.planar.crawl_gradient(found, [stroke]).ground.shape  # 3 masses, 3 resistances, 4 results
+    (3, 3, 4)
     """
 
     stroke: np.ndarray

@@ -21,8 +21,8 @@ class Axes:
     """Ground with independent friction laws along a point's heading and across it.
 
     Two `Viscous` laws are linear drag, two `Coulomb` laws a box of forces. `NoSlip` across is a
-    skid or a wheel, a `Spike` along is a spike, both are a skid with spikes, and `NoSlip` twice is
-    a pin.
+    skid or a wheel, a `Spike` along is a spike, both are a skid with spikes, and two `NoSlip` laws
+    are a pin.
 
     Parameters
     ----------

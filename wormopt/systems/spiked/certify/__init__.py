@@ -1,1 +1,1 @@
-"""Bounds of every gait by one linear program, certificates of them, and their verification."""
+"""Bounds on every gait by one linear program, their certificates, and the verification."""

@@ -1,4 +1,4 @@
-"""Bounds of every gait, made sharper until they are near enough, with their certificates."""
+"""Bounds on the objective of every gait, refined until the gap is small, with certificates."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ _NEAR = 0.1
 
 @dataclass(frozen=True)
 class Bounded:
-    """What is proven of every gait of a task."""
+    """A bound on the objective of every gait of a task."""
 
     bound: float  # no gait is faster, or cheaper
-    certificate: Certificate | None  # None: by rates and resting masses alone
-    source: str  # what the bound is made of
-    history: tuple[tuple[float, float], ...]  # (seconds, bound) whenever it improved
+    certificate: Certificate | None  # None: from rates and resting masses alone
+    source: str  # method of the proof
+    history: tuple[tuple[float, float], ...]  # (seconds, bound) at each improvement
     ending: Ending = "finest program"
 
 
 def at_once(task: GaitProblem) -> Bounded | None:
-    """Bound of the speed by small programs, the same on every machine; None of a cost."""
+    """Bound the speed by small programs, with the same result on all machines; None for a cost."""
     if task.objective.minimise is not None:
         return None
     *_, best = _of_speed(task, math.inf, _AT_ONCE)
@@ -177,9 +177,9 @@ def _lowered(task: GaitProblem, cost: str, most: float) -> GaitProblem:
 
 
 def gap_of(value: float, bound: float, cost: bool) -> float:
-    """By which share of its own value a gait could still be better, given a proven bound.
+    """Largest possible improvement by any gait, as a share of its value, for a proven bound.
 
-    `cost`: small values are good.
+    `cost`: whether the value is a cost, which is minimised.
     """
     if not value > 0.0:  # a worm that stands still can be better by any share
         return math.inf

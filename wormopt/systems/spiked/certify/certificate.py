@@ -1,4 +1,4 @@
-"""Certificates: a bound of the speed of every gait, with a proof that anybody can check."""
+"""Certificates: a bound on the speed of every gait, with a proof that anybody can verify."""
 
 from __future__ import annotations
 
@@ -11,24 +11,33 @@ from pathlib import Path
 from typing import Any
 
 from wormopt.errors import ArgumentError
-from wormopt.shown import lines
+from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.spiked.certify.check import FORMAT, VERSION, BrokenProofError, check, read
 
 
 @dataclass(frozen=True, eq=False)
 class Verification:
-    """What the verification of a certificate found.
+    """Result of the verification of a certificate.
 
     Parameters
     ----------
     holds : bool
-        Whether every inequality of the proof holds.
+        Whether all inequalities of the proof hold.
     bound : Fraction
-        The bound that is claimed.
+        The bound in the certificate.
     inequalities : int
-        How many were checked; 0 where one does not hold.
+        Number of verified inequalities; 0 if one does not hold.
     reason : str
-        The first that does not hold, or "".
+        The first inequality that does not hold, or "".
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> found = wo.verify(proven.certificate)
+    >>> found.holds, found.inequalities > 0, found.reason
+    (True, True, '')
     """
 
     holds: bool
@@ -44,7 +53,16 @@ class Certificate:
     Parameters
     ----------
     text : str
-        What its file holds, in JSON.
+        Content of its file, in JSON.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> proven.certificate.save("certificate.json")
+    >>> wo.verify("certificate.json").holds, round(float(proven.certificate.bound), 6)
+    (True, 0.425)
     """
 
     text: str
@@ -58,11 +76,15 @@ class Certificate:
         Parameters
         ----------
         problem : mapping
-            Worm and limits, numbers as fractions.
+            Worm and limits, with numbers as fractions.
         proof : mapping
-            What the verification needs.
+            Data of the proof.
         bound : Fraction
-            No gait is faster.
+            The proven bound on the speed.
+
+        Returns
+        -------
+        Certificate
         """
         said = {
             "format": FORMAT,
@@ -76,26 +98,32 @@ class Certificate:
 
     @property
     def bound(self) -> Fraction:
-        """No gait is faster."""
+        """The proven bound: no gait is faster."""
         return Fraction(json.loads(self.text)["bound"])
 
     def __repr__(self) -> str:
         bound = f"no gait is faster than {float(self.bound):.9g}"
         return lines(f"Certificate: {bound}", f"{len(self.text)} characters of JSON")
 
+    def _repr_html_(self) -> str:
+        problem = json.loads(self.text)["problem"]
+        rows = [(str(name), brief(value)) for name, value in problem.items()]
+        title = f"Certificate: no gait is faster than {float(self.bound):.9g}"
+        return html(title, [Part("Problem", rows)], ["wo.verify checks it in exact arithmetic"])
+
     def save(self, file: str | os.PathLike[str]) -> None:
-        """Write it to a file.
+        """Write the certificate to a file.
 
         Parameters
         ----------
         file : path
-            Its name.
+            Name of the file.
         """
         Path(file).write_text(self.text, encoding="utf-8")
 
 
 def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
-    """Verify a certificate in exact arithmetic, from nothing but its file.
+    """Verify a certificate in exact arithmetic, from its file alone.
 
     Parameters
     ----------
@@ -105,12 +133,12 @@ def verify(certificate: Certificate | str | os.PathLike[str]) -> Verification:
     Returns
     -------
     Verification
-        Whether the proof holds, and where it breaks if not.
+        Whether the proof holds; otherwise, the first inequality that fails.
 
     Raises
     ------
     ArgumentError
-        If there is no such file, or it is not a certificate.
+        If the file does not exist, or if it is not a certificate.
 
     Examples
     --------

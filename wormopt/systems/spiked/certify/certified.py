@@ -1,4 +1,4 @@
-"""Designs with a bound of every gait, and how far the bound is."""
+"""Designs with a proven bound on every gait, and their gap."""
 
 from __future__ import annotations
 
@@ -16,14 +16,22 @@ from wormopt.systems.spiked.task import Certify
 
 @dataclass(frozen=True, eq=False)
 class Certified:
-    """A design with a bound of every gait.
+    """A design with a proven bound on the objective of every gait.
 
     Parameters
     ----------
     design : Design
         The design.
     bounded : Bounded
-        What is proven, and how.
+        The bound and its proof.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> proven = wo.certify(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> round(proven.bound, 6), proven.gap <= 1e-3
+    (0.425, True)
     """
 
     design: Design
@@ -36,17 +44,17 @@ class Certified:
 
     @property
     def bound(self) -> float:
-        """No gait is faster, or cheaper: of any phases, cycles and period within the limits."""
+        """Proven bound: no gait with any phases, cycles and period in the limits is better."""
         return self.bounded.bound
 
     @property
     def certificate(self) -> Certificate | None:
-        """The proof, to be saved and verified; None where rates and resting masses bound more."""
+        """The proof, to save and verify; None if rates and resting masses give the better bound."""
         return self.bounded.certificate
 
     @property
     def gap(self) -> float:
-        """By which share of its own value the design could be better at most."""
+        """Largest possible improvement by any gait, as a share of the design's value."""
         cost = self.design.task.objective.minimise is not None
         return gap_of(self.design.value, self.bound, cost)
 
@@ -57,18 +65,18 @@ def certify(
     time_limit: float = Certify.time_limit,
     report: Report = silent,
 ) -> Certified:
-    """Prove how much better than a design any gait could be.
+    """Prove by how much any gait could be better than a design.
 
     Parameters
     ----------
     design : Design
-        Of the speed or of a peak load.
+        A design for speed or a peak load.
     gap : float, optional
-        How much better a gait might still be when it is enough, as a share.
+        End when no gait can be better by more than this share.
     time_limit : float, optional
-        Seconds after which it ends with the gap it has.
+        Time in seconds after which it ends with the gap reached.
     report : callable, optional
-        Told the gap.
+        Called with a text that contains the gap, and the share done.
 
     Returns
     -------
@@ -78,7 +86,7 @@ def certify(
     Raises
     ------
     ArgumentError
-        If the design's cost has no bound, or an argument is wrong.
+        If the design's cost has no bound, or if an argument is invalid.
 
     Examples
     --------
@@ -93,7 +101,7 @@ def certify(
     check_kind("design", design, Design)
     if design.task.objective.is_smooth:
         raise ArgumentError(
-            f"there is no proof for {design.task.objective.minimise}; seek speed, "
+            f"a proof is not available for {design.task.objective.minimise}; design for speed, "
             "peak_spike_load or peak_actuator_force"
         )
     wanted = Certify(gap, time_limit)

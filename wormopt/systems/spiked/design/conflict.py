@@ -29,9 +29,9 @@ _LEAST, _FULL, _SAME = 1e-4, 1e3, 1.0005
 def conflict(
     task: GaitProblem, sequences: Sequence[Sequence_], report: Report, seconds: float = np.inf
 ) -> SolveError:
-    """Say which limits have to give way, and by how much, for a gait to exist; to be raised.
+    """Find the limits in conflict and their smallest relaxation; returns an error to raise.
 
-    Typical `sequences` are tried; nothing new is begun once `seconds` are over.
+    Typical `sequences` are tried; no new trial begins after `seconds`.
     """
     until, orders = monotonic() + seconds, _typical(sequences)
 
@@ -59,8 +59,8 @@ def conflict(
         found, word = _together(keys, least), " and "
     else:
         return SolveError(
-            "no order of resting masses was solved, nor with all limits relaxed a thousandfold",
-            'write limits of the size of what the worm does, or try search.effort = "thorough" or '
+            "no resting sequence has a gait, even with all limits relaxed a thousandfold",
+            'write limits that match the size of the motion, or try search.effort = "thorough" or '
             "another search.seed",
         )
     told = word.join(_told(task, key, share) for key, share in found.items())

@@ -1,7 +1,8 @@
-"""A designed gait with what is known of its quality, and its last digits.
+"""A designed gait with measures of its quality, and its final refinement.
 
-Arcs of the best trials of a search are halved until that gains nothing, then their active limits
-are met exactly.
+Arcs of the best trials of a search are halved until that gains nothing; then their active limits
+are
+met exactly.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.lazy import above
 from wormopt.model.gait import Gait
+from wormopt.model.given import check_choice
 from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, repetition
@@ -25,6 +28,9 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.table import in_steps, speed_of
 from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
 _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
@@ -46,35 +52,35 @@ _MARGINS = (4e-9, 4e-8, 4e-7, 4e-6)
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A designed gait with what is known of its quality.
+    """A designed gait with measures of its quality.
 
     Parameters
     ----------
-    task : Task
-        What was asked for.
+    task : GaitProblem
+        The problem of the design.
     gait : Gait
         One cycle of the gait.
     sequence : tuple of tuple of int
-        Resting masses of a cycle, phase after phase.
+        Prescribed resting masses of each phase of a cycle.
     durations : tuple of float
-        How long each phase is.
+        Duration of each phase.
     ceiling : float
-        Bound on the speed by rates and resting masses alone, for any gait.
+        Upper bound on the speed of any gait from rates and resting masses alone.
     error : float
-        Relative gain in the objective that the last halving of every arc brought.
+        Relative gain in the objective from the last halving of all arcs.
     survey : Survey
-        What was searched.
+        Results of the search.
     solver : mapping
-        How the last program ended: violation, arcs, degree and the like.
+        Facts about the last program: status, violation, arcs, degree.
     timings_s : dict of str to float
         Seconds of each stage.
     ended : str
-        "searched", or "proven" where no gait can be better by more than `Search.gap`; "time limit"
-        or "interrupted" where the search was cut short.
+        "searched"; "proven" if no gait can be better by more than `Search.gap`; "time limit" or
+        "interrupted" if the search ended early.
     trial : Trial, optional
-        The last program, from which multipliers are taken; None for smooth costs.
+        The last program, which gives the multipliers; None for smooth costs.
     free : Design, optional
-        With `limits.tick`, the best gait whose cycle may have any length.
+        With `limits.tick`, the design without it.
 
     Examples
     --------
@@ -114,7 +120,7 @@ class Design:
 
     @property
     def bound(self) -> float:
-        """No gait is faster: proven by small linear programs, for a cost by `ceiling`."""
+        """Upper bound on the speed, proven by small linear programs; for a cost, the `ceiling`."""
         return self.ceiling if self.survey.bounded is None else self.survey.bounded.bound
 
     def _repr_html_(self) -> str:
@@ -124,24 +130,50 @@ class Design:
         ]
         excess = [(name, f"{value:.2g}") for name, value in self.violations.items()]
         parts = [
-            Part("Masses at rest, and for how long", phases),
-            Part("Excess over each limit, as a share of it", excess),
-            Part("Speed of any gait is at most", [(f"{self.bound:.6g}", "")]),
+            Part("Masses at rest, and duration", phases),
+            Part("Violation of each limit, relative to it", excess),
+            Part("Upper bound on the speed of any gait", [(f"{self.bound:.6g}", "")]),
         ]
         return html(f"Design: {self._told}", parts)
 
+    def plot(self, picture: str = "gait") -> Figure:
+        """Draw the designed gait with its limits.
+
+        Parameters
+        ----------
+        picture : {"gait", "motion", "spikes"}, optional
+            Lengths and rests over a cycle; paths of the masses over two cycles; loads on spikes
+            and actuator forces over a cycle.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Bound to no window; a notebook shows it.
+
+        Raises
+        ------
+        ArgumentError
+            If there is no such picture.
+        """
+        check_choice("picture", picture, ("gait", "motion", "spikes"))
+        return above("wormopt.systems.spiked.runs.gait_design:as_result")(self).plot(picture)
+
     @cached_property
     def motion(self) -> Crawl:
-        """How the worm crawls with it, in closed form; under the largest load of a range."""
+        """Motion of the worm with the gait, in closed form, at the largest load of a range."""
         return self.motion_under(self.task.worm.load_range[1])
 
     def motion_under(self, load: float) -> Crawl:
-        """How the worm crawls with it under some load.
+        """Motion of the worm with the gait at a given load.
 
         Parameters
         ----------
         load : float
-            On each mass; the mean of loads that differ.
+            Load on each mass; the mean of loads that differ.
+
+        Returns
+        -------
+        Crawl
         """
         return _motion_under(load, self.task, self.gait)
 
@@ -152,24 +184,24 @@ class Design:
 
     @property
     def period(self) -> float:
-        """Period of ``gait``, the shortest after which the motion repeats."""
+        """Period of ``gait``, after which the motion repeats."""
         return self.gait.period
 
     @property
     def cycles(self) -> int:
-        """Fewest such periods that together are one that the limits allow."""
+        """Smallest number of cycles that fills a period within the limits."""
         return self.task.limits.cycles_of(self.period)
 
     @property
     def value(self) -> float:
-        """The objective as it was optimised: the speed, or a cost."""
+        """The objective as optimised: the speed, or a cost."""
         if self.trial is None:
             return objective_of(self.motion, self.task.objective.minimise)
         return abs(self.trial.value)
 
     @cached_property
     def tick_loss(self) -> float:
-        """Share by which cycles of whole ticks make the objective worse; 0 without a tick."""
+        """Relative loss in the objective from cycles of whole ticks; 0 without a tick."""
         if self.free is None:
             return 0.0
         minimise = self.task.objective.minimise
@@ -181,11 +213,11 @@ class Design:
     def table(self) -> np.ndarray:
         """Lengths (n, ticks + 1) at the ticks of a cycle, in whole `limits.length_step`.
 
-        The last column is the first. ArgumentError without a tick.
+        The last column equals the first. ArgumentError without a tick.
         """
         limits, links = self.task.limits, self.task.worm.links
         if limits.tick is None:
-            raise ArgumentError("a table has rows at ticks; give limits.tick")
+            raise ArgumentError("a table needs ticks, but limits.tick is not given; write it")
         ticks = round(self.period / limits.tick)
         lengths = self.gait(np.array([limits.whole_ticks(k) for k in [*range(ticks), 0]]))
         if limits.length_step is None:
@@ -194,19 +226,19 @@ class Design:
 
     @cached_property
     def step_loss(self) -> float:
-        """Share of the speed that is lost where lengths go straight between those of `table`."""
+        """Relative loss of speed if lengths change linearly between those of `table`."""
         return 1.0 - speed_of(self.table, self.period) / self.speed
 
     @cached_property
     def phases(self) -> int:
-        """Phases of a cycle, by the order that was prescribed or by the masses that do rest."""
+        """Number of phases of a cycle, by the prescribed sequence or by the masses at rest."""
         return min(len(self.sequence), len(self.motion.resting_sequence))
 
     @cached_property
     def violations(self) -> dict[str, float]:
-        """Excess over each limit by its size, negative where there is room to spare.
+        """Violation of each limit, relative to the limit; negative if there is slack.
 
-        The worst of a load range's ends and middle.
+        The worst over the ends and the middle of a range of loads.
         """
         return _violations(self.task, self.gait)
 
@@ -217,7 +249,7 @@ def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
 
 
 def _violations(task: GaitProblem, gait: Gait) -> dict[str, float]:
-    """Excess over each limit, the worst under both ends and the middle of the load's range."""
+    """Violation of each limit, the worst over both ends and the middle of the range of loads."""
     low, high = task.worm.load_range
     found = [
         violations(_motion_under(load, task, gait), task.limits)
@@ -227,7 +259,7 @@ def _violations(task: GaitProblem, gait: Gait) -> dict[str, float]:
 
 
 def objective_of(motion: Crawl, minimise: Cost | None) -> float:
-    """Speed of a motion, or the cost `minimise` if one is given."""
+    """Speed of a motion, or the cost `minimise` if it is given."""
     match minimise:
         case None:
             return motion.speed

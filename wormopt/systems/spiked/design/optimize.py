@@ -1,4 +1,4 @@
-"""Design a gait: search the order of rest and cycles a period, sharpen it, or say why not."""
+"""Designs a gait: searches resting sequence and cycles, refines the result, or explains failure."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 _SEARCH = Search()
-# Limits of a design are exceeded by no more than this share of their size.
+# Limits of a design are exceeded by at most this share of their size.
 _ACCEPTED = 1e-9
-# Periods are alike that differ by a smaller share.
+# Periods with a smaller relative difference are equal.
 _SAME = 1e-12
 # How far gaits of whole ticks are climbed before they are compared, and the most steps of it.
 _HELD, _HELD_STEPS = 1e-9, 40
@@ -38,37 +38,36 @@ def design(
     search: Search = _SEARCH,
     report: Report = silent,
 ) -> Design:
-    """Design the best gait of a worm within limits.
+    """Design the optimal gait of a worm within limits.
 
     Parameters
     ----------
     worm : Worm
         Links, masses, drag, load.
     limits : Limits
-        What the gait must keep to.
+        Limits of the gait.
     objective : str or Objective, optional
-        "speed", made large, or a cost, made small.
+        "speed", which is maximised, or a cost, which is minimised.
     speed : float, optional
-        Mean speed required where a cost is made small.
+        Required mean speed if a cost is minimised.
     search : Search, optional
-        How to search.
+        Settings of the search.
     report : callable, optional
-        Told what goes on.
+        Called with a text and the share done, a number from 0 to 1 or None.
 
     Returns
     -------
     Design
-        The best gait found: its speed, loads (``motion``) and how it keeps its limits
-        (``violations``).
+        The best gait found, with its speed, loads (``motion``) and ``violations`` of the limits.
 
     Raises
     ------
     ArgumentError
-        If the arguments are wrong or do not fit together.
+        If arguments are invalid or do not fit together.
     SolveError
-        If no gait meets the limits; the message names those in conflict.
+        If no gait meets the limits; the message names the limits in conflict.
     KeyboardInterrupt
-        If the user stops it before a gait was found; later the design is marked interrupted.
+        If the user stops it before a gait is found; later the design is marked "interrupted".
 
     Examples
     --------
@@ -88,8 +87,8 @@ def design(
     name, excess = max(found.violations.items(), key=lambda item: item[1])
     if excess > _ACCEPTED:
         raise SolveError(
-            f"the best gait found exceeds {name} by {excess:.2g} of its size",
-            "relax limits of very different sizes, or try another search.seed",
+            f"the best gait found exceeds {name} by {excess:.2g} of its value",
+            "relax limits of very different magnitudes, or try another search.seed",
             found,
         )
     return found
@@ -102,9 +101,9 @@ def designed(
     hints: Iterable[Sequence_] = (),
     better: Callable[[Trial], None] = lambda _: None,
 ) -> Design:
-    """Design the best gait of a task, as `design`.
+    """Design the optimal gait of a task, as `design`.
 
-    `hints` are orders of rest to try first; `better` gets every trial that beats all before.
+    `hints` are resting sequences to try first; `better` is called with every improved trial.
     """
     if task.limits.tick is not None:
         free = designed(without_tick(task), settings, report, hints, better)
@@ -115,7 +114,7 @@ def designed(
         raise SolveError(
             f"objective.speed = {required:g} is above the ceiling {bound:.9g} of all gaits, set by "
             + " and ".join(keys := deciding(task, bound)),
-            f"require less than {bound:.6g}, or relax {' or '.join(keys)}",
+            f"write a speed below {bound:.6g}, or relax {' or '.join(keys)}",
         )
     begin = perf_counter()
     survey = search(task, settings, report, hints, better)
@@ -143,15 +142,15 @@ def _finest(
 
 
 def without_tick(task: GaitProblem) -> GaitProblem:
-    """The same task with cycles of any length."""
+    """The task without the tick."""
     return replace(task, limits=task.limits.without_ticks())
 
 
 def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) -> Design:
-    """Solve a design again with cycles of whole ticks, the next to its own, and take the best.
+    """Solve a design again with cycles of whole ticks next to its own, and return the best.
 
-    `free` is the design of the task `without_tick`; its order of rest is kept. Raises SolveError
-    where no such cycle has a gait.
+    `free` is the design of the task `without_tick`; its resting sequence is kept. Raises
+    SolveError if no cycle of whole ticks has a gait.
     """
     begin, limits = perf_counter(), task.limits
     periods = [limits.whole_ticks(count) for count in limits.ticks_of(free.period)]
@@ -171,7 +170,7 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
         if not trials:
             raise SolveError(
                 f"no gait was found whose cycle is a whole number of ticks near {free.period:.6g}",
-                f"write a limits.tick shorter than {limits.tick:g}",
+                f"write a limits.tick below {limits.tick:g}",
                 free,
             )
         trials.sort(key=lambda trial: -trial.value)
@@ -197,11 +196,11 @@ def _held(task: GaitProblem, start: Trial, period: float) -> Iterator[Trial]:
 
 
 def _nothing_slows(task: GaitProblem) -> SolveError:
-    """Tell of a sole moving mass: spikes push forward alone, so m a >= -k v, and it never rests."""
+    """Error for a single moving mass: spikes push forward only, so it never comes to rest."""
     return SolveError(
         "no gait advances: all masses but one rest at any time, and without worm.load nothing "
-        "brings that one to rest, as spikes only push forwards and drag fades with the velocity",
-        f"give worm.load above 0, or gait.resting below {task.limits.resting}",
+        "stops that mass, because spikes push forward only and drag decreases with the velocity",
+        f"write worm.load above 0, or gait.resting below {task.limits.resting}",
     )
 
 
@@ -209,7 +208,9 @@ def _nothing(task: GaitProblem, settings: Search, survey: Survey, report: Report
     if survey.ended == "interrupted":
         return KeyboardInterrupt()
     if survey.ended == "time limit":
-        return SolveError("no gait was found before search.time_limit", "give it more seconds")
+        return SolveError(
+            "no gait was found before search.time_limit", "increase search.time_limit"
+        )
     if task.limits.resting == task.worm.links and task.worm.load_range[0] <= 0.0:
         return _nothing_slows(task)
     orders = [ascending(settings.sequence)] if settings.sequence else first_orders(task)

@@ -19,6 +19,7 @@ import numpy as np
 
 from wormopt.errors import ArgumentError
 from wormopt.numerics.bilinear import Climb
+from wormopt.shown import Part, html, lines
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.limits import Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
@@ -39,37 +40,49 @@ _MOST_AGAIN = 400
 
 @dataclass(frozen=True)
 class Limit:
-    """A number of a task that may be moved."""
+    """A number of a task that can be changed."""
 
     name: str  # in the task: "limits.acceleration[1]"
     value: float
-    quantity: str  # what it measures, as `unit_of` takes it
-    moved: Callable[[float], GaitProblem]  # the task with another number in its place
+    quantity: str  # physical quantity, a name for `unit_of`
+    moved: Callable[[float], GaitProblem]  # the task with another value
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What moving one limit is worth.
+    """Sensitivity of the optimal objective to one limit.
 
     Parameters
     ----------
     name : str
-        Where it stands in the task: "limits.acceleration[1]", "limits.length.longest".
+        Name of the limit in the task: "limits.acceleration[1]", "limits.length.longest".
     value : float
-        The limit.
+        Value of the limit.
     quantity : str
-        What it measures, as `unit_of` takes it.
+        Physical quantity of the limit, a name for `unit_of`.
     derivative : float
         Change of the objective (speed or cost) per unit of the limit, in the direction in which
-        the objective gets better; 0 where it does so in neither. A limit of 0 can only be raised.
+        the objective improves; 0 if it improves in neither. A limit of 0 can only be raised.
     elasticity : float
-        Per cent of the objective per per cent of the limit; 0 for a limit of 0.
+        Relative change of the objective over the relative change of the limit; 0 for a limit of 0.
     raised, lowered : float
-        Derivatives to either side; NaN where the limit cannot be moved that way.
+        Derivatives for raising and lowering the limit; NaN if this is impossible.
     one_sided : bool
-        Whether these differ by more than 1 %: from here on something else binds, or, in a
-        program of more than 400 unknowns, a family of gaits is best alike; each side is then
-        at least as good as it says.
+        Whether these differ by more than 1 %. Then another limit becomes active here, or, in a
+        program with more than 400 unknowns, a family of gaits is equally good. The derivatives
+        are then lower bounds on the improvement in each direction.
+
+    Examples
+    --------
+    Two masses 1 that rest in turn, at period 1 and acceleration a = 20 under a load of 5, reach the
+    speed r/2 - r r/2 (1/a + 1/10) at the rate r = 1; its derivative is 0.35:
+
+    >>> import wormopt as wo
+    >>> limits = wo.Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
+    >>> found = wo.sensitivities(wo.design(wo.Worm(links=1, load=5.0), limits))
+    >>> (rate,) = (each for each in found if each.name == "limits.rate")
+    >>> round(rate.derivative, 6), rate.one_sided
+    (0.35, False)
     """
 
     name: str
@@ -81,29 +94,52 @@ class Sensitivity:
     lowered: float
     one_sided: bool
 
+    def __repr__(self) -> str:
+        effect = f"derivative {self.derivative:.6g}, elasticity {self.elasticity:.6g}"
+        return lines(f"Sensitivity to {self.name} = {self.value:.6g}: {effect}")
 
-def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
-    """Derivatives of the best objective of a design's order of rest by every limit.
+
+class Sensitivities(tuple[Sensitivity, ...]):
+    """Sensitivities of a design, which notebooks show as a table."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        binding = [f"{s.name} {s.elasticity:.3g}" for s in self if s.elasticity]
+        return lines(f"Sensitivities to {len(self)} limits", f"elasticity: {', '.join(binding)}")
+
+    def _repr_html_(self) -> str:
+        rows = [("limit", "value", "derivative", "elasticity", "")]
+        for s in sorted(self, key=lambda s: -abs(s.elasticity)):
+            remark = "differs to both sides" if s.one_sided else ""
+            value, derivative = f"{s.value:.6g}", f"{s.derivative:.6g}"
+            rows.append((s.name, value, derivative, f"{s.elasticity:.6g}", remark))
+        return html("Sensitivity of the objective to each limit", [Part("", rows)])
+
+
+def sensitivities(design: Design) -> Sensitivities:
+    """Compute the sensitivities of the optimal objective to all limits at fixed resting sequence.
 
     Parameters
     ----------
     design : Design
-        Of the speed or of a peak load; of whole ticks, its `free` one counts.
+        A design for speed or a peak load. If its cycles are whole ticks, its `free` design is
+        used.
 
     Returns
     -------
     tuple of Sensitivity
-        In the order of the scene's keys; those of limits that do not bind are 0.
+        In the order of the scene's keys; limits that do not bind have 0.
 
     Raises
     ------
     ArgumentError
-        If the design's cost is smooth: it has no program of this kind.
+        If the design minimises energy or effort, for which there are no multipliers.
 
     Examples
     --------
-    Two masses m that rest in turn, at rate r, period T, acceleration a and load G, reach the speed
-    r/2 - r r/(2 T) (1/a + m/(2 G)).
+    Two masses m that rest alternately, at rate r, period T, acceleration a and load G, reach the
+    speed r/2 - r r/(2 T) (1/a + m/(2 G)).
 
     >>> from wormopt.systems.spiked.limits import Limits
     >>> from wormopt.systems.spiked.task import Worm
@@ -118,13 +154,14 @@ def sensitivities(design: Design) -> tuple[Sensitivity, ...]:
     trial = design.trial
     if trial is None:
         raise ArgumentError(
-            f"there are no sensitivities of {design.task.objective.minimise}; seek speed, "
-            "peak_spike_load or peak_actuator_force"
+            f"the design minimises {design.task.objective.minimise}, for which there are no "
+            "sensitivities; design for speed, peak_spike_load or peak_actuator_force"
         )
     program, point = trial.program.finer(trial.point)
     if point is not None:  # limits of single links may bend a motion where no arc ends yet
         trial = replace(trial, program=program, point=point)
-    return tuple(_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+    found = (_sensitivity(design.task, trial, limit) for limit in limits_of(design.task))
+    return Sensitivities(found)
 
 
 def scaling_error(known: Iterable[Sensitivity], objective: Objective) -> float:

@@ -1,9 +1,9 @@
-"""Gaits for a worm whose numbers were measured: limits hold wherever the numbers may lie.
+"""Gaits for a worm with measured parameters: limits hold for all parameters in an ellipsoid.
 
-Spike loads, actuator forces and sigma are linear in masses, drag and load while the worm does not
-glide. So a gait's worst case over a confidence ellipsoid is closed form, at every time, and some
-half width of the load does to every limit at least as much. Designed is for that range of loads;
-how wide it must be is read off the gait, until both agree.
+Without gliding, spike loads, actuator forces and sigma are linear in masses, drag and load. The
+worst case over a confidence ellipsoid is therefore closed form at every time. A range of loads of
+some half width affects every limit at least as much. The gait is designed for such a range; the
+needed width follows from the gait, and both are iterated until they agree.
 """
 
 from __future__ import annotations
@@ -33,59 +33,61 @@ _ROUNDS, _WIDER = 8, 1.05
 
 @dataclass(frozen=True, eq=False)
 class Believed:
-    """Numbers of a worm with their covariance, as a fit leaves them.
+    """Estimated parameters of a worm with their covariance.
 
-    The order of the covariance is the masses, head first, the drag, the load: (n+3, n+3). Rows of
-    what is known are 0.
+    The order of the covariance (n+3, n+3) is masses, head first, drag, load. Rows of known
+    parameters are 0.
     """
 
     mass: tuple[float, ...]
     drag: float
     load: float
     covariance: np.ndarray
-    freedom: float = math.inf  # readings less numbers found; inf where the noise was known
+    freedom: float = math.inf  # readings minus estimated parameters; inf if the noise is known
 
     def __post_init__(self) -> None:
         size = len(self.mass) + 2
         if self.covariance.shape != (size, size):
-            raise ArgumentError(f"the covariance must be {size} by {size}")
+            raise ArgumentError(
+                f"the covariance has shape {self.covariance.shape}, but must be {size} by {size}"
+            )
 
     @property
     def numbers(self) -> np.ndarray:
-        """The numbers in the covariance's order."""
+        """Parameters in the order of the covariance."""
         return np.array([*self.mass, self.drag, self.load])
 
     def reach(self, confidence: float) -> float:
-        """Standard deviations by which no linear combination of the numbers is off, all at once.
+        """Radius of the confidence ellipsoid of all parameters, in standard deviations.
 
-        Scheffe's: with this confidence the true numbers lie in the ellipsoid of this radius.
+        By Scheffé's method: with this confidence, no linear combination is off by more.
         """
         found = int(np.count_nonzero(np.diag(self.covariance)))
         freedom = min(self.freedom, 1e9)
         return math.sqrt(found * float(fdtri(found, freedom, confidence))) if found else 0.0
 
     def distance(self, numbers: np.ndarray) -> float:
-        """How far other numbers (n+3,) are, in standard errors: within `reach` they are covered."""
+        """Distance of other parameters (n+3,) in standard errors; within `reach` if covered."""
         found = np.diag(self.covariance) > 0
         off = (np.asarray(numbers) - self.numbers)[found]
         return math.sqrt(off @ np.linalg.solve(self.covariance[np.ix_(found, found)], off))
 
     def worm(self, width: float) -> Worm:
-        """The worm with a range of loads, as wide to both sides; no load is below 0."""
+        """Worm with a range of loads of this half width; no load is below 0."""
         low, high = max(0.0, self.load - width), self.load + width
         return Worm(len(self.mass) - 1, self.mass, self.drag, (low, high) if width else self.load)
 
 
 @dataclass(frozen=True, eq=False)
 class Robust:
-    """A gait that keeps its limits wherever the numbers may lie, and how it came about."""
+    """A gait that meets its limits for all parameters in the ellipsoid, and its derivation."""
 
     design: Design
-    nominal: Design  # the best gait if the numbers were as believed
-    width: float  # half the range of loads for which it is designed
-    needed: float  # what its own worst case asks for
-    reach: float  # standard deviations that are covered
-    rounds: int  # designs that were made
+    nominal: Design  # the optimal gait if the estimates were exact
+    width: float  # half the range of loads of the design
+    needed: float  # half range that its own worst case needs
+    reach: float  # radius of the ellipsoid in standard deviations
+    rounds: int  # number of designs
 
 
 def design_believed(
@@ -96,11 +98,11 @@ def design_believed(
     search: Search = Search(),  # noqa: B008  frozen
     report: Report = silent,
 ) -> Robust:
-    """Design the best gait that keeps its limits with this confidence.
+    """Design the optimal gait that meets its limits with the given confidence.
 
-    The order of rest is that of the best gait for the numbers believed. Raises ArgumentError where
-    limits are not linear in the numbers, SolveError where no gait is found or the numbers are not
-    known well enough.
+    The resting sequence is that of the optimal gait for the estimates. Raises ArgumentError if
+    limits are not linear in the parameters, SolveError if no gait is found or the parameters are
+    not known well enough.
     """
     _check(believed, limits, confidence)
     nominal = designed(GaitProblem(believed.worm(0.0), limits, objective), search, report)
@@ -114,20 +116,20 @@ def design_believed(
         width = _WIDER * needed
         if width > believed.load:
             raise SolveError(
-                f"the load is known to {believed.load:.4g} +- {width:.2g} only, all numbers' "
-                "errors counted in: the worm might be pulled forward",
+                f"the load is known only to {believed.load:.4g} +- {width:.2g}, with the errors "
+                "of all parameters: the worm might be pulled forward",
                 "record longer, with less noise, or a gait with larger accelerations",
             )
         task = GaitProblem(believed.worm(width), limits, objective)
         found = designed(task, quick, report)
     raise SolveError(
-        f"the range of loads did not settle in {_ROUNDS} designs",
-        "record longer or with less noise, so that less is uncertain",
+        f"the range of loads did not converge in {_ROUNDS} designs",
+        "record longer or with less noise to reduce the uncertainty",
     )
 
 
 def needed_width(motion: Crawl, believed: Believed, reach: float, limits: Limits) -> float:
-    """Half the range of loads that is as bad for a gait as any numbers within reach."""
+    """Half the range of loads that affects a gait as much as the worst parameters in reach."""
     burdens: list[Burden] = ["total"]
     if limits.actuator_force is not None:
         burdens.append("actuators")
@@ -139,9 +141,9 @@ def needed_width(motion: Crawl, believed: Believed, reach: float, limits: Limits
             by_load = np.abs(slopes[-1])
             if np.any((by_load < 1e-9) & (off > 0)):
                 raise SolveError(
-                    "an actuator between resting masses does not feel the load, so that no range "
-                    "of loads covers its error",
-                    "leave out limits.actuator_force, or resting above 1",
+                    "the force of an actuator between resting masses does not depend on the load, "
+                    "so no range of loads covers its error",
+                    "remove limits.actuator_force, or write resting = 1",
                 )
             worst = max(worst, float((off / by_load).max()))
     return _BETWEEN * reach * worst
@@ -178,22 +180,25 @@ def _check(believed: Believed, limits: Limits, confidence: float) -> None:
     if not 0.5 <= confidence < 1:
         raise ArgumentError(f"confidence must be from 0.5 to below 1, not {confidence!r}")
     if limits.sharing != "equal":
-        raise ArgumentError("the numbers' errors go into loads linearly only with equal sharing")
+        raise ArgumentError(
+            f'sharing is "{limits.sharing}", but errors propagate linearly only with "equal"; '
+            'write "equal"'
+        )
     if not np.all(np.isfinite(believed.covariance)):
         names = [*(f"mass[{i}]" for i in range(len(believed.mass))), "drag", "load"]
         unknown = np.flatnonzero(~np.isfinite(np.diag(believed.covariance)))
         told = ", ".join(names[k] for k in unknown)
         raise SolveError(
-            f"the recordings do not tell {told}",
-            "record a gait in which every mass rests and every mass moves, or give what is known",
+            f"{told} cannot be identified from the recordings",
+            "record a gait in which every mass rests and moves, or give known values",
         )
 
 
-# -- beside the truth ------------------------------------------------------------------------------
+# -- comparison with the real worm -----------------------------------------------------------------
 
 
 def on_plant(design: Design, plant: Worm) -> Crawl:
-    """How the worm with other numbers crawls with a design's gait."""
+    """Motion of a worm with other parameters under a design's gait."""
     limits = design.task.limits
     load = plant.load_range[1]
     loads = plant.loads(load)
@@ -201,7 +206,7 @@ def on_plant(design: Design, plant: Worm) -> Crawl:
 
 
 def load_band(design: Design, believed: Believed, reach: float) -> tuple[np.ndarray, ...]:
-    """Time (m,), the load of a resting spike, and by how much it may be off at worst."""
+    """Times (m,), load of a resting spike, and its worst-case error."""
     motion = design.motion_under(believed.load)
     times, loads, errors = [], [], []
     for stretch in motion.stretches:

@@ -14,7 +14,7 @@ import numpy as np
 
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
-from wormopt.quantities import Scalar, unit_of, unit_ratio
+from wormopt.quantities import Scalar, Variable, unit_of, unit_ratio
 from wormopt.result import Check, Result
 from wormopt.scene.conclude import conclude
 from wormopt.scene.scene import Scene
@@ -34,6 +34,7 @@ from wormopt.systems.spiked.runs.motion import (
     motion_variables,
 )
 from wormopt.systems.spiked.scenes.design_tables import in_scene
+from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.search.search import DONE
@@ -180,14 +181,37 @@ def _scalars(table: DesignTable, found: Design, motion: Crawl) -> dict[str, Any]
     if limits.length_step is not None:
         known |= {"length_step": limits.length_step, "step_loss": found.step_loss}
     low, high = found.task.worm.load_range
+    return known | _limits(found) | ({"load_range": [low, high]} if low < high else {})
+
+
+def _limits(found: Design) -> dict[str, Any]:
+    """Limits that pictures show, those that are given."""
+    limits, links = found.task.limits, found.task.worm.links
     given = {
+        "length_limits": limits.length_ranges(links),
         "rate_limit": limits.rate_limits(links),
         "acceleration_limit": limits.acceleration,
         "spike_load_limit": limits.spike_load,
         "actuator_force_limit": limits.actuator_force,
-        "load_range": [low, high] if low < high else None,
     }
-    return known | {name: value for name, value in given.items() if value is not None}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def as_result(found: Design) -> Result:
+    """A Result that holds what pictures of a design show, without units."""
+    motion = found.motion
+    arrays = motion_variables(motion)
+    return Result(
+        "design",
+        "gait-design",
+        "Designed gait",
+        scalars={name: Scalar(value) for name, value in _limits(found).items()},
+        variables=tuple(
+            Variable(name, "1", dims, arrays[name], what)
+            for name, (_, dims, what) in MOTION_VARIABLES.items()
+        ),
+        attributes={"impulses": motion.impulses},
+    )
 
 
 def _facts(found: Design, excess: dict[str, float]) -> dict[str, Any]:

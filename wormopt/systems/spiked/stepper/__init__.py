@@ -1,4 +1,11 @@
-"""Gaits on stepping motors, and how the worm then moves."""
+"""Step commands for gaits on stepping motors, and the motion that they produce.
+
+Examples
+--------
+>>> import wormopt as wo
+>>> wo.stepper.Stepper(lead=2e-3, steps_per_turn=200, microsteps=2).travel
+5e-06
+"""
 
 from wormopt.lazy import names_of
 

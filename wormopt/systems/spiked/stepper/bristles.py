@@ -1,14 +1,16 @@
-"""How a worm moves whose links are stepped and whose bristles give way a little, chapter 2.5.
+"""The motion of a worm with stepped links and bristles that slip back a little.
 
-Lengths are prescribed, so one unknown is left: where the worm as a whole is. A bristle lets its
-mass slip back by `backslip` from the foremost place the mass has been at, and then holds. The
-worm is never further ahead than some bristle holds it, which is the w = 0 of (7): under a load
-that is large enough, x_0 = max over i of (S_i + h_i), where h_i is what mass i is held at.
+It models the prototype in section 2.5 of Zimmermann et al. 2007. Lengths are prescribed, so the
+only unknown is the position of the whole worm. A bristle lets its mass slip back by `backslip` from
+its foremost position and then holds. The worm is never ahead of where the bristles hold it, which
+is w = 0 in eq. 7 under a sufficient load: x_0 = max over i of (S_i + h_i), where h_i is the
+position
+at which mass i is held.
 
-On a straight piece of way in the lengths velocities never fall (x_0 is a maximum of linear
-functions there), so no mass goes back after it went forward: the masses' places at the end of
-the piece are exact without a look inside. That makes the motion a linear map over (max, +), and
-the mean speed its largest mean weight of a cycle.
+While all lengths change linearly, velocities never decrease (x_0 is a maximum of linear functions),
+so no mass moves back after it moved forward. The positions at the end of such a piece are therefore
+exact without intermediate points. The motion is a linear map over (max, +), and the mean speed is
+its largest mean weight of a cycle.
 """
 
 from __future__ import annotations
@@ -26,50 +28,65 @@ _BATCH = 4096
 
 @dataclass(frozen=True, eq=False)
 class BristleMotion:
-    """Periodic motion of a stepped worm, apart from its advance."""
+    """Periodic motion of a stepped worm, up to its advance.
 
-    time: np.ndarray  # (m,) from 0 to the period: the start, after each move
-    position: np.ndarray  # (n+1, m) of the masses; the head starts at 0
-    holding: np.ndarray  # (n+1, m) bool, which bristles hold
-    speed: float  # mean, by the largest cycle mean
-    period_error: float  # of the motion from its advance by speed in a period
+    Parameters
+    ----------
+    time : numpy.ndarray, shape (m,)
+        Times from 0 to the period: the start, and the end of each move.
+    position : numpy.ndarray, shape (n+1, m)
+        Positions of the masses; the head starts at 0.
+    holding : numpy.ndarray of bool, shape (n+1, m)
+        Which bristles hold.
+    speed : float
+        Mean speed, from the largest cycle mean.
+    period_error : float
+        Difference of the motion over a period from its advance by `speed`, a length.
+    """
+
+    time: np.ndarray
+    position: np.ndarray
+    holding: np.ndarray
+    speed: float
+    period_error: float
 
     @property
     def advance(self) -> float:
-        """Way per period, by the motion itself."""
+        """Distance travelled per period, from the motion itself."""
         return float(self.position[0, -1] - self.position[0, 0])
 
 
 def ratchet(steps: Steps, backslip: float, settle_time: float = 0.0) -> BristleMotion:
-    """Move a worm on bristles by the steps of its motors, from step to step.
+    """Compute the motion of a worm on bristles under the steps of its motors.
 
     Parameters
     ----------
     steps : Steps
-        One period of steps; it goes on for ever.
+        Steps of one period, which repeats.
     backslip : float
-        How far a mass slips back before its bristles hold.
+        Distance that a mass slips back before its bristles hold.
     settle_time : float, optional
-        A link takes this long for a step, at an even rate; 0 is at once. Steps that follow each
-        other faster add up.
+        Time that a link takes for a step at a constant rate; 0 is immediate. Steps that follow
+        each other faster add up.
 
     Returns
     -------
     BristleMotion
-        After it has become periodic.
+        The periodic motion.
 
     Raises
     ------
     ArgumentError
-        If the backslip or the time is negative or not finite, or the time not below the period.
+        If `backslip` or `settle_time` is negative or not finite, or if `settle_time` is not below
+        the period.
 
     Notes
     -----
-    Steps of several motors less than 1e-9 of a period apart are one straight move.
+    Steps of several motors less than 1e-9 of a period apart are one linear move.
 
     Examples
     --------
-    Two masses: of every stroke both handovers cost one backslip.
+    Two masses: in every stroke both handovers cost one backslip.
 
     >>> import numpy as np
     >>> once = np.arange(1, 9) / 10
@@ -85,7 +102,7 @@ def ratchet(steps: Steps, backslip: float, settle_time: float = 0.0) -> BristleM
             f"settle_time must be at least 0 and below the period {steps.period:g}, not "
             f"{settle_time!r}"
         )
-    # in microsteps, so that counts stay whole numbers
+    # in microsteps, so that counts are whole numbers
     slip = backslip / steps.travel
     time, counts = _ramped(steps, settle_time) if settle_time else _held(steps)
     spans = np.vstack([np.zeros(len(time)), np.cumsum(counts, axis=0)])
@@ -102,7 +119,7 @@ def ratchet(steps: Steps, backslip: float, settle_time: float = 0.0) -> BristleM
 
 
 def _held(steps: Steps) -> tuple[np.ndarray, np.ndarray]:
-    """Instants, and the counts of all motors from then on; steps at one instant joined."""
+    """Times, and the counts of all motors from then on; simultaneous steps are joined."""
     moves = np.zeros((steps.links, len(steps.time)))
     moves[steps.motor, np.arange(len(steps.time))] = steps.direction
     counts = np.cumsum(moves, axis=1)
@@ -115,7 +132,7 @@ def _held(steps: Steps) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ramped(steps: Steps, settle_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of lengths that take their time for every step, and the lengths there."""
+    """Corners of lengths with ramped steps, and the lengths there."""
     period, sign = steps.period, steps.direction.astype(float)
     begin, end = steps.time, steps.time + settle_time
     over = end > period
@@ -128,20 +145,20 @@ def _ramped(steps: Steps, settle_time: float) -> tuple[np.ndarray, np.ndarray]:
         if not own.any():
             rows.append(np.zeros(len(corners)))
             continue
-        # what began in the period before is done to some part at 0, and the rest follows
+        # a ramp from the period before is partly done at 0, and continues
         first = np.concatenate([begin[own] - period, begin[own]])
         rows.append(_ramps(first, np.tile(sign[own], 2), settle_time, corners))
     return corners, np.array(rows)
 
 
 def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarray) -> np.ndarray:
-    """Sum of ramps of height +1 or -1 at times t, none of them before the first begins."""
+    """Sum of ramps of height +1 or -1 at times t; 0 before the first begins."""
     knots = np.concatenate([begin, begin + settle_time])
     slopes = np.concatenate([sign, -sign]) / settle_time
     order = np.argsort(knots, kind="stable")
     knots, rate = knots[order], np.cumsum(slopes[order])
     level = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(knots))])
-    # between steps the motor is at a whole count: rounding of one ramp is not handed on
+    # between steps the motor is at a whole count: rounding of one ramp does not propagate
     active = np.cumsum(np.concatenate([np.ones(len(begin)), -np.ones(len(begin))])[order])
     idle = active == 0
     last = np.maximum.accumulate(np.where(idle, np.arange(len(idle)), 0))
@@ -152,7 +169,7 @@ def _ramps(begin: np.ndarray, sign: np.ndarray, settle_time: float, t: np.ndarra
 
 
 def _period_map(spans: np.ndarray, slip: float) -> np.ndarray:
-    """Matrix over (max, +) from what masses are held at, to the same a period later.
+    """Matrix over (max, +) from the held positions to those a period later.
 
     After a move the worm is at x_0 = max_k (S_k + h_k), and h_i becomes
     max(h_i, x_0 - S_i - slip).
@@ -195,7 +212,7 @@ def _cycle_mean(matrix: np.ndarray) -> tuple[float, np.ndarray]:
 def _follow(
     spans: np.ndarray, held: np.ndarray, slip: float, mean: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Places of the masses after every move of one period, who holds, and how well it closes."""
+    """Positions of the masses after every move of a period, holding bristles, closing error."""
     masses = range(len(spans))
     hold = held.tolist()
     head, holds = [], []

@@ -1,6 +1,7 @@
-"""Stepping motors on threaded rods, chapter 2.5: what a gait asks of them, and how fast it may be.
+"""Stepping motors on threaded rods: the demand of a gait on them, and its smallest period.
 
-The extremes are those of the gait's own functions of time, found as roots on every piece.
+They model the prototype in section 2.5 of Zimmermann et al. 2007. Extremes are those of the gait's
+own functions of time, found as roots on every piece.
 """
 
 from __future__ import annotations
@@ -16,32 +17,32 @@ from wormopt.numerics.chebyshev import Series, resolve
 from wormopt.shown import enough
 from wormopt.systems.spiked.stretches import at_breaks, exact_degree
 
-_JUMP = 1e-9  # of the largest length or rate: smaller jumps between pieces are round-off
-_ACCEPTED = 1e-9  # by so much of itself a period may be below the smallest
+_JUMP = 1e-9  # share of the largest length or rate: smaller jumps between pieces are round-off
+_ACCEPTED = 1e-9  # relative amount by which a period may be below the smallest
 
 
 @dataclass(frozen=True)
 class Stepper:
-    """A stepping motor that turns a threaded rod; every link has one of its kind.
+    """A stepping motor that turns a threaded rod; all links have the same motor.
 
     Parameters
     ----------
     lead : float
-        Way along the rod per turn, m.
+        Travel along the rod per turn, m.
     steps_per_turn : int
         Full steps per turn.
     microsteps : int, optional
-        Microsteps per full step; each pulse to the driver is one.
+        Microsteps per full step; each pulse to the driver is one microstep.
     rate_max : float, optional
         Largest rate, turns/s.
     acceleration_max : float, optional
-        Largest change of the rate, turns/s²; where it is infinite, rates may jump.
+        Largest change of the rate, turns/s². If it is infinite, rates may jump.
     start_rate : float, optional
-        Up to this rate, turns/s, the motor starts, stops and reverses at once.
+        Rate, turns/s, up to which the motor starts, stops and reverses without a ramp.
     hysteresis : float, optional
         Share of a microstep by which a length must be past the middle between two positions
-        before the motor steps, 0 to 0.4. It keeps a length that lingers at such a middle from
-        being answered by a step to and fro at short intervals; 0 is plain rounding.
+        before the motor steps, 0 to 0.4. It avoids steps to and fro at short intervals if a
+        length stays near such a middle; 0 is plain rounding.
 
     Raises
     ------
@@ -50,8 +51,8 @@ class Stepper:
 
     Notes
     -----
-    Pull-out curves of motors are given over the speed of the shaft, which does not depend on
-    microstepping: hence turns, not pulses.
+    Pull-out curves of motors depend on the speed of the shaft, not on microstepping. Rates are
+    therefore in turns, not in pulses.
 
     Examples
     --------
@@ -77,15 +78,15 @@ class Stepper:
             if not getattr(self, name) > 0:
                 raise ArgumentError(f"{name} must be above 0, not {getattr(self, name)!r}")
         if not np.isfinite(self.lead):
-            raise ArgumentError("lead must be finite")
+            raise ArgumentError(f"lead must be finite, not {self.lead!r}")
         if not 0 <= self.start_rate <= self.rate_max:
-            raise ArgumentError(f"start_rate must lie within 0 and rate_max, not {self.start_rate}")
+            raise ArgumentError(f"start_rate must be from 0 to rate_max, not {self.start_rate}")
         if not 0 <= self.hysteresis <= 0.4:
-            raise ArgumentError(f"hysteresis must lie within 0 and 0.4, not {self.hysteresis!r}")
+            raise ArgumentError(f"hysteresis must be from 0 to 0.4, not {self.hysteresis!r}")
 
     @property
     def travel(self) -> float:
-        """Way along the rod per microstep, m."""
+        """Travel along the rod per microstep, m."""
         return self.lead / (self.steps_per_turn * self.microsteps)
 
     @property
@@ -96,43 +97,43 @@ class Stepper:
 
 @dataclass(frozen=True)
 class Limit:
-    """What one limit of the motors says of the period."""
+    """Smallest period under one limit of the motors."""
 
     name: str  # rate_max, acceleration_max or start_rate (rate jumps)
-    period_min: float  # at which the gait's shape keeps it; inf: none does
-    link: int  # that decides, from 0
-    time: float  # when it does, in the gait as it is
+    period_min: float  # smallest period at which the gait's shape meets it; inf: none
+    link: int  # the critical link, from 0
+    time: float  # the critical time, in the gait at its own period
 
 
 @dataclass(frozen=True, eq=False)
 class Demand:
-    """What a gait asks of its motors."""
+    """Demand of a gait on its motors."""
 
     rate: np.ndarray  # (n,) largest, turns/s
-    # (n,) largest above start_rate, turns/s²; inf where the rate jumps beyond start_rate
+    # (n,) largest above start_rate, turns/s²; inf if the rate jumps beyond start_rate
     acceleration: np.ndarray
-    limits: tuple[Limit, ...]  # one per limit of `Stepper` that says something
+    limits: tuple[Limit, ...]  # one per active limit of `Stepper`
     period: float  # of the gait
 
     @property
     def strictest(self) -> Limit:
-        """The limit that asks for the longest period."""
+        """The limit that needs the longest period."""
         return max(self.limits, key=lambda limit: limit.period_min)
 
     @property
     def period_min(self) -> float:
-        """Smallest period at which motors follow this shape."""
+        """Smallest period at which the motors can follow this shape."""
         return self.strictest.period_min
 
     @property
     def feasible(self) -> bool:
-        """Whether the motors follow the gait as it is."""
+        """Whether the motors can follow the gait at its own period."""
         return self.period >= self.period_min * (1 - _ACCEPTED)
 
     def refuse(self, stepper: Stepper) -> None:
-        """Raise SolveError if the motors cannot follow.
+        """Raise SolveError if the motors cannot follow the gait.
 
-        It names the limit, the link, the time and the smallest period.
+        The message names the limit, the link, the time and the smallest period.
         """
         if self.feasible:
             return
@@ -140,27 +141,28 @@ class Demand:
         at = f"link {limit.link} at t = {limit.time:.6g}"
         allowed = f"motor.{limit.name} is {getattr(stepper, limit.name):g}"
         if limit.name == "rate_max":
-            asked = f"{self.rate[limit.link]:.6g} turns/s of the motor of {at}, and {allowed}"
+            asked = f"{self.rate[limit.link]:.6g} turns/s from the motor of {at}, but {allowed}"
         elif limit.name == "acceleration_max":
             asked = (
-                f"{self.acceleration[limit.link]:.6g} turns/s^2 of the motor of {at}, and {allowed}"
+                f"{self.acceleration[limit.link]:.6g} turns/s^2 from the motor of {at}, but "
+                f"{allowed}"
             )
         else:
-            asked = f"a jump of the rate of the motor of {at}, and {allowed} turns/s"
+            asked = f"a jump of the rate from the motor of {at}, but {allowed} turns/s"
         if np.isfinite(limit.period_min):
             period = enough(limit.period_min, 4, _ACCEPTED / 2)
             suggestion = f"write gait.period = {period:g} or longer"
         else:
             suggestion = (
-                "take a gait without corners (a profile with a ramp), or give motor.start_rate"
+                "use a gait without corners (a profile with a ramp), or write motor.start_rate"
             )
-        raise SolveError(f"the gait asks for {asked}", suggestion, code="too_fast")
+        raise SolveError(f"the gait needs {asked}", suggestion, code="too_fast")
 
 
 def demand(gait: Gait, stepper: Stepper) -> Demand:
-    """Find what a gait asks of the motors, and the smallest period they can follow.
+    """Compute the demand of a gait on the motors, and the smallest period they can follow.
 
-    Up to start_rate any change is followed: the least factor on the period is max over t of
+    Any change is feasible up to start_rate: the smallest factor on the period is max over t of
     min(sqrt(|l''|/a_max), |l'|/start). Raises ArgumentError if a length jumps.
     """
     _refuse_jumps(gait)
@@ -202,13 +204,13 @@ def _refuse_jumps(gait: Gait) -> None:
     if gap.max() > _JUMP * np.abs(before).max():
         q, j = np.unravel_index(int(gap.argmax()), gap.shape)
         raise ArgumentError(
-            f"the length of link {j} jumps by {gap[q, j]:.3g} at t = {gait.breaks[q]:.6g}: "
-            "no motor follows that"
+            f"the length of link {j} jumps by {gap[q, j]:.3g} at t = {gait.breaks[q]:.6g}, which "
+            "no motor can follow; give a gait with continuous lengths"
         )
 
 
 def _corners(gait: Gait, stepper: Stepper, size: float) -> Iterator[tuple[int, float, float]]:
-    """Link, time and the larger of both rates, turns/s, of every jump that is no motor's."""
+    """Link, time and larger of both rates, turns/s, of every jump that needs start_rate."""
     if np.isinf(stepper.acceleration_max):
         return
     after, before = at_breaks(gait, 1)
@@ -218,7 +220,7 @@ def _corners(gait: Gait, stepper: Stepper, size: float) -> Iterator[tuple[int, f
 
 
 def _instants(gait: Gait, stepper: Stepper, piece: int) -> list[np.ndarray]:
-    """Of each link, the instants of a piece among which its extreme demands are."""
+    """Times of a piece, for each link, that include those of its extreme demands."""
     width = float(gait.breaks[piece + 1] - gait.breaks[piece])
     first, second, third = (
         resolve(lambda s, k=k: gait.on_piece(piece, s, k), 0.0, width, exact_degree(gait))

@@ -1,6 +1,6 @@
-"""When stepping motors have to step so that links follow a gait, by exact inversion of lengths.
+"""Step times of motors whose links follow a gait, by exact inversion of lengths.
 
-And these steps as text: a CSV table for people and programs, a C table for a timer interrupt.
+Also step commands as text: a CSV table for people and programs, and C source for a timer interrupt.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from wormopt.systems.spiked.stepper.stepper import Stepper, demand
 from wormopt.systems.spiked.stretches import exact_degree
 from wormopt.tables import Wrong, parse_table
 
-# A level counts as crossed when passed by so much of a microstep: a length that only touches it
-# is not answered by a step to and fro at one instant.
+# Share of a microstep by which a level must be passed, so that a length that only touches it causes
+# no step to and fro.
 _TOUCH = 1e-9
 _MOST = 2_000_000
 _LARGEST = 2**32 - 1
@@ -34,20 +34,22 @@ class Steps:
     """
 
     period: float
-    travel: float  # way per (micro)step
+    travel: float  # change of length per (micro)step
     start: np.ndarray  # (n,) link lengths at time 0, where counts are 0
     time: np.ndarray  # (m,) from 0 to the period, ascending
-    motor: np.ndarray  # (m,) int, which link's motor, from 0
-    direction: np.ndarray  # (m,) int, by one travel: +1 lengthens, -1 shortens
+    motor: np.ndarray  # (m,) int, index of the motor and its link
+    direction: np.ndarray  # (m,) int: +1 lengthens by one travel, -1 shortens
 
     def __post_init__(self) -> None:
         shapes = {self.time.shape, self.motor.shape, self.direction.shape}
         if len(shapes) > 1 or self.time.ndim != 1:
-            raise ArgumentError("time, motor and direction must have one entry per step each")
+            raise ArgumentError(
+                "time, motor and direction differ in shape; give one entry per step"
+            )
         if np.any(np.diff(self.time) < 0):
-            raise ArgumentError("times must ascend")
+            raise ArgumentError("times do not increase; sort the steps by time")
         if self.time.size and not 0 <= self.time[0] <= self.time[-1] <= self.period:
-            raise ArgumentError("times must lie within 0 and the period")
+            raise ArgumentError("times must be from 0 to the period")
         if np.any(np.abs(self.direction) != 1):
             raise ArgumentError("directions must be 1 or -1")
         if np.any((self.motor < 0) | (self.motor >= self.links)):
@@ -74,21 +76,21 @@ class Steps:
         return self.time[own], self.direction[own]
 
     def lengths(self, t: np.ndarray) -> np.ndarray:
-        """Commanded lengths (n, m) at times (m,) in the period; at a step the new one."""
+        """Commanded lengths (n, m) at times (m,) in the period; at a step the new length."""
         rows = [self.taken(j, t) for j in range(self.links)]
         return self.start[:, None] + self.travel * np.array(rows)
 
     def taken(self, motor: int, t: np.ndarray, side: Literal["left", "right"] = "right") -> Any:
-        """Steps up less down of a motor until times (m,); at a step itself that from the side."""
+        """Net steps of a motor until times (m,); `side` selects the value at a step itself."""
         time, direction = self.of_motor(motor)
         count = np.concatenate([[0], np.cumsum(direction)])
         return count[np.searchsorted(time, t, side=side)]
 
     @property
     def intervals_min(self) -> np.ndarray:
-        """Shortest time between two steps of each motor, shape (n,), infinite where it has none.
+        """Shortest time between two steps of each motor, shape (n,), infinite without steps.
 
-        Steps are repeated period after period: the first follows the last.
+        Steps repeat every period: the first follows the last.
         """
         shortest = np.full(self.links, np.inf)
         for j in range(self.links):
@@ -99,35 +101,35 @@ class Steps:
 
     @property
     def interval_min(self) -> float:
-        """Shortest time between two steps of one motor; infinite where there are none."""
+        """Shortest time between two steps of one motor; infinite without steps."""
         return float(self.intervals_min.min())
 
 
 def step_times(gait: Gait, stepper: Stepper) -> Steps:
-    """Find the instants at which motors step so that lengths follow a gait.
+    """Find the times at which motors step so that lengths follow a gait.
 
-    A motor steps where its length passes the middle between two positions, by the hysteresis:
-    the commanded length is off by 1/2 + hysteresis microsteps at most. Positions are counted
-    from the length at time 0, so that strokes of whole microsteps end on one.
+    A motor steps when its length passes the middle between two positions by the hysteresis. The
+    error of the commanded length is at most 1/2 + hysteresis microsteps. Positions are counted
+    from the length at time 0, so strokes of whole microsteps end on a position.
 
     Parameters
     ----------
     gait : Gait
-        Lengths of the links.
+        Lengths of the links, m and s.
     stepper : Stepper
         The motor.
 
     Returns
     -------
     Steps
-        Instants to rounding; motors end the period where they began.
+        Times accurate to rounding; motors return to their start at the end of the period.
 
     Raises
     ------
     ArgumentError
-        If a length jumps, or there are more than two million steps.
+        If a length jumps, or if there are more than two million steps.
     SolveError
-        If the gait is too fast for the motor, with the smallest period.
+        If the gait is too fast for the motor; the message gives the smallest period.
 
     Examples
     --------
@@ -154,9 +156,9 @@ def step_times(gait: Gait, stepper: Stepper) -> Steps:
 
 
 def turning_times(gait: Gait, link: int) -> np.ndarray:
-    """Breaks of the gait and instants at which a length turns; it is monotone between.
+    """Breaks of the gait and times at which a length reverses; it is monotone between them.
 
-    Ascending, from 0 to the period; links count from 0.
+    Ascending, from 0 to the period; links are counted from 0.
     """
     found = [gait.breaks[:1]]
     for piece, a, b in _runs(gait, link):
@@ -165,9 +167,9 @@ def turning_times(gait: Gait, link: int) -> np.ndarray:
 
 
 def quantisation_error(gait: Gait, steps: Steps) -> np.ndarray:
-    """Largest distance (n,) of the commanded length from the gait's, over all time.
+    """Largest difference (n,) between commanded length and gait, over all time.
 
-    Both are monotone between steps and turning points, so it is largest beside one of them.
+    Both are monotone between steps and turning points, so it is largest next to one of them.
     """
     worst = []
     for j in range(gait.links):
@@ -179,7 +181,7 @@ def quantisation_error(gait: Gait, steps: Steps) -> np.ndarray:
 
 
 def _length(gait: Gait, link: int, t: np.ndarray) -> np.ndarray:
-    # the end of the period is not its start for a gait that closes up to rounding only
+    # a gait that closes only up to rounding has different lengths at start and end of the period
     last = t >= gait.period
     values = gait(t)[link]
     if np.any(last):
@@ -218,19 +220,19 @@ def _steps_of_link(
             continue
         total += number
         if total > _MOST:
-            raise ArgumentError(f"more than {_MOST} steps a period; take fewer microsteps")
+            raise ArgumentError(f"more than {_MOST} steps per period; decrease microsteps")
         levels = start + travel * (count + sign * (margin + np.arange(number)))
         times.append(gait.breaks[piece] + _instants(gait, piece, link, (a, b), levels))
         directions.append(np.full(number, sign))
         count += sign * number
-    # rounding at a break may put a step a hair before the one of the piece before
+    # rounding at a break may put a step just before the last one of the previous piece
     return np.maximum.accumulate(np.concatenate(times)), np.concatenate(directions)
 
 
 def _instants(
     gait: Gait, piece: int, link: int, span: tuple[float, float], levels: np.ndarray
 ) -> np.ndarray:
-    """When a length, monotone on the span, passes each of many levels: Newton within brackets."""
+    """Times at which a monotone length passes many levels: Newton's method within brackets."""
     low, high = np.full(len(levels), span[0]), np.full(len(levels), span[1])
     rising = levels[-1] > levels[0] or bool(
         np.diff(gait.on_piece(piece, np.array(span))[link])[0] > 0
@@ -243,7 +245,7 @@ def _instants(
         slope = gait.on_piece(piece, s, 1)[link]
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = s - gap / slope
-        # Newton where it stays inside and at least halves the step before, else the middle
+        # Newton if it stays inside and at least halves the previous step, else bisection
         good = (newton >= low) & (newton <= high) & (np.abs(newton - s) <= last / 2)
         new = np.where(good, newton, (low + high) / 2)
         last, s = np.abs(new - s), new
@@ -253,9 +255,9 @@ def _instants(
 
 
 def csv_text(steps: Steps) -> str:
-    """Table ``time_s,motor,direction`` under lines that begin with ``#`` and say what it needs.
+    """Write steps as a table ``time_s,motor,direction`` below lines with ``#`` for parameters.
 
-    Motors are counted from 0, as links are. Numbers read back as they were.
+    Motors are counted from 0, as links are. Numbers are read back exactly.
     """
     head = {
         "period_s": repr(float(steps.period)),
@@ -274,36 +276,36 @@ def csv_text(steps: Steps) -> str:
 
 
 def read_csv(text: str) -> Steps:
-    """Read back what `csv_text` wrote; raises ArgumentError if it is no such table."""
+    """Read the text of `csv_text`; raises ArgumentError for any other text."""
     wrong: list[Wrong] = []
     table = parse_table(text, wrong, time="time_s")
     if table is None or wrong or list(table.values) != ["time_s", "motor", "direction"]:
         why = wrong[0][1].strip() if wrong else "no line time_s,motor,direction"
-        raise ArgumentError(f"no table of steps: {why}")
+        raise ArgumentError(f"not a table of steps: {why}")
     about = dict(remark.split(":", 1) for remark in table.remarks if ":" in remark)
     time, motor, direction = (np.array(column) for column in table.values.values())
     if not all(map(float.is_integer, (*motor.tolist(), *direction.tolist()))):
-        raise ArgumentError("no table of steps: motors and directions are whole numbers")
+        raise ArgumentError("not a table of steps: motors and directions must be whole numbers")
     try:
         start = np.array([float(v) for v in about["length_at_start_m"].split(",")])
         period, travel = float(about["period_s"]), float(about["travel_m"])
     except (KeyError, ValueError) as error:
-        raise ArgumentError(f"no table of steps: {error}") from None
+        raise ArgumentError(f"not a table of steps: {error}") from None
     return Steps(period, travel, start, time, motor.astype(int), direction.astype(int))
 
 
 def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
-    """Period and each motor's delays (its steps + 1,), start to end of the period, in ticks.
+    """Convert to ticks: the period, and each motor's delays (its steps + 1,) over the period.
 
-    Delays are differences of rounded instants: errors do not add up. Raises ArgumentError
-    if two steps of a motor fall on one tick, or the period is too long for 32 bits.
+    Delays are differences of rounded times, so errors do not add up. Raises ArgumentError if two
+    steps of a motor are on one tick, or if the period is too long for 32 bits.
     """
     whole = round(steps.period / tick)
     if whole > _LARGEST:
         least = steps.period / _LARGEST
         raise ArgumentError(
             f"a period of {steps.period:g} has more ticks than 32 bits hold; "
-            f"write a tick of {least:.3g} or more"
+            f"write a tick of at least {least:.3g}"
         )
     delays = []
     for j in range(steps.links):
@@ -312,7 +314,7 @@ def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
         gaps = np.diff(instants, append=instants[:1] + whole)
         if np.any(gaps < 1):
             raise ArgumentError(
-                f"two steps of motor {j} fall on one tick; write a tick below "
+                f"two steps of motor {j} are on one tick; write a tick below "
                 f"{steps.interval_min:.3g}, or a larger motor.hysteresis"
             )
         delays.append(np.diff(np.concatenate([[0], instants, [whole]])))
@@ -320,25 +322,25 @@ def in_ticks(steps: Steps, tick: float) -> tuple[int, list[np.ndarray]]:
 
 
 def c_text(steps: Steps, tick: float) -> str:
-    """C99 source, a translation unit of its own, with delays and directions of every motor.
+    """Write steps as C99 source, one translation unit with delays and directions of every motor.
 
     `tick` is in s. Raises ArgumentError as `in_ticks`.
     """
     whole, delays = in_ticks(steps, tick)
     parts = [
         "/* Steps of one period, for a timer.\n"
-        f" * tick: {tick!r} s; way per step: {steps.travel!r} m; period: {steps.period!r} s.\n"
+        f" * tick: {tick!r} s; travel per step: {steps.travel!r} m; period: {steps.period!r} s.\n"
         " * Lengths of the links at the start: "
         f"{', '.join(repr(float(v)) for v in steps.start)} m.\n"
         " * motor_j_delay[k]: ticks from step k - 1 of motor j to step k; the first counts from\n"
-        " * the start of the period. motor_j_rest: ticks from its last step to the period's end,\n"
-        " * where all begins again. motor_j_direction[k]: 1 lengthens link j by one step.\n"
+        " * the start of the period. motor_j_rest: ticks from its last step to the end of the\n"
+        " * period; then it repeats. motor_j_direction[k]: 1 lengthens link j by one step.\n"
         " */\n#include <stdint.h>\n\n"
         f"const uint32_t period_ticks = {whole}u;\n"
     ]
     for j, delay in enumerate(delays):
         direction = steps.of_motor(j)[1]
-        # C knows no arrays without entries: a motor that does not step has one that never counts
+        # C has no empty arrays: a motor without steps gets one entry that is never used
         size = max(len(direction), 1)
         name = f"motor_{j}"
         parts.append(

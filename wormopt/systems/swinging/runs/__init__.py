@@ -1,1 +1,1 @@
-"""Runs of kinds about swinging masses."""
+"""Runners of the kinds of scenes about oscillating masses."""

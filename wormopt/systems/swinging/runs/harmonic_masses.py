@@ -1,4 +1,4 @@
-"""Scenes of kind ``harmonic-masses``: how fast masses travel that swing about their centre."""
+"""Run scenes of kind ``harmonic-masses``: mean velocity of masses with prescribed oscillations."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ from wormopt.systems.swinging.steady import (
 
 _T = TypeVar("_T")
 
-# Instants of the period for the picture.
+# Instants of the period in the picture.
 _POINTS = 721
-# How simulation gives up where masses reverse at once.
+# Error code of the simulation where masses reverse at the same instant.
 _AT_ONCE = ("no_contact_mode", "not_finite")
-# Steady velocities are roots with round-off: so near, of the largest velocity, a start is on one.
+# Steady velocities have round-off: a start this close, relative to the largest velocity, is on one.
 _ON = 1e-9
-# Friction's impulse in a period against the momentum of the smallest amplitude: beyond this it is
-# not small.
+# Friction's impulse in a period over the least momentum amplitude, above which it is not small.
 _SMALL = 0.2
-# The same beyond which exact motions are not followed: their velocities then round.
+# Value of the same above which exact motions are not simulated, since their velocities round.
 _LARGE = 1e9
-# Of the largest velocity: by how much averages on twice as many nodes may differ, and the first
-# order from the closed form.
+# Accepted difference, relative to the largest velocity, of averages on twice as many nodes, and
+# between first order and closed form.
 _QUADRATURE = 1e-9
-# Second-order averaging may be off by so many squares of the ripple, and by so much of the largest
-# velocity in any case.
+# Accepted error of second-order averaging: this many squares of the ripple, and at least this share
+# of the largest velocity.
 _FACTOR, _FLOOR = 10.0, 1e-8
-# Averages of second order are not told from the exact motion where ripple is more than this share
-# of what is left to where a mass begins or ceases to reverse.
+# Averages of second order are not compared with the exact motion if the ripple exceeds this share
+# of the distance to a velocity at which a mass begins or ceases to reverse.
 _NEAR = 0.05
-# Changes of friction by a share move the velocity by at most so many such shares of the largest.
+# A relative change of friction changes the velocity by at most this multiple of it, relative to the
+# largest.
 _NUDGED = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What the routes found."""
+    """Results of all routes."""
 
     table: HarmonicMassesScene
     size: float  # largest velocity relative to the centre
@@ -83,12 +83,12 @@ class _Found:
 
     @property
     def orbit(self) -> Orbit | None:
-        """The exact motion to which the course tends."""
+        """The exact motion to which the simulated motion converges."""
         return self.orbits[self.chosen]
 
     @property
     def tends_to(self) -> tuple[Steady, float | None]:
-        """The steady velocity to which the course tends, and the same by second order."""
+        """The steady velocity to which the motion converges, in first and second order."""
         second = self.second[self.chosen]
         return self.first[self.chosen], second and second.velocity
 
@@ -102,14 +102,14 @@ class _Found:
 
     @property
     def accepted(self) -> float:
-        """Error of exact velocities that is accepted."""
+        """Accepted error of exact velocities."""
         return accepted_error(tolerance_of(self.table.tolerance)) * self.size
 
     @property
     def known_velocity(self) -> float | None:
-        """Exact mean velocity of the chosen motion; None where it cannot be told from rest.
+        """Exact mean velocity of the chosen motion; None if it may be zero.
 
-        That is, not above the accepted error, or above what `nudged` makes of it.
+        It is None if it is not above the accepted error, or above the effect of `nudged`.
         """
         if self.orbit is None:
             return None
@@ -120,15 +120,16 @@ class _Found:
 def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
     """Find the steady velocities by averaging, in closed form and exactly.
 
-    "failed" where the routes disagree though friction is small, or no exact motion is found.
-    Raises SolveError if no velocity is steady, SceneError if friction is too large to be followed.
+    The result is "failed" where the routes disagree although friction is small, or no exact motion
+    is found. Raises SolveError if no velocity is steady, and SceneError if friction is too large to
+    be simulated.
     """
     table, begin = scene.table, time.perf_counter()
     if (smallness := smallness_of(table.worm)) > _LARGE:
         message = (
-            f"in a period it may change momentum by {smallness:.3g} of that of the smallest swing, "
-            f"and is followed up to {_LARGE:.0e}; write all friction smaller "
-            f"by {smallness / _LARGE:.2g} or more"
+            f"can change the momentum in a period by {smallness:.3g} times the least "
+            f"momentum amplitude, but at most {_LARGE:.0e} is simulated; write all "
+            f"friction smaller by {smallness / _LARGE:.2g} or more"
         )
         raise SceneError(scene.name, [("worm.friction", message)])
     report("averaging", None)
@@ -174,7 +175,7 @@ def _period(worm: SwingingTable) -> float:
 
 
 def _apart(exact: float | None, other: float | None) -> float | None:
-    """How far two numbers are apart, if both are known."""
+    """Difference of two numbers, if both are known."""
     return None if exact is None or other is None else abs(exact - other)
 
 
@@ -187,7 +188,7 @@ def _steady(
     period, nodes = 2 * np.pi / slow["frequency"], table.averaging.nodes
     first = SlowVelocity(slow, period, 1, nodes).steady(extremes.tolist())
     if not first:
-        raise SolveError("no velocity is steady", "write friction that resists both ways")
+        raise SolveError("no steady velocity exists", "write friction in both directions")
     finer = SlowVelocity(slow, period, 1, 2 * nodes).steady(extremes.tolist())
     second = SlowVelocity(slow, period, 2, nodes).steady(extremes.tolist())
     return first, [_nearest(steady, second) for steady in first], finer
@@ -199,7 +200,7 @@ def _nearest(steady: Steady, among: Sequence[Steady]) -> Steady | None:
 
 
 def _tends_to(velocity: float, steady: Sequence[Steady], near: float) -> int:
-    """Which steady velocity a slow motion comes to: it stays on one, and cannot pass one."""
+    """Steady velocity to which a slow motion converges: it stays on one, and cannot pass one."""
     away = [abs(s.velocity - velocity) for s in steady]
     if min(away) <= near:
         return away.index(min(away))
@@ -215,7 +216,7 @@ def _averaged_course(slow: Model, table: HarmonicMassesScene) -> Trajectory:
     period = 2 * np.pi / slow["frequency"]
     averaged = SlowVelocity(slow, period, 1, table.averaging.nodes).averaged
     end = table.course.periods * _period(table.worm)
-    stiff = smallness_of(table.worm) > 1.0  # it settles within a period
+    stiff = smallness_of(table.worm) > 1.0  # it converges within a period
     return simulate(
         averaged,
         end,
@@ -232,7 +233,7 @@ def _exact(
     chosen: int,
     report: Report,
 ) -> tuple[list[Orbit | None], Trajectory | None, bool, str]:
-    """Simulate; where masses reverse at once, with friction a little different."""
+    """Simulate; where masses reverse at the same instant, with slightly different friction."""
     model = measured(model_of(table.worm, place=True))
     recheck, asked = table.tolerance.recheck, table.course
     orbits: list[Orbit | None] = []
@@ -349,16 +350,16 @@ def _facts(found: _Found) -> dict[str, Any]:
 
 
 def _accepted(orbit: Orbit, worm: SwingingTable) -> float:
-    """Error of second-order averaging that is accepted.
+    """Accepted error of second-order averaging.
 
-    It is of second order in the ripple, against the smallest swing that is to be reversed.
+    It is of second order in the ripple over the least amplitude that is to be reversed.
     """
     speeds = np.abs(relative_velocities(worm, np.linspace(0, 1, 257))).max(axis=1)
     return float(_FACTOR * orbit.ripple**2 / speeds.min() + _FLOOR * speeds.max())
 
 
 def _bends(orbit: Orbit, worm: SwingingTable) -> bool:
-    """Whether ripple all but reaches where a mass begins or ceases to reverse: averages bend."""
+    """Whether ripple nearly reaches a velocity where a mass begins or ceases to reverse."""
     room = np.abs(extremes_of(worm) - orbit.velocity).min()
     return bool(orbit.ripple > _NEAR * room)
 
@@ -370,11 +371,11 @@ def _checks(found: _Found) -> Iterator[Check]:
     advice = f"averages on twice as many nodes have other steady velocities{by}; write a larger "
     yield Check("averages on twice as many nodes", change, limit, advice + "averaging.nodes")
     if found.closed is not None:
-        advice = f"the closed form is {found.closed:.9g} where averaging finds {first.velocity:.9g}"
+        advice = f"the closed form gives {found.closed:.9g}, averaging gives {first.velocity:.9g}"
         yield Check("closed form", found.closed - first.velocity, limit, advice)
     missing = [orbit, found.course].count(None)
     yield Check(
-        "exact motions missing", missing, 0.0, f"the exact motion is not to be had: {found.lost}"
+        "exact motions missing", missing, 0.0, f"an exact motion was not found: {found.lost}"
     )
     if orbit is None:
         return
@@ -387,8 +388,8 @@ def _checks(found: _Found) -> Iterator[Check]:
     if small and not orbit.rest_share and not _bends(orbit, found.table.worm):
         error = _apart(orbit.velocity, second)
         advice = (
-            "friction is small, but the exact mean velocity is not that of second-order averaging, "
-            + ("which has none" if error is None else f"by {error:.2g}")
+            "friction is small, but the exact mean velocity differs from second-order averaging,"
+            + ("which has no steady velocity" if error is None else f"by {error:.2g}")
         )
         yield Check("second order", error, _accepted(orbit, found.table.worm), advice)
 
@@ -397,26 +398,27 @@ def _warnings(found: _Found) -> Iterator[str]:
     orbit, smallness = found.orbit, smallness_of(found.table.worm)
     if smallness > _SMALL:
         yield (
-            f"friction is not small: in a period it may change momentum by {smallness:.2g} of "
-            "that of the smallest swing"
-            + ("" if orbit is None else "; velocity_exact_mean holds all the same")
+            f"friction is not small: in a period it can change the momentum by {smallness:.2g} "
+            "times the least momentum amplitude"
+            + ("" if orbit is None else "; velocity_exact_mean is valid nevertheless")
         )
     if orbit is None:
         return
     if orbit.rest_share:
         yield (
-            f"a mass rests for {orbit.rest_share:.2g} of the period: averaging takes it to pass "
-            "through 0 at once"
+            f"a mass rests for {orbit.rest_share:.2g} of the period, but averaging assumes that it "
+            "passes through 0 at once"
         )
     if smallness <= _SMALL and _bends(orbit, found.table.worm):
         yield (
-            "a mass all but begins or ceases to reverse, where averages bend: second order is not "
-            "held against the exact motion; write worm.friction that resists both ways more alike"
+            "a mass nearly begins or ceases to reverse, where averages have a corner: second order "
+            "is not compared with the exact motion; write worm.friction that is more alike in both "
+            "directions"
         )
     if found.nudged:
         yield (
-            "masses reverse at the same instant; exact simulation was done with friction larger "
-            "backward and smaller forward by a share of 1e-9, so that they do not"
+            "masses reverse at the same instant; the exact simulation used friction larger "
+            "backward and smaller forward by a share of 1e-9 to separate these reversals"
         )
     missing = [
         f"{steady.velocity:.6g}"
@@ -427,17 +429,16 @@ def _warnings(found: _Found) -> Iterator[str]:
         yield f"no exact motion was found at the steady velocity {', '.join(missing)}"
     if orbit.velocity and not found.known_velocity:
         yield (
-            f"the exact mean velocity {orbit.velocity:.2g} is not told from rest: it is below the "
-            "error that is accepted; what is over it is unknown"
+            f"the exact mean velocity {orbit.velocity:.2g} may be zero, since it is below the "
+            "accepted error; quantities divided by it are unknown"
         )
     if not found.first[found.chosen].stable:
-        yield "the steady velocity told is not stable: the course starts on it"
+        yield "the reported steady velocity is unstable: the motion starts on it"
     course = found.course
     if course is not None:
         left = abs(course["center_velocity"][0, -1] - orbit.start)
         if left > 0.01 * found.size:
             yield (
-                f"the course has not come to the steady motion by its end, but to within "
-                f"{left:.2g}; write more course.periods"
+                f"the motion ends {left:.2g} away from the steady motion; write more course.periods"
             )
     yield from warnings_of_motion(orbit.motion, orbit.second)

@@ -1,4 +1,4 @@
-"""Scenes of the kinds ``two-mass`` and ``capsule``: the fastest cycle of a mass to and fro."""
+"""Run scenes of the kinds ``two-mass`` and ``capsule``: the fastest cycle of an internal mass."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from wormopt.systems.swinging.scenes.internal_mass import CapsuleScene, TwoMassS
 
 # The big mass rests; the small one is driven forward, then braked.
 _STROKE = ModeSequence(((0, 1), (0, 1)))
-# The body slides back while the inner mass goes ahead, and on while it returns.
+# The body slides back while the inner mass moves forward, and forward while it returns.
 _TO_AND_FRO = ModeSequence(((-1,), (1,)))
 _DEFECT = 1e-9
 
 
-@np.errstate(all="ignore")  # what is not finite is noticed where it matters
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def run(scene: Scene[TwoMassScene] | Scene[CapsuleScene], report: Report) -> Result:
     """Find the fastest cycle; raises SolveError if none is found.
 
@@ -78,7 +78,7 @@ def run(scene: Scene[TwoMassScene] | Scene[CapsuleScene], report: Report) -> Res
 
 
 def _numbers(table: TwoMassScene | CapsuleScene, motion: Motion) -> dict[str, Any]:
-    """What one kind alone tells."""
+    """Scalars of one of the two kinds."""
     if isinstance(table, CapsuleScene):
         inner = motion.program.rows_of("inner_velocity")[0]
         return {"inner_speeds": motion.arcs.start[inner]}

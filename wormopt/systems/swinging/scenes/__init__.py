@@ -1,1 +1,1 @@
-"""Scene tables of swinging masses."""
+"""Scene tables of oscillating masses."""

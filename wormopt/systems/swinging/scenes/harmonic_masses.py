@@ -1,4 +1,4 @@
-"""Scenes of kind "harmonic-masses": masses that swing about their centre as prescribed."""
+"""Tables of scenes of kind "harmonic-masses": masses with prescribed oscillations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from wormopt.systems.chain import (
 )
 from wormopt.systems.shared.declared import TIME
 
-# So much of the largest momentum of a mass may be left of their sum; the builder is as strict, or
+# Accepted sum of the momenta, as a share of the largest of a mass; the builder is as strict, or
 # less.
 _BALANCED = 5e-13
 # Masses times highest harmonic: there are up to twice as many reversals in a period, and averaging
@@ -40,7 +40,7 @@ _MOST = 16
 
 
 class HarmonicTable(Table, frozen=True, kw_only=True):
-    """One harmonic of the velocities relative to the centre.
+    """A harmonic of the velocities relative to the centre.
 
     The velocity is Σ<sub>k</sub> *A*<sub>ik</sub> cos(*k ω t* − *φ*<sub>ik</sub>).
     """
@@ -48,30 +48,32 @@ class HarmonicTable(Table, frozen=True, kw_only=True):
     order: Annotated[
         int, Meta(ge=1, le=12, description="a whole number from 1 to 12"), says("count", "*k*")
     ] = 1
-    amplitude: Annotated[NonNegativePerMass, says("speed", "*A*<sub>ik</sub>")]
-    phase: Annotated[FinitePerMass, says("", "*φ*<sub>ik</sub>, in degrees")] = 0.0
+    amplitude: Annotated[NonNegativePerMass, says("speed", "amplitudes *A*<sub>ik</sub>")]
+    phase: Annotated[FinitePerMass, says("", "phases *φ*<sub>ik</sub> in degrees")] = 0.0
 
 
 class SwingingTable(Table, frozen=True, kw_only=True):
     """Masses with prescribed velocities relative to their centre.
 
-    Refused: velocities of which the masses' momenta do not cancel (the message says what is left),
-    masses that do not swing, orders that stand twice, friction that resists one way only.
+    Not allowed: velocities with a total momentum other than 0 (the message gives its value), masses
+    without oscillation, repeated orders, friction in one direction only.
     """
 
     masses: Annotated[
         int,
         Meta(ge=2, le=12, description="a whole number from 2 to 12"),
-        says("count", "how many; times the highest `order` at most 16"),
+        says("count", "number of masses; times the highest `order` at most 16"),
     ]
     mass: Annotated[PerMass, says("mass", "point masses")] = 1.0
-    frequency: Annotated[Positive, says("angular_frequency", "*ω* of the first harmonic")] = 1.0
+    frequency: Annotated[
+        Positive, says("angular_frequency", "angular frequency *ω* of the first harmonic")
+    ] = 1.0
     harmonic: Annotated[
         tuple[HarmonicTable, ...], says("", "tables `[[worm.harmonic]]`, one for each harmonic")
     ]
     friction: Annotated[
         Friction | tuple[Friction, ...],
-        says("", "law of the ground, one table for all or one per mass; no spikes"),
+        says("", "friction law of the ground, one table for all masses or one per mass; no spikes"),
     ]
 
     @property
@@ -81,7 +83,7 @@ class SwingingTable(Table, frozen=True, kw_only=True):
 
     @property
     def coefficients(self) -> list[list[tuple[float, float]]]:
-        """Cosine and sine of every harmonic up to the highest, for every mass."""
+        """Cosine and sine amplitudes of every harmonic up to the highest, for every mass."""
         found = [[(0.0, 0.0)] * max(h.order for h in self.harmonic) for _ in range(self.masses)]
         for harmonic in self.harmonic:
             amplitude, phase = (
@@ -100,7 +102,7 @@ class SwingingTable(Table, frozen=True, kw_only=True):
         counts = [*wrong_count("worm.mass", self.mass, self.masses, "masses")]
         orders = [harmonic.order for harmonic in self.harmonic]
         if not orders:
-            yield "worm.harmonic", "empty: nothing swings; write a table for each harmonic"
+            yield "worm.harmonic", "is empty, so no mass swings; write a table for each harmonic"
             return
         for index, harmonic in enumerate(self.harmonic):
             key = f"worm.harmonic[{index}]"
@@ -108,12 +110,12 @@ class SwingingTable(Table, frozen=True, kw_only=True):
                 value = getattr(harmonic, name)
                 counts += wrong_count(f"{key}.{name}", value, self.masses, "masses")
             if orders.index(harmonic.order) < index:
-                yield f"{key}.order", f"{harmonic.order} stands there twice; write it once"
+                yield f"{key}.order", f"repeats order {harmonic.order}; write each once"
         if self.masses * max(orders) > _MOST:
             yield (
                 "worm",
-                f"{self.masses} masses with harmonics up to {max(orders)} reverse too often; write "
-                f"fewer, their product at most {_MOST}",
+                f"has {self.masses} masses with harmonics up to {max(orders)}, which reverse too "
+                f"often; write fewer, their product at most {_MOST}",
             )
         yield from counts
         if not counts and len(set(orders)) == len(orders):
@@ -137,9 +139,9 @@ class SwingingTable(Table, frozen=True, kw_only=True):
                 amount, phase = math.hypot(*left), math.degrees(math.atan2(left[1], left[0]))
                 yield (
                     f"worm.harmonic[{index}]",
-                    "velocities relative to the centre have no momentum, but masses times these "
-                    f"add up to amplitude {amount:.6g} at phase {phase:.6g}; write amplitudes and "
-                    "phases of which nothing is left",
+                    "velocities relative to the centre must have no total momentum, but masses "
+                    f"times these add up to amplitude {amount:.6g} at phase {phase:.6g}; write "
+                    "amplitudes and phases whose sum is 0",
                 )
 
     def _faults_of_friction(self) -> Iterator[Fault]:
@@ -154,7 +156,7 @@ class SwingingTable(Table, frozen=True, kw_only=True):
             key = f"worm.friction[{i}]" if several else "worm.friction"
             yield from faults_of_law(key, law, 1 if several else self.masses)
             if isinstance(law, SpikeFriction):
-                yield key, "spikes do not slide back, these masses must; write another kind"
+                yield key, "spikes do not slide back, but these masses must; write another kind"
                 return
             for side in resists:
                 name = "drag" if isinstance(law, ViscousFriction) else side
@@ -162,94 +164,95 @@ class SwingingTable(Table, frozen=True, kw_only=True):
         for side in (side for side, there in resists.items() if not there):
             yield (
                 "worm.friction",
-                f"nothing resists motion {side}: any velocity so fast that all masses slide "
-                f"{side} is steady; write some friction {side}",
+                f"has no resistance to motion {side}: every velocity at which all masses slide "
+                f"{side} is steady; write friction {side}",
             )
 
 
 class CourseTable(Table, frozen=True, kw_only=True):
-    """A motion to compare with."""
+    """A simulated motion for comparison."""
 
-    velocity: Annotated[
-        Finite, says("speed", "*V*, velocity of the centre, at the start of the motion shown")
-    ] = 0.0
+    velocity: Annotated[Finite, says("speed", "initial velocity *V* of the centre")] = 0.0
     periods: Annotated[
         int,
         Meta(ge=1, le=10_000, description="a whole number from 1 to 10000"),
-        says("count", "how long it goes on"),
+        says("count", "duration in periods"),
     ] = 60
     samples: Annotated[
         int,
         Meta(ge=2, le=1_000_000, description="a whole number from 2 to 1000000"),
-        says("count", "equidistant instants kept of it, both ends included"),
+        says("count", "number of equidistant instants in the result, including both ends"),
     ] = 2001
 
 
 class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
-    """How fast masses travel that swing about their centre, by averaging and exactly.
+    """Velocity of masses with prescribed oscillations about their centre, averaged and exact.
 
-    Masses that actuators hold to prescribed harmonic velocities relative to their centre; the
-    velocity *V* of the centre is what friction makes of it. All steady velocities by averages of
-    first and second order, in closed form where there is one, and the exact periodic motion at
+    Actuators hold the masses to prescribed harmonic velocities relative to their centre; friction
+    determines the velocity *V* of the centre. The result contains all steady velocities by averages
+    of first and second order, in closed form where one exists, and the exact periodic motion at
     each. Theory: [theory-magnetics.md](../theory-magnetics.md#3-averaging).
 
-    A course that starts on a steady velocity, to 1e-9 of the largest, stays on it, stable or not.
+    A motion that starts on a steady velocity, to 1e-9 of the largest, stays on it, whether it is
+    stable or not.
 
-    The trust report: `routes` (steady velocity by every route, `error` of the second order and
-    what is `accepted`: ten squares of the ripple over the smallest swing), `averaging`
-    (`change_by_doubled_nodes`, difference from the closed form), `smallness`, `exact` (velocity at
-    the start of the period, drift, events, second route). The status is `failed` where twice the
-    nodes give other velocities, the closed form or the second route disagrees, the exact motion
-    drifts or cannot be simulated, or friction is small (`smallness` up to 0.2, no rest) and the
-    second order is off by more than accepted. An exact motion missing at a steady velocity that
-    the course does not tend to is only warned of. Warnings besides: friction that is not small,
-    masses that rest, a course that is too short, a velocity not told from rest, no second route
-    (`tolerance.recheck = false`).
+    The trust report has `routes` (steady velocity by every route, `error` of the second order and
+    the `accepted` value: ten squares of the ripple over the least amplitude), `averaging`
+    (`change_by_doubled_nodes`, difference from the closed form), `smallness`, and `exact` (velocity
+    at the start of the period, drift, events, second route).
 
-    Limits: where two masses reverse at the same instant, as with *F*<sub>−</sub> = 2
-    *F*<sub>+</sub> in the packaged scene, the exact motion is that of friction changed by a share
-    of 1e-9, and a warning says so. Where one mass comes to rest as another begins to move, under
-    large friction, it cannot be simulated.
+    The status is `failed` where twice the nodes give other velocities, the closed form or the
+    second route disagrees, or the exact motion drifts or cannot be simulated. It is also `failed`
+    where friction is small (`smallness` up to 0.2, no rest) and the error of second order exceeds
+    the accepted value. A missing exact motion at a steady velocity to which the motion does not
+    converge only gives a warning. Further warnings: friction that is not small, masses that rest, a
+    motion that is too short, a velocity that may be zero, no second route (`tolerance.recheck =
+    false`).
+
+    Limits: if two masses reverse at the same instant, as with *F*<sub>−</sub> = 2 *F*<sub>+</sub>
+    in the packaged scene, the exact motion is that of friction changed by a share of 1e-9, and a
+    warning says so. If one mass comes to rest as another begins to move, under large friction, the
+    motion cannot be simulated.
     """
 
     scalars: ClassVar = {
         "velocity_steady": (
             "speed",
-            "the steady *V* to which the course tends, by first order",
+            "steady *V* to which the motion converges, in first order",
         ),
-        "velocity_steady_second": ("speed", "the same by second order"),
+        "velocity_steady_second": ("speed", "the same in second order"),
         "velocity_closed_form": (
             "speed",
             "the same for dry friction and one harmonic; unknown for others",
         ),
         "velocity_exact_mean": (
             "speed",
-            "displacement of the exact periodic motion over ten periods, divided by their time; "
-            "unknown, as is what is over it, where it is below the error accepted (1e-7 of the "
-            "largest velocity, or 1000 tolerances)",
+            "displacement of the exact periodic motion over ten periods, divided by their "
+            "duration; this and quantities divided by it are unknown below the accepted error "
+            "(1e-7 of the largest velocity, or 1000 tolerances)",
         ),
-        "averaging_error": ("speed", "difference of the first order from it"),
-        "averaging_error_second": ("speed", "difference of the second order from it"),
-        "stable": ("count", "whether small deviations die out"),
-        "settling_time": ("time", "time in which they fall to 1/e"),
+        "averaging_error": ("speed", "difference between first order and the exact mean"),
+        "averaging_error_second": ("speed", "difference between second order and the exact mean"),
+        "stable": ("count", "whether small deviations decay"),
+        "settling_time": ("time", "time constant of their decay"),
         "steady_velocities": ("speed", "all steady velocities"),
-        "steady_stable": ("count", "which of them are stable"),
-        "exact_velocities": ("speed", "the exact means there"),
-        "advance": ("length", "way in a period"),
-        "velocity_ripple": ("speed", "largest less smallest *V* of the periodic motion"),
-        "exact_drift": ("speed", "by how much *V* has changed after ten periods"),
+        "steady_stable": ("count", "whether each of them is stable"),
+        "exact_velocities": ("speed", "exact mean velocities at these"),
+        "advance": ("length", "displacement in a period"),
+        "velocity_ripple": ("speed", "difference of largest and least *V* in the periodic motion"),
+        "exact_drift": ("speed", "change of *V* after ten periods"),
         "force_mean": ("force", "mean friction on each mass"),
-        "power_mean": ("power", "of the actuators"),
-        "energy_per_distance": ("energy_per_distance", "of the actuators"),
+        "power_mean": ("power", "mean power of the actuators"),
+        "energy_per_distance": ("energy_per_distance", "energy of the actuators over distance"),
         "rest_share": ("share", "largest share of the period during which one mass rests"),
         "smallness": (
             "share",
-            "impulse that friction could give in a period over the momentum of the smallest swing",
+            "largest impulse of friction in a period over the least momentum amplitude",
         ),
-        "recheck_error": ("share", "of the periodic motion, by the second route"),
+        "recheck_error": ("share", "error of the second route for the periodic motion"),
     }
     variables: ClassVar = TIME | {
-        "share": ("share", ("share",), "share of the period"),
+        "share": ("share", ("share",), "time as a share of the period"),
         "relative_velocity": (
             "speed",
             ("mass", "share"),
@@ -260,9 +263,9 @@ class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
             ("time",),
             "velocity of the centre, averaged to first order",
         ),
-        "center_velocity": ("speed", ("time",), "velocity of the centre, exact"),
-        "center": ("length", ("time",), "place of the centre"),
-        "event_share": ("share", ("event",), "share of the period"),
+        "center_velocity": ("speed", ("time",), "exact velocity of the centre"),
+        "center": ("length", ("time",), "position of the centre"),
+        "event_share": ("share", ("event",), "time of the event as a share of the period"),
         "event_contact": ("count", ("event",), "mass"),
         "event_mode": ("count", ("event",), "direction from then on, 0 at rest"),
     }
@@ -270,13 +273,13 @@ class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
     kind: Literal["harmonic-masses"]
     want: Annotated[
         tuple[Literal["reversals"], ...],
-        says("", "`reversals`: velocities over a period with their reversals, the course of *V*"),
+        says("", "`reversals`: velocities over a period with their reversals, *V* over time"),
     ] = ()
     worm: Annotated[SwingingTable, says("", "the masses")]
-    course: Annotated[CourseTable, says("", "a motion to compare with")] = field(
+    course: Annotated[CourseTable, says("", "a simulated motion for comparison")] = field(
         default_factory=CourseTable
     )
-    averaging: Annotated[AveragingTable, says("", "how averages are computed")] = field(
+    averaging: Annotated[AveragingTable, says("", "computation of the averages")] = field(
         default_factory=AveragingTable
     )
     tolerance: Tolerances = field(default_factory=ToleranceTable)

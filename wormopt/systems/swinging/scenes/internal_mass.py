@@ -1,4 +1,4 @@
-"""Scenes of the kinds "two-mass" and "capsule": worms driven by a mass that moves to and fro."""
+"""Tables of scenes of the kinds "two-mass" and "capsule": worms driven by an internal mass."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from wormopt.scene.types import (
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
-Signals = Annotated[tuple[Literal["signals"], ...], says("", "`signals`: signals below each other")]
+Signals = Annotated[tuple[Literal["signals"], ...], says("", "`signals`: signals over time")]
 
 
 class PairTable(Table, frozen=True, kw_only=True):
@@ -28,11 +28,15 @@ class PairTable(Table, frozen=True, kw_only=True):
 
     mass: Annotated[Positive, says("mass", "big mass")] = 1.0
     ratio: Annotated[
-        PositiveOrPair, says("share", "small mass over big one, below 1, given or chosen")
+        PositiveOrPair, says("share", "small mass over big mass, below 1, fixed or a range")
     ] = (0.01, 0.99)
-    friction: Annotated[Positive, says("share", "coefficient of dry friction, alike both ways")]
-    gravity: Annotated[Positive, says("acceleration", "weight per mass")] = 1.0
-    stroke: Annotated[Positive, says("length", "way of the small mass relative to the big one")]
+    friction: Annotated[
+        Positive, says("share", "coefficient of dry friction, equal in both directions")
+    ]
+    gravity: Annotated[Positive, says("acceleration", "gravitational acceleration")] = 1.0
+    stroke: Annotated[
+        Positive, says("length", "displacement of the small mass relative to the big one")
+    ]
 
     @property
     def ratios(self) -> tuple[float, float]:
@@ -42,19 +46,18 @@ class PairTable(Table, frozen=True, kw_only=True):
 
 
 class TwoMassScene(SceneTable, frozen=True, kw_only=True):
-    """The fastest two masses: a slow stroke with the big one at rest, an instantaneous return.
+    """The fastest cycle of two masses: a slow stroke and an instantaneous return.
 
-    A worm that is driven by a mass moving to and fro, with an optimum in closed form: a slow
-    stroke of the small mass, with the big one at rest, and an instantaneous return, in which
-    momentum is conserved and friction does not count. Signals cover the slow stroke; where arcs
-    join, the instant stands twice. `timings_s`: `build` and `solve` (of all programs), `optimise`
-    and `recheck`.
+    A mass that moves to and fro drives the worm. In the slow stroke of the small mass, the big mass
+    is at rest. The return is instantaneous: momentum is conserved and friction has no effect. The
+    optimum is known in closed form. Signals cover the slow stroke and contain the instants at which
+    arcs join twice. `timings_s`: `build` and `solve` (of all programs), `optimise` and `recheck`.
     """
 
     scalars: ClassVar = {
         "speed": ("speed", "mean speed"),
-        "advance": ("length", "way in a cycle"),
-        "mass_ratio": ("share", "small mass over big one"),
+        "advance": ("length", "displacement in a cycle"),
+        "mass_ratio": ("share", "small mass over big mass"),
         **OPTIMUM,
     }
     variables: ClassVar = INSTANT | {
@@ -75,27 +78,27 @@ class TwoMassScene(SceneTable, frozen=True, kw_only=True):
         if self.pair.ratios[1] >= 1:
             yield (
                 "pair.ratio",
-                "1 or above: the big mass cannot hold the small one; stay below 1",
+                "is 1 or above, and then the big mass cannot hold the small one; write less than 1",
             )
 
 
 class CapsuleTable(Table, frozen=True, kw_only=True):
     """A capsule with a mass inside."""
 
-    share: Annotated[Share, says("share", "inner mass over the whole")]
+    share: Annotated[Share, says("share", "inner mass over total mass")]
     friction: Annotated[
-        Positive, says("acceleration", "dry friction per mass of the whole, alike both ways")
+        Positive, says("acceleration", "dry friction per total mass, equal in both directions")
     ]
-    stroke: Annotated[Positive, says("length", "how far the inner mass goes")]
+    stroke: Annotated[Positive, says("length", "displacement of the inner mass")]
 
 
 class CapsuleScene(SceneTable, frozen=True, kw_only=True):
     """The fastest capsule whose inner mass moves to and fro at two constant relative velocities.
 
-    A worm that is driven by a mass moving to and fro, with an optimum in closed form: the inner
-    mass has the relative velocities *u*<sub>1</sub>, −*u*<sub>2</sub> in turn, changed by
-    impulses; the body is at rest at both ends of a cycle. Where arcs join, the instant stands
-    twice. `timings_s`: `build` and `solve` (of all programs), `optimise` and `recheck`.
+    The inner mass has the relative velocities *u*<sub>1</sub> and −*u*<sub>2</sub> in turn, changed
+    by impulses. The body is at rest at both ends of a cycle. The optimum is known in closed form.
+    The arrays contain the instants at which arcs join twice. `timings_s`: `build` and `solve` (of
+    all programs), `optimise` and `recheck`.
     """
 
     scalars: ClassVar = {
@@ -115,7 +118,7 @@ class CapsuleScene(SceneTable, frozen=True, kw_only=True):
         "contact_force": (
             "acceleration",
             ("instant",),
-            "force of the ground per mass of the whole",
+            "force of the ground per total mass",
         ),
     }
 

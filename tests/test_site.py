@@ -1,0 +1,105 @@
+"""The site has a page for every kind of scene and every public name, and its code links to them."""
+
+import importlib.util
+import inspect
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import wormopt as wo
+from wormopt.kinds import KINDS
+
+pytest.importorskip("mkdocs", reason="the extra docs is not installed")
+pytest.importorskip("latex2mathml", reason="the extra docs is not installed")
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="module")
+def hook() -> ModuleType:
+    """The module of which MkDocs calls on_config and others."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [*sys.path])  # it puts the checkout first
+        spec = importlib.util.spec_from_file_location("site_hook", ROOT / ".mkdocs.py")
+        assert spec
+        assert spec.loader
+        module = importlib.util.module_from_spec(spec)
+        patch.setitem(sys.modules, "site_hook", module)
+        spec.loader.exec_module(module)
+        return module
+
+
+def leaves(entries: Any) -> list[str]:
+    """Pages of a navigation."""
+    if isinstance(entries, str):
+        return [entries]
+    parts = entries.values() if isinstance(entries, dict) else entries
+    return [page for part in parts for page in leaves(part)]
+
+
+def test_every_public_name_has_a_page(hook: ModuleType):
+    packages = [name for name in wo.__all__ if inspect.ismodule(getattr(wo, name))]
+    names = {*wo.__all__, *(f"{p}.{name}" for p in packages for name in getattr(wo, p).__all__)}
+    assert set(hook.NAMES) == names
+    pages = leaves(list(hook.navigation_of_names()))
+    assert sorted(pages) == sorted(["api/index.md", *(name.page for name in hook.PUBLIC)])
+    # also where upper and lower case are the same
+    assert len({page.lower() for page in pages}) == len(pages)
+    overview = hook.page_of_all_names()
+    for public in hook.PUBLIC:
+        text = hook.page_of_name(public)
+        assert f"title: wo.{public.name}\n" in text
+        assert f"heading: wo.{public.name}," in text
+        above, _, _ = public.name.rpartition(".")
+        table = hook.page_of_name(hook.NAMES[above]) if above else overview
+        assert f"| [`wo.{public.name}`]({Path(public.page).name}) | {public.summary[:3]}" in table
+
+
+def test_every_kind_has_a_page(hook: ModuleType):
+    pages = leaves(list(hook.navigation_of_kinds()))
+    assert sorted(pages) == sorted(f"scenes/{kind}.md" for kind in KINDS)
+
+
+@pytest.mark.parametrize(
+    ("code", "page"),
+    [
+        ("wo.design", "api/design.md"),
+        ("wo.Design", "api/Design-class.md"),
+        ("wo.design(worm, limits)", "api/design.md"),
+        ("wo.Result.save", "api/Result.md"),
+        ("wo.film.CosineWave", "api/film.CosineWave.md"),
+        ("wormopt help gait-design", "scenes/gait-design.md"),
+        ("wo.nothing", ""),
+    ],
+)
+def test_code_links_to_its_page(hook: ModuleType, code: str, page: str):
+    found = re.fullmatch(hook.NAMED, f"<code>{code}</code>")
+    assert found
+    assert hook.page_named(found[2] or "", found[3] or "") == page
+
+
+@pytest.mark.parametrize("text", ["<pre><code>wo.design</code></pre>", "<h2><code>wo.run</code>"])
+def test_blocks_and_headings_get_no_links(hook: ModuleType, text: str):
+    whole = text if "pre" in text else f"{text}</h2>"
+    assert [found[2] for found in re.finditer(hook.NAMED, whole)] == [None]
+
+
+def test_types_of_docstrings_are_read_as_words():
+    griffe = pytest.importorskip("griffe")
+    spec = importlib.util.spec_from_file_location("site_types", ROOT / ".mkdocs_types.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    said = griffe.Function("f", docstring=griffe.Docstring(
+        "Do.\n\nParameters\n----------\n"
+        "x : array_like, shape (n,), optional\n    One of a, b or c.\n"
+        "how : Exact, Smooth or str, optional\n    How.\n"
+    ))  # fmt: skip
+    module.Types().on_object(obj=said)
+    text = said.docstring.value
+    assert "x : array_like of shape (n,), optional\n    One of a, b or c.\n" in text
+    assert "how : Exact or Smooth or str, optional\n" in text
