@@ -255,7 +255,6 @@ class FitScene(SceneTable, frozen=True, kw_only=True):
             "share of readings of a held-out run within the 95 % band of its prediction; a list "
             "if there are several runs. It is 95 % on average over many fits; a single fit may "
             "differ",
-            "more or fewer",
         ),
         "prediction_chi2": (
             "1",
