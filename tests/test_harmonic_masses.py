@@ -595,7 +595,7 @@ def test_a_second_route_that_ends_elsewhere_fails(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(steadies, "cross_check", elsewhere)
     result = solved_anew()
     assert result.status == "failed"
-    assert "ends elsewhere" in result.reason
+    assert "ends in other states" in result.reason
     assert failed_checks(result) == ["second route"]
 
 

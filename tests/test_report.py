@@ -111,7 +111,7 @@ def painted() -> None:
 def test_the_page_tells_what_was_asked_and_found(gait: Result, tmp_path: Path):
     told = Whole(page_of(gait, tmp_path)).text
     assert "Fast gait (15) of a three-mass worm" in told
-    assert "The motion of a worm with a given gait" in told
+    assert "Simulate a given gait" in told
     assert f"Accepted. All {len(gait.checks)} checks passed." in told
     assert "speed 1.2 mean speed" in told
     assert "worm.load 20 " in told

@@ -65,7 +65,7 @@ def test_a_second_route_that_gives_up_makes_the_result_fail(
     monkeypatch.setattr(proof, "simulate", gives_up)
     result = wo.run(write(tmp_path, TRACK))
     assert result.status == "failed"
-    assert "gave up: too hard; tolerance.recheck = false" in result.reason
+    assert "failed: too hard; set tolerance.recheck = false" in result.reason
     (failed,) = [check for check in result.checks if not check.passed]
     assert (failed.name, failed.value) == ("second route", None)
     assert value(result, "recheck_error") is None
@@ -120,7 +120,7 @@ def test_a_check_that_would_take_for_ever_ends_where_it_is_and_still_sees_what_i
 
     monkeypatch.setattr(proof, "simulate", heavier)
     wrong = wo.run(scene)
-    assert "ends elsewhere" in wrong.reason, wrong.trust
+    assert "ends in other states" in wrong.reason, wrong.trust
 
 
 @pytest.mark.slow

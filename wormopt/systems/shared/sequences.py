@@ -125,11 +125,11 @@ def minimal(sequence: Sequence_) -> frozenset[Resting]:
 def neighbours(
     word: Sequence_, letters: Sequence[Resting], reach: float = np.inf
 ) -> Iterator[tuple[int, Sequence_, list[int | None]]]:
-    """Drop, exchange or insert one resting set, also amid a phase, or exchange two neighbours.
+    """Drop, replace or insert one resting set, also within a phase, or exchange two neighbours.
 
-    Yields by how many masses what comes in differs from the likest of its place, the word,
-    and which phase of the given word each of its phases is, None for what came in. `reach` is
-    how far any mass that comes in may be from those at rest.
+    Yields the smallest number of masses by which the new set differs from its neighbours, the new
+    word, and for each of its phases the index in the given word, None for a new phase. `reach` is
+    the largest distance of a new resting mass from those at rest.
     """
     every: list[int | None] = list(range(len(word)))
     for k, here in enumerate(word):

@@ -26,8 +26,8 @@ _LEVELS = tuple(
         (3, 6, 3), (4, 6, 3), (4, 8, 3), (6, 8, 3), (6, 12, 3), (8, 16, 3), (12, 24, 3),
     )
 )  # fmt: skip
-# Estimated coefficients of a program: so many take a tenth of a second, so many need no care, and
-# so many are too many to keep.
+# Estimated coefficients of programs: those that take a tenth of a second, those that are always
+# solved, and the most that are kept.
 _AT_ONCE, _SMALL, _LARGE = 1.5e5, 3e5, 1e8
 # The time of a program grows as this power of its size.
 _GROWTH = 1.3
@@ -181,7 +181,7 @@ def gap_of(value: float, bound: float, cost: bool) -> float:
 
     `cost`: whether the value is a cost, which is minimised.
     """
-    if not value > 0.0:  # a worm that stands still can be better by any share
+    if not value > 0.0:  # a worm at rest can be better by any share
         return math.inf
     return (value - bound) / value if cost else (bound - value) / value
 

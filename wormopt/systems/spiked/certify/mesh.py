@@ -30,7 +30,7 @@ class Mesh:
     pieces: dict[Resting, np.ndarray]  # (count, dimension + 1), numbers of vertices
 
     def finer(self, parts: int) -> Mesh:
-        """Divide every edge into so many; the unit of velocity becomes as many times smaller."""
+        """Divide every edge into equal parts; the unit of velocity is divided by their number."""
         if parts == 1:
             return self
         numbers: dict[tuple[int, ...], int] = {}
@@ -44,7 +44,7 @@ class Mesh:
         return Mesh(np.array(list(numbers)), finer)
 
     def with_faces(self, sizes: range) -> dict[Resting, np.ndarray]:
-        """Add the faces on which so many masses rest."""
+        """Add the faces with numbers of resting masses in `sizes`."""
         masses = self.vertices.shape[1]
         every = [simplex for simplices in self.pieces.values() for simplex in simplices.tolist()]
         found = dict(self.pieces)
@@ -74,7 +74,7 @@ class Mesh:
 
 
 def mesh_of(rates: np.ndarray, resting: int) -> Mesh:
-    """Divide all velocities with so many masses at rest; `rates` (2, n) are whole numbers."""
+    """Divide all velocities with `resting` masses at rest; `rates` (2, n) are whole numbers."""
     links = rates.shape[1]
     numbers: dict[tuple[int, ...], int] = {}
     found: dict[Resting, list[list[int]]] = {}

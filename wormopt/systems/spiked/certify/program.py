@@ -412,7 +412,7 @@ def _half(face: Face, place: np.ndarray, mesh: Mesh) -> tuple[Face, np.ndarray]:
 
 
 def _exponents(degree: int, count: int) -> np.ndarray:
-    """All exponents (k, count) of so many barycentric coordinates."""
+    """All exponents (k, count) of `count` barycentric coordinates."""
     every = [e for e in product(range(degree + 1), repeat=count) if sum(e) == degree]
     return np.array(every)
 

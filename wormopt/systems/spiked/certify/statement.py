@@ -1,4 +1,4 @@
-"""What a certificate speaks of, in rationals, and the wider numbers that its proof takes."""
+"""The problem of a certificate in rationals, and the rounded numbers of its proof."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from wormopt.model.given import per
 from wormopt.systems.spiked.task import GaitProblem
 
-# Numbers of a proof that are not given ones are rounded away from it to so many digits.
+# Digits to which derived numbers of a proof are rounded, on the safe side.
 _DIGITS = 6
 # A bound is rounded up by this share.
 _SPARE = 1e-9
@@ -26,7 +26,7 @@ _ROUNDING = 1e-12
 class Statement:
     """A worm and its limits in rationals; link by link, mass by mass, head first.
 
-    Limits that do not hold are None. `rates` are of contraction and extension.
+    Limits that are not given are None. `rates` are of contraction and extension.
     """
 
     masses: tuple[Fraction, ...]
@@ -78,7 +78,7 @@ class Statement:
 
     @cached_property
     def ranges(self) -> tuple[Fraction, ...]:
-        """How far each link may change."""
+        """Length range of each link."""
         return tuple(high - low for low, high in self.length)
 
     @cached_property
@@ -144,12 +144,12 @@ class Statement:
 
     @property
     def fields(self) -> dict[str, Any]:
-        """What a certificate says of it."""
+        """Fields of a certificate."""
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
 def exactly(values: Iterable[float]) -> tuple[Fraction, ...]:
-    """Give the decimal fractions of eleven digits that these numbers are.
+    """Convert numbers to decimal fractions of eleven digits.
 
     What is derived from them in floating point is rounded up by less, so that 5 + 1e-15 must be 5.
     """

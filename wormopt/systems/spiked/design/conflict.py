@@ -20,7 +20,7 @@ from wormopt.systems.spiked.task import GaitProblem
 
 # Slower gaits, as a share of the rates, stand still.
 STANDS = 1e-9
-# Orders that are tried: what stands against each other is mostly the same in all.
+# Number of sequences that are tried; the limits in conflict are mostly the same in all.
 _MOST = 8
 # Shares by which a limit is relaxed: from the first to the second, found to the third.
 _LEAST, _FULL, _SAME = 1e-4, 1e3, 1.0005

@@ -38,7 +38,7 @@ _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000,
 _DRAGGED, _STEPS = 3, 15
 # Trials within this share of the best are sharpened too: one of them may end higher.
 _CLOSE, _TIE = 2e-3, 1e-8
-# or within so many times what sharpening gave the best.
+# or within this multiple of the gain of the best by sharpening.
 _GAINS = 8.0
 # A climb between two halvings need be as close as this share of what the last one gained.
 _OF_GAIN = 0.01

@@ -39,7 +39,7 @@ _ARCS = 6
 _POLISH = Ipopt(tolerance=1e-8, mu_init=1e-2, iterations=120)
 # Halving the arcs ends where they become too many.
 _MOST_UNKNOWNS, _MOST_HALVINGS = 1000, 5
-# Smooth costs are solved for from so many of the best trials.
+# Number of best trials from which smooth costs are minimised.
 _POLISHED = 2
 # Resolving the energy ends where halving gains less than this share of the whole; limits count as
 # kept that are exceeded by less.

@@ -150,7 +150,7 @@ class GaitProgram(GaitRows):
     def _cut(
         self, point: Point, widths: np.ndarray, parts: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same motion on arcs of these durations, each so many times."""
+        """The same motion on arcs of these durations, each repeated."""
         h, v, first = self.motion(point)
         widths = np.repeat(widths, parts)
         old, new = (np.concatenate([[0.0], np.cumsum(w)]) for w in (h, widths))

@@ -86,5 +86,5 @@ def _warnings(proven: Bounded, gap: float) -> Iterator[str]:
         case "finest program":
             yield (
                 f"{missed} with the largest program; either a better gait exists (try "
-                'search.effort = "thorough"), or the bound is not tight',
+                'search.effort = "thorough"), or the bound is not tight'
             )

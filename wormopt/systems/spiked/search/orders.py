@@ -21,7 +21,7 @@ from wormopt.systems.shared.sequences import (
 from wormopt.systems.spiked.ceiling import best_modes, ceiling
 from wormopt.systems.spiked.task import GaitProblem
 
-# Sets are all listed up to so many, words of them up to so many.
+# Largest numbers of sets, and of words of them, that are all listed.
 _MOST_SETS, _MOST_WORDS = 64, 4000
 # Solutions of the ceiling's linear program that are looked at.
 _MIXES = 3

@@ -84,7 +84,7 @@ class Race:
         return stage
 
     def canonical(self, sequence: Sequence_) -> Sequence_:
-        """The order that stands for all that are the same."""
+        """Representative of all equivalent sequences."""
         return canonical(sequence, self.task.worm.links + 1, mirror=self.mirror)
 
     def _each(self, work: Callable[[Trier, Any], Trial | None], jobs: Sequence) -> Iterator:
@@ -247,7 +247,7 @@ def apart(trials: Iterable[Trial]) -> list[Trial]:
 
 
 def _alike(one: Trial, other: Trial) -> bool:
-    """Whether two trials are the same gait, as far as their phases tell."""
+    """Whether two trials have the same phases."""
     if one.sequence != other.sequence or one.cycles != other.cycles:
         return False
     apart = np.abs(one.durations - other.durations).max()
