@@ -9,6 +9,7 @@ and Shcherbina, Safe bounds in linear and mixed-integer linear programming, 2004
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -114,7 +115,8 @@ def interior_point(
     model.a_matrix_.start_, model.a_matrix_.index_ = matrix.indptr, matrix.indices
     model.a_matrix_.value_ = matrix.data
     highs = silent_highs()
-    options = {"solver": "ipm", "run_crossover": "off", "threads": 1, "time_limit": seconds}
+    left = max(0.0, seconds)
+    options = {"solver": "ipm", "run_crossover": "off", "threads": 1, "time_limit": left}
     for option, given in options.items():
         highs.setOptionValue(option, given)
     highs.HandleUserInterrupt = True
@@ -125,7 +127,9 @@ def interior_point(
             working.join(0.1)
     except KeyboardInterrupt:
         highs.cancelSolve()
-        working.join()
+        while working.is_alive():  # to leave its thread behind would abort the process
+            with suppress(KeyboardInterrupt):
+                working.join(0.1)
         raise
     return np.array(highs.getSolution().col_value or np.zeros(len(cost)))
 

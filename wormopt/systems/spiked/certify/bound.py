@@ -29,6 +29,8 @@ _LEVELS = tuple(
 # Estimated coefficients of programs: those that take a tenth of a second, those that are always
 # solved, and the most that are kept.
 _AT_ONCE, _SMALL, _LARGE = 1.5e5, 3e5, 1e8
+# Share of the time that shorter strokes may take.
+_OF_STROKES_TIME = 0.25
 # The time of a program grows as this power of its size.
 _GROWTH = 1.3
 _LIMIT_OF = {"peak_spike_load": "spike_load", "peak_actuator_force": "actuator_force"}
@@ -89,7 +91,7 @@ def _of_speed(task: GaitProblem, until: float, most: float = _LARGE) -> Iterator
     statement = Statement.of(task)
     outer = Outer(statement)
     if outer.mesh is not None and size_of(outer, OF_STROKES) <= most:
-        outer.shorten(until - time.perf_counter())
+        outer.shorten(_OF_STROKES_TIME * (until - time.perf_counter()))
     bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
     if bound < best.bound:
         proof = outer.proof(outer.mesh)

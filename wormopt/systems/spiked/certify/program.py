@@ -129,6 +129,8 @@ class Outer:
         while self.mesh and s.resting > 1 and time.perf_counter() < until:
             found, proofs = list(self.strokes), []
             for j, stroke in enumerate(self.strokes):
+                if time.perf_counter() > until:
+                    return
                 bound, proof = Program(self, OF_STROKES, j).solve(until - time.perf_counter())
                 most = rounded_up(max(bound, 0.0))
                 if most * s.period / 2 < stroke:
