@@ -18,7 +18,7 @@ _ADDS = (
 )
 Uphill = Annotated[
     Annotated[float, Meta(ge=0, le=math.pi / 2, description="an angle from 0 to pi/2")],
-    says("rad", f"{_ADDS}; this load must be equal for all masses"),
+    says("rad", f"{_ADDS}; kind `fit-design` needs equal masses then"),
 ]
 Inclined = Annotated[
     Annotated[

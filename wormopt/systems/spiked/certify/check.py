@@ -27,7 +27,7 @@ def read(text: str) -> tuple[Data, Data, Fraction]:
     """Read problem, proof and bound from a file's text; ValueError says what is wrong with it."""
     file = json.loads(text, parse_float=Fraction)
     if not isinstance(file, dict) or file.get("format") != FORMAT:
-        raise ValueError(f'not a certificate; its "format" must be "{FORMAT}"')
+        raise ValueError(f'"format" must be "{FORMAT}"')
     if file.get("version") != VERSION:
         raise ValueError(f"version {file.get('version')!r} is not known; only {VERSION} is")
     sharing = file["problem"].pop("sharing")
