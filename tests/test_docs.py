@@ -6,6 +6,7 @@ The site has all pages; the gallery has all scenes.
 import ast
 import json
 import re
+import runpy
 import tomllib
 from pathlib import Path
 
@@ -22,6 +23,7 @@ PAGES = sorted([*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), ROOT / "README.md"]
 # pages that the site makes, as they would be named below docs/
 MADE = {DOCS / "scenes" / f"{kind}.md": kind for kind in KINDS}
 SCENES = sorted((ROOT / "problems").glob("*.toml"))
+GALLERY = runpy.run_path(str(ROOT / ".ci" / "gallery"))
 
 
 def text_of(page: Path) -> str:
@@ -71,10 +73,12 @@ def test_a_packaged_scene_stands_in_the_gallery(scene: Path):
     cards = (DOCS / "gallery.md").read_text(encoding="utf-8").split("\n-   ")[1:]
     (card,) = [card for card in cards if f"(../problems/{scene.name})" in card]
     title = tomllib.loads(scene.read_text(encoding="utf-8"))["title"]
-    assert card.startswith(f"![{title}](images/gallery/{scene.stem}.png)")
-    picture = (DOCS / "images" / "gallery" / f"{scene.stem}.png").read_bytes()
-    assert picture.startswith(b"\x89PNG")
-    assert len(picture) <= 25_000
+    assert card.startswith(f"![{title}](images/gallery/{scene.stem}.webp)")
+    picture = (DOCS / "images" / "gallery" / f"{scene.stem}.webp").read_bytes()
+    assert (picture[:4], picture[8:12]) == (b"RIFF", b"WEBP")
+    assert len(picture) <= 100_000
+    drawn = json.loads((DOCS / "images" / "gallery" / "drawn.json").read_text(encoding="utf-8"))
+    assert drawn[scene.stem] == GALLERY["drawn_by"](scene.stem), "older than what draws it"
     seconds = times_of_scenes()[scene.stem]
     shown = f"{seconds}\u00a0s" if seconds < 60 else f"{round(seconds / 60)}\u00a0min"
     assert re.search(rf" · {shown} · \d+\u00a0MB$", card, re.MULTILINE)
