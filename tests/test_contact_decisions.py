@@ -627,3 +627,39 @@ def test_a_dip_that_ends_above_the_layer_shortens_no_step(route: Route, sign: fl
     )  # fmt: skip
     assert sign * motion.end[0] == pytest.approx(25.01, rel=1e-12)
     assert motion.n_rejected == 0
+
+
+@pytest.mark.parametrize("holds", [1e9, 1e12, 1e15, 1e30])
+@pytest.mark.parametrize("push", [0.49, 0.5 + 1e-6, 0.6, -0.6])
+def test_contacts_that_share_a_load_give_way_however_much_they_hold_backward(
+    holds: float, push: float
+):
+    """Two contacts on one velocity slide where the push exceeds the sum of their limits."""
+    x, v, f = ca.SX.sym("x"), ca.SX.sym("v"), ca.SX.sym("f", 2)
+    law = Coulomb(0.25, holds) if push > 0 else Coulomb(holds, 0.25)
+    block = Model(
+        "block",
+        x=[Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
+        ode=ca.vertcat(v, push + f[0] + f[1]),
+        contacts=[Contact(f"sole {i}", v, f[i], law) for i in range(2)],
+    )
+    motion = simulate(block, 2.0, route="python")
+    excess = np.sign(push) * max(abs(push) - 0.5, 0.0)
+    np.testing.assert_allclose(motion.end, [2 * excess, 2 * excess], rtol=1e-9, atol=1e-15)
+
+
+def test_three_contacts_that_only_move_forward_share_the_load_on_two_masses():
+    """Each alone gives way at 0.3; together they hold 0.6 on one mass, and let go of 0.7."""
+    x, v, f = ca.SX.sym("x", 2), ca.SX.sym("v", 2), ca.SX.sym("f", 3)
+    rows = ca.DM([[1, 0], [0, 1], [1, 1]])
+    push = ca.SX.sym("push")
+    worm = Model(
+        "two masses",
+        x=[Signal("position", x, value=0.0), Signal("velocity", v, value=0.0)],
+        ode=ca.vertcat(v, ca.vertcat(push, 0) + rows.T @ f),
+        p=[Signal("push", push, value=0.59)],
+        contacts=[Contact(f"{i}", rows[i, :] @ v, f[i], Coulomb(0.3, 1e9)) for i in range(3)],
+    )
+    assert not simulate(worm, 1.0, route="python").end.any()
+    moved = simulate(worm, 1.0, p={"push": 0.7}, route="python").end
+    np.testing.assert_allclose(moved, [0.05, 0.0, 0.1, 0.0], atol=1e-12)

@@ -224,3 +224,12 @@ def test_a_unit_where_numbers_alone_stand_is_told_so():
     stroke = {"stroke": {"course": "polygon", "corners": [["50 mm", "10 deg"], [0.1, 0.2]]}}
     with pytest.raises(SceneError, match=r"0\.05, in metres"):
         load_scene("planar_three_link", stroke)
+
+
+@pytest.mark.parametrize("change", ["worm.slope=100deg", "worm.mass=-1g", "gait.period=0 s"])
+def test_a_number_with_a_unit_is_refused_as_it_was_written(change: str):
+    with pytest.raises(SceneError) as caught:
+        load_scene("fast_gait", ["units=SI", change])
+    ((_, said),) = caught.value.faults
+    assert said.startswith(f'"{change.split("=")[1]}" is not allowed; write ')
+    assert "deg" not in said.split("write", 1)[1]

@@ -123,6 +123,33 @@ def test_names_are_found_without_a_column_that_is_known(tmp_path: Path):
         assert np.array_equal(np.array([*found.values.values()]).T, table, equal_nan=True)
 
 
+@pytest.mark.parametrize("separator", [";", "\t", ",", " "])
+@pytest.mark.parametrize(
+    "head",
+    [
+        "Messung vom Montag\n# t [s]|x [mm]|y [mm]\n",
+        "Messung\n# t [s]|x [mm]|y [mm]\n",
+        "# t|x|y\ns|mm|mm\n",
+        "t|x|y\n# s|mm|mm\n",
+        "# t|x|y\n# s|mm|mm\n",
+        "t [s]|x [mm]|y [mm]|\n",
+        "t|x|y|\ns|mm|mm|\n",
+        "# recorded (on) Monday\nt [s]|x [mm]|y [mm]\n# filtered (twice) slowly\n",
+    ],
+)
+def test_names_and_units_are_found_above_and_below_each_other_and_in_remarks(
+    head: str, separator: str
+):
+    end = separator if "|\n" in head else ""
+    body = "".join(f"0.{k}|1{k}|2{k}{end}\n" for k in range(5))
+    wrong = list[Wrong]()
+    table = parse_table((head + body).replace("|", separator), wrong)
+    assert table is not None
+    assert not wrong
+    assert list(table.values) == ["t", "x", "y"]
+    assert table.units == {"t": "s", "x": "mm", "y": "mm"}
+
+
 def test_a_gap_at_the_start_of_a_line_is_no_remark():
     wrong: list[Wrong] = []
     found = parse_table("x,time\n#N/A,0\n#DIV/0!,1\n3,2\n# 4,3\n", wrong, time="time")

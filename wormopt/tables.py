@@ -152,7 +152,8 @@ def parse_table(
     if not rows:
         wrong.append(("", empty))
         return None
-    head: Row | None = rows.pop(0) if first >= 0 else _remark_of_names(remarks, rows, time)
+    head: Row | None = rows.pop(0) if first >= 0 else None
+    head, below = _names_and_units(head, remarks, rows, time)
     if head is None and named:
         example = f"{time},position[0],position[1]" if time else "t,l_0,l_1"
         what = f" line {rows[0][0]}: names of columns are missing; write a header {example}"
@@ -162,13 +163,14 @@ def parse_table(
     # a separator at the end of every line makes no column
     while not heads[-1] and not any(any(cells[len(heads) - 1 :]) for _, cells in rows):
         heads = heads[:-1]
+    rows = [(n, cells if any(cells[len(heads) :]) else cells[: len(heads)]) for n, cells in rows]
     names, units = _names((at, heads), wrong)
     if wrong:
         return None
-    if not units and rows and (below := _units(rows[0][1], names)):
-        units, rows = below, rows[1:]
-    width = len(names)
-    rows = [(n, cells if any(cells[width:]) else cells[:width]) for n, cells in rows]
+    if not units and below:
+        units = _units(below[: len(names)], names)
+    elif not units and rows and (found := _units(rows[0][1], names)):
+        units, rows = found, rows[1:]
     rows = [row for row in rows if _fits(row, names, wrong)]
     comma = _has_decimal_commas(rows, names, wrong)
     values: dict[str, Sequence[float]] = {}
@@ -281,6 +283,8 @@ def _separator(lines: list[tuple[int, str]]) -> str:
 
     def share(separator: str) -> float:
         rows = [_cells(line, separator) for _, line in lines[-_LOOKED_AT:]]
+        if separator != " " and not any(row[-1] for row in rows):  # it ends every line
+            rows = [row[:-1] for row in rows]
         width = Counter(map(len, rows)).most_common(1)[0][0]
         if width < 2:
             return 0.0
@@ -320,17 +324,52 @@ def _filled(row: list[str]) -> int:
     return sum(not cell or _is_number(cell) for cell in row)
 
 
-def _remark_of_names(remarks: list[tuple[int, str]], rows: list[Row], time: str) -> Row | None:
-    """The last remark above the rows that has a name for each column, as NumPy writes it."""
+def _names_and_units(
+    head: Row | None, remarks: list[tuple[int, str]], rows: list[Row], time: str
+) -> tuple[Row | None, list[str]]:
+    """Names of the columns, and cells of a line that holds only their units, [] without one.
+
+    `head` is the line of words above the numbers. A remark may hold the names, as NumPy writes it,
+    where `head` is only a title or units; or the units of the names in `head`.
+    """
+    found = [] if not rows else _remarks_of_cells(remarks, rows[0])
+    names = [row for row in found if not _all_units(row[1]) and (not time or _has(row[1], time))]
+    head = head or next(iter(names), None)
+    if head is None:
+        return None, []
+    cells = head[1]
+    if above := [row for row in names if row[0] < head[0]] if _all_units(cells) else []:
+        return above[0], cells
+    title = len(cells) < len(rows[0][1]) or (time and not _has(cells, time)) if rows else False
+    for row in names:
+        if row[0] > head[0] and (title or (any(map(_is_unit, _said(row[1]))) and not _said(cells))):
+            return row, []
+    below = [row[1] for row in found if row[0] > head[0] and _all_units(row[1])]
+    return head, below[0] if below and len(below[0]) == len(cells) else []
+
+
+def _remarks_of_cells(remarks: list[tuple[int, str]], row: Row) -> list[Row]:
+    """Remarks above a row that have a word for each of its cells, the last one first."""
+    found = []
     for number, text in reversed(remarks):
-        if number > rows[0][0]:
-            continue
-        for separator in _SEPARATORS:
-            cells = _cells(text, separator)
-            known = not time or time in (name_and_unit(cell)[0] for cell in cells)
-            if len(cells) == len(rows[0][1]) and not any(map(_is_number, cells)) and known:
-                return number, cells
-    return None
+        each = (_cells(text, separator) for separator in _SEPARATORS)
+        fits = (c for c in each if len(c) == len(row[1]) and not any(map(_is_number, c)))
+        if number < row[0] and (cells := next(fits, None)):
+            found.append((number, cells))
+    return found
+
+
+def _all_units(cells: list[str]) -> bool:
+    return bool(_units(cells, cells))
+
+
+def _said(cells: list[str]) -> list[str]:
+    """Units behind the names, or what stands in their place."""
+    return [unit for cell in cells if (unit := name_and_unit(cell)[1])]
+
+
+def _has(cells: list[str], name: str) -> bool:
+    return name in (name_and_unit(cell)[0] for cell in cells)
 
 
 # -- names and units -------------------------------------------------------------------------------

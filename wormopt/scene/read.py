@@ -55,11 +55,13 @@ def read_table(
 
 def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:
     """Read a value, of which numbers may be written with a unit where the key has a quantity."""
-    before, (quantity, _) = len(faults), meaning(kind)
+    before, (quantity, _), given = len(faults), meaning(kind), raw
     if quantity:
         raw = _without_units(raw, quantity, path, units, faults)
     value = read_value(raw, kind, path, units, faults) if len(faults) == before else None
-    is_angle = quantity == "rad" and type(raw) in (int, float) and abs(raw) < _MANY_DEGREES
+    if isinstance(given, str) and raw is not given and len(faults) > before:
+        faults[-1] = (path, faults[-1][1].replace(_shown(raw), _shown(given), 1))  # with its unit
+    is_angle = quantity == "rad" and type(given) in (int, float) and abs(given) < _MANY_DEGREES
     if is_angle and len(faults) > before:
         wrong: list[Fault] = []
         read_value(math.radians(raw), kind, path, units, wrong)

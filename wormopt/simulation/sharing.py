@@ -37,6 +37,8 @@ _NOTHING = 1e-10
 _EASY = 0.7
 # Shares so near the largest bound it.
 _ACTIVE = 1e-6
+# Beyond so many times the weaker side what holds better is looked at near its limit alone.
+_WIDE = 100.0
 # Sharing that is good enough to find directions from accelerations, and steps towards it.
 _SETTLED, _STEPS = 1e-13, 20_000
 
@@ -250,7 +252,10 @@ def _load(contact: Contact, force: ca.SX) -> ca.SX:
     if below or above:
         beyond = force - high if below else low - force
         return ca.SX(1 + beyond / contact.nominal_force)
-    return ca.SX(((2 * force - low - high) / (high - low)) ** 2)
+    weak = ca.fmin(ca.fabs(low), ca.fabs(high))
+    weak = ca.if_else(weak > 0, weak, contact.nominal_force)
+    width = ca.fmin((high - low) / 2, _WIDE * weak)
+    return ca.SX((ca.fmax(0, ca.fmax(low + width - force, force - (high - width))) / width) ** 2)
 
 
 @lru_cache(maxsize=64)
