@@ -303,7 +303,7 @@ def test_the_largest_load_may_stand_next_to_the_landing(load: float):
 
 
 def test_refusals():
-    with pytest.raises(ValueError, match="2 masses on 2 links"):
+    with pytest.raises(ValueError, match="2 masses for 2 links"):
         integrate(fast_gait(), [1.0, 1.0], 0.0, 1.0)
     with pytest.raises(SolveError, match=r"not periodic after 1 periods.*increase max_periods"):
         integrate(fast_gait(), [1.0] * 3, 1.0, 5.0, max_periods=1)

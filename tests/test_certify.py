@@ -640,7 +640,7 @@ def test_the_command_verifies_a_file(tmp_path, capsys: pytest.CaptureFixture[str
     ("text", "said"),
     [
         ("{", "not a certificate: Expecting"),
-        ("[]", 'its "format" must be "wormopt certificate"'),
+        ("[]", '"format" must be "wormopt certificate"'),
         ('{"format": "wormopt certificate", "version": 2}', "version 2 is not known; only 1 is"),
         ('{"format": "wormopt certificate", "version": 1}', "'problem' is missing"),
     ],

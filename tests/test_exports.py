@@ -877,7 +877,7 @@ def test_a_failed_result_says_so(fast: Result, tmp_path: Path, capsys: pytest.Ca
     folder.mkdir()
     fast.failed("it stopped short").save(folder)
     assert main(["export", str(folder), "--csv", "--c", "--ros", "-o", str(tmp_path)]) == 0
-    assert "the result failed, as the files say: it stopped short" in capsys.readouterr().err
+    assert "the result failed; the files state it: it stopped short" in capsys.readouterr().err
     for name in ("fast_gait.csv", "fast_gait.h", "fast_gait.c", "fast_gait.yaml"):
         assert "the result failed: it stopped short" in (tmp_path / name).read_text("utf-8")
 

@@ -463,7 +463,7 @@ def test_scene_of_crawls_says_who_rests():
 
 
 def test_unreachable_goals_tell_why():
-    with pytest.raises(SolveError, match="100 poses were looked at") as refused:
+    with pytest.raises(SolveError, match="100 poses were searched") as refused:
         wo.run(load_scene("planar_path", ["want=[]", "search.poses=100"]))
     assert refused.value.partial.status == "failed"
 

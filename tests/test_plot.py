@@ -777,7 +777,8 @@ def test_plot_writes_where_it_is_told(saved: Path, tmp_path: Path):
     two = ["spikes", "motion", "--width", "85mm"]
     assert main(["plot", str(saved), *two, "-o", str(folder), "--no-title"]) == 0
     assert {path.name for path in folder.iterdir()} == {"spikes.png", "motion.png"}
-    assert {path.name for path in saved.iterdir()} == {"result.nc", "summary.json"}
+    files = {"result.nc", "summary.json", "certificate.json"}
+    assert {path.name for path in saved.iterdir()} == files
 
 
 def test_plot_replaces_only_what_is_its_own(saved: Path, tmp_path: Path, capsys: Any):

@@ -140,8 +140,8 @@ def test_a_sweep_over_the_field():
     ("change", "said"),
     [
         ({"softest": -1e-3}, "the rest is not stable"),
-        ({"imbalance": 1e-3}, "off balance by 0.001 (imbalance)"),
-        ({"residual": float("nan")}, "off balance by nan (residual)"),
+        ({"imbalance": 1e-3}, "not balanced, by 0.001 (imbalance)"),
+        ({"residual": float("nan")}, "not balanced, by nan (residual)"),
     ],
 )
 def test_rests_of_a_sweep_that_are_not_to_be_trusted_are_left_out(
@@ -202,7 +202,7 @@ def test_a_body_that_does_not_reach_over_the_coils(tmp_path: Path, capsys: Any):
     sets = [word for change in changes for word in ("--set", change)]
     assert main(["run", "segment_shapes", "--quiet", "-o", str(tmp_path / "out"), *sets]) == 3
     told = capsys.readouterr().err
-    assert "does not reach over the coils" in told
+    assert "does not reach over the active coils" in told
     assert "rod.on" in told
 
 
@@ -221,9 +221,9 @@ def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
     loose = replace(found.rest, softest=-1e-9)
     assert "not stable" in fault(replace(found, rest=loose))
     off = replace(found.rest, imbalance=1e-3)
-    assert "forces are off balance by 0.001 (imbalance)" in fault(replace(found, rest=off))
+    assert "forces are not balanced, by 0.001 (imbalance)" in fault(replace(found, rest=off))
     slope = replace(found.rest, residual=2e-3, imbalance=1e-9)
-    assert "forces are off balance by 0.002 (residual)" in fault(replace(found, rest=slope))
+    assert "forces are not balanced, by 0.002 (residual)" in fault(replace(found, rest=slope))
     made_up = Check("made up", 1.0, 0.0, "made up")
     monkeypatch.setattr(rod_rest.RodAtRest, "checks", lambda self: iter([made_up]))
     monkeypatch.setattr(rod_rest, "rest_of", lambda *_: found)
@@ -239,8 +239,8 @@ def test_the_rod_is_drawn_with_its_forces():
     length = f"rod (in the field): {1e3 * value(result, 'arc_length')[-1]:.4g} mm"
     assert length in above.get_legend_handles_labels()[1]
     upper, lower = (1e3 * value(result, f"rod_force_{wall}") for wall in ("upper", "lower"))
-    assert f"from above {upper:.4g} mN" in facts(drawn)
-    assert f"from below {lower:.4g} mN" in facts(drawn)
+    assert f"force of the upper wall {upper:.4g} mN" in facts(drawn)
+    assert f"force of the lower wall {lower:.4g} mN" in facts(drawn)
     closest = f"closest to rod: sine, {1e3 * value(result, 'closest_distance_rod'):.3g} mm"
     assert closest in facts(drawn)
     assert "distance from\nrod (mm)" in below.get_ylabel()

@@ -175,7 +175,7 @@ HOSTILE = [
     (DESIGN, "search.sequence=[[0], [1], [0]]", "search.sequence[0]", "the same masses"),
     (DESIGN, "search.sequence=[[0], [1, 1]]", "search.sequence[1]", "twice"),
     (DESIGN, "search.sequence=[[0], []]", "search.sequence[1]", "fewer resting masses"),
-    (DESIGN, "search={phases=2, sequence=[[0], [1], [2]]}", "search.sequence", "allows 2"),
+    (DESIGN, "search={phases=2, sequence=[[0], [1], [2]]}", "search.sequence", "search.phases = 2"),
     (PARETO, "pareto.points=2", "pareto.points", "3 to 50"),
     (PARETO, 'pareto.against="speed"', "pareto.against", '"energy_per_distance"'),
     # given gaits

@@ -290,7 +290,7 @@ def test_wrong_scenes_are_told(name: str, change: str, key: str, message: str):
     ],
 )
 def test_a_drive_must_set_the_block_going_wherever_it_turns(changes: list[str], way: str):
-    with pytest.raises(SceneError, match=f"block.force: .* going {way}"):
+    with pytest.raises(SceneError, match=f"block.force: .* move the block {way}"):
         load_scene("slide_back", changes)
 
 

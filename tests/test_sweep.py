@@ -488,7 +488,7 @@ def test_a_scene_may_say_its_sweep(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["sweep", str(scene), "--engine", "serial", "--no-plots", "-o", out]) == 0
     assert wo.Result.load(tmp_path / "out")["worm_load"].values.tolist() == [20, 30]
     assert main(["run", str(scene), "--no-plots", "-o", str(tmp_path / "one")]) == 0
-    assert "`wormopt sweep` varies" in capsys.readouterr().err
+    assert "`wormopt sweep` uses it" in capsys.readouterr().err
     assert load_scene(scene).key == load_scene("fast_gait").key
 
 

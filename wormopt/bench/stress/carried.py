@@ -220,10 +220,10 @@ def _not_carried(dice: Dice) -> Judged:
     more = 1 + spread(dice, 1e-3, 1e2)
     delta = float(dice.uniform(0.1, 0.9))
     wave = CosineWave(delta)
-    yield "long", refused(lambda: HeavyFloat(wave, _TURN * more), "length", "below 2 pi")
+    yield "long", refused(lambda: HeavyFloat(wave, _TURN * more), "length", "below a wavelength")
     yield "light", refused(lambda: HeavyFloat(wave, 0.0, -more), "weight must be 0 or above")
     high = (1 - delta) * more
-    yield "high", refused(lambda: LyingBody(wave, high), "height", "least thickness")
+    yield "high", refused(lambda: LyingBody(wave, high), "height", "least film thickness")
     yield "tension", refused(lambda: LyingBody(wave, tension=-more), "tension must be 0 or above")
     body = HeavyFloat(wave)
     yield "mass", refused(lambda: carried_body(body, mass=-more), "mass must be above 0")

@@ -216,7 +216,7 @@ def _composite(dice: Dice) -> Judged:
     limit = math.exp((math.log(1.5) - math.log(_MU0 / 5 / eta)) / 2 - math.log(mu_r - 1))
     yield "limit", apart(rubber.largest_field, limit, 1e-9)
     beyond = limit * (1 + spread(dice, 1e-9, 10))
-    yield "refusal", refused(lambda: rubber.youngs_modulus(beyond), "fields below", "mu_r below")
+    yield "refusal", refused(lambda: rubber.youngs_modulus(beyond), "field below", "mu_r below")
     H = limit * spread(dice, 1e-6, 0.999)
     G = -1.5 * (H / limit) ** 2
     yield "softening", apart(rubber.softening(H), G, 1e-9)
@@ -291,12 +291,17 @@ def _no_field(dice: Dice) -> Judged:
     """Coils and materials that cannot be."""
     more = 1 + spread(dice, 1e-6, 1e2)
     coil = Coil(1.0, 2.0, 1.0, ampere_turns=1.0)
-    yield "inside out", refused(lambda: Coil(more, 1.0, 1.0), "inner below outer")
+    yield "inside out", refused(lambda: Coil(more, 1.0, 1.0), "must be below outer")
     yield "flat", refused(lambda: Coil(1.0, 2.0, -more), "length", "above 0")
     yield "overlap", refused(lambda: CoilRow(coil, 2, 4 / more), "overlap", "apart")
     yield "in the winding", refused(lambda: coil.field(2.25, 0.1), "winding")
     row = CoilRow(coil, 2, 5.0)
-    yield "current", refused(lambda: row.field([0.0], 9.0, [[more], [0.0]]), "current", "carry")
+    yield (
+        "current",
+        refused(
+            lambda: row.field([0.0], 9.0, [[more], [0.0]]), "current", "exceeds the coils' limit"
+        ),
+    )
     yield "no gap", refused(lambda: CoilRow(coil, 2, 5.0, sides="alternating"), "gap")
     yield "no magnet", refused(lambda: MagnetoElastic(1 / more, 1.0), "mu_r", "above 1")
     yield "saturation", refused(lambda: Langevin(1.0, -more), "saturation", "above 0")

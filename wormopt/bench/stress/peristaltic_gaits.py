@@ -181,7 +181,7 @@ def _slide(dice: Dice) -> Judged:
     least = stops[values <= values.min() + 1e-12 * (np.abs(v) @ (ahead + back))]
     yield "velocities", apart(common_velocity(v, ahead, back, force), [least[0], least[-1]], 1e-12)
     beyond = ahead.sum() * (1 + spread(dice, 1e-6, 1))
-    yield "force", refused(lambda: common_velocity(v, ahead, back, beyond), "friction resists")
+    yield "force", refused(lambda: common_velocity(v, ahead, back, beyond), "exceeds the friction")
 
 
 GAITS: tuple[tuple[str, Compare, int], ...] = (

@@ -221,7 +221,7 @@ def _no_worm(dice: Dice) -> Judged:
     more = 1 + spread(dice, 1e-6, 10.0)
     s = Segment(20e-3, 5e-3, 0.3e-3, 20e3)
     yield "mass", refused(lambda: Body([s] * 3, mass=-more), "mass must be positive")
-    yield "count", refused(lambda: Body([s] * 3, mass=[more] * 2), "2 numbers, 3 segments")
+    yield "count", refused(lambda: Body([s] * 3, mass=[more] * 2), "2 numbers for 3 segments")
     body = Body([s] * 3, mass=1e-3)
     narrow = Bed(Tube(5e-3 / more, 0.3), 1e6)
     yield "tube", refused(lambda: peristaltic_worm(body, narrow), "radius", "below")

@@ -282,4 +282,4 @@ def _no_segment(dice: Dice) -> Judged:
     yield "fill", refused(lambda: range_of_fill(more), "fill", "0 to 1")
     yield "limit", refused(lambda: inflated(0.75 * more), "limit of inflation", "0.749868")
     yield "anchors", refused(lambda: mode_bound(3, 4, (1, 1)), "write 1 to 3")
-    yield "drag", refused(lambda: small_gaits(3, 0.0), "no gait goes anywhere")
+    yield "drag", refused(lambda: small_gaits(3, 0.0), "no gait has a net displacement")

@@ -150,7 +150,10 @@ def _no_stroke(dice: Dice) -> Judged:
     limit = spread(dice, 0.1, 3.0)
     purcell = Swimmer(chain_shape(3, lengths=(1.0, 1.0, 1.0)), (1.0, 2.0))
     scallop = Swimmer(chain_shape(2, lengths=(1.0, 1.0)), (1.0, 2.0))
-    yield "scallop", refused(lambda: best_stroke(scallop, -limit, limit), "two shape variables")
+    yield (
+        "scallop",
+        refused(lambda: best_stroke(scallop, -limit, limit), "two or more shape variables"),
+    )
     yield "limits", refused(lambda: best_stroke(purcell, limit, -limit), "lower limit", "below")
     yield "none", refused(lambda: best_stroke(purcell, -math.inf, limit), "limits")
     yield "one angle", refused(lambda: heights(scallop), "two shape variables")

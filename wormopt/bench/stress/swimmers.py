@@ -389,4 +389,7 @@ def _no_swimmer(dice: Dice) -> Judged:
     load = (3.0 * more, 0.0, 0.0)
     yield "load", refused(lambda: crawl_velocity(shape, law, [0.3], [1.0], load=load), "load")
     link = chain_shape(1)  # which end rests is open
-    yield "open", refused(lambda: crawl_velocity(link, law, [more], [1.0]), "make the resistance")
+    yield (
+        "open",
+        refused(lambda: crawl_velocity(link, law, [more], [1.0]), "the motion is not unique"),
+    )

@@ -100,7 +100,13 @@ class Outer:
         if n <= _MOST_LINKS and n + 1 - statement.resting <= _MOST_DIMENSIONS:
             whole = np.array([[int(x / self.rate_unit) for x in way] for way in self.rates])
             self.mesh = mesh_of(whole, statement.resting)
-        self.starts, self.brakes = self._extremes(self.mesh) if self.mesh else (statement.most,) * 2
+        self.starts, self.brakes = statement.most, statement.most
+        if self.mesh is not None:
+            starts, brakes = self._extremes(self.mesh)
+            if min(starts.min(), brakes.min()) > 0:
+                self.starts, self.brakes = wider(starts), wider(brakes)
+            else:  # forces are so tight that no gait exists
+                self.mesh = None
         self.slowing = self.brakes.astype(float) / self._acceleration
         self.strokes = statement.strokes(self.starts, self.brakes)
         self._earlier: list[dict[str, Any]] = []  # proofs of strokes
@@ -220,7 +226,7 @@ class Outer:
                 own = np.where(signs == sign, sign * corners.links, 0.0)
                 for k, value in enumerate((own, -own)):
                     found[k, way] = np.maximum(found[k, way], value.max(axis=(0, 1), initial=0.0))
-        return wider(found[0] * self._acceleration), wider(found[1] * self._acceleration)
+        return found[0] * self._acceleration, found[1] * self._acceleration
 
 
 def _floats(values: tuple[Fraction, ...]) -> np.ndarray:
@@ -270,7 +276,8 @@ def _vertices(
         numbers.append(np.flatnonzero(inside))
         points.append(at[inside])
     number, point = np.concatenate(numbers), np.concatenate(points)
-    alike = np.column_stack([number, np.round(point, _SAME).reshape(len(point), -1)])
+    flat = np.round(point, _SAME).reshape(len(point), math.prod(point.shape[1:]))
+    alike = np.column_stack([number, flat])
     first = np.unique(alike, axis=0, return_index=True)[1]
     return number[first], point[first]
 
