@@ -339,7 +339,7 @@ def _wrong_end(done: subprocess.CompletedProcess[str], file: Path, folder: Path)
         return f"no summary: {error}"
     if not (folder / RESULT_FILE).is_file():
         return "no result file"
-    if (done.returncode == 0) != (summary["status"] == "ok"):
+    if (done.returncode == 0) != (summary["status"] in ("ok", "unchecked")):
         return f"code {done.returncode}, status {summary['status']}"
     return "" if done.returncode == 0 or summary["reason"] else "failed without a reason"
 

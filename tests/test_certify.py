@@ -22,7 +22,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
 from wormopt.systems.shared.sequences import Sequence_, is_gait
-from wormopt.systems.spiked.certify.bound import Bounded, bounded
+from wormopt.systems.spiked.certify.bound import Bounded, at_once, bounded
 from wormopt.systems.spiked.certify.certificate import Certificate, verify
 from wormopt.systems.spiked.certify.program import Level, Outer, Program
 from wormopt.systems.spiked.certify.statement import Statement
@@ -634,6 +634,31 @@ def test_the_command_verifies_a_file(tmp_path, capsys: pytest.CaptureFixture[str
     assert "not verified: dW/dt" in capsys.readouterr().err
     assert main(["verify", str(none)]) == 2
     assert "none.json: No such file" in capsys.readouterr().err
+
+
+def test_strokes_are_rounded_up_from_what_is_proven():
+    """They were rounded down by what the last digits of floats may be off: not verified."""
+    worm = Worm(links=3, mass=(1.9752096437611943, 1.0, 1.320529048672694, 0.5), load=6.29336757)
+    rate = (1.3728651274683445, 1.4607125195623956, 1.238089937382999)
+    low = (0.4203364253546264, 0.6575655446053759, 0.8734806309272474)
+    high = (1.188261913845055, 1.214853091485605, 1.4077341618810624)
+    limits = Limits(
+        period=1.0,
+        length=tuple(zip(low, high, strict=True)),
+        resting=3,
+        rate=Rates(contraction=rate, extension=rate),
+        acceleration=(34.60666055673868, 13.994626096661797, 9.5),
+    )
+    found = at_once(GaitProblem(worm, limits))
+    assert found is not None and found.certificate is not None
+    assert verify(found.certificate).reason == ""
+
+
+def test_forces_that_no_gait_can_keep_leave_the_bound_of_rates():
+    """A spike holds 4 at most where a load of 15 pulls: no acceleration keeps all limits."""
+    limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, spike_load=4.0)
+    found = at_once(GaitProblem(Worm(links=2, load=5.0), limits))
+    assert found is not None and found.bound <= 1.0
 
 
 @pytest.mark.parametrize(

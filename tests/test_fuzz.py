@@ -15,6 +15,7 @@ import pytest
 from effort import examples
 
 import wormopt as wo
+from wormopt.cli import main
 from wormopt.errors import SceneError
 from wormopt.numerics.workers import Engine, using
 from wormopt.scene import load_scene, packaged_scenes
@@ -181,16 +182,14 @@ def test_a_thousand_runs_in_one_process_keep_their_memory():
     assert held[-1] - held[0] < 5, held
 
 
-@unix
-@pytest.mark.slow
-def test_what_needs_more_memory_than_there_is_is_told(tmp_path: Path):
-    """Steps over two million periods are kept until they fill a gigabyte and a half."""
+def test_what_needs_more_memory_than_there_is_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def run(*_: object) -> None:
+        raise MemoryError
 
-    def little() -> None:
-        resource.setrlimit(resource.RLIMIT_AS, (3 * 2**29, 3 * 2**29))
-
-    run = command(tmp_path / "out", "body_in_film", "--json", "--set", "course.periods=2e6")
-    told = subprocess.run(run, capture_output=True, text=True, preexec_fn=little)
-    assert "Traceback" not in told.stderr
-    assert told.returncode == 3
-    assert "more memory is needed than there is" in json.loads(told.stdout)["reason"]
+    monkeypatch.setattr("wormopt.systems.spiked.runs.gait.run", run)
+    assert main(["run", "fast_gait", "--quiet", "--json", "-o", str(tmp_path / "out")]) == 3
+    out = capsys.readouterr()
+    assert "Traceback" not in out.err
+    assert "more memory is needed than there is" in json.loads(out.out)["reason"]

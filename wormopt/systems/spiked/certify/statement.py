@@ -168,8 +168,9 @@ def _unit(size: float | Fraction) -> Fraction:
 
 
 def up(value: float | Fraction, unit: Fraction) -> Fraction:
-    """Round up to a multiple; what is one but for rounding stays."""
-    return math.ceil(Fraction(value) / unit * (1 - Fraction(_ROUNDING))) * unit
+    """Round up to a multiple; a float that is one but for rounding stays."""
+    rounding = Fraction(_ROUNDING) if isinstance(value, float) else 0
+    return math.ceil(Fraction(value) / unit * (1 - rounding)) * unit
 
 
 def rounded_up(bound: float) -> Fraction:
