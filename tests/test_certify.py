@@ -650,7 +650,8 @@ def test_strokes_are_rounded_up_from_what_is_proven():
         acceleration=(34.60666055673868, 13.994626096661797, 9.5),
     )
     found = at_once(GaitProblem(worm, limits))
-    assert found is not None and found.certificate is not None
+    assert found is not None
+    assert found.certificate is not None
     assert verify(found.certificate).reason == ""
 
 
@@ -658,7 +659,8 @@ def test_forces_that_no_gait_can_keep_leave_the_bound_of_rates():
     """A spike holds 4 at most where a load of 15 pulls: no acceleration keeps all limits."""
     limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0, spike_load=4.0)
     found = at_once(GaitProblem(Worm(links=2, load=5.0), limits))
-    assert found is not None and found.bound <= 1.0
+    assert found is not None
+    assert found.bound <= 1.0
 
 
 @pytest.mark.parametrize(
