@@ -61,8 +61,8 @@ def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -
     value = read_value(raw, kind, path, units, faults) if len(faults) == before else None
     if isinstance(given, str) and raw is not given and len(faults) > before:
         faults[-1] = (path, faults[-1][1].replace(_shown(raw), _shown(given), 1))  # with its unit
-    bare = not isinstance(given, bool) and isinstance(given, int | float)
-    if quantity == "rad" and bare and abs(given) < _MANY_DEGREES and len(faults) > before:
+    bare = given if type(given) in (int, float) and not isinstance(given, str) else math.inf
+    if quantity == "rad" and abs(bare) < _MANY_DEGREES and len(faults) > before:
         wrong: list[Fault] = []
         read_value(math.radians(raw), kind, path, units, wrong)
         faults[-1] = (path, faults[-1][1] + ("" if wrong else f', "{raw} deg" say'))
