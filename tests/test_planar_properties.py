@@ -211,6 +211,7 @@ def test_steps_that_know_no_events_come_nearer_at_first_order(
     stepper = stepper_of(model)
     assert stepper is not None
     found = step_again(stepper, motion, step=4e-4)
+    assert found.fine < 1e-3
     # nearer than a quarter of a step, how stops lie between steps decides
     assert found.fine < max(0.5 * found.coarse, 0.25 * found.step)
 

@@ -50,7 +50,7 @@ def test_the_citation_is_valid():
 
 
 def test_the_recipe_has_the_version_and_the_dependencies_of_the_package():
-    recipe = yaml_of("recipe/recipe.yaml")
+    recipe = yaml_of(".ci/recipe.yaml")
     assert recipe["context"]["version"] == VERSION
     assert recipe["about"]["summary"] == project()["description"]
     needed = {re.sub(r"\s", "", line) for line in recipe["requirements"]["run"]}
