@@ -82,12 +82,6 @@ def _routes(recheck: Any) -> Iterator[str]:
 
 def _bounds(result: Result) -> Iterator[str]:
     known = {name: s for name, s in result.scalars.items() if is_number(s.value)}
-    if "ceiling" in known:
-        gap = f"; the result is {_percent(known['gap'].value)} below it" if "gap" in known else ""
-        what = result.trust.get("ceiling")
-        why = f" ({what})" if isinstance(what, str) else ""
-        ceiling = known["ceiling"]
-        yield f"Nothing can be faster than {value_text(ceiling.value, ceiling.unit)}{why}{gap}."
     if "bound" in known:
         proof = result.trust.get("certificate")
         holds = proof.get("holds_for") if isinstance(proof, Mapping) else None
@@ -95,6 +89,11 @@ def _bounds(result: Result) -> Iterator[str]:
         gap = f"; the result is within {_percent(far.value)} of it" if far else ""
         bound = value_text(known["bound"].value, known["bound"].unit)
         yield f"Proven bound: {bound}{gap}." + (f" It holds for {holds}." if holds else "")
+    elif "ceiling" in known:
+        what = result.trust.get("ceiling")
+        why = f" ({what})" if isinstance(what, str) else ""
+        ceiling = known["ceiling"]
+        yield f"Nothing can be faster than {value_text(ceiling.value, ceiling.unit)}{why}."
 
 
 def _percent(share: float) -> str:
