@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
+from wormopt.progress import Report
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -36,7 +38,66 @@ class Kind:
         """Load the module that computes scenes of this kind."""
         return import_module(self.study)
 
+    def run(self, scene: Any, report: Report) -> Any:
+        """Compute the Result of a scene."""
+        return self.load_study().run(scene, report)
+
+    def models_of(self, scene: Any) -> dict[str, Any] | None:
+        """Models that a scene simulates, by label; None if the kind has none."""
+        models = getattr(self.load_study(), "models_of", None)
+        return None if models is None else models(scene)
+
     def load_exports(self) -> dict[str, Callable[[Any], str | None]]:
         """Load the functions that make the texts of further files."""
         parts = {name: text.split(":") for name, text in self.exports.items()}
         return {name: getattr(import_module(m), f) for name, (m, f) in parts.items()}
+
+
+@dataclass(frozen=True)
+class StudyKind:
+    """A kind that is one class, see `wormopt.study`; the class is loaded on use."""
+
+    summary: str
+    table: str  # "module:Class"
+
+    def load_table(self) -> Any:
+        """Load the class."""
+        module, name = self.table.split(":")
+        return getattr(import_module(module), name)
+
+    load_study = load_table
+
+    @property
+    def study(self) -> str:
+        """Module of the class."""
+        return self.table.partition(":")[0]
+
+    @property
+    def pictures(self) -> Mapping[str, str]:
+        """Pictures by name, see `Kind`."""
+        return self.load_table().pictures
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """Pictures for which the study computes more."""
+        return self.load_table().wanted
+
+    @property
+    def table_file(self) -> bool:
+        """Whether results have a table file of their own."""
+        return self.load_table().table_file
+
+    @property
+    def exports(self) -> Mapping[str, str]:
+        """Further files by name, see `Kind`."""
+        return self.load_table().exports
+
+    def run(self, scene: Any, report: Report) -> Any:
+        """Compute the Result of a scene."""
+        return scene.table.result(report)
+
+    def models_of(self, scene: Any) -> dict[str, Any] | None:
+        """Models that a scene simulates, by label; None if the kind has none."""
+        return scene.table.models()
+
+    load_exports = Kind.load_exports

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
-from wormopt.kind import Kind
+from wormopt.kind import Kind, StudyKind
+
+_SYSTEMS = Path(__file__).parent / "systems"
+_STUDY = re.compile(r'^class (\w+)\([^)]*\bkind="([\w-]+)"[^)]*\):\n    """(.+)$', re.MULTILINE)
 
 
 def _drawn(module: str, *names: str) -> dict[str, str]:
@@ -13,7 +19,16 @@ def _drawn(module: str, *names: str) -> dict[str, str]:
     return {name: f"wormopt.systems.{module}:{name}" for name in names}
 
 
-KINDS: dict[str, Kind] = {
+def _studies() -> Iterator[tuple[str, StudyKind]]:
+    """Kinds by name: classes of `wormopt.systems` that say their kind, found without import."""
+    for path in sorted(_SYSTEMS.glob("*/*.py")):
+        for name, kind, first in _STUDY.findall(path.read_text(encoding="utf-8")):
+            module = f"wormopt.systems.{path.parent.name}.{path.stem}"
+            summary = f"{first[0].lower()}{first[1:]}".strip('."')
+            yield kind, StudyKind(summary, f"{module}:{name}")
+
+
+KINDS: dict[str, Kind | StudyKind] = {
     "gait": Kind(
         summary="simulate a given gait: speed, anchored masses, spike loads, forces, energy",
         table="wormopt.systems.spiked.scenes.gait:GaitScene",
@@ -373,7 +388,7 @@ KINDS: dict[str, Kind] = {
         study="wormopt.systems.channel.runs.segment_shapes",
         pictures=_drawn("channel.plots.channel", "segment_shapes"),
     ),
-}
+} | dict(_studies())
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Spiked worms and gaits": ("gait", "gait-design", "gait-pareto", "gait-shift", "stepper"),
@@ -410,7 +425,7 @@ SWEEP = Kind(
 """Kind of the results of sweeps. It is not in `KINDS`, because any scene can be swept."""
 
 
-def kind_of(result: Any) -> Kind | None:
+def kind_of(result: Any) -> Kind | StudyKind | None:
     """Return the kind of a Result, or None if it is not registered."""
     return SWEEP if result.kind == "sweep" else KINDS.get(result.kind)
 

@@ -59,10 +59,11 @@ def run(
     if overrides or not isinstance(scene, Scene):
         scene = load_scene(scene, overrides)
     start = perf_counter()
-    study = KINDS[scene.table.kind].load_study()
+    kind = KINDS[scene.table.kind]
+    kind.load_study()
     loaded = perf_counter()
     with interruptible():
-        result = study.run(scene, report)
+        result = kind.run(scene, report)
     timings = {"load": loaded - start, **result.timings_s, "study": perf_counter() - loaded}
     return dataclasses.replace(result, timings_s=timings)
 

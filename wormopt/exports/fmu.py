@@ -138,19 +138,19 @@ def plants_of(what: object) -> list[Plant]:
         return [Plant(what)]
     if not isinstance(what, Result):
         raise ArgumentError(f"an FMU takes a Result or a Model, not {type(what).__name__}")
-    study = KINDS[what.kind].load_study() if what.kind in KINDS else None
-    models_of = getattr(study, "models_of", None)
-    if models_of is None:
+    kind = KINDS.get(what.kind)
+    scene = scene_of_text(what.scene, what.kind, what.scene_text) if kind else None
+    models = kind.models_of(scene) if kind else None
+    if scene is None or models is None:
         raise ArgumentError(
             f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "
             "take one of kind simulate or track"
         )
-    scene = scene_of_text(what.scene, what.kind, what.scene_text)
     treatment, said = treatment_of(scene.table.contact), remarks(what)
     v_reg = treatment.v_reg if isinstance(treatment, Smooth) else Smooth().v_reg
     return [
         Plant(model, v_reg, scene.table.units, (*said, label) if label else tuple(said))
-        for label, model in models_of(scene).items()
+        for label, model in models.items()
     ]
 
 

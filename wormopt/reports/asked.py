@@ -18,7 +18,7 @@ from wormopt.reports.words import escaped, marked, public, unit_text, value_text
 from wormopt.result import Result
 from wormopt.scene.read import read_table
 from wormopt.scene.toml import toml_text
-from wormopt.scene.types import default_of, meaning
+from wormopt.study.given import default_of, meaning
 
 _ELSEWHERE = ("schema", "kind", "title", "units", "want")  # said in other places, or not worth it
 

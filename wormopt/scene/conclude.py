@@ -33,7 +33,7 @@ def conclude(
         trust["checks"] = {check.name: check.found() for check in checks}
         assert len(trust["checks"]) == len(checks), [check.name for check in checks]
     warned = [*scene.warnings, *table.file_warnings(scene.folder, table.units), *warnings]
-    status, reasons = _status(checks, warned)
+    status, reasons = status_of(checks, warned)
     return Result(
         scene.name,
         table.kind,
@@ -54,7 +54,7 @@ def conclude(
     )
 
 
-def _status(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
+def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
     """Status of a result by its checks and warnings, and the reasons for it."""
     failed = dict.fromkeys(check.advice for check in checks if not check.passed)
     if failed:

@@ -8,10 +8,11 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import FinitePerMass, Positive, Table, says, wrong_count
+from wormopt.scene.types import FinitePerMass, Positive
+from wormopt.study.given import Given, says, wrong_count
 
 
-class Start(Table, frozen=True, kw_only=True):
+class Start(Given):
     """Where the masses start and how fast."""
 
     position: Annotated[
@@ -30,7 +31,7 @@ class Start(Table, frozen=True, kw_only=True):
             yield from wrong_count(f"start.{name}", getattr(self, name), links + 1, "masses")
 
 
-class TimeSpan(Table, frozen=True, kw_only=True):
+class TimeSpan(Given):
     """From time 0 to which, and how many instants are kept."""
 
     end: Annotated[Positive, says("time", "last time")]
@@ -41,7 +42,7 @@ class TimeSpan(Table, frozen=True, kw_only=True):
     ] = 2001
 
 
-class ToleranceTable(Table, frozen=True, kw_only=True):
+class ToleranceTable(Given):
     """How exact the motion shall be."""
 
     relative: Annotated[
@@ -74,7 +75,7 @@ class ToleranceTable(Table, frozen=True, kw_only=True):
     ] = True
 
 
-class SmoothContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag="smooth"):
+class SmoothContact(Given, tag_field="treatment", tag="smooth"):
     """Contact forces by the regularised law.
 
     It is an approximation: it knows no stiction, and a law with *F*<sub>−</sub> ≠ *F*<sub>+</sub>
@@ -87,14 +88,14 @@ class SmoothContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag
     ] = 1 / 40
 
 
-class ExactContact(Table, frozen=True, kw_only=True, tag_field="treatment", tag="exact"):
+class ExactContact(Given, tag_field="treatment", tag="exact"):
     """Set-valued contact laws: every reversal, stick and release is located as an event."""
 
 
 ContactTable = SmoothContact | ExactContact
 
 
-class AveragingTable(Table, frozen=True, kw_only=True):
+class AveragingTable(Given):
     """How averages are computed."""
 
     nodes: Annotated[
@@ -104,7 +105,7 @@ class AveragingTable(Table, frozen=True, kw_only=True):
     ] = 16
 
 
-class MeshTable(Table, frozen=True, kw_only=True):
+class MeshTable(Given):
     """How finely an optimal motion is resolved."""
 
     arcs: Annotated[

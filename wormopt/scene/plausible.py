@@ -8,7 +8,7 @@ from typing import Any
 from msgspec import NODEFAULT, Struct, structs
 
 from wormopt.quantities import unit_of
-from wormopt.scene.types import said_of
+from wormopt.study.given import said_of
 
 # Quantity: smallest and largest size that is no surprise, in its SI unit.
 USUAL = {

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import msgspec
 
 from wormopt.errors import Fault
-from wormopt.scene.types import meaning
+from wormopt.study.given import Given, meaning
 from wormopt.units import bare_number, has_unit, to_number
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -50,7 +50,12 @@ def read_table(
             values[key] = _read_key(raw[key], item.type, _join(path, key), units, faults)
         elif item.required:
             faults.append((_join(path, key), f"missing; write {describe(item.type)}"))
-    return table(**values) if len(faults) == before else None
+    if len(faults) > before:
+        return None
+    made = msgspec.StructMeta.__call__(table, **values)  # read here, not by the class
+    if isinstance(made, Given):
+        faults += ((f"{path}.{key}" if path and key else path or key, w) for key, w in made.wrong())
+    return made if len(faults) == before else None
 
 
 def _read_key(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) -> Any:
@@ -88,6 +93,10 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
     """Convert a raw value to a type; every fault is added to `faults`, and gives None."""
     kind = bare(kind)
     tables = tables_in(kind)
+    if isinstance(raw, Given) and isinstance(raw, tuple(tables)):  # made in Python, checked there
+        if raw.has_units and units != "SI":
+            faults.append((path, 'was made with units; write units = "SI", or numbers alone'))
+        return raw
     if isinstance(raw, Mapping) and tables:
         table = _chosen(raw, tables, path, faults)
         return table and read_table(raw, table, path, units, faults)

@@ -17,7 +17,8 @@ from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.scene.read import bare, describe, tables_in
 from wormopt.scene.swept import Swept
-from wormopt.scene.types import SceneTable, default_of, meaning
+from wormopt.scene.types import SceneTable
+from wormopt.study.given import default_of, meaning
 from wormopt.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")

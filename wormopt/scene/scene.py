@@ -19,9 +19,10 @@ from wormopt.scene.overrides import Overrides, as_toml, override
 from wormopt.scene.plausible import surprises
 from wormopt.scene.read import read_table, read_value
 from wormopt.scene.swept import Swept
-from wormopt.scene.types import SceneTable, extreme_numbers
+from wormopt.scene.types import FOLDER, SceneTable
 from wormopt.shown import lines
 
+_NO_SCHEMA = "missing; write 1"
 TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
 
 
@@ -138,17 +139,17 @@ def scene_within(folder: Path, name: str, tables: Mapping[str, Any]) -> Scene[An
 
 
 def _checked(file: str, name: str, folder: Path, raw: dict[str, Any]) -> Scene[Any]:
-    table, sweep = _read_kind(file, raw)
+    table, sweep = _read_kind(file, raw, folder)
     wrong = _faults(table, folder)
     wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
     if wrong:
         raise SceneError(file, wrong)
+    table.placed(name, folder)
     return Scene(name, folder, table, sweep)
 
 
 def _faults(table: SceneTable, folder: Path) -> list[Fault]:
-    """What no single key shows; extreme numbers are told alone, as other faults come of them."""
-    return list(extreme_numbers(table)) or list(table.faults(folder))
+    return [] if table.checks_itself else list(table.faults(folder))
 
 
 def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
@@ -163,12 +164,13 @@ def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
         raw = None
     if not isinstance(raw, dict) or raw.get("kind") != kind:
         raise SceneError(name, [("", "the result does not say its scene; run it again")])
-    table, _ = _read_kind(name, raw)
     packaged = packaged_scenes().get(name)
     folder = packaged.parent if packaged else Path()
+    table, _ = _read_kind(name, raw, folder)
     wrong = _faults(table, folder)
     if wrong:
         raise SceneError(name, wrong)
+    table.placed(name, folder)
     return Scene(name, folder, table)
 
 
@@ -244,7 +246,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     raise SceneError(file, [("", message)])
 
 
-def _read_kind(file: str, raw: dict[str, Any]) -> tuple[SceneTable, Swept | None]:
+def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[SceneTable, Swept | None]:
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
@@ -255,7 +257,13 @@ def _read_kind(file: str, raw: dict[str, Any]) -> tuple[SceneTable, Swept | None
     faults: list[Fault] = []
     sweep = raw.pop("sweep", None)
     swept = None if sweep is None else read_value(sweep, Swept, "sweep", "", faults)
-    table = read_table(raw, KINDS[kind].load_table(), "", raw.get("units", ""), faults)
+    before = FOLDER.set(folder)
+    try:
+        table = read_table(raw, KINDS[kind].load_table(), "", raw.get("units", ""), faults)
+    finally:
+        FOLDER.reset(before)
+    if "schema" not in raw and ("schema", _NO_SCHEMA) not in faults:
+        faults.append(("schema", _NO_SCHEMA))
     if table is None or faults:
         raise SceneError(file, faults)
     return table, swept

@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Seed, Table, says
+from wormopt.scene.types import Seed
+from wormopt.study.given import Given, says
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 RANGE = re.compile(
@@ -23,7 +24,7 @@ _MOST = 1_000_000
 Points = Annotated[int, Meta(ge=1, le=_MOST, description=f"a whole number from 1 to {_MOST}")]
 
 
-class Swept(Table, frozen=True, kw_only=True):
+class Swept(Given):
     """Keys that are varied when the scene is swept; `wormopt run` leaves them as they are."""
 
     over: Annotated[

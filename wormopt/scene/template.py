@@ -22,7 +22,7 @@ from wormopt.scene.read import bare, describe, tables_in
 from wormopt.scene.reference import single
 from wormopt.scene.scene import packaged_scenes, times_of_scenes
 from wormopt.scene.toml import holds_tables, toml_value
-from wormopt.scene.types import default_of, meaning
+from wormopt.study.given import default_of, meaning
 
 _WIDTH = 100
 _SWEEP = """

@@ -8,14 +8,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping
-from math import isfinite
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin
+from typing import Annotated, ClassVar, Literal
 
-from msgspec import NODEFAULT, Meta, Struct
+from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.model.given import per as per
+from wormopt.study.given import Given, key
+
+FOLDER: ContextVar[Path] = ContextVar("folder")
+"""Folder of the scene that is being read."""
+
 
 _LARGEST = sys.float_info.max
 _SMALL = 1e-30
@@ -23,34 +28,6 @@ _SMALL = 1e-30
 
 def _words(description: str) -> Meta:
     return Meta(description=description)
-
-
-def says(quantity: str, meaning: str, usual: tuple[float, float] | None = None) -> Meta:
-    """What a key means, in Markdown, and its quantity: a name of `wormopt.quantities`, or "".
-
-    `usual` are the sizes in SI of which nobody is warned, where not those of the quantity.
-    """
-    return Meta(extra={"quantity": quantity, "meaning": meaning, "usual": usual})
-
-
-def said_of(kind: Any) -> dict[str, Any]:
-    """What `says` says, by the type of a key; empty where nothing is said."""
-    if get_origin(kind) is not Annotated:
-        return {}
-    said = [meta.extra for meta in get_args(kind)[1:] if meta.extra]
-    return said[-1] if said else {}
-
-
-def meaning(kind: Any) -> tuple[str, str]:
-    """Quantity and meaning of a key, by its type; "" where there is none."""
-    said = said_of(kind)
-    return said.get("quantity", ""), said.get("meaning", "")
-
-
-def default_of(field: Any) -> Any:
-    """Value of a key that is left out, NODEFAULT where it must not be."""
-    made = field.default_factory
-    return field.default if made is NODEFAULT else made()
 
 
 Finite = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST), _words("a finite number")]
@@ -117,26 +94,7 @@ Seed = Annotated[int, Meta(ge=0, le=2**32 - 1, description="a whole number from 
 Title = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]*$"), _words("text in quotes, on one line")]
 
 
-class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all tables of a scene: unchangeable data, unknown keys are errors."""
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """What trust reports say of the table, beside what was found."""
-        below = (getattr(self, name) for name in self.__struct_fields__)
-        tables = [table for table in below if isinstance(table, Table)]
-        return {key: fact for table in tables for key, fact in table.facts.items()}
-
-    def file_warnings(self, folder: Path, units: str) -> Iterator[str]:
-        """Yield what to know about the files that the table and those in it name."""
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            for table in value if isinstance(value, tuple) else (value,):
-                if isinstance(table, Table):
-                    yield from table.file_warnings(folder, units)
-
-
-class SceneTable(Table, frozen=True, kw_only=True):
+class SceneTable(Given):
     """Keys that every scene shares, and the numbers that its results hold."""
 
     scalars: ClassVar[Mapping[str, tuple[str, str]]] = {}
@@ -146,14 +104,21 @@ class SceneTable(Table, frozen=True, kw_only=True):
     headline: ClassVar[tuple[str, ...]] = ()
     """Scalars that answer what was asked, told first; the first five declared if empty."""
 
-    schema: Annotated[Literal[1], says("", "version of the scene form")]
-    kind: Annotated[str, says("", "what the scene computes")]
-    title: Annotated[Title, says("", "title of pictures and reports; its name if left out")] = ""
-    units: Annotated[
-        Literal["dimensionless", "SI"],
-        says("", "names of the units in the results; nothing is converted"),
-    ] = "dimensionless"
-    want: Annotated[tuple[str, ...], says("", "pictures to draw, each once")] = ()
+    schema: Literal[1] = key("version of the scene form")
+    kind: str = key("what the scene computes")
+    title: Title = key("title of pictures and reports; its name if left out", default="")
+    units: Literal["dimensionless", "SI"] = key(
+        "names of the units in the results; nothing is converted", default="dimensionless"
+    )
+    want: tuple[str, ...] = key("pictures to draw, each once", default=())
+
+    @property
+    def checks_itself(self) -> bool:
+        """Whether a table that was read is checked already."""
+        return False
+
+    def placed(self, name: str, folder: Path) -> None:
+        """Note the name and the folder of the scene, where the table keeps them."""
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows, once every key is right by itself.
@@ -165,52 +130,6 @@ class SceneTable(Table, frozen=True, kw_only=True):
                 yield "want", f'"{word}" stands there twice; write it once'
 
 
-def extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
-    """Yield a fault for each number so extreme that products of a few of them are no numbers.
-
-    `value` is a table, a list or a value in one, at key path `key`, "" for a whole scene.
-    """
-    if isinstance(value, Struct):
-        for name in value.__struct_fields__:
-            yield from extreme_numbers(getattr(value, name), f"{key}.{name}" if key else name)
-    elif isinstance(value, tuple):
-        for index, item in enumerate(value):
-            yield from extreme_numbers(item, f"{key}[{index}]")
-    elif isinstance(value, Mapping):
-        for name, item in value.items():
-            yield from extreme_numbers(item, f"{key}.{name}")
-    elif isinstance(value, float) and not (value == 0 or _SMALL <= abs(value) <= 1 / _SMALL):
-        if not isfinite(value):
-            yield key, f"{value} is not allowed; write a finite number"
-            return
-        size = "small" if abs(value) < 1 else "large"
-        yield (
-            key,
-            f"{value:g} is too {size} to compute with; choose units in which it is nearer to 1",
-        )
-
-
-def wrong_count(
-    key: str,
-    value: object,
-    count: int,
-    things: Literal["links", "masses", "joints"],
-    entry: Literal["number", "table"] = "number",
-) -> Iterator[Fault]:
-    """Yield a fault if a list does not hold one entry per link or per mass.
-
-    A value that is no list is fine.
-    """
-    if isinstance(value, tuple) and len(value) != count:
-        yield (
-            key,
-            (
-                f"{_entries(len(value))} for {count} {things}; write one {entry} for all {things}, "
-                f"or a list of {count}"
-            ),
-        )
-
-
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Iterator[Fault]:
     """Yield a fault if a range [smallest, largest] is reversed or empty.
 
@@ -219,7 +138,3 @@ def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool) -> Ite
     smallest, largest = pair
     if smallest > largest or (smallest == largest and not may_be_equal):
         yield key, f"the range [{smallest:g}, {largest:g}] is empty; write the smaller number first"
-
-
-def _entries(count: int) -> str:
-    return "1 entry" if count == 1 else f"{count} entries"

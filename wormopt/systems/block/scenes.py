@@ -11,19 +11,20 @@ from msgspec import field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Contacts, ExactContact, MeshTable
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
+from wormopt.scene.types import Finite, Positive, SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.chain import Friction, faults_of_law, held_at_rest
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 
-class Place(Table, frozen=True, kw_only=True):
+class Place(Given):
     """Position and velocity of the block."""
 
     position: Annotated[Finite, says("length", "place")]
     velocity: Annotated[Finite, says("speed", "velocity at this position")] = 0.0
 
 
-class BlockTable(Table, frozen=True, kw_only=True):
+class BlockTable(Given):
     """The block."""
 
     mass: Annotated[Positive, says("mass", "mass")] = 1.0
@@ -31,7 +32,7 @@ class BlockTable(Table, frozen=True, kw_only=True):
     friction: Annotated[Friction, says("", "friction law of the ground")]
 
 
-class SlideScene(SceneTable, frozen=True, kw_only=True):
+class SlideScene(SceneTable):
     """The fastest motion of a block, or that of least effort.
 
     A block on the ground moves from one position and velocity to another in the shortest time, or

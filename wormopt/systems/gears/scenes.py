@@ -17,12 +17,10 @@ from wormopt.scene.types import (
     PerMass,
     Positive,
     SceneTable,
-    Table,
     per,
-    says,
-    wrong_count,
     wrong_order,
 )
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain import CoulombFriction, SpikeFriction, faults_of_law
 from wormopt.systems.shared.incline import Gravity
 from wormopt.systems.spiked import AccordionShape, BlockWaveShape, FileShape, Links
@@ -38,7 +36,7 @@ Share = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most
 Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]
 
 
-class ShiftedWormTable(Table, frozen=True, kw_only=True):
+class ShiftedWormTable(Given):
     """A chain of *n* + 1 point masses with spikes, joined by *n* links that follow their gait."""
 
     links: Annotated[Links, says("count", "number of links *n*")]
@@ -49,7 +47,7 @@ class ShiftedWormTable(Table, frozen=True, kw_only=True):
     ] = 0.0
 
 
-class GroundTable(Table, frozen=True, kw_only=True):
+class GroundTable(Given):
     """The ground at each position: linear between the given places, constant beyond them.
 
     Refused: places that do not increase, lists of other lengths.
@@ -92,7 +90,7 @@ class GroundTable(Table, frozen=True, kw_only=True):
                 )
 
 
-class ShiftLimitsTable(Table, frozen=True, kw_only=True):
+class ShiftLimitsTable(Given):
     """Limits of the gears and of the transitions between them."""
 
     spike_load: Annotated[Positive, says("force", "largest load on one spike")]
@@ -107,7 +105,7 @@ class ShiftLimitsTable(Table, frozen=True, kw_only=True):
     ] = 1
 
 
-class SupervisorTable(Table, frozen=True, kw_only=True):
+class SupervisorTable(Given):
     """Rules for shifting by loads measured over whole cycles."""
 
     down: Annotated[
@@ -125,14 +123,14 @@ class SupervisorTable(Table, frozen=True, kw_only=True):
     dwell: Annotated[NonNegative, says("time", "shortest time in a gear")] = 0.0
 
 
-class WayTable(Table, frozen=True, kw_only=True):
+class WayTable(Given):
     """Start and goal of the mean position of the masses."""
 
     start: Annotated[Finite, says("length", "mean position of the masses at time 0")] = 0.0
     goal: Annotated[Finite, says("length", "mean position of the masses at the end")]
 
 
-class AdaptiveTable(Table, frozen=True, kw_only=True):
+class AdaptiveTable(Given):
     """The same worm as a chain of springs whose links follow the gears by a λ-tracker.
 
     The tracker is that of eq. 13 of Zimmermann et al. 2007 [1].
@@ -160,7 +158,7 @@ class AdaptiveTable(Table, frozen=True, kw_only=True):
 GearTable = BlockWaveShape | AccordionShape | FileShape
 
 
-class GaitShiftScene(SceneTable, frozen=True, kw_only=True):
+class GaitShiftScene(SceneTable):
     """A worm with gears on a route whose slope, towed load and drag change.
 
     Each gear is a gait. Gears are numbered from 0, the slowest, in any order of the tables. The

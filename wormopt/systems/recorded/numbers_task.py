@@ -211,7 +211,7 @@ def _compute(job: _Job) -> _Answer:
     scene, changes = job
     try:
         changed = load_scene(scene, changes)
-        result = KINDS[changed.table.kind].load_study().run(changed, silent)
+        result = KINDS[changed.table.kind].run(changed, silent)
     except (SolveError, SceneError, ArgumentError) as error:
         return {}, str(error)
     numbers = {

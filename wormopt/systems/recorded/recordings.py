@@ -34,16 +34,15 @@ _FILL = 9.969209968386869e36
 def model_of(scene: Scene[Any], model: dict[str, Any], which: str) -> Model:
     """Build the Model of a scene inside another, by its label; SceneError if it has none."""
     inner = scene_of(model, scene.folder, scene.table.units)
-    models_of = getattr(KINDS[inner.table.kind].load_study(), "models_of", None)
-    if models_of is None:
-        what = f'scenes of kind "{inner.table.kind}" have no Model to compare recordings with'
-        hint = 'use a scene of kind "simulate", "track" or "magnetic-pair"'
-        raise SceneError(scene.name, [("model.kind", f"{what}; {hint}")])
     try:
-        models = models_of(inner)
+        models = KINDS[inner.table.kind].models_of(inner)
     except SceneError as error:
         faults = [(f"model.{key}" if key else "model", what) for key, what in error.faults]
         raise SceneError(scene.name, faults) from None
+    if models is None:
+        what = f'scenes of kind "{inner.table.kind}" have no Model to compare recordings with'
+        hint = 'use a scene of kind "simulate", "track" or "magnetic-pair"'
+        raise SceneError(scene.name, [("model.kind", f"{what}; {hint}")])
     if which not in models and (which or len(models) > 1):
         there = near(which, models)
         raise SceneError(scene.name, [("which", f'"{which}" is no model of the scene; {there}')])

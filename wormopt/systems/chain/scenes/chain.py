@@ -16,11 +16,9 @@ from wormopt.scene.types import (
     PerMass,
     Positive,
     Seed,
-    Table,
     per,
-    says,
-    wrong_count,
 )
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.shared.incline import (
     Gravity,
     Inclined,
@@ -41,7 +39,7 @@ Backward = Annotated[
 ]
 
 
-class CoulombFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="coulomb"):
+class CoulombFriction(Given, tag_field="kind", tag="coulomb"):
     """Dry friction with stiction, different in the two directions of motion.
 
     It is eq. 9 of Zimmermann et al. 2007. Forces are ≥ 0. In a table for all masses, each value is
@@ -62,7 +60,7 @@ class CoulombFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="c
     ] = None
 
 
-class StribeckFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="stribeck"):
+class StribeckFriction(Given, tag_field="kind", tag="stribeck"):
     """Dry friction whose sliding force decreases with speed, starting from stiction.
 
     Not allowed: stiction below the sliding force.
@@ -75,13 +73,13 @@ class StribeckFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="
     v_stribeck: Annotated[PerMass, says("speed", "velocity over which the force decreases")]
 
 
-class ViscousFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="viscous"):
+class ViscousFriction(Given, tag_field="kind", tag="viscous"):
     """Linear drag −*k v*, without stiction."""
 
     drag: Annotated[NonNegativePerMass, says("drag", "*k*")]
 
 
-class SpikeFriction(Table, frozen=True, kw_only=True, tag_field="kind", tag="spike"):
+class SpikeFriction(Given, tag_field="kind", tag="spike"):
     """Spikes that prevent backward motion (eq. 4 of Zimmermann et al. 2007).
 
     The force against forward motion is 0; the force against backward motion is unlimited.
@@ -102,7 +100,7 @@ Friction = CoulombFriction | StribeckFriction | ViscousFriction | SpikeFriction
 _SPREAD = says("", "half width of the range, in units of the parameter")
 
 
-class FixedDraw(Table, frozen=True, kw_only=True, tag_field="process", tag="fixed"):
+class FixedDraw(Given, tag_field="process", tag="fixed"):
     """Value drawn once for each link, uniform within ± `spread` of the worm's value.
 
     Not allowed: a `spread` that is not below the mean.
@@ -111,7 +109,7 @@ class FixedDraw(Table, frozen=True, kw_only=True, tag_field="process", tag="fixe
     spread: Annotated[NonNegativePerLink, _SPREAD]
 
 
-class Steps(Table, frozen=True, kw_only=True, tag_field="process", tag="steps"):
+class Steps(Given, tag_field="process", tag="steps"):
     """Value drawn anew after every interval, uniform within ± `spread` of the worm's value.
 
     Not allowed: a `spread` that is not below the mean; more than a million pieces.
@@ -121,7 +119,7 @@ class Steps(Table, frozen=True, kw_only=True, tag_field="process", tag="steps"):
     interval: Annotated[Positive, says("time", "time between two changes")]
 
 
-class Wandering(Table, frozen=True, kw_only=True, tag_field="process", tag="ornstein_uhlenbeck"):
+class Wandering(Given, tag_field="process", tag="ornstein_uhlenbeck"):
     """Value whose logarithm is a stationary Ornstein-Uhlenbeck process.
 
     The mean is the worm's value; `deviation` is the standard deviation. The path is exact at
@@ -146,7 +144,7 @@ Chance = Annotated[
 ]
 
 
-class RandomLinks(Table, frozen=True, kw_only=True):
+class RandomLinks(Given):
     """Random parameters of the links. Parameters without a table are not random.
 
     Links are independent of each other. The same seed gives the same worm.
@@ -168,7 +166,7 @@ class RandomLinks(Table, frozen=True, kw_only=True):
         return {name: process for name, process in found.items() if process is not None}
 
 
-class ChainTable(Table, frozen=True, kw_only=True):
+class ChainTable(Given):
     """A chain of *n* + 1 point masses and *n* visco-elastic links with actuators.
 
     It is the worm of eqs. 8 to 12 of Zimmermann et al. 2007. The ground resists its motion. Theory:

@@ -10,17 +10,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import (
-    NonNegative,
-    Pair,
-    Positive,
-    SceneTable,
-    Seed,
-    Table,
-    Title,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import NonNegative, Pair, Positive, SceneTable, Seed, Title, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PlantsTable, PredictiveTable
 from wormopt.systems.chain.scenes.track import (
@@ -34,7 +25,7 @@ from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over
 from wormopt.systems.spiked import Shape
 
 
-class DesignedShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="designed"):
+class DesignedShape(Given, tag_field="shape", tag="designed"):
     """The fastest gait in which one mass after the other rests, tail first, within limits.
 
     The gait is designed when the scene runs, as in scenes of [kind `gait-design`](gait-design.md),
@@ -55,14 +46,14 @@ class DesignedShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="de
         yield from wrong_order(f"{key}.length", self.length, may_be_equal=False)
 
 
-class NamedReference(Table, frozen=True, kw_only=True):
+class NamedReference(Given):
     """A reference gait."""
 
     name: Annotated[Title, says("", "name in tables and pictures")]
     gait: Annotated[Shape | DesignedShape, says("", "the gait; `shape` selects the other keys")]
 
 
-class LqrTable(Table, frozen=True, kw_only=True):
+class LqrTable(Given):
     """Weights of the Riccati equation of LQR with feed-forward."""
 
     error_weight: Annotated[Positive, says("", "weight of |*e*|²")]
@@ -72,7 +63,7 @@ class LqrTable(Table, frozen=True, kw_only=True):
     ] = 1.0
 
 
-class OptimalTable(Table, frozen=True, kw_only=True):
+class OptimalTable(Given):
     """Optimal tracking, and the least input that keeps the error in the tube."""
 
     input_weight: Annotated[Positive, says("", "*ρ* in ∫(|*e*|² + *ρ*|*u*|²) d*t*")]
@@ -81,7 +72,7 @@ class OptimalTable(Table, frozen=True, kw_only=True):
     ] = 0.02
 
 
-class CrawlTable(Table, frozen=True, kw_only=True):
+class CrawlTable(Given):
     """The crawl that maximises the mean speed minus a weight times the mean of |*u*|².
 
     It does not follow a reference.
@@ -98,7 +89,7 @@ class CrawlTable(Table, frozen=True, kw_only=True):
     ] = 60
 
 
-class DrawsTable(PlantsTable, frozen=True, kw_only=True):
+class DrawsTable(PlantsTable):
     """Plants with drawn parameters.
 
     Each parameter is drawn independently from a uniform distribution around its nominal value.
@@ -120,7 +111,7 @@ class DrawsTable(PlantsTable, frozen=True, kw_only=True):
     ] = 0
 
 
-class MeasurementTable(Table, frozen=True, kw_only=True):
+class MeasurementTable(Given):
     """Measured link lengths, with noise and delay.
 
     The noise is normal at its samples and interpolated by cubics, so it has hardly any content
@@ -167,7 +158,7 @@ controllers.
 """
 
 
-class CompareScene(SceneTable, frozen=True, kw_only=True):
+class CompareScene(SceneTable):
     """One chain under several controllers, with nominal and with drawn parameters.
 
     One exact simulator evaluates all controllers: adaptive trackers, LQR with feed-forward, optimal

@@ -17,14 +17,8 @@ from wormopt.scene.numerics import (
     Tolerances,
     ToleranceTable,
 )
-from wormopt.scene.types import (
-    FinitePerMass,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_count,
-)
+from wormopt.scene.types import FinitePerMass, Positive, SceneTable
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker, Reference
 
@@ -32,7 +26,7 @@ MOST_LINKS = 12
 """Margins need the eigenvalues of large matrices many times."""
 
 
-class PointTable(Table, frozen=True, kw_only=True):
+class PointTable(Given):
     """Operating point of the linearisation: links at rest length, contacts with the smooth law."""
 
     velocity: Annotated[
@@ -44,7 +38,7 @@ class PointTable(Table, frozen=True, kw_only=True):
     ] = 1 / 40
 
 
-class GainsTable(Table, frozen=True, kw_only=True):
+class GainsTable(Given):
     """Gains at which the loop with frozen gain is analysed. Not allowed: `most` ≤ `least`."""
 
     least: Annotated[Positive, says("", "smallest *k*")] = 1.0
@@ -61,7 +55,7 @@ class GainsTable(Table, frozen=True, kw_only=True):
             yield "gains.most", f"is not above gains.least = {self.least:g}; write more"
 
 
-class LinearScene(SceneTable, frozen=True, kw_only=True):
+class LinearScene(SceneTable):
     """A chain near an operating point, and the loop of its tracker with frozen gain.
 
     Poles, zeros and the frequency response belong to the chain at `point`. Margins and errors

@@ -17,16 +17,15 @@ from wormopt.scene.types import (
     PositiveOrPair,
     SceneTable,
     Seed,
-    Table,
-    says,
     wrong_order,
 )
+from wormopt.study.given import Given, says
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, OPTIMUM, over
 from wormopt.systems.spiked import why_unreadable
 
 
-class CrawlLimitsTable(Table, frozen=True, kw_only=True):
+class CrawlLimitsTable(Given):
     """Limits of the crawl."""
 
     period: Annotated[PositiveOrPair, says("time", "fixed period, or [shortest, longest]")]
@@ -54,7 +53,7 @@ class CrawlLimitsTable(Table, frozen=True, kw_only=True):
                 yield from wrong_order(f"limits.{name}", value, may_be_equal=name == "period")
 
 
-class AimTable(Table, frozen=True, kw_only=True):
+class AimTable(Given):
     """Objective of the crawl: exactly one of `maximise` and `minimise`."""
 
     maximise: Annotated[
@@ -92,7 +91,7 @@ class AimTable(Table, frozen=True, kw_only=True):
             yield "aim.minimise", 'is not supported with [robust]; write maximise = "speed"'
 
 
-class SearchTable(Table, frozen=True, kw_only=True):
+class SearchTable(Given):
     """Starting points of the search. Results are local optima; strong actuators have many."""
 
     starts: Annotated[
@@ -129,7 +128,7 @@ class SearchTable(Table, frozen=True, kw_only=True):
             yield "search.result", f'"{self.result}" cannot be read from {folder}: {unreadable}'
 
 
-class RobustTable(Table, frozen=True, kw_only=True):
+class RobustTable(Given):
     """One input for several chains with randomly drawn parameters.
 
     Masses, stiffness, damping and friction are drawn around the scene's values. Contact is then a
@@ -155,7 +154,7 @@ class RobustTable(Table, frozen=True, kw_only=True):
     ] = "mean"
 
 
-class OptimalCrawlScene(SceneTable, frozen=True, kw_only=True):
+class OptimalCrawlScene(SceneTable):
     """The best periodic crawl of a chain under dry friction.
 
     It finds the periodic inputs with which the chain crawls fastest, or at the least energy.

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, Seed, Table, says
+from wormopt.scene.types import Positive, Seed
+from wormopt.study.given import Given, says
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track_optimal import Share
 
@@ -16,7 +17,7 @@ Estimated = Literal["mass", "stiffness", "damping", "friction_forward", "frictio
 ESTIMATED: tuple[Estimated, ...] = ("mass", "friction_forward", "friction_backward")
 
 
-class PlantsTable(Table, frozen=True, kw_only=True):
+class PlantsTable(Given):
     """Plants with drawn parameters.
 
     Each parameter is drawn independently from a uniform distribution around its nominal value.
@@ -37,7 +38,7 @@ class PlantsTable(Table, frozen=True, kw_only=True):
     seed: Annotated[Seed, says("", "seed of the drawn plants")] = 0
 
 
-class PredictiveTable(Table, frozen=True, kw_only=True):
+class PredictiveTable(Given):
     """Predictive control of ∫(|*e*|² + *ρ*|*u*|²) d*t*, with a new decision every `period`.
 
     The controller's model has the smooth law of friction. Its terminal cost is, to second order,
@@ -93,7 +94,7 @@ class PredictiveTable(Table, frozen=True, kw_only=True):
 _MOST = 20_000
 
 
-class EstimationTable(Table, frozen=True, kw_only=True):
+class EstimationTable(Given):
     """Moving-horizon estimation of the parameters that explain the recent motion best.
 
     States are measured at every decision. The parameters of each link and each mass are estimated

@@ -20,10 +20,8 @@ from wormopt.scene.types import (
     PerMass,
     Positive,
     SceneTable,
-    Table,
-    says,
-    wrong_count,
 )
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain.scenes.track import Reference
 from wormopt.systems.shared.declared import (
     CHAIN,
@@ -37,7 +35,7 @@ from wormopt.systems.shared.declared import (
 _MOST = 20_000  # Largest number of readings in a scene.
 
 
-class ExampleTable(Table, frozen=True, kw_only=True):
+class ExampleTable(Given):
     """Parameters of the worm that all readings share."""
 
     links: Annotated[
@@ -56,7 +54,7 @@ class ExampleTable(Table, frozen=True, kw_only=True):
             yield from wrong_count(f"worm.{name}", getattr(self, name), self.links, "links")
 
 
-class TrackersTable(Table, frozen=True, kw_only=True):
+class TrackersTable(Given):
     """Parameters of trackers (13) and (14) that all readings share."""
 
     tube_radius: Annotated[Positive, says("length", "*λ*")]
@@ -73,7 +71,7 @@ Positions = Annotated[
 ]
 
 
-class ReadingsTable(Table, frozen=True, kw_only=True):
+class ReadingsTable(Given):
     """Alternatives of the readings: every combination is simulated.
 
     The first entry of each list is the baseline.
@@ -133,7 +131,7 @@ class ReadingsTable(Table, frozen=True, kw_only=True):
             )
 
 
-class SentencesTable(Table, frozen=True, kw_only=True):
+class SentencesTable(Given):
     """Criteria by which a sentence of the text counts as supported."""
 
     strips: Annotated[
@@ -161,7 +159,7 @@ class SentencesTable(Table, frozen=True, kw_only=True):
 _EACH = ("tracker", "reading")
 
 
-class ReadingsScene(SceneTable, frozen=True, kw_only=True):
+class ReadingsScene(SceneTable):
     """Trackers (13) and (14) of Zimmermann et al. 2007 under every reading of their example.
 
     The published data contradict each other in places and are incomplete in others, and the text

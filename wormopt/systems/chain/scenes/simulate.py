@@ -19,22 +19,14 @@ from wormopt.scene.numerics import (
     Tolerances,
     ToleranceTable,
 )
-from wormopt.scene.types import (
-    Finite,
-    FinitePerLink,
-    NonNegativePerLink,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_count,
-)
+from wormopt.scene.types import Finite, FinitePerLink, NonNegativePerLink, Positive, SceneTable
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
 from wormopt.systems.spiked import Shape, why_unreadable
 
 
-class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="constant"):
+class ConstantForce(Given, tag_field="law", tag="constant"):
     """Constant inputs *u*<sub>j</sub> = `force`."""
 
     force: Annotated[
@@ -47,7 +39,7 @@ class ConstantForce(Table, frozen=True, kw_only=True, tag_field="law", tag="cons
         yield from wrong_count("actuation.force", self.force, links, "links")
 
 
-class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="harmonic"):
+class HarmonicChange(Given, tag_field="law", tag="harmonic"):
     """Sinusoidal commanded change of the rest lengths (eq. 11 of Zimmermann et al. 2007).
 
     *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
@@ -69,7 +61,7 @@ class HarmonicChange(Table, frozen=True, kw_only=True, tag_field="law", tag="har
         yield from wrong_count("actuation.amplitude", self.amplitude, links, "links")
 
 
-class CommandedGait(Table, frozen=True, kw_only=True, tag_field="law", tag="gait"):
+class CommandedGait(Given, tag_field="law", tag="gait"):
     """Rest lengths that are commanded to follow a gait (eq. 11 of Zimmermann et al. 2007).
 
     *u*<sub>j</sub> = *c*<sub>j</sub>(gait − `rest_length`).
@@ -90,7 +82,7 @@ Actuation = ConstantForce | HarmonicChange | CommandedGait
 _MODEL = r"^[^\x00-\x1f]+\.py:[A-Za-z_][A-Za-z0-9_]*$"
 
 
-class SimulateScene(SceneTable, frozen=True, kw_only=True):
+class SimulateScene(SceneTable):
     """A motion of a chain with given inputs, or of a user-defined model.
 
     A scene has `[worm]`, with optional `[start]` and `[actuation]`, or a `model`. Example of a

@@ -24,10 +24,8 @@ from wormopt.scene.types import (
     NonNegativePerLink,
     Positive,
     SceneTable,
-    Table,
-    says,
-    wrong_count,
 )
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import (
     CHAIN,
@@ -43,7 +41,7 @@ from wormopt.systems.shared.declared import (
 from wormopt.systems.spiked import Shape
 
 
-class Reference(Table, frozen=True, kw_only=True):
+class Reference(Given):
     """Reference of the link lengths."""
 
     gait: Annotated[Shape, says("", "the gait; `shape` selects the other keys")]
@@ -52,7 +50,7 @@ class Reference(Table, frozen=True, kw_only=True):
     ] = 0.0
 
 
-class ExponentLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="exponent"):
+class ExponentLaw(Given, tag_field="law", tag="exponent"):
     """*k*′ = *γ* [|*e*| − *λ*]<sub>+</sub> |*e*|<sup>*r*−1</sup>."""
 
     exponent: Annotated[
@@ -60,7 +58,7 @@ class ExponentLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="expone
     ]
 
 
-class DecayLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="decay"):
+class DecayLaw(Given, tag_field="law", tag="decay"):
     """Gain law with two exponents; the gain decays after the error has stayed in the tube.
 
     *k*′ = *γ* (|*e*| − *λ*)² if |*e*| ≥ *λ* + 1, and *γ* √(|*e*| − *λ*) if *λ* ≤ |*e*| < *λ* + 1.
@@ -71,14 +69,14 @@ class DecayLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="decay"):
     decay: Annotated[NonNegative, says("rate", "*σ*, decay rate")]
 
 
-class QuadraticLaw(Table, frozen=True, kw_only=True, tag_field="law", tag="quadratic"):
+class QuadraticLaw(Given, tag_field="law", tag="quadratic"):
     """*k*′ = *γ* ([|*e*| − *λ*]<sub>+</sub>)², the gain law of Zimmermann et al. 2007."""
 
 
 _OWN = "value in the controller's model of the links; default: the worm's value"
 
 
-class FeedForwardTable(Table, frozen=True, kw_only=True):
+class FeedForwardTable(Given):
     """Feed-forward *c*(*y*<sub>ref</sub> − *l*<sub>0</sub>) + *d y*<sub>ref</sub>′.
 
     This force would hold links with these parameters on the reference. Parameters default to the
@@ -111,7 +109,7 @@ Input = Annotated[
 ]
 
 
-class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
+class LambdaTracker(Given, tag_field="feedback"):
     """Keys that both λ-trackers share."""
 
     name: Name = ""
@@ -130,7 +128,7 @@ class LambdaTracker(Table, frozen=True, kw_only=True, tag_field="feedback"):
         yield from _faults_of_feedforward(key, self.feedforward, links)
 
 
-class DerivativeTracker(LambdaTracker, frozen=True, kw_only=True, tag="derivative"):
+class DerivativeTracker(LambdaTracker, tag="derivative"):
     """Tracker (13) of Zimmermann et al. 2007, which measures the rates of the links.
 
     It uses *e* = *y* − *y*<sub>ref</sub> and the Euclidean norm. Its parameters refer to the
@@ -138,7 +136,7 @@ class DerivativeTracker(LambdaTracker, frozen=True, kw_only=True, tag="derivativ
     """
 
 
-class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
+class FilterTracker(LambdaTracker, tag="filter"):
     """Tracker (14) of Zimmermann et al. 2007, which estimates the rates of the links by a filter.
 
     Its parameters refer to the scene's units of time and length, since it adds *k θ* and (*k θ*)′.
@@ -152,7 +150,7 @@ class FilterTracker(LambdaTracker, frozen=True, kw_only=True, tag="filter"):
         yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
 
 
-class DifferenceTracker(LambdaTracker, frozen=True, kw_only=True, tag="difference"):
+class DifferenceTracker(LambdaTracker, tag="difference"):
     """Tracker (13) with the difference (*e*(*t*) − *e*(*t* − *h*))/*h* in place of *e*′.
 
     It does not measure rates. Before the start, the error is constant. The loop is a delay
@@ -163,7 +161,7 @@ class DifferenceTracker(LambdaTracker, frozen=True, kw_only=True, tag="differenc
     lag: Annotated[Positive, says("time", "*h*; the simulation has a stretch for each lag")]
 
 
-class BacksteppingTracker(LambdaTracker, frozen=True, kw_only=True, tag="backstepping"):
+class BacksteppingTracker(LambdaTracker, tag="backstepping"):
     """Backstepping tracker of Ye (1999), which filters the input.
 
     The form is that of Ilchmann, Ryan and Townsend (2007): *u* = −*k e* − (*k*² + |*e*|²) *k*⁴ (1 +
@@ -172,7 +170,7 @@ class BacksteppingTracker(LambdaTracker, frozen=True, kw_only=True, tag="backste
     """
 
 
-class SwitchingTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag="switching"):
+class SwitchingTracker(Given, tag_field="feedback", tag="switching"):
     """Switching tracker after Miller and Davison (1991): the gain jumps up after a failed trial.
 
     *θ*′ = *k*²(*e* − *θ*), *u* = −(*k*²*θ* + *k θ*′). It does not measure rates. Each trial has a
@@ -207,7 +205,7 @@ class SwitchingTracker(Table, frozen=True, kw_only=True, tag_field="feedback", t
             yield from wrong_count(f"{key}.filter_start", self.filter_start, links, "links")
 
 
-class FunnelTable(Table, frozen=True, kw_only=True):
+class FunnelTable(Given):
     """Bound `end` + (`start` − `end`) exp(−*t*/`time`) on a norm."""
 
     start: Annotated[Positive, says("", "width at time 0: a length, or a speed for `rate_funnel`")]
@@ -215,7 +213,7 @@ class FunnelTable(Table, frozen=True, kw_only=True):
     time: Annotated[Positive, says("time", "time constant of the decrease")]
 
 
-class FunnelTracker(Table, frozen=True, kw_only=True, tag_field="feedback", tag="funnel"):
+class FunnelTracker(Given, tag_field="feedback", tag="funnel"):
     """Funnel controller: the error and its rate stay within bounds that shrink in time.
 
     The error stays within `funnel`, and *e*<sub>1</sub> within `rate_funnel`. In the law
@@ -258,7 +256,7 @@ Tracker = (
 )
 
 
-class EnsembleTable(Table, frozen=True, kw_only=True):
+class EnsembleTable(Given):
     """Many worms, each with its own random links. Requires `[worm.random]`."""
 
     members: Annotated[
@@ -285,7 +283,7 @@ _SCALARS: Scalars = {
 }
 
 
-class TrackScene(SceneTable, frozen=True, kw_only=True):
+class TrackScene(SceneTable):
     """A chain whose links follow a gait, with one or several trackers.
 
     Each controller acts on its own copy of the worm. With several trackers every scalar is a list

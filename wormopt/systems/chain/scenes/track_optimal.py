@@ -10,7 +10,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, says
+from wormopt.scene.types import NonNegative, Positive, SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track import Reference
 from wormopt.systems.shared.declared import (
@@ -27,7 +28,7 @@ from wormopt.systems.shared.declared import (
 Share = Annotated[float, Meta(ge=0, lt=1, description="a number from 0 to below 1")]
 
 
-class TubeTable(Table, frozen=True, kw_only=True):
+class TubeTable(Given):
     """Tube around the reference, and the time from which the error must stay in it."""
 
     radius: Annotated[Positive, says("length", "*λ*")]
@@ -40,13 +41,13 @@ class TubeTable(Table, frozen=True, kw_only=True):
     ] = 0.0
 
 
-class LeastError(Table, frozen=True, kw_only=True, tag_field="minimise", tag="error"):
+class LeastError(Given, tag_field="minimise", tag="error"):
     """Minimises ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""
 
     input_weight: Annotated[Positive, says("", "*ρ*")]
 
 
-class LeastInput(Table, frozen=True, kw_only=True, tag_field="minimise", tag="input"):
+class LeastInput(Given, tag_field="minimise", tag="input"):
     """Minimises ∫|*u*|² d*t* with the error in the tube from `tube.capture` on."""
 
     margin: Annotated[
@@ -59,7 +60,7 @@ class LeastInput(Table, frozen=True, kw_only=True, tag_field="minimise", tag="in
     ] = 0.02
 
 
-class GridTable(Table, frozen=True, kw_only=True):
+class GridTable(Given):
     """Grid of the optimiser, with a constant input on each arc."""
 
     arcs: Annotated[
@@ -78,7 +79,7 @@ class GridTable(Table, frozen=True, kw_only=True):
     ] = 2
 
 
-class RelaxationTable(Table, frozen=True, kw_only=True):
+class RelaxationTable(Given):
     """Largest product of speed and force, in usual sizes, that the relaxed complementarity allows.
 
     Each solve divides it by ten, from `first` down to `last`. Not allowed: `last` above `first`.
@@ -94,7 +95,7 @@ class RelaxationTable(Table, frozen=True, kw_only=True):
             yield "relaxation.last", f"is above relaxation.first = {self.first:g}; write less"
 
 
-class TrackOptimalScene(SceneTable, frozen=True, kw_only=True):
+class TrackOptimalScene(SceneTable):
     """The best open-loop input with which the links of a chain follow a gait.
 
     The optimiser treats contact as a complementarity condition on a fixed grid; an exact simulation

@@ -10,7 +10,8 @@ from msgspec import field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import SceneTable, says
+from wormopt.scene.types import SceneTable
+from wormopt.study.given import says
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.predictive import (
     EstimationTable,
@@ -25,7 +26,7 @@ SHOWN = ("error_norm", "length", "input", "position")
 """Signals that are kept of every controller."""
 
 
-class TrackPredictiveScene(SceneTable, frozen=True, kw_only=True):
+class TrackPredictiveScene(SceneTable):
     """Predictive control of a chain, compared with the open-loop optimum and LQR.
 
     The optimal motion over the whole time is planned with the smooth friction law, with one arc per

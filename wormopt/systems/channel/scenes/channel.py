@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Pair, Positive, Table, Title, says, wrong_order
+from wormopt.scene.types import Pair, Positive, Title, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.channel.samples import SAMPLES, Sample
 from wormopt.systems.channel.scenes.rod import (
     ASSUMED_COILS,
@@ -38,7 +39,7 @@ Sweep = Annotated[
 _SIZES = ("pitch", "channel", "body", "length")
 
 
-class ChannelBodyTable(Table, frozen=True, kw_only=True):
+class ChannelBodyTable(Given):
     """A body, its channel and the coils beside it.
 
     Keys that are left out have the values of `sample`; without a sample all sizes are required.
@@ -123,7 +124,7 @@ class ChannelBodyTable(Table, frozen=True, kw_only=True):
             )
 
 
-class BodyScene(SIScene, frozen=True, kw_only=True):
+class BodyScene(SIScene):
     """A body in a channel."""
 
     why_si: ClassVar = 'the bodies of the scene are in m and Pa; write units = "SI"'
@@ -136,7 +137,7 @@ class BodyScene(SIScene, frozen=True, kw_only=True):
         yield from self.worm.faults()
 
 
-class MarkTable(Table, frozen=True, kw_only=True):
+class MarkTable(Given):
     """A measured velocity."""
 
     frequency: Annotated[Positive, says("rate", "coil switches per second")]
@@ -144,7 +145,7 @@ class MarkTable(Table, frozen=True, kw_only=True):
     text: Annotated[Title, says("", "label in the plot")]
 
 
-class ChannelWormScene(BodyScene, frozen=True, kw_only=True):
+class ChannelWormScene(BodyScene):
     """Velocity of a body in a channel over the switching frequency of its coils, in closed form.
 
     A magnetisable body lies in a channel beside coils that are switched in turn. The scene computes
@@ -213,7 +214,7 @@ class ChannelWormScene(BodyScene, frozen=True, kw_only=True):
         yield from wrong_order("frequency", self.frequency, may_be_equal=False)
 
 
-class RestTable(WindingTable, frozen=True, kw_only=True):
+class RestTable(WindingTable):
     """The body as a rod at rest in the field of coils.
 
     Values that Zimmermann et al. do not publish are assumptions, with the defaults of
@@ -270,7 +271,7 @@ class RestTable(WindingTable, frozen=True, kw_only=True):
             yield "rod.sweep", "the numbers do not ascend; write them in order, each once"
 
 
-class SegmentShapesScene(BodyScene, frozen=True, kw_only=True):
+class SegmentShapesScene(BodyScene):
     """Shapes of a segment between two coils: three assumed ones and the elastica.
 
     The assumed shapes are eqs 33–35 of Zimmermann et al. 2007 [[1]](../references.md). The elastica

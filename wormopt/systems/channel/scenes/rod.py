@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, Table, says
+from wormopt.scene.types import Positive
+from wormopt.study.given import Given, says
 from wormopt.systems.coils import SIScene
 
 Coils = Annotated[int, Meta(ge=2, le=40, description="a whole number from 2 to 40")]
@@ -47,7 +48,7 @@ ASSUMED = {
 } | ASSUMED_COILS
 
 
-class WormTable(Table, frozen=True, kw_only=True):
+class WormTable(Given):
     """The worm: a round rod of soft magnetisable rubber, or a skin filled with magnetic fluid."""
 
     length: Annotated[Positive, says("length", "length, at least a pitch of the coils")] = 48e-3
@@ -72,7 +73,7 @@ class WormTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class ChannelTable(Table, frozen=True, kw_only=True):
+class ChannelTable(Given):
     """The channel, two straight walls."""
 
     diameter: Annotated[Positive, says("length", "distance of the walls")] = 11e-3
@@ -81,7 +82,7 @@ class ChannelTable(Table, frozen=True, kw_only=True):
     ] = 0.5
 
 
-class WindingTable(Table, frozen=True, kw_only=True):
+class WindingTable(Given):
     """Equal coils beside the channel, their axes across it."""
 
     inner: Annotated[Positive, says("length", "inner radius of the winding, *assumed*")] = 2e-3
@@ -102,7 +103,7 @@ class WindingTable(Table, frozen=True, kw_only=True):
         return found | {"assumed_ampere_turns": self.ampere_turns}
 
 
-class ZigzagTable(WindingTable, frozen=True, kw_only=True):
+class ZigzagTable(WindingTable):
     """A row of equal coils, alternating between both sides of the channel, with axes across it."""
 
     pitch: Annotated[
@@ -126,7 +127,7 @@ class ZigzagTable(WindingTable, frozen=True, kw_only=True):
             )
 
 
-class PatternTable(Table, frozen=True, kw_only=True):
+class PatternTable(Given):
     """Switching pattern of the coils."""
 
     every: Annotated[Coils, says("count", "number of coils after which the pattern repeats")] = 7
@@ -151,7 +152,7 @@ class PatternTable(Table, frozen=True, kw_only=True):
             )
 
 
-class MeshTable(Table, frozen=True, kw_only=True):
+class MeshTable(Given):
     """Finite elements and time steps."""
 
     elements: Annotated[Elements, says("count", "finite elements of the rod")] = 16
@@ -166,7 +167,7 @@ class MeshTable(Table, frozen=True, kw_only=True):
     ] = 1e-3
 
 
-class CourseTable(Table, frozen=True, kw_only=True):
+class CourseTable(Given):
     """Duration of the simulation."""
 
     cycles: Annotated[Cycles, says("count", "least number of repeats of the pattern in time")] = 8
@@ -174,7 +175,7 @@ class CourseTable(Table, frozen=True, kw_only=True):
     settle: Annotated[Share, says("share", "initial share of the time that means leave out")] = 0.25
 
 
-class RodScene(SIScene, frozen=True, kw_only=True):
+class RodScene(SIScene):
     """A magnetisable rod in a channel."""
 
     worm: Annotated[WormTable, says("", "the worm")] = WormTable()
@@ -217,7 +218,7 @@ class RodScene(SIScene, frozen=True, kw_only=True):
         yield from self.switching.faults()
 
 
-class SwitchingTable(PatternTable, frozen=True, kw_only=True):
+class SwitchingTable(PatternTable):
     """Switching pattern of the coils, and its rate."""
 
     rate: Annotated[
@@ -234,7 +235,7 @@ class SwitchingTable(PatternTable, frozen=True, kw_only=True):
         return PatternTable(every=self.every, duration=self.duration, shift=self.shift)
 
 
-class ConvergenceTable(Table, frozen=True, kw_only=True):
+class ConvergenceTable(Given):
     """Other meshes and steps, to test convergence."""
 
     elements: Annotated[Levels, says("count", "other numbers of elements")] = (24,)
@@ -250,7 +251,7 @@ class ConvergenceTable(Table, frozen=True, kw_only=True):
     ] = 0.1
 
 
-class RodMotionScene(RodScene, frozen=True, kw_only=True):
+class RodMotionScene(RodScene):
     """A magnetisable rod in a channel, moved by coils that are switched in turn.
 
     A worm of soft magnetisable rubber lies between two walls, with coils beside them. The scene

@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, Table, Title, says
+from wormopt.scene.types import Positive, Title
+from wormopt.study.given import Given, says
 from wormopt.systems.channel.scenes.rod import (
     ASSUMED,
     CourseTable,
@@ -40,7 +41,7 @@ Factors = Annotated[
 Speed = Annotated[float, Meta(ge=0, le=1e3, description="a number from 0 to 1000")]
 
 
-class SensitivityTable(Table, frozen=True, kw_only=True):
+class SensitivityTable(Given):
     """Parameters changed one at a time, to find those the velocity depends on."""
 
     parameters: Annotated[
@@ -70,7 +71,7 @@ class SensitivityTable(Table, frozen=True, kw_only=True):
     )
 
 
-class SearchTable(Table, frozen=True, kw_only=True):
+class SearchTable(Given):
     """Options of the search for the best frequency and pattern."""
 
     refine: Annotated[
@@ -86,7 +87,7 @@ class SearchTable(Table, frozen=True, kw_only=True):
     ] = 4
 
 
-class MeasuredTable(Table, frozen=True, kw_only=True):
+class MeasuredTable(Given):
     """A measured point shown in the plot."""
 
     rate: Annotated[Positive, says("rate", "switches per second")]
@@ -109,7 +110,7 @@ def _motions(name: str) -> dict[str, tuple[str, tuple[str, ...], str]]:
 _CHANGED = ("parameter", "factor", "sensitive_rate")
 
 
-class RodFrequencyScene(RodScene, frozen=True, kw_only=True):
+class RodFrequencyScene(RodScene):
     """Velocity of a magnetisable rod over the switching frequency of its coils.
 
     The scene computes the mean velocity over the frequency, with the natural frequencies of the

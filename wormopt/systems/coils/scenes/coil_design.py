@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Pair, Positive, Seed, Table, says, wrong_order
+from wormopt.scene.types import Pair, Positive, Seed, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.coils.scenes.coil_film import (
     CargoTable,
     CellsTable,
@@ -29,7 +30,7 @@ Coarse = Annotated[int, Meta(ge=2, le=32, description="a whole number from 2 to 
 Fill = Annotated[float, Meta(gt=0, le=1, description="a number above 0 and at most 1")]
 
 
-class CopperTable(Table, frozen=True, kw_only=True):
+class CopperTable(Given):
     """Material of the windings; power is their resistance times the squared current."""
 
     resistivity: Annotated[
@@ -38,7 +39,7 @@ class CopperTable(Table, frozen=True, kw_only=True):
     fill: Annotated[Fill, says("share", "share of wire in the winding's section; assumed")] = 0.6
 
 
-class CarryAimTable(Table, frozen=True, kw_only=True):
+class CarryAimTable(Given):
     """Objective of the currents.
 
     A speed is refused with `seek = "speed"` and required with `seek = "power"`.
@@ -60,7 +61,7 @@ class CarryAimTable(Table, frozen=True, kw_only=True):
             yield "aim.speed", 'has no use with seek = "speed"; leave it out'
 
 
-class PatternTable(Table, frozen=True, kw_only=True):
+class PatternTable(Given):
     """Waveforms to search: one for all coils, delayed by one step from coil to coil.
 
     A slew limit with currents that jump is refused, as are rates in the wrong order.
@@ -93,14 +94,14 @@ class PatternTable(Table, frozen=True, kw_only=True):
             yield "pattern.slew", 'currents of form = "steps" jump; write form = "ramps"'
 
 
-class DesignTimeTable(Table, frozen=True, kw_only=True):
+class DesignTimeTable(Given):
     """Duration for which the float is carried."""
 
     time: Annotated[Positive, says("time", "duration of the mean speed, starting from a flat film")]
     samples: Annotated[Samples, says("count", "number of states kept")] = 121
 
 
-class DesignSearchTable(Table, frozen=True, kw_only=True):
+class DesignSearchTable(Given):
     """Effort and grid of the search."""
 
     starts: Annotated[
@@ -112,7 +113,7 @@ class DesignSearchTable(Table, frozen=True, kw_only=True):
     seed: Annotated[Seed, says("", "seed; equal seeds give equal searches")] = 0
 
 
-class CoilDesignScene(SIScene, frozen=True, kw_only=True):
+class CoilDesignScene(SIScene):
     """Currents of a row of coils that carry a float on a film fastest, or with least power.
 
     Film, float and row are those of kind [`coil-film`](coil-film.md), with the currents as

@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, Table, says
+from wormopt.scene.types import Finite, Positive
+from wormopt.study.given import Given, says
 from wormopt.systems.coils.scenes.coil_rows import CoilsTable, SwitchingTable
 from wormopt.systems.coils.scenes.hydrostatics import FluidTable
 from wormopt.systems.coils.scenes.material import SIScene
@@ -23,13 +24,13 @@ _FARTHEST = 100  # largest distance from the last coil to a wall, in pitches
 Tolerance = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
 
 
-class ViscousFluidTable(FluidTable, frozen=True, kw_only=True):
+class ViscousFluidTable(FluidTable):
     """A magnetic fluid that flows."""
 
     viscosity: Annotated[Positive, says("viscosity", "dynamic viscosity")] = 0.05
 
 
-class CoilFilmTable(Table, frozen=True, kw_only=True):
+class CoilFilmTable(Given):
     """The film, in a trough with upright walls along the row.
 
     A film that may reach a winding is refused, as are walls more than 100 pitches from the last
@@ -73,7 +74,7 @@ class CoilFilmTable(Table, frozen=True, kw_only=True):
             )
 
 
-class CargoTable(Table, frozen=True, kw_only=True):
+class CargoTable(Given):
     """A float on the film, as wide as the trough: a non-magnetic plate of one material.
 
     Its stiffness tapers to its tips over half of `edge` beyond `length` on each side. Plates with
@@ -129,21 +130,21 @@ class CargoTable(Table, frozen=True, kw_only=True):
             )
 
 
-class SwitchedTimeTable(Table, frozen=True, kw_only=True):
+class SwitchedTimeTable(Given):
     """Duration of the simulation."""
 
     switches: Annotated[Switches, says("count", "switching steps, the first from a flat film")]
     samples: Annotated[Samples, says("count", "number of states kept in each step")] = 4
 
 
-class CellsTable(Table, frozen=True, kw_only=True):
+class CellsTable(Given):
     """Resolution in space and time."""
 
     cells: Annotated[Cells, says("count", "cells per pitch; compared with half as many")] = 12
     tolerance: Annotated[Tolerance, says("share", "relative tolerance of a time step")] = 1e-5
 
 
-class CoilFilmScene(SIScene, frozen=True, kw_only=True):
+class CoilFilmScene(SIScene):
     """A film of magnetic fluid moved by a row of coils that are switched in turn.
 
     The thin-film equation has weight, surface tension, viscosity, and the field of all coils at the

@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, NonNegative, Positive, Seed, Table, says
+from wormopt.scene.types import Finite, NonNegative, Positive, Seed
+from wormopt.study.given import Given, says
 from wormopt.systems.coils.scenes.material import Permeability, SIScene
 
 Count = Annotated[int, Meta(ge=1, le=200, description="a whole number from 1 to 200")]
@@ -47,7 +48,7 @@ _PROFILE = {
 }
 
 
-class CoilsTable(Table, frozen=True, kw_only=True):
+class CoilsTable(Given):
     """A row of equal coils.
 
     Sizes marked *assumed* are not published in Zimmermann et al. 2007 [[1]](../references.md). That
@@ -116,7 +117,7 @@ class CoilsTable(Table, frozen=True, kw_only=True):
         return self.gap / 2, self.gap / 2 + self.length
 
 
-class LineTable(Table, frozen=True, kw_only=True):
+class LineTable(Given):
     """The line of the fluid, along *x*.
 
     A line through windings ("a coil inside the fluid") is refused, as is a margin that leaves
@@ -157,7 +158,7 @@ class LineTable(Table, frozen=True, kw_only=True):
             )
 
 
-class RowScene(SIScene, frozen=True, kw_only=True):
+class RowScene(SIScene):
     """A row of coils along a line of fluid."""
 
     coils: Annotated[CoilsTable, says("", "the row")] = field(default_factory=CoilsTable)
@@ -170,7 +171,7 @@ class RowScene(SIScene, frozen=True, kw_only=True):
         yield from self.line.faults(self.coils)
 
 
-class SwitchingTable(Table, frozen=True, kw_only=True):
+class SwitchingTable(Given):
     """Blocks of active coils, shifted by one coil at every switch.
 
     More ampere-turns than the coils carry are refused.
@@ -211,7 +212,7 @@ class SwitchingTable(Table, frozen=True, kw_only=True):
             )
 
 
-class CoilRowScene(RowScene, frozen=True, kw_only=True):
+class CoilRowScene(RowScene):
     """The travelling field of a row of coils that are switched in turn.
 
     By default three coils are on, shifted by one at every switch. Theory and assumptions:
@@ -260,7 +261,7 @@ class CoilRowScene(RowScene, frozen=True, kw_only=True):
         yield from self.switching.faults(self.coils)
 
 
-class FilmTable(Table, frozen=True, kw_only=True):
+class FilmTable(Given):
     """A film of magnetic fluid."""
 
     depth: Annotated[Positive, says("length", "mean thickness")]
@@ -270,7 +271,7 @@ class FilmTable(Table, frozen=True, kw_only=True):
     surface_tension: Annotated[NonNegative, says("surface_tension", "surface tension")] = 0.03
 
 
-class WaveTable(Table, frozen=True, kw_only=True):
+class WaveTable(Given):
     """The wanted wave of the surface."""
 
     delta: Annotated[Amplitude, says("share", "amplitude over mean thickness")]
@@ -281,7 +282,7 @@ class WaveTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class CurrentLimitsTable(Table, frozen=True, kw_only=True):
+class CurrentLimitsTable(Given):
     """Limits of the currents, besides the ampere-turns of the coils."""
 
     slew: Annotated[
@@ -298,7 +299,7 @@ class CurrentLimitsTable(Table, frozen=True, kw_only=True):
     ] = "any"
 
 
-class CurrentSearchTable(Table, frozen=True, kw_only=True):
+class CurrentSearchTable(Given):
     """Resolution and starting points of the search."""
 
     nodes: Annotated[
@@ -311,7 +312,7 @@ class CurrentSearchTable(Table, frozen=True, kw_only=True):
     seed: Annotated[Seed, says("", "seed; equal seeds give equal starts")] = 0
 
 
-class CoilInverseScene(RowScene, frozen=True, kw_only=True):
+class CoilInverseScene(RowScene):
     """Currents of a row whose travelling field is closest to that needed for a wave of a film.
 
     The wanted *H*² for a cosine wave of the film is eq. 31 of Zimmermann et al. 2007

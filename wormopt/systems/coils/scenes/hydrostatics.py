@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, Pair, Positive, Table, says, wrong_order
+from wormopt.scene.types import NonNegative, Pair, Positive, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.coils.scenes.material import SIScene
 
 Degree = Annotated[int, Meta(ge=64, le=512, description="a whole number from 64 to 512")]
@@ -18,7 +19,7 @@ Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1"
 Count = Annotated[int, Meta(ge=3, le=1000, description="a whole number from 3 to 1000")]
 
 
-class FluidTable(Table, frozen=True, kw_only=True):
+class FluidTable(Given):
     """A magnetic fluid."""
 
     chi: Annotated[Positive, says("1", "susceptibility; with `saturation`, the initial one")]
@@ -34,7 +35,7 @@ class FluidTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class LayerTable(Table, frozen=True, kw_only=True):
+class LayerTable(Given):
     """The tank, a long trough across the computed plane, and its filling."""
 
     thickness: Annotated[Positive, says("length", "thickness of the layer without field")]
@@ -45,7 +46,7 @@ class LayerTable(Table, frozen=True, kw_only=True):
     ] = "upright"
 
 
-class CoilTable(Table, frozen=True, kw_only=True):
+class CoilTable(Given):
     """The coil, without iron."""
 
     ampere_turns: Annotated[NonNegative, says("current", "current times turns")] = 3000.0
@@ -69,7 +70,7 @@ class CoilTable(Table, frozen=True, kw_only=True):
     ] = "vertical"
 
 
-class ResolutionTable(Table, frozen=True, kw_only=True):
+class ResolutionTable(Given):
     """Resolution of the surface."""
 
     tolerance: Annotated[
@@ -79,7 +80,7 @@ class ResolutionTable(Table, frozen=True, kw_only=True):
     degree: Annotated[Degree, says("count", "largest degree of the polynomial")] = 256
 
 
-class CoilPressureScene(SIScene, frozen=True, kw_only=True):
+class CoilPressureScene(SIScene):
     """Shape and pressure of a layer of magnetic fluid at a coil.
 
     The layer rests in a tank over or under one coil. The scene computes the shape of its surface,
@@ -173,7 +174,7 @@ class CoilPressureScene(SIScene, frozen=True, kw_only=True):
             )
 
 
-class TubeTable(Table, frozen=True, kw_only=True):
+class TubeTable(Given):
     """The membrane, a tube."""
 
     radius: Annotated[Positive, says("length", "radius of the tube")] = 4e-3
@@ -189,14 +190,14 @@ class TubeTable(Table, frozen=True, kw_only=True):
     strain_max: Annotated[Positive, says("share", "strain at the full pressure")] = 0.1
 
 
-class FillingTable(Table, frozen=True, kw_only=True):
+class FillingTable(Given):
     """The fluid in the membrane."""
 
     pressure: Annotated[Positive, says("stress", "magnetic pressure, above the pressure outside")]
     density: Annotated[Positive, says("density", "density of the fluid")] = 1200.0
 
 
-class MembraneScene(SIScene, frozen=True, kw_only=True):
+class MembraneScene(SIScene):
     """The best thickness of a membrane, a compromise between actuation and loss of fluid.
 
     The skin of a worm filled with magnetic fluid should be thin for large strain and force, but

@@ -9,15 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    Finite,
-    NonNegative,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, wrong_order
+from wormopt.study.given import Given, says
 
 Permeability = Annotated[float, Meta(gt=1, le=1e30, description="a finite number above 1")]
 Range = Annotated[
@@ -29,7 +22,7 @@ _GIVEN, _MEASURED = ("mu_r", "lame_eta"), ("u0", "youngs_modulus_eff")
 _EITHER = "write mu_r and lame_eta, or u0 and youngs_modulus_eff"
 
 
-class SIScene(SceneTable, frozen=True, kw_only=True):
+class SIScene(SceneTable):
     """A scene whose values are in SI units."""
 
     why_si: ClassVar = (
@@ -43,7 +36,7 @@ class SIScene(SceneTable, frozen=True, kw_only=True):
             yield "units", self.why_si
 
 
-class MaterialTable(Table, frozen=True, kw_only=True):
+class MaterialTable(Given):
     """The material, by its parameters or by measurements in the field.
 
     Both descriptions together are refused, as is half of one, and measurements with `field` 0.
@@ -98,14 +91,14 @@ class MaterialTable(Table, frozen=True, kw_only=True):
             yield "material.field", "is 0, but u0 and youngs_modulus_eff need a field above 0"
 
 
-class SampleTable(Table, frozen=True, kw_only=True):
+class SampleTable(Given):
     """A bar of the material."""
 
     length: Annotated[Positive, says("length", "length without load and field")]
     area: Annotated[Positive, says("area", "cross section")]
 
 
-class MaterialScene(SIScene, frozen=True, kw_only=True):
+class MaterialScene(SIScene):
     """Strain, modulus and stress-strain line of a magneto-elastic material in a field.
 
     An elastic composite with a magnetic fluid is in a field across it. The scene computes its

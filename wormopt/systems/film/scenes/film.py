@@ -10,15 +10,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import ToleranceTable
-from wormopt.scene.types import (
-    Finite,
-    NonNegative,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, wrong_order
+from wormopt.study.given import Given, says
 
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below 1")]
 Shares = Annotated[
@@ -49,7 +42,7 @@ MOST_PERIODS = 20_000
 Points = Annotated[int, Meta(ge=2, le=100_000, description="a whole number, 2 to 100000")]
 
 
-class FluidTable(Table, frozen=True, kw_only=True):
+class FluidTable(Given):
     """Fluid, film and wave, with `units = "SI"` only."""
 
     mu_r: Annotated[Permeability, says("1", "relative permeability")]
@@ -61,7 +54,7 @@ class FluidTable(Table, frozen=True, kw_only=True):
     frequency: Annotated[Positive, says("angular_frequency", "frequency of the wave")]
 
 
-class FilmTable(Table, frozen=True, kw_only=True):
+class FilmTable(Given):
     """Film and shape of its wave relative to the mean thickness: `delta`, or harmonics.
 
     Scenes without units use the scales of eq. 25 of Zimmermann et al. 2007.
@@ -127,7 +120,7 @@ class FilmTable(Table, frozen=True, kw_only=True):
             yield "film.fluid", 'is in SI units; write units = "SI"'
 
 
-class CurvesTable(Table, frozen=True, kw_only=True):
+class CurvesTable(Given):
     """Amplitudes of cosine waves for comparison."""
 
     delta: Annotated[Shares, says("1", "amplitudes of the fields in the picture")] = (
@@ -144,7 +137,7 @@ class CurvesTable(Table, frozen=True, kw_only=True):
     points: Annotated[Points, says("count", "number of amplitudes on that curve")] = 199
 
 
-class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
+class FilmFlowScene(SceneTable):
     """Flow in a film, and the field that holds its shape.
 
     It computes the least field that makes a travelling wave and the flow that the wave pumps, and
@@ -237,7 +230,7 @@ class FilmFlowScene(SceneTable, frozen=True, kw_only=True):
         yield from wrong_order("curves.range", self.curves.range, may_be_equal=False)
 
 
-class FloatsTable(Table, frozen=True, kw_only=True):
+class FloatsTable(Given):
     """Bodies on the surface."""
 
     length: Annotated[Lengths, says("1", "lengths in wavelengths; 0: a small float")] = (0.0,)
@@ -246,7 +239,7 @@ class FloatsTable(Table, frozen=True, kw_only=True):
     ] = 0.0
 
 
-class TracersTable(Table, frozen=True, kw_only=True):
+class TracersTable(Given):
     """Tracers in the fluid; default: none."""
 
     height: Annotated[
@@ -255,7 +248,7 @@ class TracersTable(Table, frozen=True, kw_only=True):
     position: Annotated[Finite, says("1", "initial position, as for floats")] = 0.0
 
 
-class RideTable(Table, frozen=True, kw_only=True):
+class RideTable(Given):
     """Duration of the simulation."""
 
     periods: Annotated[
@@ -266,7 +259,7 @@ class RideTable(Table, frozen=True, kw_only=True):
     samples: Annotated[Points, says("count", "number of times in the result")] = 1001
 
 
-class FloatScene(SceneTable, frozen=True, kw_only=True):
+class FloatScene(SceneTable):
     """Drift of floats and tracers in a travelling wave.
 
     Floats of several lengths and tracers in the fluid are simulated, and compared with formulas.

@@ -11,7 +11,8 @@ from msgspec import field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import ToleranceTable
-from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, Table, says
+from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.film.scenes.film import FilmTable, Length, RideTable
 
 # Keys that apply to one type of body, or to one system of units, only.
@@ -21,7 +22,7 @@ _SI = ("density", "friction_coefficient")
 _FARTHEST = 1e6  # In wavelengths: farther away, phases have no more than nine digits.
 
 
-class BodyTable(Table, frozen=True, kw_only=True):
+class BodyTable(Given):
     """The body.
 
     Scenes without units use the scales of eq. 25 of Zimmermann et al. 2007: *η* is the viscosity,
@@ -103,7 +104,7 @@ def _sort(units: str) -> str:
     return "with SI" if units != "SI" else "without"
 
 
-class FilmBodyScene(SceneTable, frozen=True, kw_only=True):
+class FilmBodyScene(SceneTable):
     """Motion of a body with mass in a travelling wave.
 
     The body is a float with mass and weight, or lies in the film on the ground, where it sticks and

@@ -10,14 +10,8 @@ import msgspec
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    Finite,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Finite, Positive, SceneTable, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.film.scenes.film import FilmTable, Permeability, Share, SharePair
 from wormopt.systems.spiked import why_unreadable
 from wormopt.tables import SUFFIXES
@@ -40,7 +34,7 @@ Tensions = Annotated[
 Name = Annotated[str, Meta(min_length=1, description="text that is not empty")]
 
 
-class FieldTable(Table, frozen=True, kw_only=True):
+class FieldTable(Given):
     """A field over one wavelength, from `samples` or a `file`.
 
     Values are at equidistant phases *ξ* = *t* − *x* from 0 on, without the end.
@@ -109,7 +103,7 @@ class FieldTable(Table, frozen=True, kw_only=True):
             )
 
 
-class StartTable(Table, frozen=True, kw_only=True):
+class StartTable(Given):
     """The film at time 0."""
 
     shape: Annotated[
@@ -129,7 +123,7 @@ class StartTable(Table, frozen=True, kw_only=True):
     ] = 1
 
 
-class GridTable(Table, frozen=True, kw_only=True):
+class GridTable(Given):
     """Resolution of the film."""
 
     points: Annotated[
@@ -152,7 +146,7 @@ class GridTable(Table, frozen=True, kw_only=True):
     ] = 1e-2
 
 
-class CourseTable(Table, frozen=True, kw_only=True):
+class CourseTable(Given):
     """Duration of the simulation."""
 
     periods: Annotated[
@@ -180,7 +174,7 @@ class CourseTable(Table, frozen=True, kw_only=True):
     ] = 1e-6
 
 
-class StepsTable(Table, frozen=True, kw_only=True):
+class StepsTable(Given):
     """Tolerances of the simulation."""
 
     relative: Annotated[
@@ -199,7 +193,7 @@ class StepsTable(Table, frozen=True, kw_only=True):
     ] = True
 
 
-class MapTable(Table, frozen=True, kw_only=True):
+class MapTable(Given):
     """Final states of flat films in the fields of many cosine waves.
 
     The map uses a single resolution where harmonics have decayed.
@@ -209,7 +203,7 @@ class MapTable(Table, frozen=True, kw_only=True):
     tension: Annotated[Tensions, says("1", "values of the surface tension *W*, ascending")]
 
 
-class BranchTable(Table, frozen=True, kw_only=True):
+class BranchTable(Given):
     """Continuation of steady films in the amplitude of the prescribed cosine wave."""
 
     delta: Annotated[
@@ -225,7 +219,7 @@ class BranchTable(Table, frozen=True, kw_only=True):
 _MAP = ("map_delta", "map_tension")
 
 
-class FilmForwardScene(SceneTable, frozen=True, kw_only=True):
+class FilmForwardScene(SceneTable):
     """Dynamics of a film in a travelling field.
 
     It answers whether the film takes the wave for which the field was made, and whether that wave

@@ -10,14 +10,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import (
-    Pair,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Pair, Positive, SceneTable, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import OPTIMUM
 
 Crests = Annotated[int, Meta(ge=1, le=12, description="a whole number from 1 to 12")]
@@ -35,7 +29,7 @@ Tensions = Annotated[
 Flow = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below 1")]
 
 
-class WavyFilmTable(Table, frozen=True, kw_only=True):
+class WavyFilmTable(Given):
     """The film."""
 
     tension: Annotated[
@@ -44,7 +38,7 @@ class WavyFilmTable(Table, frozen=True, kw_only=True):
     ]
 
 
-class WaveLimitsTable(Table, frozen=True, kw_only=True):
+class WaveLimitsTable(Given):
     """Limits of the wave."""
 
     thickness: Annotated[
@@ -64,7 +58,7 @@ class WaveLimitsTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class WaveAimTable(Table, frozen=True, kw_only=True):
+class WaveAimTable(Given):
     """Objective of the wave: exactly one of `maximise` and `minimise`.
 
     `minimise` requires `mean_flow`, `capture`, or both. With `float_speed`, the wave with the
@@ -104,7 +98,7 @@ class WaveAimTable(Table, frozen=True, kw_only=True):
             yield "aim.capture", 'applies to minimise = "field" only; leave it out'
 
 
-class WaveSearchTable(Table, frozen=True, kw_only=True):
+class WaveSearchTable(Given):
     """Starting points of the search."""
 
     crests: Annotated[
@@ -117,7 +111,7 @@ class WaveSearchTable(Table, frozen=True, kw_only=True):
     ] = 3
 
 
-class WaveMapTable(Table, frozen=True, kw_only=True):
+class WaveMapTable(Given):
     """Combinations of other films and fields, with `maximise = "mean_flow"`."""
 
     tension: Annotated[Tensions | None, says("1", "values of *W*; default: that of the film")] = (
@@ -128,7 +122,7 @@ class WaveMapTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class FilmWaveScene(SceneTable, frozen=True, kw_only=True):
+class FilmWaveScene(SceneTable):
     """The best wave of a film, compared with the cosine wave within the same limits.
 
     The wave has the largest mean flow, moves a small float fastest, or needs the least field.

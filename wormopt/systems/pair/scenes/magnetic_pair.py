@@ -11,15 +11,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import AveragingTable, ToleranceTable
-from wormopt.scene.types import (
-    Finite,
-    Positive,
-    SceneTable,
-    Table,
-    per,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Finite, Positive, SceneTable, per, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.chain import (
     Friction,
     SpikeFriction,
@@ -39,7 +32,7 @@ FinitePair = Annotated[
 ]
 
 
-class SampleTable(Table, frozen=True, kw_only=True):
+class SampleTable(Given):
     """The magneto-elastic link as a sample of material, in SI units; *ε* is half its strain."""
 
     mass: Annotated[Positive, says("mass", "mass of each of the two masses")]
@@ -49,7 +42,7 @@ class SampleTable(Table, frozen=True, kw_only=True):
     area: Annotated[Positive, says("area", "cross-section of the link")]
 
 
-class MagneticPairTable(Table, frozen=True, kw_only=True):
+class MagneticPairTable(Given):
     """Two equal masses on a link in a pulsating field: `eps`, or `sample` in SI scenes."""
 
     eps: Annotated[
@@ -128,7 +121,7 @@ class MagneticPairTable(Table, frozen=True, kw_only=True):
                 )
 
 
-class CourseTable(Table, frozen=True, kw_only=True):
+class CourseTable(Given):
     """The motion that is simulated from rest."""
 
     end: Annotated[
@@ -160,7 +153,7 @@ Averaging = Annotated[AveragingTable, says("", "computation of the averages")]
 ToleranceOf = Annotated[ToleranceTable, says("", "tolerance of the exact simulations")]
 
 
-class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
+class MagneticPairScene(SceneTable):
     """Velocity of the pair over time, exact and averaged.
 
     Two masses on a magneto-elastic link in a pulsating field start from rest. The result contains
@@ -263,7 +256,7 @@ class MagneticPairScene(SceneTable, frozen=True, kw_only=True):
                 )
 
 
-class FrequenciesTable(Table, frozen=True, kw_only=True):
+class FrequenciesTable(Given):
     """Frequencies of the continuation of steady motions."""
 
     detuning: Annotated[FinitePair, says("1", "least and largest detuning *Δ*")] = (-2.0, 2.0)
@@ -278,7 +271,7 @@ class FrequenciesTable(Table, frozen=True, kw_only=True):
     ] = 100.0
 
 
-class ConfirmTable(Table, frozen=True, kw_only=True):
+class ConfirmTable(Given):
     """Exact simulations from every stable steady state; default: none."""
 
     time: Annotated[
@@ -291,7 +284,7 @@ class ConfirmTable(Table, frozen=True, kw_only=True):
     ] = 50
 
 
-class ResonanceScene(SceneTable, frozen=True, kw_only=True):
+class ResonanceScene(SceneTable):
     """Steady motions of the pair over the frequency of its field.
 
     The result contains all branches of the averaged motion, folds, stability, and an exact motion

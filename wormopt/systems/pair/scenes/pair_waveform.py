@@ -17,11 +17,10 @@ from wormopt.scene.types import (
     PositiveOrPair,
     SceneTable,
     Seed,
-    Table,
     per,
-    says,
     wrong_order,
 )
+from wormopt.study.given import Given, says
 from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
@@ -34,7 +33,7 @@ FieldRange = Annotated[
 ]
 
 
-class DrivenPairTable(Table, frozen=True, kw_only=True):
+class DrivenPairTable(Given):
     """Two masses on a magneto-elastic link, dimensionless."""
 
     eps: Annotated[Positive, says("share", "push of the field over stiffness times length")]
@@ -61,7 +60,7 @@ class DrivenPairTable(Table, frozen=True, kw_only=True):
             )
 
 
-class FieldLimitsTable(Table, frozen=True, kw_only=True):
+class FieldLimitsTable(Given):
     """Limits of the field.
 
     Not allowed: frequencies that contain √2 or √2/*k* for a whole *k*, without `strain`. There the
@@ -112,7 +111,7 @@ class FieldLimitsTable(Table, frozen=True, kw_only=True):
         )
 
 
-class WaveformAimTable(Table, frozen=True, kw_only=True):
+class WaveformAimTable(Given):
     """Objective of the waveform: exactly one of `maximise` and `minimise`."""
 
     maximise: Annotated[Literal["speed"] | None, says("", "mean speed")] = None
@@ -141,7 +140,7 @@ class WaveformAimTable(Table, frozen=True, kw_only=True):
             yield "aim.speed", 'applies to minimise = "work_per_distance" only; leave it out'
 
 
-class WaveformSearchTable(Table, frozen=True, kw_only=True):
+class WaveformSearchTable(Given):
     """Starting points of the search."""
 
     starts: Annotated[
@@ -154,7 +153,7 @@ class WaveformSearchTable(Table, frozen=True, kw_only=True):
     seed: Annotated[Seed, says("", "seed of the starts")] = 0
 
 
-class PairWaveformScene(SceneTable, frozen=True, kw_only=True):
+class PairWaveformScene(SceneTable):
     """The periodic field that moves the pair fastest, or with the least work.
 
     The magneto-elastic pair (eq. 16 of Zimmermann et al. 2007) moves in the best field, and for

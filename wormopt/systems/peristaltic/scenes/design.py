@@ -9,14 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    NonNegative,
-    Pair,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-)
+from wormopt.scene.types import NonNegative, Pair, Positive, SceneTable
+from wormopt.study.given import Given, says
 
 # Relative difference below which sizes count as equal.
 _ROUNDING = 1e-9
@@ -29,7 +23,7 @@ Anchors = Annotated[int, Meta(ge=1, le=10, description="a whole number from 1 to
 Reserve = Annotated[float, Meta(ge=1, le=1e6, description="a number of at least 1")]
 
 
-class AnchoringWormTable(Table, frozen=True, kw_only=True):
+class AnchoringWormTable(Given):
     """The worm: sealed segments that thicken as they shorten."""
 
     segments: Annotated[Segments, says("count", "number of segments *N*")]
@@ -43,7 +37,7 @@ class AnchoringWormTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class TubeTable(Table, frozen=True, kw_only=True):
+class TubeTable(Given):
     """The tube."""
 
     radius: Annotated[Positive, says("length", "inner radius, above that of the worm")]
@@ -56,7 +50,7 @@ class TubeTable(Table, frozen=True, kw_only=True):
         return self.friction * self.wall_force
 
 
-class AnchorLimitsTable(Table, frozen=True, kw_only=True):
+class AnchorLimitsTable(Given):
     """Limits of the gait."""
 
     rate: Annotated[Rate, says("speed", "largest rate of a length; one value holds for both")]
@@ -72,7 +66,7 @@ class AnchorLimitsTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class OrderSearchTable(Table, frozen=True, kw_only=True):
+class OrderSearchTable(Given):
     """Options of the search for the order of anchors, and of the proof."""
 
     phases: Annotated[
@@ -83,7 +77,7 @@ class OrderSearchTable(Table, frozen=True, kw_only=True):
     )
 
 
-class PeristalticDesignScene(SceneTable, frozen=True, kw_only=True):
+class PeristalticDesignScene(SceneTable):
     """The fastest gait of a peristaltic worm that anchors in a tube, with a certified bound.
 
     A segment is sealed: at length *l* its radius is *R*√(*L*/*l*). At *L*(*R*/*R*_t)² it touches

@@ -10,21 +10,14 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import (
-    Finite,
-    Pair,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Finite, Pair, Positive, SceneTable, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 Segments = Annotated[int, Meta(ge=2, le=20, description="a whole number from 2 to 20")]
 
 
-class DragTable(Table, frozen=True, kw_only=True):
+class DragTable(Given):
     """Drag *c*(*l*) = *c*<sub>0</sub>(*l*/*L*)<sup>*a*</sup> on the centre of a segment."""
 
     exponent: Annotated[
@@ -36,14 +29,14 @@ class DragTable(Table, frozen=True, kw_only=True):
     ] = 1.0
 
 
-class DragWormTable(Table, frozen=True, kw_only=True):
+class DragWormTable(Given):
     """A worm of segments that can all stretch and shorten."""
 
     segments: Annotated[Segments, says("count", "number of segments")]
     length: Annotated[Positive, says("length", "reference length *L* of a segment")] = 1.0
 
 
-class EffortTable(Table, frozen=True, kw_only=True):
+class EffortTable(Given):
     """Effort allowed in a period; exactly one of the two."""
 
     strain_rate: Annotated[
@@ -55,7 +48,7 @@ class EffortTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class DragLimitsTable(Table, frozen=True, kw_only=True):
+class DragLimitsTable(Given):
     """Limits of the lengths."""
 
     mean_length: Annotated[
@@ -75,7 +68,7 @@ class DragLimitsTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class DragSearchTable(Table, frozen=True, kw_only=True):
+class DragSearchTable(Given):
     """Starting points of the search."""
 
     starts: Annotated[
@@ -85,7 +78,7 @@ class DragSearchTable(Table, frozen=True, kw_only=True):
     ] = 1
 
 
-class PeristalticDragScene(SceneTable, frozen=True, kw_only=True):
+class PeristalticDragScene(SceneTable):
     """The gait with the longest displacement per period, at a given effort, on linear drag.
 
     The ground resists each segment by *c*(*l*) times its velocity. The worm moves only because

@@ -10,7 +10,8 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.quantities import GRAVITY
-from wormopt.scene.types import NonNegative, Pair, Positive, Table, says, wrong_order
+from wormopt.scene.types import NonNegative, Pair, Positive, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.coils import SIScene
 
 Part = Annotated[float, Meta(ge=0, le=1, description="a number from 0 to 1")]
@@ -21,7 +22,7 @@ Angle = Annotated[
 Count = Annotated[int, Meta(ge=11, le=1000, description="a whole number from 11 to 1000")]
 
 
-class SegmentTable(Table, frozen=True, kw_only=True):
+class SegmentTable(Given):
     """The segment, a thin tube of rubber closed by rings."""
 
     length: Annotated[Positive, says("length", "unstressed length *L*")]
@@ -46,7 +47,7 @@ class SegmentTable(Table, frozen=True, kw_only=True):
             )
 
 
-class IdealCoilTable(Table, frozen=True, kw_only=True):
+class IdealCoilTable(Given):
     """An ideal coil: a uniform field over a share of the segment, none beyond."""
 
     pressure: Annotated[
@@ -55,21 +56,21 @@ class IdealCoilTable(Table, frozen=True, kw_only=True):
     share: Annotated[Share, says("share", "share of the segment's length in the field")] = 0.5
 
 
-class FluidTable(Table, frozen=True, kw_only=True):
+class FluidTable(Given):
     """The magnetic fluid in the segment."""
 
     density: Annotated[Positive, says("density", "density of the fluid")] = 1200.0
     chi: Annotated[Positive, says("1", "susceptibility")] = 0.35
 
 
-class TubeTable(Table, frozen=True, kw_only=True):
+class TubeTable(Given):
     """A rigid tube around the segment."""
 
     radius: Annotated[Positive, says("length", "inner radius; above `segment.radius`")]
     friction: Annotated[NonNegative, says("1", "Coulomb coefficient on the membrane")] = 0.3
 
 
-class WindingTable(Table, frozen=True, kw_only=True):
+class WindingTable(Given):
     """A real coil around the middle of the segment, for comparison."""
 
     ampere_turns: Annotated[Positive, says("current", "current times turns")]
@@ -78,7 +79,7 @@ class WindingTable(Table, frozen=True, kw_only=True):
     length: Annotated[Positive, says("length", "length along the segment")]
 
 
-class InflationTable(Table, frozen=True, kw_only=True):
+class InflationTable(Given):
     """A given inner pressure, for segments that share their fluid or have a pump."""
 
     pressure: Annotated[Positive, says("stress", "pressure, up to the limit of inflation")]
@@ -95,7 +96,7 @@ class InflationTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class SegmentScene(SIScene, frozen=True, kw_only=True):
+class SegmentScene(SIScene):
     """One segment of a peristaltic worm: strokes, limits, and hold in a tube.
 
     The segment is a sealed rubber tube full of magnetic fluid, which a coil shortens. The scene

@@ -10,17 +10,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import (
-    Finite,
-    NonNegative,
-    Pair,
-    Positive,
-    SceneTable,
-    Seed,
-    Table,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Finite, NonNegative, Pair, Positive, SceneTable, Seed, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 # Fewer segments than for other kinds, because the number of orders grows with (2 N - 1)!
@@ -32,7 +23,7 @@ _LONGEST_PER_SEGMENT, _LARGEST_RATIO, _SHORTEST = 12.0, 30.0, 1e-4
 Share = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most 1")]
 
 
-class SwitchedWormTable(Table, frozen=True, kw_only=True):
+class SwitchedWormTable(Given):
     """Segments that relax to one length with their coil on, and to another with it off."""
 
     segments: Annotated[Coils, says("count", "number of segments and of coils")]
@@ -45,7 +36,7 @@ class SwitchedWormTable(Table, frozen=True, kw_only=True):
     power: Annotated[Positive, says("power", "power of a coil that is on")] = 1.0
 
 
-class DragGround(Table, frozen=True, kw_only=True, tag_field="kind", tag="drag"):
+class DragGround(Given, tag_field="kind", tag="drag"):
     """Linear drag on each segment, proportional to (*l*/*L*)<sup>*a*</sup>."""
 
     exponent: Annotated[
@@ -54,7 +45,7 @@ class DragGround(Table, frozen=True, kw_only=True, tag_field="kind", tag="drag")
     ]
 
 
-class TubeGround(Table, frozen=True, kw_only=True, tag_field="kind", tag="tube"):
+class TubeGround(Given, tag_field="kind", tag="tube"):
     """A tube: a segment as short as `contact` rests on the wall until its coil goes off."""
 
     contact: Annotated[
@@ -63,7 +54,7 @@ class TubeGround(Table, frozen=True, kw_only=True, tag_field="kind", tag="tube")
     ]
 
 
-class SwitchLimitsTable(Table, frozen=True, kw_only=True):
+class SwitchLimitsTable(Given):
     """Limits of the switching times."""
 
     period: Annotated[Pair, says("time", "[shortest, longest] period")]
@@ -77,7 +68,7 @@ class SwitchLimitsTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class SwitchAimTable(Table, frozen=True, kw_only=True):
+class SwitchAimTable(Given):
     """Objective of the switching; one of `maximise` and `minimise`."""
 
     maximise: Annotated[Literal["speed"] | None, says("", "mean speed")] = None
@@ -89,7 +80,7 @@ class SwitchAimTable(Table, frozen=True, kw_only=True):
     )
 
 
-class SwitchSearchTable(Table, frozen=True, kw_only=True):
+class SwitchSearchTable(Given):
     """Starting points of the search; with up to three segments all orders are tried."""
 
     starts: Annotated[
@@ -100,7 +91,7 @@ class SwitchSearchTable(Table, frozen=True, kw_only=True):
     seed: Annotated[Seed, says("", "seed of the random orders")] = 0
 
 
-class PeristalticSwitchingScene(SceneTable, frozen=True, kw_only=True):
+class PeristalticSwitchingScene(SceneTable):
     """The best order and times of switching, with each coil on once in a period.
 
     Lengths relax by *l*′ = (target − *l*)/*τ*, so all arcs between switches are known in closed

@@ -11,7 +11,8 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.quantities import GRAVITY
-from wormopt.scene.types import Finite, NonNegative, Positive, Table, says
+from wormopt.scene.types import Finite, NonNegative, Positive
+from wormopt.study.given import Given, says
 from wormopt.systems.coils import SIScene
 from wormopt.systems.peristaltic.scenes.segment import SegmentTable
 from wormopt.systems.shared.declared import EVENTS, TIME, over
@@ -24,7 +25,7 @@ Permeability = Annotated[float, Meta(gt=1, le=1e30, description="a finite number
 _MU0 = 4e-7 * math.pi
 
 
-class WormTable(SegmentTable, frozen=True, kw_only=True):
+class WormTable(SegmentTable):
     """The worm: a row of sealed membrane cylinders full of magnetic fluid."""
 
     segments: Annotated[Segments, says("count", "number of segments *N*; segment 0 is the head")]
@@ -43,7 +44,7 @@ class WormTable(SegmentTable, frozen=True, kw_only=True):
         return self.density * math.pi * self.radius**2 * self.length
 
 
-class CoilTable(Table, frozen=True, kw_only=True):
+class CoilTable(Given):
     """One coil around each segment, and the fluid in it."""
 
     current: Annotated[Positive, says("current", "current of a coil that is on")]
@@ -65,7 +66,7 @@ Direction = Literal["retrograde", "direct"]
 _DIRECTION = says("", "`retrograde`: the wave runs from head to tail; `direct`: from tail to head")
 
 
-class SwitchedWave(Table, frozen=True, kw_only=True, tag_field="kind", tag="switched"):
+class SwitchedWave(Given, tag_field="kind", tag="switched"):
     """Coils are on or off; the block of coils that are on moves by one segment each step."""
 
     on: Annotated[Segments, says("count", "number *m* of coils on at a time")]
@@ -73,7 +74,7 @@ class SwitchedWave(Table, frozen=True, kw_only=True, tag_field="kind", tag="swit
     direction: Annotated[Direction, _DIRECTION] = "retrograde"
 
 
-class HarmonicWave(Table, frozen=True, kw_only=True, tag_field="kind", tag="harmonic"):
+class HarmonicWave(Given, tag_field="kind", tag="harmonic"):
     """Currents *I* (1 + cos(2π *t*/*T* − 2π *q j*/*N*))/2 in segment *j*."""
 
     period: Annotated[Positive, says("time", "*T*")]
@@ -83,14 +84,14 @@ class HarmonicWave(Table, frozen=True, kw_only=True, tag_field="kind", tag="harm
     direction: Annotated[Direction, _DIRECTION] = "retrograde"
 
 
-class DryTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="dry"):
+class DryTable(Given, tag_field="kind", tag="dry"):
     """Open ground with dry friction by weight."""
 
     forward: Annotated[NonNegative, says("1", "coefficient against sliding forward")]
     backward: Annotated[NonNegative, says("1", "coefficient against sliding backward")]
 
 
-class DragTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="drag"):
+class DragTable(Given, tag_field="kind", tag="drag"):
     """Open ground with drag *c*<sub>0</sub> (*l*/*L*)<sup>*a*</sup> at the segments' middles."""
 
     coefficient: Annotated[Positive, says("drag", "drag *c*<sub>0</sub> of a segment")]
@@ -102,7 +103,7 @@ class DragTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="drag"):
     ]
 
 
-class TubeTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="tube"):
+class TubeTable(Given, tag_field="kind", tag="tube"):
     """A straight tube: swollen segments press on its wall and grip it."""
 
     radius: Annotated[Positive, says("length", "*R*<sub>t</sub>, above that of the worm")]
@@ -115,7 +116,7 @@ class TubeTable(Table, frozen=True, kw_only=True, tag_field="kind", tag="tube"):
     ]
 
 
-class SettingTable(Table, frozen=True, kw_only=True):
+class SettingTable(Given):
     """Duration and accuracy of the simulation."""
 
     cycles: Annotated[Cycles, says("count", "number of cycles of the wave")] = 6
@@ -137,7 +138,7 @@ class SettingTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class PeristalticWormScene(SIScene, frozen=True, kw_only=True):
+class PeristalticWormScene(SIScene):
     """A worm of membrane segments with coils on the ground or in a tube, simulated with events.
 
     Coils that are on shorten their segments, which swell. A wave of active coils moves the worm.

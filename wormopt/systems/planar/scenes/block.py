@@ -10,7 +10,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
+from wormopt.scene.types import Finite, Positive, SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.planar.scenes.ground import EllipticGround, UnitGround
 from wormopt.systems.shared.declared import TIME
 
@@ -21,7 +22,7 @@ _Vector = Annotated[
 _Samples = Annotated[int, Meta(ge=10, le=100_000, description="a whole number from 10 to 100000")]
 
 
-class BlockTable(Table, frozen=True, kw_only=True):
+class BlockTable(Given):
     """The block. It slides without turning."""
 
     mass: Annotated[Positive, says("mass", "mass of the block")]
@@ -30,7 +31,7 @@ class BlockTable(Table, frozen=True, kw_only=True):
     pull: Annotated[_Vector, says("force", "constant applied force")] = (0.0, 0.0)
 
 
-class PlanarBlockScene(SceneTable, frozen=True, kw_only=True):
+class PlanarBlockScene(SceneTable):
     """A block slides over ground with direction-dependent dry friction until it stops.
 
     The stop is located as an event. A second route computes it by quadrature in a transformed time

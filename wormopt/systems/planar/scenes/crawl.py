@@ -10,15 +10,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    Finite,
-    PerMass,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_count,
-)
+from wormopt.scene.types import Finite, PerMass, Positive, SceneTable
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.planar.scenes.tables import BodyTable, StrokeTable
 
 if TYPE_CHECKING:  # laws are made in runs: checking a scene loads no numerics
@@ -100,7 +93,7 @@ CRAWL_SCALARS: Mapping[str, tuple[str, str]] = {
 }
 
 
-class PerMassGround(Table, frozen=True, kw_only=True):
+class PerMassGround(Given):
     """Dry ground that resists forward, backward and sideways motion differently."""
 
     law: Annotated[
@@ -141,7 +134,7 @@ class PerMassGround(Table, frozen=True, kw_only=True):
             )
 
 
-class LoadTable(Table, frozen=True, kw_only=True):
+class LoadTable(Given):
     """Load on the head, which turns with the first link."""
 
     ahead: Annotated[Finite, says("force", "force along the first link")] = 0.0
@@ -154,7 +147,7 @@ class LoadTable(Table, frozen=True, kw_only=True):
         return (self.ahead, self.left, self.moment)
 
 
-class PlanarCrawlScene(SceneTable, frozen=True, kw_only=True):
+class PlanarCrawlScene(SceneTable):
     """A body crawls on dry ground so slowly that its inertia does not matter.
 
     At every instant the body moves with the velocity of least power. The phases at which masses

@@ -9,17 +9,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    Finite,
-    NonNegative,
-    Pair,
-    Positive,
-    SceneTable,
-    Table,
-    says,
-    wrong_count,
-    wrong_order,
-)
+from wormopt.scene.types import Finite, NonNegative, Pair, Positive, SceneTable, wrong_order
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.planar.scenes.swim import ViscousTable
 from wormopt.systems.planar.scenes.tables import BodyTable, GroundTable
 
@@ -37,7 +28,7 @@ Corners = Annotated[int, Meta(ge=3, le=60, description="a whole number from 3 to
 Cycles = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 
 
-class PlanarAimTable(Table, frozen=True, kw_only=True):
+class PlanarAimTable(Given):
     """Objective of the gait."""
 
     purpose: Annotated[
@@ -65,7 +56,7 @@ class PlanarAimTable(Table, frozen=True, kw_only=True):
     ] = 1.0
 
 
-class PlanarLimitsTable(Table, frozen=True, kw_only=True):
+class PlanarLimitsTable(Given):
     """Limits of shape, rates, work and room."""
 
     angle: Annotated[Range, says("angle", "least and largest joint angle")] = (-2.0, 2.0)
@@ -87,7 +78,7 @@ class PlanarLimitsTable(Table, frozen=True, kw_only=True):
     ] = 0.0
 
 
-class PlanarSearchTable(Table, frozen=True, kw_only=True):
+class PlanarSearchTable(Given):
     """Starting points of the search."""
 
     starts: Annotated[Starts, says("count", "number of random initial strokes")] = 3
@@ -95,7 +86,7 @@ class PlanarSearchTable(Table, frozen=True, kw_only=True):
     corners: Annotated[Corners, says("count", "number of corners of the stroke")] = 8
 
 
-class PlanarDesignScene(SceneTable, frozen=True, kw_only=True):
+class PlanarDesignScene(SceneTable):
     """Design of a gait in slow planar motion: fastest, turning, or with least work.
 
     The shape changes linearly from corner to corner. From random strokes, optimal control with

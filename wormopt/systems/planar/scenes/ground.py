@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from wormopt.scene.types import NonNegative, Positive, Table, says
+from wormopt.scene.types import NonNegative, Positive
+from wormopt.study.given import Given, says
 
 _Forward = Annotated[Positive, says("force", "*F*<sup>+</sup>, resistance to forward motion")]
 _Backward = Annotated[
@@ -18,7 +19,7 @@ _Sideways = Annotated[
 _Slides = Annotated[NonNegative, says("force", "dry friction along the heading")]
 
 
-class EllipticGround(Table, frozen=True, kw_only=True, tag_field="law", tag="elliptic"):
+class EllipticGround(Given, tag_field="law", tag="elliptic"):
     """Dry friction with an elliptic set of forces and the law of maximal dissipation."""
 
     forward: _Forward
@@ -26,7 +27,7 @@ class EllipticGround(Table, frozen=True, kw_only=True, tag_field="law", tag="ell
     sideways: _Sideways = None
 
 
-class UnitGround(Table, frozen=True, kw_only=True, tag_field="law", tag="unit"):
+class UnitGround(Given, tag_field="law", tag="unit"):
     """Dry friction by the direction of motion alone, without a minimum principle."""
 
     forward: _Forward
@@ -34,7 +35,7 @@ class UnitGround(Table, frozen=True, kw_only=True, tag_field="law", tag="unit"):
     sideways: _Sideways = None
 
 
-class BoxGround(Table, frozen=True, kw_only=True, tag_field="law", tag="box"):
+class BoxGround(Given, tag_field="law", tag="box"):
     """Dry friction along and across the heading, each independent of the other."""
 
     forward: _Forward
@@ -42,34 +43,34 @@ class BoxGround(Table, frozen=True, kw_only=True, tag_field="law", tag="box"):
     sideways: _Sideways = None
 
 
-class ViscousGround(Table, frozen=True, kw_only=True, tag_field="law", tag="viscous"):
+class ViscousGround(Given, tag_field="law", tag="viscous"):
     """Linear drag."""
 
     along: Annotated[NonNegative, says("drag", "*k*<sub>t</sub>, drag along the heading")]
     across: Annotated[NonNegative, says("drag", "*k*<sub>n</sub>, drag across the heading")]
 
 
-class SkidGround(Table, frozen=True, kw_only=True, tag_field="law", tag="skid"):
+class SkidGround(Given, tag_field="law", tag="skid"):
     """A skid or a wheel: no sideways motion."""
 
     along: _Slides = 0.0
 
 
-class SpikeGround(Table, frozen=True, kw_only=True, tag_field="law", tag="spike"):
+class SpikeGround(Given, tag_field="law", tag="spike"):
     """A spike: no backward motion."""
 
     across: Annotated[NonNegative, says("force", "dry friction across the heading")] = 0.0
 
 
-class SpikedSkidGround(Table, frozen=True, kw_only=True, tag_field="law", tag="spiked_skid"):
+class SpikedSkidGround(Given, tag_field="law", tag="spiked_skid"):
     """A skid with spikes: no sideways and no backward motion."""
 
 
-class PinGround(Table, frozen=True, kw_only=True, tag_field="law", tag="pin"):
+class PinGround(Given, tag_field="law", tag="pin"):
     """A pin: no motion."""
 
 
-class FreeGround(Table, frozen=True, kw_only=True, tag_field="law", tag="free"):
+class FreeGround(Given, tag_field="law", tag="free"):
     """No resistance."""
 
 

@@ -25,10 +25,8 @@ from wormopt.scene.types import (
     PerMass,
     Positive,
     SceneTable,
-    Table,
-    says,
-    wrong_count,
 )
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.planar.scenes.ground import MassGround
 from wormopt.systems.planar.scenes.standing import Standing
 from wormopt.systems.shared.declared import EVENTS, STEPS, TIME, over
@@ -54,7 +52,7 @@ _STIFFER = 1000.0  # default stiffness of obstacles over the largest of links
 _JOINTS = ("bending_stiffness", "bending_damping", "rest_angle")
 
 
-class PlanarChainTable(Table, frozen=True, kw_only=True):
+class PlanarChainTable(Given):
     """A chain of *n* + 1 point masses, joined by *n* extensible links at joints that bend."""
 
     links: Annotated[_Links, says("count", "number of links *n*; mass 0 is the head")]
@@ -106,7 +104,7 @@ class PlanarChainTable(Table, frozen=True, kw_only=True):
             yield "worm.gravity", 'missing; worm.slope needs it if units are not "SI"'
 
 
-class PlanarStart(Table, frozen=True, kw_only=True):
+class PlanarStart(Given):
     """Initial shape, place and velocity."""
 
     lengths: Annotated[
@@ -129,7 +127,7 @@ class PlanarStart(Table, frozen=True, kw_only=True):
         yield from wrong_count("start.angles", self.angles, links - 1, "joints")
 
 
-class Swinging(Table, frozen=True, kw_only=True):
+class Swinging(Given):
     """Harmonic values of links or joints; subclasses name the quantity."""
 
     mean: tuple[float, ...] | None = None
@@ -146,7 +144,7 @@ class Swinging(Table, frozen=True, kw_only=True):
                 yield place, f"has {len(row)} numbers for {count} {things}; write {count}"
 
 
-class SwingingForce(Swinging, frozen=True, kw_only=True):
+class SwingingForce(Swinging):
     """Periodic forces: row *h* holds the coefficients of the *h*-th harmonic.
 
     mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
@@ -157,7 +155,7 @@ class SwingingForce(Swinging, frozen=True, kw_only=True):
     sine: Annotated[tuple[_Row, ...], says("force", _SINE)] = ()
 
 
-class SwingingTorque(Swinging, frozen=True, kw_only=True):
+class SwingingTorque(Swinging):
     """Periodic torques: row *h* holds the coefficients of the *h*-th harmonic.
 
     mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
@@ -168,7 +166,7 @@ class SwingingTorque(Swinging, frozen=True, kw_only=True):
     sine: Annotated[tuple[_Row, ...], says("torque", _SINE)] = ()
 
 
-class PlanarActuation(Table, frozen=True, kw_only=True):
+class PlanarActuation(Given):
     """Periodic forces in the links and torques in the joints."""
 
     period: Annotated[Positive, says("time", "period of forces and torques")]
@@ -191,7 +189,7 @@ class PlanarActuation(Table, frozen=True, kw_only=True):
             yield from self.torque.faults("actuation.torque", links - 1, "joints")
 
 
-class PlanarMotionScene(SceneTable, frozen=True, kw_only=True):
+class PlanarMotionScene(SceneTable):
     """Simulation of a planar worm of masses and springs with actuators in links and joints.
 
     The ground resists forward, backward and sideways motion of each mass differently. With exact

@@ -10,15 +10,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    Finite,
-    NonNegative,
-    Positive,
-    SceneTable,
-    Table,
-    per,
-    says,
-)
+from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, per
+from wormopt.study.given import Given, says
 from wormopt.systems.planar.scenes.tables import BodyTable, GroundTable
 
 Place = Annotated[
@@ -32,7 +25,7 @@ Mass = Annotated[int, Meta(ge=0, le=200, description="a mass, a whole number fro
 Name = Annotated[str, Meta(min_length=1, max_length=40, description="a short name in quotes")]
 
 
-class HeldTable(Table, frozen=True, kw_only=True):
+class HeldTable(Given):
     """Constraints of the body until a phase of the stroke."""
 
     until: Annotated[Positive, says("share", "phase at which they end; 1 for the last")] = 1.0
@@ -40,7 +33,7 @@ class HeldTable(Table, frozen=True, kw_only=True):
     skids: Annotated[tuple[Mass, ...], says("", "masses that move only along their heading")] = ()
 
 
-class GaitTable(Table, frozen=True, kw_only=True):
+class GaitTable(Given):
     """A gait: changes of the shape from the rest shape, and the constraints meanwhile."""
 
     name: Annotated[Name, says("", "name of the gait")]
@@ -87,14 +80,14 @@ class GaitTable(Table, frozen=True, kw_only=True):
                 )
 
 
-class DiscTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="disc"):
+class DiscTable(Given, tag_field="shape", tag="disc"):
     """A round obstacle."""
 
     centre: Annotated[Place, says("length", "centre of the disc")]
     radius: Annotated[Positive, says("length", "radius of the disc")]
 
 
-class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block"):
+class BlockTable(Given, tag_field="shape", tag="block"):
     """A solid polygon."""
 
     corners: Annotated[
@@ -114,14 +107,14 @@ class BlockTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="block
         )  # no power: it raises where it overflows
 
 
-class WallTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
+class WallTable(Given, tag_field="shape", tag="wall"):
     """A straight wall without end: everything behind it is closed."""
 
     point: Annotated[Place, says("length", "any point of the wall")]
     angle: Annotated[Finite, says("angle", "direction of the normal, which points into the open")]
 
 
-class CapsuleTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="capsule"):
+class CapsuleTable(Given, tag_field="shape", tag="capsule"):
     """A rod or a fence: all points within a radius of a straight segment."""
 
     start: Annotated[Place, says("length", "first end of the segment")]
@@ -129,14 +122,14 @@ class CapsuleTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="cap
     radius: Annotated[NonNegative, says("length", "half the thickness")] = 0.0
 
 
-class NearTable(Table, frozen=True, kw_only=True):
+class NearTable(Given):
     """Largest distance and angle from a pose."""
 
     place: Annotated[Positive, says("length", "largest distance")]
     angle: Annotated[Positive, says("angle", "largest angle")]
 
 
-class CorridorTable(Table, frozen=True, kw_only=True):
+class CorridorTable(Given):
     """A line with a strip to both sides that no mass may leave."""
 
     line: Annotated[
@@ -147,7 +140,7 @@ class CorridorTable(Table, frozen=True, kw_only=True):
     width: Annotated[Positive, says("length", "largest distance from the line to either side")]
 
 
-class CourseTable(Table, frozen=True, kw_only=True):
+class CourseTable(Given):
     """Start, goal and limits of the path."""
 
     start: Annotated[Pose, says("", "initial pose of the head: x, y, and angle of the first link")]
@@ -161,7 +154,7 @@ class CourseTable(Table, frozen=True, kw_only=True):
     clearance: Annotated[NonNegative, says("length", "least distance from obstacles")] = 0.0
 
 
-class PathSearchTable(Table, frozen=True, kw_only=True):
+class PathSearchTable(Given):
     """Options of the search."""
 
     cost: Annotated[Literal["steps", "work", "time"], says("", "quantity to minimise")] = "time"
@@ -178,7 +171,7 @@ class PathSearchTable(Table, frozen=True, kw_only=True):
     ] = 100_000
 
 
-class PlanarPathScene(SceneTable, frozen=True, kw_only=True):
+class PlanarPathScene(SceneTable):
     """Find strokes of given gaits that lead a worm to a pose, past obstacles, at least cost.
 
     Pins and skids determine the motion of a worm by its shape. Without them, friction determines

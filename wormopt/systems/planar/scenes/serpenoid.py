@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, SceneTable, says
+from wormopt.scene.types import Positive, SceneTable
+from wormopt.study.given import says
 
 Amplitude = Annotated[
     float, Meta(gt=0, le=2.4, description="a number above 0, at most 2.4: J0 is 0 at 2.4048")
@@ -17,7 +18,7 @@ Amplitude = Annotated[
 Ratio = Annotated[float, Meta(gt=1, le=1e6, description="a number above 1, at most 1000000")]
 
 
-class PlanarSerpenoidScene(SceneTable, frozen=True, kw_only=True):
+class PlanarSerpenoidScene(SceneTable):
     """Speed of a worm with a serpenoid bending wave that travels backward along the body.
 
     The tangent angle is *α* sin *ks*. Infinite worms on viscous or dry ground are computed over

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from wormopt.scene.types import NonNegative, says
+from wormopt.scene.types import NonNegative
+from wormopt.study.given import says
 from wormopt.systems.planar.scenes.path import DiscTable, WallTable
 
 _Friction = Annotated[NonNegative, says("1", "coefficient of dry friction, if contact is smooth")]
 
 
-class StandingDisc(DiscTable, frozen=True, kw_only=True, tag_field="shape", tag="disc"):
+class StandingDisc(DiscTable, tag_field="shape", tag="disc"):
     """A round obstacle."""
 
     friction: _Friction = 0.0
 
 
-class StandingWall(WallTable, frozen=True, kw_only=True, tag_field="shape", tag="wall"):
+class StandingWall(WallTable, tag_field="shape", tag="wall"):
     """A straight wall without end: everything behind it is closed."""
 
     friction: _Friction = 0.0

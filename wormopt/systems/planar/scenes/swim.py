@@ -11,20 +11,15 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import (
-    Finite,
-    NonNegative,
-    SceneTable,
-    Table,
-    says,
-)
+from wormopt.scene.types import Finite, NonNegative, SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.planar.scenes.tables import BodyTable, StrokeTable
 
 Row = tuple[Finite, ...]
 _UNEVEN = 1e4  # largest ratio of lengths; rotational drags grow with their cubes
 
 
-class ViscousTable(Table, frozen=True, kw_only=True):
+class ViscousTable(Given):
     """Viscous ground: drag of rods per length and of masses, along and across them."""
 
     along: Annotated[
@@ -50,7 +45,7 @@ class ViscousTable(Table, frozen=True, kw_only=True):
             )
 
 
-class ShapeLimitsTable(Table, frozen=True, kw_only=True):
+class ShapeLimitsTable(Given):
     """Limits of the shape in the stroke."""
 
     angle: Annotated[Row, says("angle", "[smallest, largest] angle of every joint, within ±π")] = (
@@ -63,7 +58,7 @@ class ShapeLimitsTable(Table, frozen=True, kw_only=True):
     ] = None
 
 
-class StrokeSearchTable(Table, frozen=True, kw_only=True):
+class StrokeSearchTable(Given):
     """Objective and starting points of the search."""
 
     maximise: Annotated[
@@ -77,7 +72,7 @@ class StrokeSearchTable(Table, frozen=True, kw_only=True):
     ] = 3
 
 
-class PlanarSwimScene(SceneTable, frozen=True, kw_only=True):
+class PlanarSwimScene(SceneTable):
     """A stroke of a body on viscous ground: its displacement and its cost.
 
     If `stroke` is given, this stroke is computed. Otherwise the best stroke that does not turn the

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, Table, says, wrong_count
+from wormopt.scene.types import Finite, Positive
+from wormopt.study.given import Given, says, wrong_count
 
 if TYPE_CHECKING:  # numerics are built in runs, so that checking a scene loads none
     from wormopt.model.planar_friction import PlanarLaw
@@ -20,7 +21,7 @@ Links = Annotated[int, Meta(ge=1, le=200, description="a whole number from 1 to 
 Row = tuple[Finite, ...]
 
 
-class BodyTable(Table, frozen=True, kw_only=True):
+class BodyTable(Given):
     """The body: a chain of links, head first, with a mass at each end of every link."""
 
     links: Annotated[Links, says("count", "number of links *n*; masses 0 (the head) to *n*")]
@@ -51,7 +52,7 @@ class BodyTable(Table, frozen=True, kw_only=True):
         yield from wrong_count(f"{key}.lengths", self.lengths, self.links, "links")
 
 
-class GroundTable(Table, frozen=True, kw_only=True):
+class GroundTable(Given):
     """Dry ground that resists forward, backward and sideways motion of a mass differently."""
 
     law: Annotated[
@@ -84,7 +85,7 @@ class GroundTable(Table, frozen=True, kw_only=True):
         return kinds[self.law](ahead, self.backward or ahead, self.sideways or ahead)
 
 
-class HarmonicStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="harmonic"):
+class HarmonicStroke(Given, tag_field="course", tag="harmonic"):
     """Harmonic shape variables: row *h* holds the coefficients of the *h*-th harmonic."""
 
     mean: Annotated[Row, says("", "mean of each shape variable")]
@@ -108,7 +109,7 @@ class HarmonicStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="
             yield f"{key}.sine", f"has {len(self.sine)} rows; cosine has {len(self.cosine)}"
 
 
-class PolygonStroke(Table, frozen=True, kw_only=True, tag_field="course", tag="polygon"):
+class PolygonStroke(Given, tag_field="course", tag="polygon"):
     """Shape variables that change linearly from corner to corner and back to the first."""
 
     corners: Annotated[tuple[Row, ...], says("", "shapes in order, one row each")]

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, says
+from wormopt.scene.types import Finite, Positive, SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.planar.scenes.crawl import CRAWL_SCALARS, CRAWL_VARIABLES
 
 if TYPE_CHECKING:  # checking a scene loads no numerics
     from wormopt.systems.planar.turning import TurnInPlace
 
 
-class TurnerTable(Table, frozen=True, kw_only=True):
+class TurnerTable(Given):
     """A worm of two links that exchange lengths, on ground with equal resistance everywhere."""
 
     end_friction: Annotated[Positive, says("force", "friction *F* of masses 0 and 2")]
@@ -28,14 +29,14 @@ class TurnerTable(Table, frozen=True, kw_only=True):
     bent: Annotated[Finite, says("rad", "joint angle at which the swing ends, within ±π")]
 
 
-class PaceTable(Table, frozen=True, kw_only=True):
+class PaceTable(Given):
     """Largest rates of the shape."""
 
     joint: Annotated[Positive, says("angular_frequency", "largest rate of the joint angle")]
     link: Annotated[Positive, says("speed", "largest rate of a link length")]
 
 
-class PlanarTurnScene(SceneTable, frozen=True, kw_only=True):
+class PlanarTurnScene(SceneTable):
     """A worm of two links turns in place: the joint swings, then the links exchange lengths.
 
     During a swing the longer link rests and the shorter one turns about the middle mass. During an

@@ -159,7 +159,7 @@ def _unit(study: _Study, unknown: KeyUnknown, units: str) -> str:
     """Unit of a key from its declaration in the scene's table."""
     from msgspec import structs
 
-    from wormopt.scene.types import meaning
+    from wormopt.study.given import meaning
 
     value: Any = study.task.scene.table
     *path, last = unknown.keys[0].split(".")

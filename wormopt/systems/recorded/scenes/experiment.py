@@ -17,11 +17,10 @@ from wormopt.scene.types import (
     PositiveOrPair,
     SceneTable,
     Seed,
-    Table,
     Title,
-    says,
     wrong_order,
 )
+from wormopt.study.given import Given, says
 from wormopt.systems.recorded.scenes.tables import (
     FiniteOrList,
     SceneTables,
@@ -44,7 +43,7 @@ End = Annotated[
 ]
 
 
-class ExperimentUnknown(Table, frozen=True, kw_only=True):
+class ExperimentUnknown(Given):
     """A parameter of the model that is unknown or not known well enough."""
 
     name: Annotated[Title, says("", "name of the parameter in results")]
@@ -67,7 +66,7 @@ class ExperimentUnknown(Table, frozen=True, kw_only=True):
     ] = True
 
 
-class Moved(Table, frozen=True, kw_only=True, tag_field="shape"):
+class Moved(Given, tag_field="shape"):
     """Keys common to all input signals that vary in time."""
 
     signal: Annotated[Name, says("", "an input or a parameter, for example `rest_length`")]
@@ -75,13 +74,13 @@ class Moved(Table, frozen=True, kw_only=True, tag_field="shape"):
     rate: Annotated[Positive | None, says("", "largest rate of change; default: unlimited")] = None
 
 
-class RampsTable(Moved, frozen=True, kw_only=True, tag="ramps"):
+class RampsTable(Moved, tag="ramps"):
     """An input that is linear between equidistant knots and starts at the model's value."""
 
     pieces: Annotated[Pieces, says("count", "number of linear pieces over the whole run")]
 
 
-class WavesTable(Moved, frozen=True, kw_only=True, tag="waves"):
+class WavesTable(Moved, tag="waves"):
     """An input with a few harmonics that starts at the model's value."""
 
     harmonics: Annotated[Harmonics, says("count", "number of harmonics")]
@@ -90,7 +89,7 @@ class WavesTable(Moved, frozen=True, kw_only=True, tag="waves"):
     ]
 
 
-class HeldTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="held"):
+class HeldTable(Given, tag_field="shape", tag="held"):
     """A constant to choose, the same for all entries of the signal, for example a load."""
 
     signal: Annotated[Name, says("", "an input or a parameter")]
@@ -100,7 +99,7 @@ class HeldTable(Table, frozen=True, kw_only=True, tag_field="shape", tag="held")
     ]
 
 
-class ExperimentTime(Table, frozen=True, kw_only=True):
+class ExperimentTime(Given):
     """Duration of the run and times of its measurements."""
 
     end: Annotated[Positive, says("time", "end of the run, which starts at 0")]
@@ -111,7 +110,7 @@ class ExperimentTime(Table, frozen=True, kw_only=True):
     ]
 
 
-class PredictionTable(Table, frozen=True, kw_only=True):
+class PredictionTable(Given):
     """A prediction that the parameters serve: the mean rate of a signal in another motion."""
 
     model: SceneTables
@@ -124,7 +123,7 @@ class PredictionTable(Table, frozen=True, kw_only=True):
     ]
 
 
-class ExperimentSearch(Table, frozen=True, kw_only=True):
+class ExperimentSearch(Given):
     """Search for the best experiment."""
 
     rivals: Annotated[
@@ -136,7 +135,7 @@ class ExperimentSearch(Table, frozen=True, kw_only=True):
     seed: Annotated[Seed, says("count", "seed of the random numbers")] = 0
 
 
-class ExperimentScene(SceneTable, frozen=True, kw_only=True):
+class ExperimentScene(SceneTable):
     """The experiment that identifies the parameters of a worm best, within the worm's limits.
 
     The information of an experiment is the Fisher information of its measurements, plus what is

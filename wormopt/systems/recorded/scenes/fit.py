@@ -13,7 +13,8 @@ from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
 from wormopt.scene.numerics import Contacts, ExactContact
 from wormopt.scene.scene import packaged_folder
-from wormopt.scene.types import Positive, SceneTable, Table, Title, says
+from wormopt.scene.types import Positive, SceneTable, Title
+from wormopt.study.given import Given, says
 from wormopt.systems.recorded.columns import Columns, read_columns
 from wormopt.systems.recorded.scenes.tables import (
     FOUND,
@@ -37,7 +38,7 @@ Names = Annotated[
 ]
 
 
-class RecordingTable(Table, frozen=True, kw_only=True):
+class RecordingTable(Given):
     """A recording of one run of the worm: a file with columns over time.
 
     A text file has a line with the names of its columns, optionally with units, `x0 [mm]`. Lines
@@ -184,7 +185,7 @@ def _faults_of_unit(key: str, unit: str, units: str) -> Iterator[Fault]:
         )
 
 
-class FitUnknown(UnknownTable, frozen=True, kw_only=True):
+class FitUnknown(UnknownTable):
     """A parameter of the model to estimate.
 
     It is a parameter, an input or the initial value of a state, by its name in the Model. All
@@ -200,7 +201,7 @@ class FitUnknown(UnknownTable, frozen=True, kw_only=True):
     ] = False
 
 
-class PosteriorTable(Table, frozen=True, kw_only=True):
+class PosteriorTable(Given):
     """Samples of the posterior distribution of the parameters, drawn by NUTS.
 
     Needs `pip install 'wormopt[bayes]'`. Results contain `NAME_posterior`, the interval of the
@@ -215,7 +216,7 @@ class PosteriorTable(Table, frozen=True, kw_only=True):
     ] = 4
 
 
-class FitScene(SceneTable, frozen=True, kw_only=True):
+class FitScene(SceneTable):
     """Parameters of a worm, estimated from recordings of its motion.
 
     The scene contains a model from another scene, `[model]`; one or more `[[recording]]`, each a

@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, PerMass, Positive, Seed, Table, says
+from wormopt.scene.types import NonNegative, PerMass, Positive, Seed
+from wormopt.study.given import Given, says
 from wormopt.systems.recorded.scenes.fit import RecordingTable
 from wormopt.systems.recorded.scenes.tables import Seeds, named_twice
 from wormopt.systems.shared.declared import GAIT
@@ -37,7 +38,7 @@ NO_FORCE = (
 _MOTION = ("position", "velocity")
 
 
-class CrawlRecording(RecordingTable, frozen=True, kw_only=True):
+class CrawlRecording(RecordingTable):
     """A recording of a run with a known gait: readings of gauges over time.
 
     The gait begins at time 0 of the file with the worm at rest. Columns are `actuator_force[0]` and
@@ -48,7 +49,7 @@ class CrawlRecording(RecordingTable, frozen=True, kw_only=True):
     gait: Annotated[Shape, says("", "gait of the links; `shape` selects the other keys")]
 
 
-class FitTable(Table, frozen=True, kw_only=True):
+class FitTable(Given):
     """Settings of the fit."""
 
     numbers: Annotated[
@@ -69,7 +70,7 @@ class FitTable(Table, frozen=True, kw_only=True):
     seed: Annotated[Seed, says("count", "seed of the random spread of the starts")] = 0
 
 
-class PlantTable(Table, frozen=True, kw_only=True):
+class PlantTable(Given):
     """The real worm to test the gait on; neither the fit nor the design uses it."""
 
     mass: Annotated[PerMass, says("mass", "point masses; mass 0 is the head")]
@@ -77,7 +78,7 @@ class PlantTable(Table, frozen=True, kw_only=True):
     load: Annotated[NonNegative, says("force", "load on each mass")] = 0.0
 
 
-class FitDesignScene(DesignTable, frozen=True, kw_only=True):
+class FitDesignScene(DesignTable):
     """The optimal gait within limits for a worm whose parameters are measured.
 
     Masses, drag and load are fitted to recordings of a crawl with known gaits. The gait is then

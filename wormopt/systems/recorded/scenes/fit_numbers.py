@@ -11,7 +11,8 @@ from msgspec import Meta, field
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS
 from wormopt.scene.scene import Scene, load_scene
-from wormopt.scene.types import Finite, Positive, SceneTable, Table, Title, says
+from wormopt.scene.types import Finite, Positive, SceneTable, Title
+from wormopt.study.given import Given, says
 from wormopt.systems.recorded.scenes.tables import (
     FOUND,
     Level,
@@ -34,7 +35,7 @@ Changes = Annotated[
 ]
 
 
-class MeasuredTable(Table, frozen=True, kw_only=True):
+class MeasuredTable(Given):
     """A measured number, and the scalar of the scene that it measures."""
 
     scalar: Annotated[str, says("", "scalar in the results of the scene in `[model]`")]
@@ -51,7 +52,7 @@ class MeasuredTable(Table, frozen=True, kw_only=True):
     text: Annotated[Title, says("", "description or source of the measurement")] = ""
 
 
-class KeyUnknown(UnknownTable, frozen=True, kw_only=True):
+class KeyUnknown(UnknownTable):
     """A parameter of the scene to estimate."""
 
     key: Annotated[
@@ -68,7 +69,7 @@ class KeyUnknown(UnknownTable, frozen=True, kw_only=True):
         return self.key if isinstance(self.key, tuple) else (self.key,)
 
 
-class NumberSearchTable(Table, frozen=True, kw_only=True):
+class NumberSearchTable(Given):
     """Search for the estimates."""
 
     method: Annotated[
@@ -90,7 +91,7 @@ class NumberSearchTable(Table, frozen=True, kw_only=True):
     ] = 0.1
 
 
-class FitNumbersScene(SceneTable, frozen=True, kw_only=True):
+class FitNumbersScene(SceneTable):
     """Keys of another scene, estimated from single measured numbers.
 
     An example is a set of velocities at several frequencies. `[model]` may contain any scene. It is

@@ -12,7 +12,8 @@ from msgspec import Meta
 from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
 from wormopt.scene.scene import Scene, load_scene, scene_within
-from wormopt.scene.types import Finite, Seed, Table, Title, says, wrong_order
+from wormopt.scene.types import Finite, Seed, Title, wrong_order
+from wormopt.study.given import Given, says
 
 Prior = Annotated[
     tuple[Finite, ...],
@@ -51,7 +52,7 @@ FOUND = {
 """Arrays of the estimates in results."""
 
 
-class UnknownTable(Table, frozen=True, kw_only=True):
+class UnknownTable(Given):
     """A parameter to estimate, and prior knowledge of it."""
 
     name: Annotated[Title, says("", "name of the parameter in results")]
@@ -98,7 +99,7 @@ class UnknownTable(Table, frozen=True, kw_only=True):
             )
 
 
-class SearchTable(Table, frozen=True, kw_only=True):
+class SearchTable(Given):
     """Starts of the search for the best fit."""
 
     seeds: Annotated[

@@ -17,9 +17,8 @@ from wormopt.scene.types import (
     Positive,
     PositiveOrPair,
     Seed,
-    Table,
-    says,
 )
+from wormopt.study.given import Given, says
 from wormopt.systems.spiked.limits import Limits, Rates, Sharing
 from wormopt.systems.spiked.task import MOST_LINKS, Certify, Cost, Effort, Objective, Search
 
@@ -42,14 +41,14 @@ COST_WORDS = (
 )
 
 
-class RateTable(Table, frozen=True, kw_only=True):
+class RateTable(Given):
     """Limits on the rate of a link, separate for both directions."""
 
     contraction: Annotated[PerLink, says("speed", "largest −*l*′")]
     extension: Annotated[PerLink, says("speed", "largest *l*′")]
 
 
-class LimitTable(Table, frozen=True, kw_only=True):
+class LimitTable(Given):
     """Limits that the designed gait must meet. A limit that is not given does not apply.
 
     *σ* ≥ 0 holds in every design, so the worm never glides.
@@ -141,7 +140,7 @@ class LimitTable(Table, frozen=True, kw_only=True):
         return Limits(**given)
 
 
-class ObjectiveTable(Table, frozen=True, kw_only=True):
+class ObjectiveTable(Given):
     """The objective: exactly one of `maximise` and `minimise`.
 
     Refused: no objective or two; `minimise` without `speed`; any cost with `impulses = true`, where
@@ -184,7 +183,7 @@ class ObjectiveTable(Table, frozen=True, kw_only=True):
             yield "objective.speed", 'given with maximise = "speed"; remove one of them'
 
 
-class CertifyTable(Table, frozen=True, kw_only=True):
+class CertifyTable(Given):
     """Settings of a tighter bound on the objective of any gait, for kind `gait-design` only.
 
     The bound applies to every gait within the limits, with any resting sequence, number of phases
@@ -203,7 +202,7 @@ class CertifyTable(Table, frozen=True, kw_only=True):
     ] = Certify.time_limit
 
 
-class SearchTable(Table, frozen=True, kw_only=True):
+class SearchTable(Given):
     """Search over the sequences in which masses rest.
 
     Without `phases`, plain sequences are listed up to 4 phases and varied up to 12 phases.

@@ -17,11 +17,10 @@ from wormopt.scene.types import (
     PerMass,
     Positive,
     SceneTable,
-    Table,
     per,
-    says,
     wrong_order,
 )
+from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import COST_OF_TRANSPORT, GAIT
 from wormopt.systems.shared.incline import (
     Gravity,
@@ -143,7 +142,7 @@ REGION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
 """Periods and loads at which kinematics alone determines the motion."""
 
 
-class WormTable(Table, frozen=True, kw_only=True):
+class WormTable(Given):
     """A chain of *n* + 1 point masses on the ground, joined by *n* links.
 
     The link lengths are prescribed. Spikes on every mass let it slide forward but never backward.
@@ -204,27 +203,27 @@ class WormTable(Table, frozen=True, kw_only=True):
             yield f"worm.{key}", message
 
 
-class FastGait(FastShape, frozen=True, kw_only=True):  # noqa: D101
+class FastGait(FastShape):  # noqa: D101
     __doc__ = FastShape.__doc__
     sharing: Shared = "equal"
 
 
-class BlockWave(BlockWaveShape, frozen=True, kw_only=True):  # noqa: D101
+class BlockWave(BlockWaveShape):  # noqa: D101
     __doc__ = BlockWaveShape.__doc__
     sharing: Shared = "equal"
 
 
-class Accordion(AccordionShape, frozen=True, kw_only=True):  # noqa: D101
+class Accordion(AccordionShape):  # noqa: D101
     __doc__ = AccordionShape.__doc__
     sharing: Shared = "equal"
 
 
-class GaitFile(FileShape, frozen=True, kw_only=True):  # noqa: D101
+class GaitFile(FileShape):  # noqa: D101
     __doc__ = FileShape.__doc__
     sharing: Shared = "equal"
 
 
-class RegionTable(Table, frozen=True, kw_only=True):
+class RegionTable(Given):
     """Range of periods and loads on the map `region`."""
 
     periods: Annotated[
@@ -253,7 +252,7 @@ class RegionTable(Table, frozen=True, kw_only=True):
 GivenGait = FastGait | BlockWave | Accordion | GaitFile
 
 
-class GaitScene(SceneTable, frozen=True, kw_only=True):
+class GaitScene(SceneTable):
     """The motion of a worm with a given gait.
 
     [Kinematic theory](../theory-kinematic.md) explains the model and its equations, which are those

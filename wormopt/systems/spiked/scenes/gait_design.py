@@ -11,7 +11,8 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.model.given import per
-from wormopt.scene.types import SceneTable, Table, says
+from wormopt.scene.types import SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.scenes.design_tables import (
@@ -84,7 +85,7 @@ DESIGN_SCALARS = MOTION_SCALARS | {
 }
 
 
-class DesignTable(SceneTable, frozen=True, kw_only=True):
+class DesignTable(SceneTable):
     """Tables shared by all scenes that design gaits."""
 
     worm: Annotated[WormTable, says("", "the worm")]
@@ -143,7 +144,7 @@ class DesignTable(SceneTable, frozen=True, kw_only=True):
             yield key, in_scene(message)
 
 
-class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
+class GaitDesignScene(DesignTable):
     """The optimal gait within limits.
 
     Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one
@@ -295,7 +296,7 @@ class GaitDesignScene(DesignTable, frozen=True, kw_only=True):
             )
 
 
-class ParetoTable(Table, frozen=True, kw_only=True):
+class ParetoTable(Given):
     """The Pareto front to compute."""
 
     against: Annotated[Cost, says("", f"the cost to trade against speed: {COST_WORDS}")]
@@ -308,7 +309,7 @@ class ParetoTable(Table, frozen=True, kw_only=True):
     ] = 9
 
 
-class GaitParetoScene(DesignTable, frozen=True, kw_only=True):
+class GaitParetoScene(DesignTable):
     """The Pareto front of optimal gaits between speed and a cost.
 
     Kind [`gait-design`](gait-design.md) explains `[gait]`, `[search]`, `[motor]` and the trust

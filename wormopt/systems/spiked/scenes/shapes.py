@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import ArgumentError, Fault
-from wormopt.scene.types import Finite, Pair, Positive, Table, says, wrong_order
+from wormopt.scene.types import Finite, Pair, Positive, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.tables import SUFFIXES
 
 Elongation = Annotated[float, Meta(gt=0, lt=0.5, description="a number above 0 and below 0.5")]
@@ -21,7 +22,7 @@ GaitPath = Annotated[str, Meta(min_length=1, description="the name of a .csv or 
 Period = Annotated[Positive, says("time", "period *T*")]
 
 
-class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast"):
+class FastShape(Given, tag_field="shape", tag="fast"):
     """The gait of eq. 15 of Zimmermann et al. 2007: two links, one mass at rest at any time.
 
     Refused: `worm.links` other than 2.
@@ -46,7 +47,7 @@ class FastShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="fast")
             yield f"{key}.shape", f'"fast" has 2 links, the worm has {links}; set worm.links = 2'
 
 
-class WaveShape(Table, frozen=True, kw_only=True, tag_field="shape"):
+class WaveShape(Given, tag_field="shape"):
     """Keys common to the constructed gaits: all links move between two lengths."""
 
     period: Period
@@ -80,7 +81,7 @@ class WaveShape(Table, frozen=True, kw_only=True, tag_field="shape"):
             yield f"{key}.ramp", f'given, but profile = "{self.profile}" has no ramp; remove it'
 
 
-class BlockWaveShape(WaveShape, frozen=True, kw_only=True, tag="block_wave"):
+class BlockWaveShape(WaveShape, tag="block_wave"):
     """A block of neighbouring resting masses moves from tail to head, in *n* + 1 equal phases.
 
     Refused: an empty range of lengths; `resting` above *n*; `profile = "trapezoid"` without
@@ -100,7 +101,7 @@ class BlockWaveShape(WaveShape, frozen=True, kw_only=True, tag="block_wave"):
             )
 
 
-class AccordionShape(WaveShape, frozen=True, kw_only=True, tag="accordion"):
+class AccordionShape(WaveShape, tag="accordion"):
     """All links contract while the head rests, then extend while the tail rests.
 
     Refused: an empty range of lengths; `profile = "trapezoid"` without `ramp`, `ramp` with
@@ -108,7 +109,7 @@ class AccordionShape(WaveShape, frozen=True, kw_only=True, tag="accordion"):
     """
 
 
-class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine"):
+class SineShape(Given, tag_field="shape", tag="sine"):
     """A sine wave that runs from link to link; each link lags behind the one ahead of it.
 
     *l*<sub>j</sub> = `rest_length` + `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
@@ -131,7 +132,7 @@ class SineShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="sine")
         yield from ()
 
 
-class FileShape(Table, frozen=True, kw_only=True, tag_field="shape", tag="file"):
+class FileShape(Given, tag_field="shape", tag="file"):
     """A gait from a file.
 
     A table holds times and lengths over one closed period as text. Units in column names, `l_0

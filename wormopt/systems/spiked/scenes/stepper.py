@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, Positive, SceneTable, Table, says
+from wormopt.scene.types import NonNegative, Positive, SceneTable
+from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.scenes.gait import GivenGait, WormTable
 
@@ -18,7 +19,7 @@ Slack = Annotated[float, Meta(ge=0, le=0.4, description="a number from 0 to 0.4"
 Tick = Annotated[float, Meta(ge=1e-9, le=1, description="a number of seconds from 1e-9 to 1")]
 
 
-class MotorTable(Table, frozen=True, kw_only=True):
+class MotorTable(Given):
     """A stepping motor on a threaded rod; all links have the same motor."""
 
     lead: Annotated[Positive, says("length", "travel along the rod per turn")]
@@ -61,7 +62,7 @@ class MotorTable(Table, frozen=True, kw_only=True):
             )
 
 
-class BristleTable(Table, frozen=True, kw_only=True):
+class BristleTable(Given):
     """The bristles under the masses."""
 
     backslip: Annotated[
@@ -72,7 +73,7 @@ class BristleTable(Table, frozen=True, kw_only=True):
     ] = 0.0
 
 
-class StepperScene(SceneTable, frozen=True, kw_only=True):
+class StepperScene(SceneTable):
     """A gait as step commands, and the motion that they produce.
 
     The commands drive stepping motors on threaded rods, like the prototype in section 2.5 of

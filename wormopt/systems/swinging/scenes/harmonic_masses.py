@@ -18,11 +18,9 @@ from wormopt.scene.types import (
     PerMass,
     Positive,
     SceneTable,
-    Table,
     per,
-    says,
-    wrong_count,
 )
+from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain import (
     Friction,
     SpikeFriction,
@@ -39,7 +37,7 @@ _BALANCED = 5e-13
 _MOST = 16
 
 
-class HarmonicTable(Table, frozen=True, kw_only=True):
+class HarmonicTable(Given):
     """A harmonic of the velocities relative to the centre.
 
     The velocity is Σ<sub>k</sub> *A*<sub>ik</sub> cos(*k ω t* − *φ*<sub>ik</sub>).
@@ -52,7 +50,7 @@ class HarmonicTable(Table, frozen=True, kw_only=True):
     phase: Annotated[FinitePerMass, says("", "phases *φ*<sub>ik</sub> in degrees")] = 0.0
 
 
-class SwingingTable(Table, frozen=True, kw_only=True):
+class SwingingTable(Given):
     """Masses with prescribed velocities relative to their centre.
 
     Not allowed: velocities with a total momentum other than 0 (the message gives its value), masses
@@ -169,7 +167,7 @@ class SwingingTable(Table, frozen=True, kw_only=True):
             )
 
 
-class CourseTable(Table, frozen=True, kw_only=True):
+class CourseTable(Given):
     """A simulated motion for comparison."""
 
     velocity: Annotated[Finite, says("speed", "initial velocity *V* of the centre")] = 0.0
@@ -185,7 +183,7 @@ class CourseTable(Table, frozen=True, kw_only=True):
     ] = 2001
 
 
-class HarmonicMassesScene(SceneTable, frozen=True, kw_only=True):
+class HarmonicMassesScene(SceneTable):
     """Velocity of masses with prescribed oscillations about their centre, averaged and exact.
 
     Actuators hold the masses to prescribed harmonic velocities relative to their centre; friction

@@ -9,21 +9,15 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    Positive,
-    PositiveOrPair,
-    SceneTable,
-    Table,
-    says,
-    wrong_order,
-)
+from wormopt.scene.types import Positive, PositiveOrPair, SceneTable, wrong_order
+from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
 Signals = Annotated[tuple[Literal["signals"], ...], says("", "`signals`: signals over time")]
 
 
-class PairTable(Table, frozen=True, kw_only=True):
+class PairTable(Given):
     """Two masses on rough ground."""
 
     mass: Annotated[Positive, says("mass", "big mass")] = 1.0
@@ -45,7 +39,7 @@ class PairTable(Table, frozen=True, kw_only=True):
         return low, high
 
 
-class TwoMassScene(SceneTable, frozen=True, kw_only=True):
+class TwoMassScene(SceneTable):
     """The fastest cycle of two masses: a slow stroke and an instantaneous return.
 
     A mass that moves to and fro drives the worm. In the slow stroke of the small mass, the big mass
@@ -82,7 +76,7 @@ class TwoMassScene(SceneTable, frozen=True, kw_only=True):
             )
 
 
-class CapsuleTable(Table, frozen=True, kw_only=True):
+class CapsuleTable(Given):
     """A capsule with a mass inside."""
 
     share: Annotated[Share, says("share", "inner mass over total mass")]
@@ -92,7 +86,7 @@ class CapsuleTable(Table, frozen=True, kw_only=True):
     stroke: Annotated[Positive, says("length", "displacement of the inner mass")]
 
 
-class CapsuleScene(SceneTable, frozen=True, kw_only=True):
+class CapsuleScene(SceneTable):
     """The fastest capsule whose inner mass moves to and fro at two constant relative velocities.
 
     The inner mass has the relative velocities *u*<sub>1</sub> and −*u*<sub>2</sub> in turn, changed

@@ -1,0 +1,1 @@
+"""Kinds of study: what a user gives, what is computed from it, and when."""

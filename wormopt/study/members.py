@@ -1,0 +1,205 @@
+"""Members of a study: what it computes and reports, each declared where it is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
+from operator import attrgetter
+from string import Formatter
+from typing import Any, Generic, Literal, Self, TypeVar, overload
+
+from wormopt.errors import WormoptError
+from wormopt.quantities import NAME
+from wormopt.result import Check
+from wormopt.study.given import check_quantity
+
+T = TypeVar("T")
+Method = Callable[[Any], T]
+Role = Literal["stage", "scalar", "array", "check", "warning", "fact", "attribute", "parts"]
+
+
+class NotComputedError(WormoptError):
+    """A member that a stopped or failed study did not reach."""
+
+
+class AbsentError(NotComputedError):
+    """A member that this study does not have: a number of a float, where there is none."""
+
+
+@dataclass
+class Member(Generic[T]):
+    """One thing that a study computes.
+
+    On a study it gives the value, which is computed once and kept; on the class, this.
+    """
+
+    compute: Method[T]
+    role: Role
+    quantity: str = ""
+    meaning: str = ""  # of checks and warnings: what is said where the limit is exceeded
+    dims: tuple[str, ...] = ()
+    limit: float | str = 0.0  # a number, or the member or key that holds it
+    headline: bool = False
+    headlines: tuple[str, ...] = ()  # of several
+    when: str = ""  # member or key without which there is none
+    reported_as: str = ""  # name in results, where a key has the name of the method
+    neglected: bool = False  # a warning's number is the share that the theory neglects
+    several: bool = False  # a mapping or a sequence, with names known only when it is computed
+    declared: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)  # names known before
+    of: Any = None  # of `parts`: the dataclass
+    name: str = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name, self.__doc__ = name, getattr(self.compute, "__doc__", "")
+        self.reported_as = self.reported_as or name
+
+    @overload
+    def __get__(self, study: None, owner: Any = None) -> Self: ...
+    @overload
+    def __get__(self, study: object, owner: Any = None) -> T: ...
+    def __get__(self, study: Any, owner: Any = None) -> Any:
+        if study is None:
+            return self
+        if self.name not in vars(study):
+            vars(study)[self.name] = study.computed(self)
+        return vars(study)[self.name]
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names in results, as far as they are known before it is computed."""
+        return tuple(self.declared) if self.several else (self.reported_as,)
+
+    def may_be(self, names: Iterable[str]) -> bool:
+        """Whether results may have it, or a part of it, by one of the names."""
+        known = {name.partition(".")[0] for name in self.names}
+        several = self.several and not known and self.role in ("scalar", "array")
+        return several or any(name.partition(".")[0].replace(" ", "_") in known for name in names)
+
+    def check_words(self, known: Callable[[str], bool]) -> None:
+        """Raise TypeError, while a class is made, for words about members that it lacks."""
+        named = [self.when] if self.when else []
+        named += [self.limit] if isinstance(self.limit, str) else []
+        if self.role in ("check", "warning") and not self.several:
+            fields_ = [name for _, name, _, _ in Formatter().parse(self.meaning) if name]
+            named += [name for name in fields_ if name not in ("value", "limit")]
+        if wrong := [name for name in named if not known(name.split(".")[0])]:
+            raise TypeError(f"{self.name} names {', '.join(wrong)}, which is no member or key")
+
+
+Declared = Callable[[Method[T]], Member[T]]
+
+
+def _declare(role: Role, quantity: str, meaning: str, dims: str = "", **more: Any) -> Any:
+    check_quantity(quantity)
+    if not meaning.strip():
+        raise TypeError(f"a {role} needs a meaning")
+    if wrong := [dim for dim in dims.split() if not NAME.fullmatch(dim)]:
+        raise TypeError(f'{", ".join(wrong)}: dimensions are words, such as "mass time"')
+    named = tuple(dims.split())
+    return lambda compute: Member(compute, role, quantity, meaning, named, **more)
+
+
+def stage(compute: Method[T]) -> Member[T]:
+    """A step of the computation. It is timed, and its failure is kept with its partial result."""
+    return Member(compute, "stage")
+
+
+def scalar(
+    quantity: str, meaning: str, *, headline: bool = False, when: str = "", name: str = ""
+) -> Declared[T]:
+    """A number of the result: None if unknown, absent without what `when` names.
+
+    `name` is its name in results where a key has the name of the method.
+    """
+    return _declare("scalar", quantity, meaning, headline=headline, when=when, reported_as=name)
+
+
+def scalars(
+    declared: Mapping[str, tuple[str, str]], *, when: str = "", headline: Iterable[str] = ()
+) -> Declared[Mapping[str, Any]]:
+    """Numbers computed together, some of `declared` (name: quantity, meaning), or Scalars."""
+    known = dict(declared)
+    return lambda compute: Member(
+        compute, "scalar", several=True, declared=known, when=when, headlines=tuple(headline)
+    )
+
+
+def array(quantity: str, dims: str, meaning: str, *, when: str = "", name: str = "") -> Declared[T]:
+    """A variable of the result over dimensions, ``"mass time"`` say."""
+    return _declare("array", quantity, meaning, dims, when=when, reported_as=name)
+
+
+def arrays(
+    declared: Mapping[str, tuple[str, tuple[str, ...], str]], *, when: str = ""
+) -> Declared[Mapping[str, Any]]:
+    """Arrays computed together, some of `declared` (name: quantity, dimensions, meaning)."""
+    known = dict(declared)
+    return lambda compute: Member(compute, "array", several=True, declared=known, when=when)
+
+
+def check(
+    limit: float | str, advice: str, quantity: str = "", *, when: str = "", name: str = ""
+) -> Declared[T]:
+    """A number accepted up to a limit.
+
+    Beyond it `advice` is reported, with fields such as ``{value}``, ``{limit}``, ``{film.top}``.
+    `limit` is a number, or the name of a member or key.
+    """
+    return _declare("check", quantity, advice, limit=limit, when=when, reported_as=name)
+
+
+def warning(above: float, words: str, quantity: str = "", *, when: str = "") -> Declared[T]:
+    """A number of which the user is warned above a size."""
+    return _declare("warning", quantity, words, limit=above, when=when)
+
+
+def _several(role: Role) -> Any:
+    return partial(Member, role=role, several=True)
+
+
+def checks(compute: Method[Iterable[Check]]) -> Member[Iterable[Check]]:
+    """Checks whose number or advice is known only when they are made."""
+    return _several("check")(compute)
+
+
+def warnings(compute: Method[Iterable[str]]) -> Member[Iterable[str]]:
+    """Warnings in words."""
+    return _several("warning")(compute)
+
+
+def facts(compute: Method[Mapping[str, Any]]) -> Member[Mapping[str, Any]]:
+    """Parts of the trust report that are neither accepted nor refused, by name."""
+    return _several("fact")(compute)
+
+
+def attributes(compute: Method[Mapping[str, Any]]) -> Member[Mapping[str, Any]]:
+    """Data for pictures and exports that fit no array, by name."""
+    return _several("attribute")(compute)
+
+
+# -- results computed together: a dataclass whose fields are members -------------------------------
+
+
+def value(quantity: str, meaning: str, *, headline: bool = False, when: str = "") -> Any:
+    """A field that is a scalar of the result."""
+    return field(metadata={"member": scalar(quantity, meaning, headline=headline, when=when)})
+
+
+def signal(quantity: str, dims: str, meaning: str, *, when: str = "") -> Any:
+    """A field that is a variable of the result."""
+    return field(metadata={"member": array(quantity, dims, meaning, when=when)})
+
+
+def parts(of: type[T]) -> Declared[T]:
+    """What one function computes together, as a dataclass; each of its fields is a member too."""
+    return lambda compute: Member(compute, "parts", of=of)
+
+
+def members_of_parts(whole: Member[Any]) -> Iterator[Member[Any]]:
+    """Members of the fields of such a dataclass."""
+    for one in fields(whole.of):
+        if "member" in one.metadata:
+            made: Member[Any] = one.metadata["member"](attrgetter(f"{whole.name}.{one.name}"))
+            made.name = made.reported_as = one.name
+            yield made
