@@ -31,7 +31,7 @@ import wormopt  # noqa: E402
 from wormopt.kinds import GROUPS as KINDS_BY_SYSTEM  # noqa: E402
 from wormopt.kinds import KINDS  # noqa: E402
 from wormopt.lazy import _american  # noqa: E402
-from wormopt.scene.reference import page as page_of_kind  # noqa: E402
+from wormopt.study.reference import page as page_of_kind  # noqa: E402
 
 LOG = get_plugin_logger("wormopt")
 LINK = re.compile(r"\]\(([^)#\s:]+)((?:#[^)\s]*)?)\)")

@@ -32,9 +32,9 @@ from typing import Any
 
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.files import RESULT_FILE, SUMMARY_FILE
-from wormopt.scene import Scene, load_scene, packaged_scenes
-from wormopt.scene.scene import packaged_folder, times_of_scenes
-from wormopt.scene.toml import toml_text
+from wormopt.study import Scene, load_scene, packaged_scenes
+from wormopt.study.scene import packaged_folder, times_of_scenes
+from wormopt.study.toml import toml_text
 
 NUMBERS = [
     0, -1, 1, 2, -0.0, 0.5, 1e-300, 5e-324, 1e-30, 1e-9, 1e9, 1e30, 1e300, 1.8e308, -1e300,

@@ -11,7 +11,7 @@ import pytest
 import wormopt.systems
 from wormopt.cli import main
 from wormopt.kinds import KINDS, Kind
-from wormopt.scene.reference import page
+from wormopt.study.reference import page
 
 PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
 SCENE = 'schema = 1\nkind = "throw"\nmass = 2.0\nspeed = 3.0\nfriction = 0.5\nwant = ["path"]\n'

@@ -22,7 +22,7 @@ from wormopt.bench.design_cases import G1, Arrays, Case, Motion, draw
 from wormopt.bench.design_rivals import Found, Grid, by_milp, by_multistart, solve_grid
 from wormopt.model.gait import Gait
 from wormopt.progress import silent
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.spiked.crawl import crawl
 
 G1_OPTIMUM = 14 * math.sqrt(1394) / 125 - 839 / 250

@@ -21,7 +21,7 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError, UnknownNameError
 from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.channel import segments
 from wormopt.systems.channel.closed_forms import (
     CAPSULE,

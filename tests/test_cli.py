@@ -28,8 +28,8 @@ from wormopt.kinds import KINDS
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
-from wormopt.scene import Scene
-from wormopt.scene.output import default_folder
+from wormopt.study import Scene
+from wormopt.study.output import default_folder
 
 Study = Callable[[Scene[Any], Report], Result]
 Install = Callable[[Study], None]
@@ -541,7 +541,7 @@ def test_a_disk_that_fills_up_is_reported(
 
 
 def test_a_scene_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    from wormopt.scene import packaged_scenes
+    from wormopt.study import packaged_scenes
 
     path = tmp_path / "mein λ.toml"
     shutil.copy(packaged_scenes()["fast_gait"], path)

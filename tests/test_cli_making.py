@@ -16,9 +16,9 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.cli.synonyms import SYNONYMS, has_all
 from wormopt.kinds import GROUPS, KINDS
-from wormopt.scene import packaged_scenes
-from wormopt.scene.reference import schema
-from wormopt.scene.scene import times_of_scenes
+from wormopt.study import packaged_scenes
+from wormopt.study.reference import schema
+from wormopt.study.scene import times_of_scenes
 
 BASH = shutil.which("bash")
 

@@ -15,8 +15,8 @@ import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.model.model import Model
-from wormopt.scene.scene import load_scene
 from wormopt.simulation.options import Tolerance
+from wormopt.study.scene import load_scene
 from wormopt.systems.coils.cargo import Float, floated_film
 from wormopt.systems.coils.layer import Ends, Layer
 from wormopt.systems.coils.runs.cargo import float_of

@@ -14,7 +14,7 @@ from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.magnetics.travelling import shifted_course, switched_course
 from wormopt.numerics.evolution import evolve
 from wormopt.numerics.workers import Workers
-from wormopt.scene.scene import load_scene
+from wormopt.study.scene import load_scene
 from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.design.mean_field import wave_pattern
 from wormopt.systems.coils.design.pattern import Copper, Form, Pattern, block

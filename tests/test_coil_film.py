@@ -15,8 +15,8 @@ from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.magnetics.ripples import growth_rate
 from wormopt.model.model import Model, Signal
 from wormopt.progress import silent
-from wormopt.scene.scene import load_scene
 from wormopt.simulation.options import Tolerance
+from wormopt.study.scene import load_scene
 from wormopt.systems.coils.film import coil_film, surface_film
 from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.profile import settle

@@ -18,7 +18,7 @@ from wormopt.magnetics.travelling import MovingProfile
 from wormopt.ocp.nlp import Ipopt
 from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.coils import row_currents
 from wormopt.systems.coils.runs import coil_inverse, coil_row
 from wormopt.systems.film.cosine import CosineWave

@@ -14,8 +14,8 @@ import pytest
 
 import wormopt as wo
 from wormopt.kinds import KINDS
-from wormopt.scene.reference import page as page_of_kind
-from wormopt.scene.scene import times_of_scenes
+from wormopt.study.reference import page as page_of_kind
+from wormopt.study.scene import times_of_scenes
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -25,7 +25,7 @@ from wormopt.exports.files import identifier
 from wormopt.exports.matlab import field_names
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.chain import chain
 from wormopt.systems.chain.runs import simulate, track
 from wormopt.systems.recorded.recordings import runs_of

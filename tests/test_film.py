@@ -21,7 +21,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, field_of, gaussian_pressure, magnetic_pressure
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.lubrication import (
     field_slope,

@@ -16,9 +16,9 @@ from scipy.optimize import brentq
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model
-from wormopt.scene import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import float_drift

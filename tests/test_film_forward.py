@@ -14,7 +14,7 @@ from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.quantities import Variable
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.shapes import grid
 

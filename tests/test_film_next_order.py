@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.film import next_order
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import CAPTURE_DELTA, corrected_drift, float_drift

@@ -14,7 +14,7 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.ocp.nlp import Bounds, Ipopt, NonlinearProgram
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.design.check import check_wave, cosine_beside, sampled
 from wormopt.systems.film.design.search import DesignedWave, best_wave

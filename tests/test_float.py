@@ -16,9 +16,9 @@ from scipy.optimize import brentq
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study import load_scene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import (
     CAPTURE_DELTA,

@@ -16,7 +16,7 @@ from wormopt.control.frozen import FrozenLoop, Plant
 from wormopt.control.tube_gain import Task, least_gain, peak_gains, static_gains
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.friction import Coulomb, Spike, Viscous
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.frozen import bisect, task_of
 from wormopt.systems.chain.runs import linear

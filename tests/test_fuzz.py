@@ -18,8 +18,8 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError
 from wormopt.numerics.workers import Engine, using
-from wormopt.scene import load_scene, packaged_scenes
-from wormopt.scene.scene import packaged_folder
+from wormopt.study import load_scene, packaged_scenes
+from wormopt.study.scene import packaged_folder
 
 unix = pytest.mark.skipif(sys.platform == "win32", reason="has no such limits and signals")
 

@@ -21,9 +21,9 @@ from wormopt.model.friction import Coulomb, Law, Spike
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal, Switch
 from wormopt.result import Result
-from wormopt.scene import load_scene, packaged_scenes
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.chain.build import chain
 from wormopt.systems.gears.adaptive import Body, geared_chain
 from wormopt.systems.gears.box import GearBox, gear_box

@@ -22,9 +22,9 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb, Law, Stribeck, Viscous
 from wormopt.result import Result
-from wormopt.scene import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.swinging import steady as steadies
 from wormopt.systems.swinging.harmonic_masses import (

@@ -35,7 +35,7 @@ from wormopt.magnetics.material import MU0
 from wormopt.magnetics.winding import Coil
 from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.coils import rested as at_rest
 from wormopt.systems.coils.profile import Collocation, Profile, Settled, Stop, nodes_of, settle
 from wormopt.systems.coils.rested import Rested

@@ -16,8 +16,8 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.friction import Coulomb
 from wormopt.numerics.newton import newton
-from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.pair.averaged import averaged_pair, steady_pair
 from wormopt.systems.pair.exact import magnetic_pair
 from wormopt.systems.pair.slow import from_slow, slow_pair

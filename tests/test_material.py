@@ -31,7 +31,7 @@ from wormopt.magnetics.material import (
 )
 from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scene import load_scene, packaged_scenes
+from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.coils.runs import material as study
 
 SCENE = "fig12_stress_strain"

@@ -17,7 +17,7 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.coils.membrane import Choice, Membrane
 
 SCENE = "membrane"

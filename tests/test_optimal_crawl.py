@@ -18,8 +18,8 @@ from wormopt.ocp.motion import Guess, Motion, sample
 from wormopt.ocp.optimise import optimise
 from wormopt.ocp.transcription import Transcription
 from wormopt.result import Result
-from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.copies import scenario_model
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess

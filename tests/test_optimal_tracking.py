@@ -20,8 +20,8 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.plotting import draw
 from wormopt.result import Result
-from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
-from wormopt.scene import packaged_scenes
+from wormopt.study import packaged_scenes
 
 SAME: list[tuple[Any, dict[str, Any]]] = [
     ("worm.load=3", {}),

@@ -18,8 +18,8 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal
 from wormopt.ocp.problem import ramped
 from wormopt.result import Result
-from wormopt.scene import load_scene
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.pair import waveform
 from wormopt.systems.pair.averaged import steady_pair
 from wormopt.systems.pair.driven_pair import (

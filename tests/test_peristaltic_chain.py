@@ -19,11 +19,11 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Signal, pack
 from wormopt.model.schedule import Schedule
 from wormopt.numerics.identically import identically_zero
-from wormopt.scene import load_scene
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study import load_scene
 from wormopt.systems.peristaltic.chain.chain import Body, peristaltic_worm
 from wormopt.systems.peristaltic.chain.crawl import Anchors, crawl, energy_error, second_route
 from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround, Ground

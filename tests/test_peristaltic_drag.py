@@ -17,7 +17,7 @@ from wormopt.model.model import Model
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.peristaltic.drag.large_gaits import DragAim, best_gait
 from wormopt.systems.peristaltic.drag.small_gaits import (
     area_matrix,

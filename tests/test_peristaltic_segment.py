@@ -24,7 +24,7 @@ from wormopt.numerics.chebyshev import resolve
 from wormopt.numerics.roots import root
 from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.peristaltic.runs.segment import _wall_work, run
 from wormopt.systems.peristaltic.segment.barrel import (
     barrel_meridian,

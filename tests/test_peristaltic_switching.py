@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.peristaltic.switching import orders
 from wormopt.systems.peristaltic.switching.orders import all_rings, exchanged, search, states_of
 from wormopt.systems.peristaltic.switching.switching import (

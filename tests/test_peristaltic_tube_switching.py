@@ -10,7 +10,7 @@ from scipy.optimize import differential_evolution, root_scalar
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
 from wormopt.systems.peristaltic.anchored.gait import anchored_wave
 from wormopt.systems.peristaltic.switching.orders import search

@@ -19,11 +19,11 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.friction import Coulomb, NoSlip, Spike, Viscous
 from wormopt.model.model import Model, pack
 from wormopt.model.planar_friction import Elliptic
-from wormopt.scene import load_scene
 from wormopt.simulation.moreau import MoreauJean
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.walls import smooth_walls
+from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.planar.body.obstacles import Disc, Wall
 from wormopt.systems.planar.body.shape import chain_shape, rigid_shape

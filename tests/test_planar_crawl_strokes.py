@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.crawling.recheck import cross, even_displacement, most_resistance
 from wormopt.systems.planar.crawling.record import quadrature, record

@@ -16,7 +16,7 @@ from scipy.optimize import differential_evolution
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.planar.body.se2 import compose
 from wormopt.systems.planar.body.shape import Shape, chain_shape
 from wormopt.systems.planar.body.strokes import Polygon

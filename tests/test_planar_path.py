@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.planar_friction import Elliptic
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, between, inside
 from wormopt.systems.planar.body.se2 import compose, inverse
 from wormopt.systems.planar.body.shape import chain_shape

@@ -8,8 +8,8 @@ import pytest
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.quantities import UNITS
-from wormopt.scene import packaged_scenes
-from wormopt.scene.plausible import USUAL
+from wormopt.study import packaged_scenes
+from wormopt.study.plausible import USUAL
 
 
 @pytest.mark.parametrize("name", packaged_scenes())

@@ -23,9 +23,9 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model, Signal
 from wormopt.model.path import piecewise_constant
 from wormopt.result import Result
-from wormopt.scene import load_scene
 from wormopt.simulation.ensemble import simulate_ensemble
 from wormopt.simulation.options import Smooth, Tolerance
+from wormopt.study import load_scene
 from wormopt.systems.chain.readings import (
     SENTENCES,
     Course,

@@ -18,8 +18,8 @@ from wormopt.fitting.inference.posterior import Posterior
 from wormopt.numerics.workers import Engine, using
 from wormopt.quantities import Variable
 from wormopt.result import Result
-from wormopt.scene import load_scene
-from wormopt.scene.scene import scene_within
+from wormopt.study import load_scene
+from wormopt.study.scene import scene_within
 from wormopt.systems.chain import chain
 from wormopt.systems.recorded.columns import read_columns
 from wormopt.systems.recorded.recordings import Run, runs_of

@@ -25,8 +25,8 @@ from wormopt.reports.motion import moving
 from wormopt.reports.page import LARGEST
 from wormopt.reports.words import marked, number, public, unit_text
 from wormopt.result import Result
-from wormopt.scene import packaged_scenes
-from wormopt.scene.toml import toml_text
+from wormopt.study import packaged_scenes
+from wormopt.study.toml import toml_text
 from wormopt.version import VERSION
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)> \"'&<b>"

@@ -24,9 +24,9 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.friction import Coulomb
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
-from wormopt.scene import load_scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import fast_gait
 

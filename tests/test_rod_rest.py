@@ -16,7 +16,7 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.plotting import figure
 from wormopt.progress import silent
 from wormopt.result import Check, Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.channel import rod_rest
 from wormopt.systems.channel.closed_forms import ChannelWorm
 from wormopt.systems.channel.curve import Curve

@@ -18,8 +18,8 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError
 from wormopt.quantities import UNITS
-from wormopt.scene import load_scene
-from wormopt.scene.reference import schema
+from wormopt.study import load_scene
+from wormopt.study.reference import schema
 from wormopt.units import has_unit, parsed, to_number
 
 PINT = pint.UnitRegistry()

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 
 from wormopt.cli import main
 from wormopt.errors import SceneError
-from wormopt.scene import Scene, load_scene, packaged_scenes
+from wormopt.study import Scene, load_scene, packaged_scenes
 from wormopt.systems.spiked.limits import Limits, Rates
 from wormopt.systems.spiked.scenes.gait import BlockWave, FastGait
 

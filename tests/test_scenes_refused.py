@@ -11,7 +11,7 @@ from hypothesis import given, settings
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 
 # Base scene, change as for --set, key path and part of the message.
 HOSTILE = [

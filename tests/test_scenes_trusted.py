@@ -20,9 +20,9 @@ from wormopt.model.friction import Coulomb
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import NOT_RECHECKED, Result
-from wormopt.scene import load_scene, packaged_scenes
 from wormopt.simulation.options import Route, Smooth
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.shared import proof, signals
 from wormopt.systems.shared.proof import warnings_of_contact
 

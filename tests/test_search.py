@@ -24,7 +24,7 @@ from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.progress import silent
 from wormopt.runner import attempt
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.shared.sequences import (
     Sequence_,
     canonical,

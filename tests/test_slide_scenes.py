@@ -16,7 +16,7 @@ from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.ocp.motion import Guess
 from wormopt.result import Result
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.block import run as slide
 from wormopt.systems.block.block import phases_of
 from wormopt.systems.shared import optimum

@@ -21,7 +21,7 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.plotting import figure
 from wormopt.result import Result
-from wormopt.scene import load_scene, packaged_scenes
+from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.files import gait_of_result

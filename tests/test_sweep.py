@@ -25,9 +25,9 @@ from wormopt.cli import main
 from wormopt.cli.printing import print_result
 from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Engine
-from wormopt.scene import load_scene
-from wormopt.scene.reference import quantity_of
-from wormopt.scene.swept import Swept
+from wormopt.study import load_scene
+from wormopt.study.reference import quantity_of
+from wormopt.study.swept import Swept
 from wormopt.sweeps.axes import plan
 from wormopt.sweeps.gathered import as_csv
 from wormopt.sweeps.store import Job, code_of, compute, key_of

@@ -22,9 +22,9 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import optimise
 from wormopt.plotting import draw
 from wormopt.result import Result
-from wormopt.scene import load_scene
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
+from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import followed_by_lqr

@@ -14,10 +14,10 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import SceneError, SolveError
 from wormopt.result import Result
-from wormopt.scene import load_scene
 from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study import load_scene
 from wormopt.systems.chain import measured
 from wormopt.systems.chain.runs import track
 from wormopt.systems.chain.runs.chains import build_loop, draw_links

@@ -14,8 +14,8 @@ import wormopt as wo
 from wormopt.digest import trust
 from wormopt.quantities import Scalar
 from wormopt.result import NOT_RECHECKED, Check, Result, Unchecked, left_out
-from wormopt.scene import load_scene
-from wormopt.scene.conclude import conclude
+from wormopt.study import load_scene
+from wormopt.study.conclude import conclude
 from wormopt.systems.film.units import Fluid
 
 GRAVITY = 9.80665

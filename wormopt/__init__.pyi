@@ -155,8 +155,8 @@ from wormopt.simulation.ensemble import Scenario as Scenario
 from wormopt.numerics.workers import Engine as Engine
 
 # Group: Results and files
-from wormopt.scene import load_scene as load_scene
-from wormopt.scene import Scene as Scene
+from wormopt.study import load_scene as load_scene
+from wormopt.study import Scene as Scene
 from wormopt.runner import run as run
 from wormopt.result import Result as Result
 from wormopt.result import Check as Check

@@ -12,7 +12,7 @@ _ROOT = Path(__file__).parent
 # What is kept by such a hash is read back as of this form; a new number for a new form.
 _FORM = 1
 # Rooms that compute nothing. What scenes say is part of the names of the files.
-_SHOWS = {"scene", "scenes", "plotting", "plots", "quantities", "result", "saving", "errors",
+_SHOWS = {"study", "scenes", "plotting", "plots", "quantities", "result", "saving", "errors",
           "files", "kinds", "progress", "version"}  # fmt: skip
 
 

@@ -417,7 +417,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 
 SWEEP = Kind(
     summary="compute a scene at many values of some of its keys",
-    table="wormopt.scene.swept:Swept",
+    table="wormopt.study.swept:Swept",
     study="wormopt.sweeps.sweep",
     pictures={"sweep": "wormopt.sweeps.plots:sweep"},
     exports={"points.csv": "wormopt.sweeps.gathered:as_csv"},

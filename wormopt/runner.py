@@ -12,8 +12,8 @@ from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.files import RESULT_FILE
 from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
-from wormopt.scene import Scene, load_scene
-from wormopt.scene.overrides import Overrides
+from wormopt.study import Scene, load_scene
+from wormopt.study.overrides import Overrides
 
 if TYPE_CHECKING:
     from wormopt.result import Result
@@ -88,7 +88,7 @@ def attempt(scene: Scene[Any], report: Report = silent) -> Result:
 
 def _failed(scene: Scene[Any], partial: object, reason: str = "") -> Result:
     from wormopt.result import Result
-    from wormopt.scene.conclude import conclude
+    from wormopt.study.conclude import conclude
 
     # a motion that a study came upon is no Result of it
     found = partial if isinstance(partial, Result) else conclude(scene, {})

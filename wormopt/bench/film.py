@@ -16,7 +16,7 @@ from wormopt.bench.run import OWN
 from wormopt.errors import SolveError
 from wormopt.model.model import pack
 from wormopt.progress import silent
-from wormopt.scene import load_scene
+from wormopt.study import load_scene
 from wormopt.systems.coils.film import coil_film
 from wormopt.systems.coils.runs.coil_film import Setup, setup_of
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from wormopt.cli.codes import DONE
 from wormopt.kinds import KINDS
-from wormopt.scene import packaged_scenes
+from wormopt.study import packaged_scenes
 
 _SHELLS = ("bash", "zsh", "tcsh", "fish", "powershell")
 # Candidates for SCENE: packaged scenes, TOML files, and folders that may hold them.

@@ -13,7 +13,7 @@ from wormopt.cli.codes import DONE, kind_name
 from wormopt.errors import OutputError
 from wormopt.files import is_there, write_files
 
-_MADE_BY = b'"$comment": "made by wormopt schema '  # see wormopt.scene.reference
+_MADE_BY = b'"$comment": "made by wormopt schema '  # see wormopt.study.reference
 
 
 def add(commands: Any) -> None:
@@ -66,7 +66,7 @@ def _help(options: argparse.Namespace) -> int:
     if not options.kind:
         options.parser.print_help()
         return DONE
-    from wormopt.scene.reference import page
+    from wormopt.study.reference import page
 
     text = page(options.kind)
     if not sys.stdout.isatty():
@@ -88,7 +88,7 @@ def _for_terminals(page: str) -> str:
 
 
 def _new(options: argparse.Namespace) -> int:
-    from wormopt.scene.template import template
+    from wormopt.study.template import template
 
     path = Path(options.output or f"{options.kind}.toml")
     if path.suffix != ".toml":
@@ -116,6 +116,6 @@ def _schema(options: argparse.Namespace) -> int:
 
 
 def _text(kind: str) -> str:
-    from wormopt.scene.reference import schema
+    from wormopt.study.reference import schema
 
     return json.dumps(schema(kind), indent=1, ensure_ascii=False) + "\n"

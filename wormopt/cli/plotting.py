@@ -14,7 +14,7 @@ from wormopt.cli.codes import DONE, check_backend, say
 from wormopt.errors import ArgumentError, UnknownNameError
 from wormopt.files import MOVING, RESULT_FILE, STILL, picture_file, refuse_obstacle, write_files
 from wormopt.runner import result_at
-from wormopt.scene.output import earlier_result, enlist
+from wormopt.study.output import earlier_result, enlist
 
 if TYPE_CHECKING:
     from wormopt.result import Result

@@ -22,8 +22,8 @@ from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
 from wormopt.kinds import KINDS
 from wormopt.progress import shown_on_stderr
 from wormopt.runner import attempt
-from wormopt.scene import Scene, load_scene
-from wormopt.scene.output import (
+from wormopt.study import Scene, load_scene
+from wormopt.study.output import (
     Output,
     changed,
     check_output,

@@ -10,8 +10,8 @@ from wormopt.cli.codes import BAD_INPUT, DONE, kind_name, say
 from wormopt.cli.synonyms import has_all
 from wormopt.errors import SceneError
 from wormopt.kinds import GROUPS, KINDS
-from wormopt.scene import Scene, load_scene, packaged_scenes
-from wormopt.scene.scene import times_of_scenes
+from wormopt.study import Scene, load_scene, packaged_scenes
+from wormopt.study.scene import times_of_scenes
 
 
 def add(commands: Any) -> None:

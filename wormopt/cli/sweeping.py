@@ -13,8 +13,8 @@ from wormopt.errors import Interrupted, OutputError, SceneError
 from wormopt.files import POINTS, RESULT_FILE, SUMMARY_FILE, picture_file
 from wormopt.kinds import SWEEP
 from wormopt.progress import shown_on_stderr
-from wormopt.scene import load_scene
-from wormopt.scene.output import Output, check_output, default_folder
+from wormopt.study import load_scene
+from wormopt.study.output import Output, check_output, default_folder
 
 _DESCRIPTION = """\
 Compute a scene at many values of some of its keys. The table [sweep] of the scene or

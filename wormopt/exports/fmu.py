@@ -34,10 +34,10 @@ from wormopt.model.schedule import Schedule
 from wormopt.model.values import signal_values
 from wormopt.quantities import UNITS, unit_of
 from wormopt.result import Result
-from wormopt.scene.scene import scene_of_text
 from wormopt.shown import one_line
 from wormopt.simulation.native.build import SHARED, SUFFIX, compiler, said
 from wormopt.simulation.options import Smooth
+from wormopt.study.scene import scene_of_text
 from wormopt.systems.shared.settings import treatment_of
 
 _HEADER = "fmi3Functions.h"

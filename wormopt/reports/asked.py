@@ -16,9 +16,8 @@ from wormopt.quantities import ABSOLUTE, UNITS, unit_of
 from wormopt.reports.parts import code, details, scrolled, table
 from wormopt.reports.words import escaped, marked, public, unit_text, value_text
 from wormopt.result import Result
-from wormopt.scene.read import read_table
-from wormopt.scene.toml import toml_text
-from wormopt.study.given import default_of, meaning
+from wormopt.study.given import default_of, meaning, read_table
+from wormopt.study.toml import toml_text
 
 _ELSEWHERE = ("schema", "kind", "title", "units", "want")  # said in other places, or not worth it
 

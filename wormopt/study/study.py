@@ -14,14 +14,14 @@ from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result, left_out
-from wormopt.scene.conclude import status_of
-from wormopt.scene.plausible import surprises
-from wormopt.scene.reference import quantity_of
-from wormopt.scene.types import FOLDER, SceneTable
 from wormopt.shown import brief
-from wormopt.study.given import key
+from wormopt.study.conclude import status_of
+from wormopt.study.given import entry
 from wormopt.study.later import load
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
+from wormopt.study.plausible import surprises
+from wormopt.study.reference import quantity_of
+from wormopt.study.types import FOLDER, SceneTable
 
 _PLACE = ("_name", "_folder")  # what a study knows of where it comes from
 
@@ -54,8 +54,8 @@ class Study(SceneTable):
     exports: ClassVar[Mapping[str, str]] = {}
     """Further files by name: "module:function" giving its text of the result, or None."""
 
-    schema: Literal[1] = key("version of the scene form", default=1)
-    kind: str = key("what the scene computes", default="")
+    schema: Literal[1] = entry("version of the scene form", default=1)
+    kind: str = entry("what the scene computes", default="")
 
     def __init_subclass__(cls, **config: Any) -> None:
         super().__init_subclass__(**config)
@@ -98,7 +98,7 @@ class Study(SceneTable):
     @property
     def scene(self) -> Any:
         """The study as a Scene."""
-        from wormopt.scene.scene import Scene
+        from wormopt.study.scene import Scene
 
         return Scene(self.name, self.folder, self)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.scene.swept import RANGE, Swept
+from wormopt.study.swept import RANGE, Swept
 
 Point = Mapping[str, Any]
 """Key -> value as a scene says it."""

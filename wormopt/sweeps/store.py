@@ -31,8 +31,8 @@ from wormopt.quantities import Scalar
 from wormopt.result import Result
 from wormopt.runner import attempt
 from wormopt.saving import write_netcdf
-from wormopt.scene import Scene
-from wormopt.scene.conclude import conclude
+from wormopt.study import Scene
+from wormopt.study.conclude import conclude
 
 Keep = Literal["results", "scalars"]
 Status = Literal["ok", "failed", "refused", "not computed", "unchecked"]

@@ -20,10 +20,10 @@ from wormopt.errors import ArgumentError, Fault, Interrupted, SceneError, SolveE
 from wormopt.numerics.workers import Engine, Workers, using
 from wormopt.progress import Report, silent
 from wormopt.result import Result
-from wormopt.scene import Scene, load_scene
-from wormopt.scene.overrides import Overrides
-from wormopt.scene.read import read_value
-from wormopt.scene.swept import Swept
+from wormopt.study import Scene, load_scene
+from wormopt.study.given import read_value
+from wormopt.study.overrides import Overrides
+from wormopt.study.swept import Swept
 from wormopt.sweeps.axes import Plan, plan
 from wormopt.sweeps.gathered import gathered
 from wormopt.sweeps.store import (

@@ -19,7 +19,7 @@ from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.motion import Curve, Guess
 from wormopt.ocp.problem import Constraint, Ends, Problem
-from wormopt.scene.numerics import SmoothContact
+from wormopt.study.numerics import SmoothContact
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain import law_of
 

@@ -20,8 +20,8 @@ from wormopt.ocp.structure import structure_of
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.progress import Report
 from wormopt.result import Result
-from wormopt.scene.numerics import SmoothContact
-from wormopt.scene.scene import Scene
+from wormopt.study.numerics import SmoothContact
+from wormopt.study.scene import Scene
 from wormopt.systems.block.block import Phases, cubic_guess, phases_of, problem_of
 from wormopt.systems.block.scenes import SlideScene
 from wormopt.systems.chain import law_of

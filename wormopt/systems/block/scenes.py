@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from msgspec import field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Contacts, ExactContact, MeshTable
-from wormopt.scene.types import Finite, Positive, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive
+from wormopt.study.numerics import Contacts, ExactContact, MeshTable
+from wormopt.study.types import SceneTable
 from wormopt.systems.chain import Friction, faults_of_law, held_at_rest
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
@@ -20,16 +20,16 @@ from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 class Place(Given):
     """Position and velocity of the block."""
 
-    position: Annotated[Finite, says("length", "place")]
-    velocity: Annotated[Finite, says("speed", "velocity at this position")] = 0.0
+    position: float = number("length", "place")
+    velocity: float = number("speed", "velocity at this position", default=0.0)
 
 
 class BlockTable(Given):
     """The block."""
 
-    mass: Annotated[Positive, says("mass", "mass")] = 1.0
-    force: Annotated[Positive, says("force", "largest drive in both directions")]
-    friction: Annotated[Friction, says("", "friction law of the ground")]
+    mass: float = positive("mass", "mass", default=1.0)
+    force: float = positive("force", "largest drive in both directions")
+    friction: Friction = entry("friction law of the ground")
 
 
 class SlideScene(SceneTable):
@@ -59,16 +59,16 @@ class SlideScene(SceneTable):
     }
 
     kind: Literal["slide"]
-    want: Annotated[tuple[Literal["signals"], ...], says("", "`signals`: signals over time")] = ()
-    block: Annotated[BlockTable, says("", "the block")]
-    start: Annotated[Place, says("", "initial state")]
-    end: Annotated[Place, says("", "final state")]
-    minimise: Annotated[Literal["time", "effort"], says("", "minimised quantity")] = "time"
-    time: Annotated[
-        Positive | None, says("time", 'upper limit of the duration; required for `"effort"`')
-    ] = None
+    want: tuple[Literal["signals"], ...] = entry("`signals`: signals over time", default=())
+    block: BlockTable = entry("the block")
+    start: Place = entry("initial state")
+    end: Place = entry("final state")
+    minimise: Literal["time", "effort"] = entry("minimised quantity", default="time")
+    time: float | None = positive(
+        "time", 'upper limit of the duration; required for `"effort"`', default=None
+    )
     contact: Contacts = field(default_factory=ExactContact)
-    mesh: Annotated[MeshTable, says("", "mesh in time")] = field(default_factory=MeshTable)
+    mesh: MeshTable = entry("mesh in time", default=MeshTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

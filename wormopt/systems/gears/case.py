@@ -11,8 +11,8 @@ import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.quantities import GRAVITY
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.gears.box import GearBox, gear_box
 from wormopt.systems.gears.gear import Gear, Limits
 from wormopt.systems.gears.ground import Ground

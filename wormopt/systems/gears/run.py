@@ -13,11 +13,11 @@ import numpy as np
 from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.chain import law_of
 from wormopt.systems.gears.adaptive import Body, geared_chain
 from wormopt.systems.gears.case import Case

@@ -7,20 +7,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
+from wormopt.study.given import Given, entry, number, positive, wrong_count
+from wormopt.study.types import (
     Finite,
     NonNegative,
     Pair,
     PerMass,
-    Positive,
     SceneTable,
     per,
     wrong_order,
 )
-from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain import CoulombFriction, SpikeFriction, faults_of_law
 from wormopt.systems.shared.incline import Gravity
 from wormopt.systems.spiked import AccordionShape, BlockWaveShape, FileShape, Links
@@ -39,12 +38,11 @@ Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]
 class ShiftedWormTable(Given):
     """A chain of *n* + 1 point masses with spikes, joined by *n* links that follow their gait."""
 
-    links: Annotated[Links, says("count", "number of links *n*")]
-    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>; mass 0 is the head")]
-    drag: Annotated[
-        NonNegative,
-        says("drag", "*k*: viscous drag of each mass, as assumed by the supervisor"),
-    ] = 0.0
+    links: Links = entry("number of links *n*", quantity="count")
+    mass: PerMass = entry("point masses *m*<sub>i</sub>; mass 0 is the head", quantity="mass")
+    drag: float = number(
+        "drag", "*k*: viscous drag of each mass, as assumed by the supervisor", least=0, default=0.0
+    )
 
 
 class GroundTable(Given):
@@ -54,26 +52,24 @@ class GroundTable(Given):
     """
 
     place: Annotated[
-        tuple[Finite, ...],
-        Meta(min_length=1, description="a list of increasing numbers"),
-        says("length", "positions along the route"),
-    ]
-    slope: Annotated[
-        Angle | tuple[Angle, ...],
-        says(
-            "rad",
-            "angle at which the ground rises there: *m*<sub>i</sub> *g* sin(`slope`) is added to "
-            "the load on each mass; needs equal masses",
-        ),
-    ] = 0.0
+        tuple[Finite, ...], Meta(min_length=1, description="a list of increasing numbers")
+    ] = entry("positions along the route", quantity="length")
+    slope: Angle | tuple[Angle, ...] = entry(
+        "angle at which the ground rises there: *m*<sub>i</sub> *g* sin(`slope`) is added to "
+        "the load on each mass; needs equal masses",
+        quantity="rad",
+        default=0.0,
+    )
     gravity: Gravity = None
-    load: Annotated[Along, says("force", "force on each mass against forward motion")] = 0.0
-    towed: Annotated[
-        Along, says("force", "additional force on the tail against forward motion: a towed load")
-    ] = 0.0
-    drag: Annotated[
-        Along | None, says("drag", "true drag *k* of each mass; default: `worm.drag`")
-    ] = None
+    load: Along = entry("force on each mass against forward motion", quantity="force", default=0.0)
+    towed: Along = entry(
+        "additional force on the tail against forward motion: a towed load",
+        quantity="force",
+        default=0.0,
+    )
+    drag: Along | None = entry(
+        "true drag *k* of each mass; default: `worm.drag`", quantity="drag", default=None
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys."""
@@ -93,41 +89,44 @@ class GroundTable(Given):
 class ShiftLimitsTable(Given):
     """Limits of the gears and of the transitions between them."""
 
-    spike_load: Annotated[Positive, says("force", "largest load on one spike")]
-    actuator_force: Annotated[
-        Positive | None, says("force", "largest force of each actuator; default: unlimited")
-    ] = None
-    rate: Annotated[Positive, says("speed", "largest rate of each link length")]
-    acceleration: Annotated[Positive, says("acceleration", "largest acceleration of each length")]
-    length: Annotated[Pair, says("length", "shortest and longest link length")]
-    resting: Annotated[
-        Few, says("count", "smallest number of masses at rest throughout a transition")
-    ] = 1
+    spike_load: float = positive("force", "largest load on one spike")
+    actuator_force: float | None = positive(
+        "force", "largest force of each actuator; default: unlimited", default=None
+    )
+    rate: float = positive("speed", "largest rate of each link length")
+    acceleration: float = positive("acceleration", "largest acceleration of each length")
+    length: Pair = entry("shortest and longest link length", quantity="length")
+    resting: Few = entry(
+        "smallest number of masses at rest throughout a transition", quantity="count", default=1
+    )
 
 
 class SupervisorTable(Given):
     """Rules for shifting by loads measured over whole cycles."""
 
-    down: Annotated[
-        Share,
-        says("share", "shift down if estimated peak loads exceed this share of the limits"),
-    ] = 0.9
-    up: Annotated[
-        Share,
-        says(
-            "share",
-            "shift up if peak loads in the next faster gear would stay below this share; less "
-            "than `down`",
-        ),
-    ] = 0.85
-    dwell: Annotated[NonNegative, says("time", "shortest time in a gear")] = 0.0
+    down: float = number(
+        "share",
+        "shift down if estimated peak loads exceed this share of the limits",
+        above=0,
+        most=1,
+        default=0.9,
+    )
+    up: float = number(
+        "share",
+        "shift up if peak loads in the next faster gear would stay below this share; less "
+        "than `down`",
+        above=0,
+        most=1,
+        default=0.85,
+    )
+    dwell: float = number("time", "shortest time in a gear", least=0, default=0.0)
 
 
 class WayTable(Given):
     """Start and goal of the mean position of the masses."""
 
-    start: Annotated[Finite, says("length", "mean position of the masses at time 0")] = 0.0
-    goal: Annotated[Finite, says("length", "mean position of the masses at the end")]
+    start: float = number("length", "mean position of the masses at time 0", default=0.0)
+    goal: float = number("length", "mean position of the masses at the end")
 
 
 class AdaptiveTable(Given):
@@ -136,23 +135,20 @@ class AdaptiveTable(Given):
     The tracker is that of eq. 13 of Zimmermann et al. 2007 [1].
     """
 
-    stiffness: Annotated[Positive, says("stiffness", "stiffness *c* of each link")]
-    damping: Annotated[NonNegative, says("drag", "damping *d* of each link")]
-    friction: Annotated[
-        CoulombFriction | SpikeFriction,
-        says("", 'friction of the ground, `kind = "spike"` or `"coulomb"`'),
-    ] = field(default_factory=SpikeFriction)
-    tube_radius: Annotated[Positive, says("length", "tube radius *λ* of the tracker")]
-    gain_start: Annotated[Positive, says("1", "initial gain *k*(0)")] = 1.0
-    growth: Annotated[Positive, says("1", "growth rate *γ* of the gain")] = 1.0
-    memory: Annotated[
-        Positive | None,
-        says(
-            "time",
-            "averaging time of the load measured on each mass, by which actuators share the load "
-            "among the spikes; default: a quarter of the shortest cycle",
-        ),
-    ] = None
+    stiffness: float = positive("stiffness", "stiffness *c* of each link")
+    damping: float = number("drag", "damping *d* of each link", least=0)
+    friction: CoulombFriction | SpikeFriction = entry(
+        'friction of the ground, `kind = "spike"` or `"coulomb"`', default=SpikeFriction
+    )
+    tube_radius: float = positive("length", "tube radius *λ* of the tracker")
+    gain_start: float = positive("1", "initial gain *k*(0)", default=1.0)
+    growth: float = positive("1", "growth rate *γ* of the gain", default=1.0)
+    memory: float | None = positive(
+        "time",
+        "averaging time of the load measured on each mass, by which actuators share the load "
+        "among the spikes; default: a quarter of the shortest cycle",
+        default=None,
+    )
 
 
 GearTable = BlockWaveShape | AccordionShape | FileShape
@@ -230,34 +226,27 @@ class GaitShiftScene(SceneTable):
     }
 
     kind: Literal["gait-shift"]
-    want: Annotated[
-        tuple[Literal["shift", "transitions"], ...],
-        says(
-            "",
-            "`shift`: gear, loads with their limits and position over time; `transitions`: speed "
-            "and admissible loads of each gear",
-        ),
-    ] = ()
-    worm: Annotated[ShiftedWormTable, says("", "the worm")]
+    want: tuple[Literal["shift", "transitions"], ...] = entry(
+        "`shift`: gear, loads with their limits and position over time; `transitions`: speed "
+        "and admissible loads of each gear",
+        default=(),
+    )
+    worm: ShiftedWormTable = entry("the worm")
     gears: Annotated[
         tuple[GearTable, ...],
         Meta(min_length=2, max_length=8, description="a list of 2 to 8 tables"),
-        says(
-            "",
-            "the gaits; `shape` selects the other keys. Only polynomials: "
-            '`profile = "quintic"` or `"trapezoid"`, a design, or a table',
-        ),
-    ]
-    limits: Annotated[ShiftLimitsTable, says("", "limits of gears and transitions")]
-    ground: Annotated[GroundTable, says("", "the ground along the route")]
-    way: Annotated[WayTable, says("", "the route")]
-    supervisor: Annotated[SupervisorTable, says("", "rules for shifting")] = field(
-        default_factory=SupervisorTable
+    ] = entry(
+        "the gaits; `shape` selects the other keys. Only polynomials: "
+        '`profile = "quintic"` or `"trapezoid"`, a design, or a table'
     )
-    adaptive: Annotated[
-        AdaptiveTable | None,
-        says("", "a chain that follows by a tracker and shifts by its own forces; none by default"),
-    ] = None
+    limits: ShiftLimitsTable = entry("limits of gears and transitions")
+    ground: GroundTable = entry("the ground along the route")
+    way: WayTable = entry("the route")
+    supervisor: SupervisorTable = entry("rules for shifting", default=SupervisorTable)
+    adaptive: AdaptiveTable | None = entry(
+        "a chain that follows by a tracker and shifts by its own forces; none by default",
+        default=None,
+    )
 
     @property
     def masses(self) -> tuple[float, ...]:

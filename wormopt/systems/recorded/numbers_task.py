@@ -17,7 +17,7 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Workers
 from wormopt.progress import silent
-from wormopt.scene.scene import Scene, load_scene
+from wormopt.study.scene import Scene, load_scene
 from wormopt.systems.recorded.scenes.fit_numbers import KeyUnknown, MeasuredTable, value_at
 
 Say = Callable[[int, int], None]

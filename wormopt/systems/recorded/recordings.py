@@ -20,7 +20,7 @@ from wormopt.model.gait import Gait
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
 from wormopt.quantities import UNITS, unit_of
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.recorded.columns import Columns
 from wormopt.systems.recorded.scenes.fit import RecordingTable, entry_of, plain_numbers
 from wormopt.systems.recorded.scenes.tables import near, scene_of

@@ -10,8 +10,8 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.quantities import GRAVITY
-from wormopt.scene.types import Positive
 from wormopt.study.given import says
+from wormopt.study.types import Positive
 
 _ADDS = (
     "angle at which the ground rises forward: *m*<sub>i</sub> *g* sin(`slope`) is added to the "

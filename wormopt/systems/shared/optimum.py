@@ -24,11 +24,11 @@ from wormopt.ocp.switching import resting_speeds
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.shared.declared import Declared
 from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.shared.signals import fitted

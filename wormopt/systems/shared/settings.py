@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from wormopt.scene.numerics import ContactTable, SmoothContact, ToleranceTable
 from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
+from wormopt.study.numerics import ContactTable, SmoothContact, ToleranceTable
 
 
 def treatment_of(contact: ContactTable) -> Treatment:

@@ -20,7 +20,7 @@ from wormopt.model.friction import Coulomb, Law
 from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.values import numbers
-from wormopt.scene.types import per
+from wormopt.study.types import per
 from wormopt.systems.chain import laws_of
 from wormopt.systems.swinging.scenes.harmonic_masses import SwingingTable
 

@@ -26,9 +26,9 @@ from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.model.path import ParameterPath, ornstein_uhlenbeck, piecewise_constant
-from wormopt.scene.numerics import Start
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
+from wormopt.study.numerics import Start
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.scenes.chain import (
     ChainTable,

@@ -14,9 +14,9 @@ from wormopt.model.model import Model
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
 from wormopt.result import NOT_RECHECKED, Result, Unchecked
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.chain.certainty import less
 from wormopt.systems.chain.copies import Draw
 from wormopt.systems.chain.measured import (

@@ -23,10 +23,10 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import NOT_RECHECKED, Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
 from wormopt.simulation.options import Exact
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.chain.frozen import (
     Frozen,
     bisect,

@@ -25,10 +25,10 @@ from wormopt.ocp.structure import structure_of
 from wormopt.ocp.switching import optimise_switching_times, resting_speeds
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.numerics import Start
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
 from wormopt.simulation.simulate import simulate
+from wormopt.study.numerics import Start
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.chain.convergence import Convergence, converge
 from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
 from wormopt.systems.chain.dynamic import PERIODS, Aim, CrawlLimits, crawl_problem, sine_guess

@@ -16,7 +16,7 @@ from typing import Any
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model
 from wormopt.model.values import signal_values
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.chain.scenes.simulate import SimulateScene
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")

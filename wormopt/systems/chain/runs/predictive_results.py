@@ -10,7 +10,7 @@ import numpy as np
 from wormopt.control.estimation import places
 from wormopt.model.values import nominal_of
 from wormopt.result import NOT_RECHECKED, Check, Result
-from wormopt.scene.conclude import conclude
+from wormopt.study.conclude import conclude
 from wormopt.systems.chain.copies import Draw, numbers_of
 from wormopt.systems.chain.measured import balance, chain_checks
 from wormopt.systems.chain.runs.predictive_tables import table_of

@@ -16,8 +16,8 @@ from wormopt.control.receding import MpcRun
 from wormopt.control.reference import Reference
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
-from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.scene import Scene
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.scenes.track_predictive import TrackPredictiveScene
 from wormopt.systems.shared.declared import JUDGED

@@ -13,12 +13,12 @@ from wormopt.control.lambda_tracker import Feedback
 from wormopt.model.friction import Coulomb
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
 from wormopt.simulation.ensemble import simulate_ensemble
 from wormopt.simulation.native.build import compiler
 from wormopt.simulation.options import Tolerance
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.chain.measured import (
     Tracked,
     balance,

@@ -18,11 +18,11 @@ from wormopt.model.model import Model, Output
 from wormopt.progress import Report
 from wormopt.quantities import UNITS, Scalar, Variable, unit_of
 from wormopt.result import Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.numerics import Start
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.numerics import Start
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.chain.measured import (
     balance,
     chain_checks,

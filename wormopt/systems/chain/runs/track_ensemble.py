@@ -14,9 +14,9 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.ensemble import Ensemble, Scenario, simulate_ensemble
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.chain.measured import (
     Tracked,
     balance,

@@ -19,10 +19,10 @@ from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, unit_of
 from wormopt.result import NOT_RECHECKED, Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.chain.measured import balance, chain_checks, judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
 from wormopt.systems.chain.runs.chains import chain_for, draw_links

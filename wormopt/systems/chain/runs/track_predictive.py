@@ -18,10 +18,10 @@ from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report, silent
 from wormopt.result import Result
-from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.scene import Scene
 from wormopt.systems.chain.copies import Draw, drawn_plants
 from wormopt.systems.chain.predictive_tracking import (
     converged,

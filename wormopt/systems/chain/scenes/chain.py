@@ -6,19 +6,16 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from msgspec import Meta
-
 from wormopt.errors import Fault
-from wormopt.scene.types import (
+from wormopt.study.given import Given, entry, positive, says, whole, wrong_count
+from wormopt.study.types import (
     FinitePerMass,
     NonNegativePerLink,
     NonNegativePerMass,
     PerMass,
-    Positive,
     Seed,
     per,
 )
-from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.shared.incline import (
     Gravity,
     Inclined,
@@ -50,14 +47,12 @@ class CoulombFriction(Given, tag_field="kind", tag="coulomb"):
 
     forward: Forward
     backward: Backward
-    stick_forward: Annotated[
-        NonNegativePerMass | None,
-        says("force", "stiction *F*<sub>s+</sub>; default: the sliding force"),
-    ] = None
-    stick_backward: Annotated[
-        NonNegativePerMass | None,
-        says("force", "stiction *F*<sub>s−</sub>; default: the sliding force"),
-    ] = None
+    stick_forward: NonNegativePerMass | None = entry(
+        "stiction *F*<sub>s+</sub>; default: the sliding force", quantity="force", default=None
+    )
+    stick_backward: NonNegativePerMass | None = entry(
+        "stiction *F*<sub>s−</sub>; default: the sliding force", quantity="force", default=None
+    )
 
 
 class StribeckFriction(Given, tag_field="kind", tag="stribeck"):
@@ -68,15 +63,15 @@ class StribeckFriction(Given, tag_field="kind", tag="stribeck"):
 
     forward: Forward
     backward: Backward
-    stick_forward: Annotated[NonNegativePerMass, says("force", "stiction *F*<sub>s+</sub>")]
-    stick_backward: Annotated[NonNegativePerMass, says("force", "stiction *F*<sub>s−</sub>")]
-    v_stribeck: Annotated[PerMass, says("speed", "velocity over which the force decreases")]
+    stick_forward: NonNegativePerMass = entry("stiction *F*<sub>s+</sub>", quantity="force")
+    stick_backward: NonNegativePerMass = entry("stiction *F*<sub>s−</sub>", quantity="force")
+    v_stribeck: PerMass = entry("velocity over which the force decreases", quantity="speed")
 
 
 class ViscousFriction(Given, tag_field="kind", tag="viscous"):
     """Linear drag −*k v*, without stiction."""
 
-    drag: Annotated[NonNegativePerMass, says("drag", "*k*")]
+    drag: NonNegativePerMass = entry("*k*", quantity="drag")
 
 
 class SpikeFriction(Given, tag_field="kind", tag="spike"):
@@ -85,13 +80,11 @@ class SpikeFriction(Given, tag_field="kind", tag="spike"):
     The force against forward motion is 0; the force against backward motion is unlimited.
     """
 
-    scale: Annotated[
-        PerMass,
-        says(
-            "force",
-            "scale of the *smooth* replacement only: load that it carries at *v* = −3/4 `v_reg`",
-        ),
-    ] = 1.0
+    scale: PerMass = entry(
+        "scale of the *smooth* replacement only: load that it carries at *v* = −3/4 `v_reg`",
+        quantity="force",
+        default=1.0,
+    )
 
 
 Friction = CoulombFriction | StribeckFriction | ViscousFriction | SpikeFriction
@@ -116,7 +109,7 @@ class Steps(Given, tag_field="process", tag="steps"):
     """
 
     spread: Annotated[NonNegativePerLink, _SPREAD]
-    interval: Annotated[Positive, says("time", "time between two changes")]
+    interval: float = positive("time", "time between two changes")
 
 
 class Wandering(Given, tag_field="process", tag="ornstein_uhlenbeck"):
@@ -127,13 +120,9 @@ class Wandering(Given, tag_field="process", tag="ornstein_uhlenbeck"):
     million pieces.
     """
 
-    deviation: Annotated[
-        NonNegativePerLink, says("", "standard deviation, in units of the parameter")
-    ]
-    correlation_time: Annotated[
-        Positive, says("time", "time after which the correlation decays to 1/e")
-    ]
-    step: Annotated[Positive, says("time", "time step of the path")]
+    deviation: NonNegativePerLink = entry("standard deviation, in units of the parameter")
+    correlation_time: float = positive("time", "time after which the correlation decays to 1/e")
+    step: float = positive("time", "time step of the path")
 
 
 Process = FixedDraw | Steps | Wandering
@@ -150,7 +139,7 @@ class RandomLinks(Given):
     Links are independent of each other. The same seed gives the same worm.
     """
 
-    seed: Annotated[Seed, says("", "seed of the random parameters")] = 0
+    seed: Seed = entry("seed of the random parameters", default=0)
     stiffness: Chance = None
     damping: Chance = None
     rest_length: Chance = None
@@ -175,35 +164,29 @@ class ChainTable(Given):
     the number of masses; a list of numbers in a table for one mass.
     """
 
-    links: Annotated[
-        int,
-        Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "number of links *n*; mass 0 is the head"),
-    ]
-    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>")]
-    stiffness: Annotated[NonNegativePerLink, says("stiffness", "spring constants *c*<sub>j</sub>")]
-    damping: Annotated[NonNegativePerLink, says("drag", "dashpot constants *d*<sub>j</sub>")]
-    rest_length: Annotated[
-        NonNegativePerLink, says("length", "*l*<sub>0j</sub>, length of the link without force")
-    ]
-    drag: Annotated[NonNegativePerMass, says("drag", "viscous drag *k*<sub>i</sub>")] = 0.0
-    load: Annotated[
-        FinitePerMass,
-        says("force", "*Γ*<sub>i</sub>, force against forward motion; negative downhill"),
-    ] = 0.0
+    links: int = whole(1, 100, "number of links *n*; mass 0 is the head")
+    mass: PerMass = entry("point masses *m*<sub>i</sub>", quantity="mass")
+    stiffness: NonNegativePerLink = entry("spring constants *c*<sub>j</sub>", quantity="stiffness")
+    damping: NonNegativePerLink = entry("dashpot constants *d*<sub>j</sub>", quantity="drag")
+    rest_length: NonNegativePerLink = entry(
+        "*l*<sub>0j</sub>, length of the link without force", quantity="length"
+    )
+    drag: NonNegativePerMass = entry("viscous drag *k*<sub>i</sub>", quantity="drag", default=0.0)
+    load: FinitePerMass = entry(
+        "*Γ*<sub>i</sub>, force against forward motion; negative downhill",
+        quantity="force",
+        default=0.0,
+    )
     slope: Inclined = 0.0
     gravity: Gravity = None
-    friction: Annotated[
-        Friction | tuple[Friction, ...] | None,
-        says(
-            "",
-            "friction law of the ground: a table for all masses, or a list with one table per "
-            "mass; default: no friction",
-        ),
-    ] = None
-    random: Annotated[
-        RandomLinks | None, says("", "random parameters of the links; default: none")
-    ] = None
+    friction: Friction | tuple[Friction, ...] | None = entry(
+        "friction law of the ground: a table for all masses, or a list with one table per "
+        "mass; default: no friction",
+        default=None,
+    )
+    random: RandomLinks | None = entry(
+        "random parameters of the links; default: none", default=None
+    )
 
     @property
     def ground(self) -> tuple[Friction, ...]:

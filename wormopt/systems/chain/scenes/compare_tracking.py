@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
-
-from msgspec import Meta, field
+from typing import ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import NonNegative, Pair, Positive, SceneTable, Seed, Title, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.numerics import Horizon, Start, ToleranceTable
+from wormopt.study.types import Pair, SceneTable, Seed, Title, wrong_order
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PlantsTable, PredictiveTable
 from wormopt.systems.chain.scenes.track import (
@@ -32,14 +30,16 @@ class DesignedShape(Given, tag_field="shape", tag="designed"):
     with unit masses.
     """
 
-    period: Annotated[Positive, says("time", "period")]
-    length: Annotated[Pair, says("length", "shortest and longest length of every link")]
-    rate: Annotated[Positive, says("speed", "upper limit of |*l*′|")]
-    acceleration: Annotated[Positive, says("acceleration", "upper limit of |*l*″|")]
-    load: Annotated[
-        NonNegative,
-        says("force", "force against forward motion on each mass, which the spikes must hold"),
-    ] = 0.0
+    period: float = positive("time", "period")
+    length: Pair = entry("shortest and longest length of every link", quantity="length")
+    rate: float = positive("speed", "upper limit of |*l*′|")
+    acceleration: float = positive("acceleration", "upper limit of |*l*″|")
+    load: float = number(
+        "force",
+        "force against forward motion on each mass, which the spikes must hold",
+        least=0,
+        default=0.0,
+    )
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield what is wrong between the keys; `key` is the key path of this table."""
@@ -49,27 +49,27 @@ class DesignedShape(Given, tag_field="shape", tag="designed"):
 class NamedReference(Given):
     """A reference gait."""
 
-    name: Annotated[Title, says("", "name in tables and pictures")]
-    gait: Annotated[Shape | DesignedShape, says("", "the gait; `shape` selects the other keys")]
+    name: Title = entry("name in tables and pictures")
+    gait: Shape | DesignedShape = entry("the gait; `shape` selects the other keys")
 
 
 class LqrTable(Given):
     """Weights of the Riccati equation of LQR with feed-forward."""
 
-    error_weight: Annotated[Positive, says("", "weight of |*e*|²")]
-    rate_weight: Annotated[NonNegative, says("", "weight of |*e*′|²")] = 0.0
-    input_weight: Annotated[
-        Positive, says("", "weight of the squared correction to the feed-forward")
-    ] = 1.0
+    error_weight: float = positive("", "weight of |*e*|²")
+    rate_weight: float = number("", "weight of |*e*′|²", least=0, default=0.0)
+    input_weight: float = positive(
+        "", "weight of the squared correction to the feed-forward", default=1.0
+    )
 
 
 class OptimalTable(Given):
     """Optimal tracking, and the least input that keeps the error in the tube."""
 
-    input_weight: Annotated[Positive, says("", "*ρ* in ∫(|*e*|² + *ρ*|*u*|²) d*t*")]
-    margin: Annotated[
-        Share, says("share", "share of the tube's radius that the optimiser keeps free")
-    ] = 0.02
+    input_weight: float = positive("", "*ρ* in ∫(|*e*|² + *ρ*|*u*|²) d*t*")
+    margin: Share = entry(
+        "share of the tube's radius that the optimiser keeps free", quantity="share", default=0.02
+    )
 
 
 class CrawlTable(Given):
@@ -78,15 +78,11 @@ class CrawlTable(Given):
     It does not follow a reference.
     """
 
-    period: Annotated[Positive, says("time", "period of the crawl")]
-    length: Annotated[Pair, says("length", "shortest and longest length of every link")]
-    force: Annotated[Positive, says("force", "upper limit of |*u*<sub>j</sub>|")]
-    input_weight: Annotated[NonNegative, says("", "weight of the mean of |*u*|²")] = 1e-3
-    arcs: Annotated[
-        int,
-        Meta(ge=10, le=1000, description="a whole number from 10 to 1000"),
-        says("count", "arcs over a period in the first solve"),
-    ] = 60
+    period: float = positive("time", "period of the crawl")
+    length: Pair = entry("shortest and longest length of every link", quantity="length")
+    force: float = positive("force", "upper limit of |*u*<sub>j</sub>|")
+    input_weight: float = number("", "weight of the mean of |*u*|²", least=0, default=1e-3)
+    arcs: int = whole(10, 1000, "arcs over a period in the first solve", default=60)
 
 
 class DrawsTable(PlantsTable):
@@ -95,20 +91,14 @@ class DrawsTable(PlantsTable):
     Each parameter is drawn independently from a uniform distribution around its nominal value.
     """
 
-    members: Annotated[
-        int,
-        Meta(ge=2, le=10_000, description="a whole number from 2 to 10000"),
-        says("count", "number of drawn plants"),
-    ]
-    known: Annotated[
-        int,
-        Meta(ge=0, le=1000, description="a whole number from 0 to 1000"),
-        says(
-            "count",
-            "number of plants, from the first on, for which every plan is made anew with the true "
-            "parameters",
-        ),
-    ] = 0
+    members: int = whole(2, 10000, "number of drawn plants")
+    known: int = whole(
+        0,
+        1000,
+        "number of plants, from the first on, for which every plan is made anew with the true "
+        "parameters",
+        default=0,
+    )
 
 
 class MeasurementTable(Given):
@@ -119,12 +109,12 @@ class MeasurementTable(Given):
     derivatives of the measured lengths. The table has no effect on controllers without feedback.
     """
 
-    noise: Annotated[
-        NonNegative, says("length", "standard deviation of the samples of each link")
-    ] = 0.0
-    interval: Annotated[Positive, says("time", "time between samples of the noise")] = 0.02
-    delay: Annotated[NonNegative, says("time", "delay of the measurement")] = 0.0
-    seed: Annotated[Seed, says("", "seed of the noise")] = 0
+    noise: float = number(
+        "length", "standard deviation of the samples of each link", least=0, default=0.0
+    )
+    interval: float = positive("time", "time between samples of the noise", default=0.02)
+    delay: float = number("time", "delay of the measurement", least=0, default=0.0)
+    seed: Seed = entry("seed of the noise", default=0)
 
     def faults(self, end: float, trackers: Sequence[Tracker]) -> Iterator[Fault]:
         """Check what no single key shows, for motions from 0 to `end`."""
@@ -241,68 +231,45 @@ class CompareScene(SceneTable):
     }
 
     kind: Literal["compare-tracking"]
-    want: Annotated[
-        tuple[Literal["comparison", "draws"], ...],
-        says(
-            "",
-            "`comparison`: error over time, and largest error against input; `draws`: box plots "
-            "over the plants",
-        ),
-    ] = ()
-    worm: Annotated[
-        ChainTable, says("", "the chain, with one `coulomb` table of friction, without `random`")
-    ]
-    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
-    reference: Annotated[
-        tuple[NamedReference, ...],
-        says("", "tables `[[reference]]`: gaits to follow; known plants use the first"),
-    ]
-    tube: Annotated[
-        TubeTable, says("", "tube that all controllers are judged by, from the time of capture on")
-    ]
-    tracker: Annotated[
-        tuple[Tracker, ...],
-        says(
-            "",
-            "tables `[[tracker]]`: controllers that do not know the plant; their `tube_radius` is "
-            "`tube.radius`",
-        ),
-    ]
-    lqr: Annotated[LqrTable, says("", "LQR with feed-forward, also around the optimal inputs")]
-    optimal: Annotated[
-        OptimalTable | None,
-        says("", "optimal tracking and the optimal tube; default: neither"),
-    ] = None
-    crawl: Annotated[
-        CrawlTable | None,
-        says("", "the crawl without reference; default: none"),
-    ] = None
-    measurement: Annotated[
-        MeasurementTable | None,
-        says("", "noise and delay of the measurements; default: exact measurements"),
-    ] = None
-    predictive: Annotated[
-        PredictiveTable | None,
-        says("", "predictive control in real time; default: none"),
-    ] = None
-    estimation: Annotated[
-        EstimationTable | None,
-        says("", "adds predictive control with parameter estimation; default: none"),
-    ] = None
-    draws: Annotated[DrawsTable, says("", "plants with drawn parameters")]
-    grid: Annotated[GridTable, says("", "grid of the optimiser")] = field(default_factory=GridTable)
-    relaxation: Annotated[RelaxationTable, says("", "relaxation of contact in the optimiser")] = (
-        field(default_factory=RelaxationTable)
+    want: tuple[Literal["comparison", "draws"], ...] = entry(
+        "`comparison`: error over time, and largest error against input; `draws`: box plots "
+        "over the plants",
+        default=(),
     )
-    workers: Annotated[
-        int,
-        Meta(ge=1, le=64, description="a whole number from 1 to 64"),
-        says("count", "number of processes for the optimisation"),
-    ] = 2
+    worm: ChainTable = entry("the chain, with one `coulomb` table of friction, without `random`")
+    start: Start = entry("initial state", default=Start)
+    reference: tuple[NamedReference, ...] = entry(
+        "tables `[[reference]]`: gaits to follow; known plants use the first"
+    )
+    tube: TubeTable = entry("tube that all controllers are judged by, from the time of capture on")
+    tracker: tuple[Tracker, ...] = entry(
+        "tables `[[tracker]]`: controllers that do not know the plant; their `tube_radius` is "
+        "`tube.radius`"
+    )
+    lqr: LqrTable = entry("LQR with feed-forward, also around the optimal inputs")
+    optimal: OptimalTable | None = entry(
+        "optimal tracking and the optimal tube; default: neither", default=None
+    )
+    crawl: CrawlTable | None = entry("the crawl without reference; default: none", default=None)
+    measurement: MeasurementTable | None = entry(
+        "noise and delay of the measurements; default: exact measurements", default=None
+    )
+    predictive: PredictiveTable | None = entry(
+        "predictive control in real time; default: none", default=None
+    )
+    estimation: EstimationTable | None = entry(
+        "adds predictive control with parameter estimation; default: none", default=None
+    )
+    draws: DrawsTable = entry("plants with drawn parameters")
+    grid: GridTable = entry("grid of the optimiser", default=GridTable)
+    relaxation: RelaxationTable = entry(
+        "relaxation of contact in the optimiser", default=RelaxationTable
+    )
+    workers: int = whole(1, 64, "number of processes for the optimisation", default=2)
     time: Horizon
-    tolerance: Annotated[
-        ToleranceTable, says("", "tolerance of the simulation of the nominal plant")
-    ] = field(default_factory=ToleranceTable)
+    tolerance: ToleranceTable = entry(
+        "tolerance of the simulation of the nominal plant", default=ToleranceTable
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield what no single key shows; `folder` is the scene's."""

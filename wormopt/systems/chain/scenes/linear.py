@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import (
+from wormopt.study.given import Given, entry, positive, whole, wrong_count
+from wormopt.study.numerics import (
     Contacts,
     ExactContact,
     Horizon,
@@ -17,8 +18,7 @@ from wormopt.scene.numerics import (
     Tolerances,
     ToleranceTable,
 )
-from wormopt.scene.types import FinitePerMass, Positive, SceneTable
-from wormopt.study.given import Given, says, wrong_count
+from wormopt.study.types import FinitePerMass, SceneTable
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker, Reference
 
@@ -29,25 +29,22 @@ MOST_LINKS = 12
 class PointTable(Given):
     """Operating point of the linearisation: links at rest length, contacts with the smooth law."""
 
-    velocity: Annotated[
-        FinitePerMass,
-        says("speed", "velocity of the masses; dry friction is a constant force where it is not 0"),
-    ] = 0.0
-    v_reg: Annotated[
-        Positive, says("speed", "width of the smooth friction law, whose slope at rest is finite")
-    ] = 1 / 40
+    velocity: FinitePerMass = entry(
+        "velocity of the masses; dry friction is a constant force where it is not 0",
+        quantity="speed",
+        default=0.0,
+    )
+    v_reg: float = positive(
+        "speed", "width of the smooth friction law, whose slope at rest is finite", default=1 / 40
+    )
 
 
 class GainsTable(Given):
     """Gains at which the loop with frozen gain is analysed. Not allowed: `most` ≤ `least`."""
 
-    least: Annotated[Positive, says("", "smallest *k*")] = 1.0
-    most: Annotated[Positive, says("", "largest *k*")] = 1000.0
-    count: Annotated[
-        int,
-        Meta(ge=2, le=500, description="a whole number from 2 to 500"),
-        says("count", "number of gains, evenly spaced in the logarithm"),
-    ] = 31
+    least: float = positive("", "smallest *k*", default=1.0)
+    most: float = positive("", "largest *k*", default=1000.0)
+    count: int = whole(2, 500, "number of gains, evenly spaced in the logarithm", default=31)
 
     def faults(self) -> Iterator[Fault]:
         """Yield a fault if the range is empty."""
@@ -182,27 +179,18 @@ class LinearScene(SceneTable):
     }
 
     kind: Literal["linear"]
-    want: Annotated[
-        tuple[Literal["bode", "poles", "margins"], ...],
-        says(
-            "",
-            "`bode`: gain and phase of the chain; `poles`: poles, zeros, and the loop's poles "
-            "over the gain; `margins`: margins and errors over the gain, with the sufficient "
-            "gains and the learned gain",
-        ),
-    ] = ()
-    worm: Annotated[ChainTable, says("", "the chain, without `random`")]
-    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "reference of the links")]
-    tracker: Annotated[
-        FilterTracker | DerivativeTracker, says("", "the tracker; `feedback` selects its kind")
-    ]
-    point: Annotated[PointTable, says("", "operating point of the linearisation")] = field(
-        default_factory=PointTable
+    want: tuple[Literal["bode", "poles", "margins"], ...] = entry(
+        "`bode`: gain and phase of the chain; `poles`: poles, zeros, and the loop's poles "
+        "over the gain; `margins`: margins and errors over the gain, with the sufficient "
+        "gains and the learned gain",
+        default=(),
     )
-    gains: Annotated[GainsTable, says("", "gains of the frozen loop")] = field(
-        default_factory=GainsTable
-    )
+    worm: ChainTable = entry("the chain, without `random`")
+    start: Start = entry("initial state", default=Start)
+    reference: Reference = entry("reference of the links")
+    tracker: FilterTracker | DerivativeTracker = entry("the tracker; `feedback` selects its kind")
+    point: PointTable = entry("operating point of the linearisation", default=PointTable)
+    gains: GainsTable = entry("gains of the frozen loop", default=GainsTable)
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)

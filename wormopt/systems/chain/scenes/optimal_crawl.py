@@ -9,17 +9,15 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import (
-    NonNegative,
+from wormopt.study.given import Given, entry, number, positive, says, whole
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import (
     Pair,
-    Positive,
     PositiveOrPair,
     SceneTable,
     Seed,
     wrong_order,
 )
-from wormopt.study.given import Given, says
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, OPTIMUM, over
 from wormopt.systems.spiked import why_unreadable
@@ -28,15 +26,13 @@ from wormopt.systems.spiked import why_unreadable
 class CrawlLimitsTable(Given):
     """Limits of the crawl."""
 
-    period: Annotated[PositiveOrPair, says("time", "fixed period, or [shortest, longest]")]
-    force: Annotated[Positive, says("force", "upper limit of |*u*<sub>j</sub>|")]
-    length: Annotated[
-        Pair | None,
-        says(
-            "length",
-            "[shortest, longest] length of every link at all times; default: no limit",
-        ),
-    ] = None
+    period: PositiveOrPair = entry("fixed period, or [shortest, longest]", quantity="time")
+    force: float = positive("force", "upper limit of |*u*<sub>j</sub>|")
+    length: Pair | None = entry(
+        "[shortest, longest] length of every link at all times; default: no limit",
+        quantity="length",
+        default=None,
+    )
 
     @property
     def period_range(self) -> tuple[float, float]:
@@ -56,17 +52,16 @@ class CrawlLimitsTable(Given):
 class AimTable(Given):
     """Objective of the crawl: exactly one of `maximise` and `minimise`."""
 
-    maximise: Annotated[
-        Literal["speed"] | None, says("", "mean speed − `effort` · mean of |*u*|²")
-    ] = None
-    minimise: Annotated[
-        Literal["energy_per_mass_distance"] | None,
-        says("", "positive work of the actuators over mass and distance; requires `speed`"),
-    ] = None
-    effort: Annotated[NonNegative, says("", "weight of the squared inputs, for `maximise`")] = 0.0
-    speed: Annotated[
-        Positive | None, says("speed", "lower limit of the mean speed; default: none")
-    ] = None
+    maximise: Literal["speed"] | None = entry(
+        "mean speed − `effort` · mean of |*u*|²", default=None
+    )
+    minimise: Literal["energy_per_mass_distance"] | None = entry(
+        "positive work of the actuators over mass and distance; requires `speed`", default=None
+    )
+    effort: float = number("", "weight of the squared inputs, for `maximise`", least=0, default=0.0)
+    speed: float | None = positive(
+        "speed", "lower limit of the mean speed; default: none", default=None
+    )
 
     def faults(self, robust: bool) -> Iterator[Fault]:
         """Yield conflicts between the keys.
@@ -94,23 +89,20 @@ class AimTable(Given):
 class SearchTable(Given):
     """Starting points of the search. Results are local optima; strong actuators have many."""
 
-    starts: Annotated[
-        int,
-        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says(
-            "count",
-            "number of starts; each is the last period of a simulation with different sine inputs",
-        ),
-    ] = 1
-    seed: Annotated[Seed, says("", "seed of the starts")] = 0
-    result: Annotated[
-        Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None,
-        says(
-            "",
+    starts: int = whole(
+        1,
+        1000,
+        "number of starts; each is the last period of a simulation with different sine inputs",
+        default=1,
+    )
+    seed: Seed = entry("seed of the starts", default=0)
+    result: Annotated[str, Meta(pattern=r"\.nc$", description='text ending in ".nc"')] | None = (
+        entry(
             "start from the crawl of an earlier result with the same number of links instead; "
             "path relative to the scene's folder",
-        ),
-    ] = None
+            default=None,
+        )
+    )
 
     def faults(self, folder: Path, robust: bool) -> Iterator[Fault]:
         """Yield conflicts between the keys, and files that cannot be read; `folder` is the scene's.
@@ -137,21 +129,18 @@ class RobustTable(Given):
     ["convergence"]`.
     """
 
-    draws: Annotated[
-        int,
-        Meta(ge=1, le=20, description="a whole number from 1 to 20"),
-        says("count", "number of chains besides the nominal one"),
-    ] = 4
-    spread: Annotated[
-        float,
-        Meta(gt=0, lt=1, description="a number between 0 and 1"),
-        says("share", "half width of the range, as a share of the nominal value"),
-    ] = 0.3
-    seed: Annotated[Seed, says("", "seed of the drawn chains")] = 0
-    judge: Annotated[
-        Literal["mean", "worst"],
-        says("", "criterion: the average speed of the chains, or the speed of the slowest"),
-    ] = "mean"
+    draws: int = whole(1, 20, "number of chains besides the nominal one", default=4)
+    spread: float = number(
+        "share",
+        "half width of the range, as a share of the nominal value",
+        above=0,
+        below=1,
+        default=0.3,
+    )
+    seed: Seed = entry("seed of the drawn chains", default=0)
+    judge: Literal["mean", "worst"] = entry(
+        "criterion: the average speed of the chains, or the speed of the slowest", default="mean"
+    )
 
 
 class OptimalCrawlScene(SceneTable):
@@ -230,27 +219,22 @@ class OptimalCrawlScene(SceneTable):
     }
 
     kind: Literal["optimal-crawl"]
-    want: Annotated[
-        tuple[Literal["signals", "convergence"], ...],
-        says(
-            "",
-            "`signals`: signals over time; `convergence`: further solves with smoothed contact "
-            "and on finer grids, and their convergence to the exact answer (about half a minute "
-            "more)",
-        ),
-    ] = ()
-    worm: Annotated[ChainTable, says("", "the chain, with `friction` and without `random`")]
-    limits: Annotated[CrawlLimitsTable, says("", "limits of the crawl")]
-    aim: Annotated[AimTable, says("", "objective of the crawl")]
+    want: tuple[Literal["signals", "convergence"], ...] = entry(
+        "`signals`: signals over time; `convergence`: further solves with smoothed contact "
+        "and on finer grids, and their convergence to the exact answer (about half a minute "
+        "more)",
+        default=(),
+    )
+    worm: ChainTable = entry("the chain, with `friction` and without `random`")
+    limits: CrawlLimitsTable = entry("limits of the crawl")
+    aim: AimTable = entry("objective of the crawl")
     mesh: Annotated[MeshTable, says("", "mesh in time")] = field(
         default_factory=lambda: MeshTable(arcs=60)
     )
-    search: Annotated[SearchTable, says("", "starting points of the search")] = field(
-        default_factory=SearchTable
+    search: SearchTable = entry("starting points of the search", default=SearchTable)
+    robust: RobustTable | None = entry(
+        "design for several chains; default: a single chain", default=None
     )
-    robust: Annotated[
-        RobustTable | None, says("", "design for several chains; default: a single chain")
-    ] = None
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield what no single key shows; `folder` is the scene's."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
-
-from msgspec import Meta
+from typing import Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, Seed
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, positive, whole
+from wormopt.study.types import Seed
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track_optimal import Share
 
@@ -23,19 +21,12 @@ class PlantsTable(Given):
     Each parameter is drawn independently from a uniform distribution around its nominal value.
     """
 
-    members: Annotated[
-        int,
-        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says("count", "number of drawn plants"),
-    ]
-    spread: Annotated[
-        Share,
-        says(
-            "share",
-            "every mass, stiffness, damping and friction force is drawn within ± this share",
-        ),
-    ]
-    seed: Annotated[Seed, says("", "seed of the drawn plants")] = 0
+    members: int = whole(1, 1000, "number of drawn plants")
+    spread: Share = entry(
+        "every mass, stiffness, damping and friction force is drawn within ± this share",
+        quantity="share",
+    )
+    seed: Seed = entry("seed of the drawn plants", default=0)
 
 
 class PredictiveTable(Given):
@@ -45,38 +36,30 @@ class PredictiveTable(Given):
     the cost of a deviation from the plan for the whole motion.
     """
 
-    period: Annotated[
-        Positive,
-        says(
-            "time",
-            "longest time between decisions; it is shorter before a corner of the reference",
-        ),
-    ]
-    horizon: Annotated[Positive, says("time", "prediction horizon")]
-    input_weight: Annotated[Positive, says("", "*ρ*")]
-    v_reg: Annotated[
-        Positive, says("speed", "width of velocities over which the model's friction law is steep")
-    ]
-    steps: Annotated[
-        int,
-        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says(
-            "count",
-            "upper limit of the solver steps per decision of the converged controller; the "
-            "real-time controller makes one step",
-        ),
-    ] = 20
-    force: Annotated[
-        Positive | None, says("force", "upper limit of |*u*<sub>j</sub>|; default: no limit")
-    ] = None
-    seconds: Annotated[
-        Positive,
-        says(
-            "s",
-            "seconds per unit of the scene's time, to which the duration of decisions is "
-            "compared; 1 with SI units",
-        ),
-    ] = 1.0
+    period: float = positive(
+        "time", "longest time between decisions; it is shorter before a corner of the reference"
+    )
+    horizon: float = positive("time", "prediction horizon")
+    input_weight: float = positive("", "*ρ*")
+    v_reg: float = positive(
+        "speed", "width of velocities over which the model's friction law is steep"
+    )
+    steps: int = whole(
+        1,
+        1000,
+        "upper limit of the solver steps per decision of the converged controller; the "
+        "real-time controller makes one step",
+        default=20,
+    )
+    force: float | None = positive(
+        "force", "upper limit of |*u*<sub>j</sub>|; default: no limit", default=None
+    )
+    seconds: float = positive(
+        "s",
+        "seconds per unit of the scene's time, to which the duration of decisions is "
+        "compared; 1 with SI units",
+        default=1.0,
+    )
 
     def faults(self, end: float, units: str) -> Iterator[Fault]:
         """Yield what is invalid for a motion from 0 to `end`."""
@@ -103,23 +86,19 @@ class EstimationTable(Given):
     the window update the prior.
     """
 
-    parameters: Annotated[
-        tuple[Estimated, ...],
-        says("", "parameters to estimate; the others keep the model's values"),
-    ] = ESTIMATED
-    window: Annotated[Positive, says("time", "length of the window")]
-    noise: Annotated[
-        Positive, says("share", "standard deviation of a measured state, in usual sizes")
-    ] = 0.01
-    spread: Annotated[Positive, says("share", "standard deviation of a parameter's prior")] = 0.2
-    memory: Annotated[
-        Positive | None,
-        says(
-            "time",
-            "time after which the information of past measurements decays to 1/e; default: no "
-            "decay",
-        ),
-    ] = None
+    parameters: tuple[Estimated, ...] = entry(
+        "parameters to estimate; the others keep the model's values", default=ESTIMATED
+    )
+    window: float = positive("time", "length of the window")
+    noise: float = positive(
+        "share", "standard deviation of a measured state, in usual sizes", default=0.01
+    )
+    spread: float = positive("share", "standard deviation of a parameter's prior", default=0.2)
+    memory: float | None = positive(
+        "time",
+        "time after which the information of past measurements decays to 1/e; default: no decay",
+        default=None,
+    )
 
     def faults(self, worm: ChainTable) -> Iterator[Fault]:
         """Yield conflicts between the keys, and parameters that this chain does not have."""

@@ -10,8 +10,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Contacts, ExactContact, Horizon, Tolerances, ToleranceTable
-from wormopt.scene.types import (
+from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
+from wormopt.study.numerics import Contacts, ExactContact, Horizon, Tolerances, ToleranceTable
+from wormopt.study.types import (
     Finite,
     FinitePerLink,
     NonNegative,
@@ -21,7 +22,6 @@ from wormopt.scene.types import (
     Positive,
     SceneTable,
 )
-from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain.scenes.track import Reference
 from wormopt.systems.shared.declared import (
     CHAIN,
@@ -38,14 +38,10 @@ _MOST = 20_000  # Largest number of readings in a scene.
 class ExampleTable(Given):
     """Parameters of the worm that all readings share."""
 
-    links: Annotated[
-        int,
-        Meta(ge=1, le=20, description="a whole number from 1 to 20"),
-        says("count", "number of links *n*; mass 0 is the head"),
-    ]
-    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>")]
-    stiffness: Annotated[PerLink, says("stiffness", "spring constants *c*<sub>j</sub>")]
-    damping: Annotated[NonNegativePerLink, says("drag", "dashpot constants *d*<sub>j</sub>")]
+    links: int = whole(1, 20, "number of links *n*; mass 0 is the head")
+    mass: PerMass = entry("point masses *m*<sub>i</sub>", quantity="mass")
+    stiffness: PerLink = entry("spring constants *c*<sub>j</sub>", quantity="stiffness")
+    damping: NonNegativePerLink = entry("dashpot constants *d*<sub>j</sub>", quantity="drag")
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys."""
@@ -57,9 +53,9 @@ class ExampleTable(Given):
 class TrackersTable(Given):
     """Parameters of trackers (13) and (14) that all readings share."""
 
-    tube_radius: Annotated[Positive, says("length", "*λ*")]
-    gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
-    filter_start: Annotated[FinitePerLink, says("length", "*θ*(0)")] = 1.0
+    tube_radius: float = positive("length", "*λ*")
+    gain_start: float = positive("", "*k*(0)", default=1.0)
+    filter_start: FinitePerLink = entry("*θ*(0)", quantity="length", default=1.0)
 
 
 Forces = Annotated[
@@ -77,41 +73,30 @@ class ReadingsTable(Given):
     The first entry of each list is the baseline.
     """
 
-    start: Annotated[
-        tuple[Positions, ...],
-        says("length", "initial positions, head first, one list per alternative"),
-    ]
-    rest_length: Annotated[
-        tuple[NonNegative | Literal["reference"], ...],
-        says(
-            "length",
-            "rest length of all links; `reference`: it follows the reference, which is a "
-            "feed-forward *c y*<sub>ref</sub> to springs without rest length",
-        ),
-    ]
-    input: Annotated[
-        tuple[Literal["force", "rest_length"], ...],
-        says("", "meaning of the tracker's *u*: a force, or the change of a rest length (eq. 11)"),
-    ]
-    growth: Annotated[tuple[Positive, ...], says("", "*γ*, growth rate of the gains")]
-    period: Annotated[tuple[Positive, ...], says("time", "period of the gait")]
-    friction: Annotated[
-        tuple[Forces, ...],
-        says("force", "[*F*<sub>+</sub>, *F*<sub>−</sub>], one pair per alternative"),
-    ]
-    links: Annotated[
-        tuple[Literal["printed", "reversed"], ...],
-        says("", "whether the gait's first entry belongs to the first or the last link"),
-    ]
-    signs: Annotated[
-        tuple[Literal["printed", "turned", "filter"], ...],
-        says(
-            "",
-            "signs in eq. 14: as printed; *u* and *e* in *θ*′ both reversed, which is the printed "
-            "form with −*θ*(0); *e* in *θ*′ alone reversed, which gives positive feedback of the "
-            "error",
-        ),
-    ]
+    start: tuple[Positions, ...] = entry(
+        "initial positions, head first, one list per alternative", quantity="length"
+    )
+    rest_length: tuple[NonNegative | Literal["reference"], ...] = entry(
+        "rest length of all links; `reference`: it follows the reference, which is a "
+        "feed-forward *c y*<sub>ref</sub> to springs without rest length",
+        quantity="length",
+    )
+    input: tuple[Literal["force", "rest_length"], ...] = entry(
+        "meaning of the tracker's *u*: a force, or the change of a rest length (eq. 11)"
+    )
+    growth: tuple[Positive, ...] = entry("*γ*, growth rate of the gains")
+    period: tuple[Positive, ...] = entry("period of the gait", quantity="time")
+    friction: tuple[Forces, ...] = entry(
+        "[*F*<sub>+</sub>, *F*<sub>−</sub>], one pair per alternative", quantity="force"
+    )
+    links: tuple[Literal["printed", "reversed"], ...] = entry(
+        "whether the gait's first entry belongs to the first or the last link"
+    )
+    signs: tuple[Literal["printed", "turned", "filter"], ...] = entry(
+        "signs in eq. 14: as printed; *u* and *e* in *θ*′ both reversed, which is the printed "
+        "form with −*θ*(0); *e* in *θ*′ alone reversed, which gives positive feedback of the "
+        "error"
+    )
 
     def faults(self, masses: int) -> Iterator[Fault]:
         """Yield what is wrong between the keys, for a worm with this number of masses."""
@@ -134,26 +119,20 @@ class ReadingsTable(Given):
 class SentencesTable(Given):
     """Criteria by which a sentence of the text counts as supported."""
 
-    strips: Annotated[
-        Literal["outputs", "norm", "both"],
-        says(
-            "",
-            "criterion of capture: `outputs`, every \\|*e*<sub>j</sub>\\| ≤ *λ*, as the strips of "
-            "figure 5; `norm`, the Euclidean \\|*e*\\| ≤ *λ*, at which gains stop growing; "
-            "`both`: either of the two supports a sentence",
-        ),
-    ] = "both"
-    quick: Annotated[Positive, says("time", "time within which tracker (13) captures the outputs")]
-    window: Annotated[
-        Positive,
-        says(
-            "time",
-            "length of the final interval: outputs that leave their strips in it are not "
-            "captured; growth of gains and errors refer to it",
-        ),
-    ]
-    settled: Annotated[NonNegative, says("share", "largest growth of a converged gain")]
-    growing: Annotated[Positive, says("share", "least growth of a gain that still increases")]
+    strips: Literal["outputs", "norm", "both"] = entry(
+        "criterion of capture: `outputs`, every \\|*e*<sub>j</sub>\\| ≤ *λ*, as the strips of "
+        "figure 5; `norm`, the Euclidean \\|*e*\\| ≤ *λ*, at which gains stop growing; "
+        "`both`: either of the two supports a sentence",
+        default="both",
+    )
+    quick: float = positive("time", "time within which tracker (13) captures the outputs")
+    window: float = positive(
+        "time",
+        "length of the final interval: outputs that leave their strips in it are not "
+        "captured; growth of gains and errors refer to it",
+    )
+    settled: float = number("share", "largest growth of a converged gain", least=0)
+    growing: float = positive("share", "least growth of a gain that still increases")
 
 
 _EACH = ("tracker", "reading")
@@ -228,21 +207,16 @@ class ReadingsScene(SceneTable):
     }
 
     kind: Literal["tracker-readings"]
-    want: Annotated[
-        tuple[Literal["readings", "trackers"], ...],
-        says(
-            "",
-            "`readings`: entries that support each sentence, and their numbers; `trackers`: the "
-            "shown reading, in the order of figures 5 to 8",
-        ),
-    ] = ()
-    worm: Annotated[ExampleTable, says("", "the worm")]
-    reference: Annotated[
-        Reference, says("", "reference of the links; each reading sets its period")
-    ]
-    tracker: Annotated[TrackersTable, says("", "parameters of both trackers")]
-    readings: Annotated[ReadingsTable, says("", "alternatives of the readings")]
-    sentences: Annotated[SentencesTable, says("", "criteria of the sentences")]
+    want: tuple[Literal["readings", "trackers"], ...] = entry(
+        "`readings`: entries that support each sentence, and their numbers; `trackers`: the "
+        "shown reading, in the order of figures 5 to 8",
+        default=(),
+    )
+    worm: ExampleTable = entry("the worm")
+    reference: Reference = entry("reference of the links; each reading sets its period")
+    tracker: TrackersTable = entry("parameters of both trackers")
+    readings: ReadingsTable = entry("alternatives of the readings")
+    sentences: SentencesTable = entry("criteria of the sentences")
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)

@@ -11,7 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import (
+from wormopt.study.given import Given, entry, number, positive, wrong_count
+from wormopt.study.numerics import (
     Contacts,
     ExactContact,
     Horizon,
@@ -19,8 +20,7 @@ from wormopt.scene.numerics import (
     Tolerances,
     ToleranceTable,
 )
-from wormopt.scene.types import Finite, FinitePerLink, NonNegativePerLink, Positive, SceneTable
-from wormopt.study.given import Given, says, wrong_count
+from wormopt.study.types import FinitePerLink, NonNegativePerLink, SceneTable
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
 from wormopt.systems.spiked import Shape, why_unreadable
@@ -29,10 +29,9 @@ from wormopt.systems.spiked import Shape, why_unreadable
 class ConstantForce(Given, tag_field="law", tag="constant"):
     """Constant inputs *u*<sub>j</sub> = `force`."""
 
-    force: Annotated[
-        FinitePerLink,
-        says("force", "actuator forces; a positive force pushes the masses of the link apart"),
-    ]
+    force: FinitePerLink = entry(
+        "actuator forces; a positive force pushes the masses of the link apart", quantity="force"
+    )
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
         """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
@@ -45,16 +44,14 @@ class HarmonicChange(Given, tag_field="law", tag="harmonic"):
     *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
     """
 
-    amplitude: Annotated[NonNegativePerLink, says("length", "amplitude")]
-    period: Annotated[Positive, says("time", "period")]
-    lag: Annotated[
-        Finite,
-        says(
-            "share",
-            "phase lag of each link behind the link ahead of it, as a fraction of a period; link "
-            "0 also has this lag",
-        ),
-    ] = 0.0
+    amplitude: NonNegativePerLink = entry("amplitude", quantity="length")
+    period: float = positive("time", "period")
+    lag: float = number(
+        "share",
+        "phase lag of each link behind the link ahead of it, as a fraction of a period; link "
+        "0 also has this lag",
+        default=0.0,
+    )
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
         """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
@@ -67,10 +64,10 @@ class CommandedGait(Given, tag_field="law", tag="gait"):
     *u*<sub>j</sub> = *c*<sub>j</sub>(gait − `rest_length`).
     """
 
-    gait: Annotated[Shape, says("", "the gait; `shape` selects the other keys")]
-    shift: Annotated[
-        Finite, says("time", "time shift: the command at time *t* is the gait at *t* + `shift`")
-    ] = 0.0
+    gait: Shape = entry("the gait; `shape` selects the other keys")
+    shift: float = number(
+        "time", "time shift: the command at time *t* is the gait at *t* + `shift`", default=0.0
+    )
 
     def faults(self, links: int, folder: Path) -> Iterator[Fault]:
         """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
@@ -115,36 +112,29 @@ class SimulateScene(SceneTable):
     )
 
     kind: Literal["simulate"]
-    want: Annotated[
-        tuple[Literal["motion", "signals"], ...],
-        says("", "`signals`: signals over time; `motion`, of a chain: paths with time upward"),
-    ] = ()
-    worm: Annotated[ChainTable | None, says("", "the chain")] = None
-    start: Annotated[
-        Start | None, says("", "initial state of the chain; default: at rest length")
-    ] = None
-    actuation: Annotated[
-        Actuation | None, says("", "inputs *u*<sub>j</sub> of the chain; default: 0")
-    ] = None
-    model: Annotated[
+    want: tuple[Literal["motion", "signals"], ...] = entry(
+        "`signals`: signals over time; `motion`, of a chain: paths with time upward", default=()
+    )
+    worm: ChainTable | None = entry("the chain", default=None)
+    start: Start | None = entry("initial state of the chain; default: at rest length", default=None)
+    actuation: Actuation | None = entry(
+        "inputs *u*<sub>j</sub> of the chain; default: 0", default=None
+    )
+    model: (
         Annotated[
             str, Meta(pattern=_MODEL, description='"file.py:function", "my_worm.py:build" say')
         ]
-        | None,
-        says(
-            "",
-            "a Python file, relative to the scene's folder, and a function in it that returns a "
-            "`Model`",
-        ),
-    ] = None
-    parameters: Annotated[
-        dict[str, Any] | None,
-        says(
-            "",
-            "arguments of that function by name: text, true, false, finite numbers, and lists and "
-            "tables of these",
-        ),
-    ] = None
+        | None
+    ) = entry(
+        "a Python file, relative to the scene's folder, and a function in it that returns a "
+        "`Model`",
+        default=None,
+    )
+    parameters: dict[str, Any] | None = entry(
+        "arguments of that function by name: text, true, false, finite numbers, and lists and "
+        "tables of these",
+        default=None,
+    )
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import (
+from wormopt.study.given import Given, entry, number, positive, says, whole, wrong_count
+from wormopt.study.numerics import (
     Contacts,
     ExactContact,
     Horizon,
@@ -17,15 +18,11 @@ from wormopt.scene.numerics import (
     Tolerances,
     ToleranceTable,
 )
-from wormopt.scene.types import (
-    Finite,
+from wormopt.study.types import (
     FinitePerLink,
-    NonNegative,
     NonNegativePerLink,
-    Positive,
     SceneTable,
 )
-from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.shared.declared import (
     CHAIN,
@@ -44,18 +41,16 @@ from wormopt.systems.spiked import Shape
 class Reference(Given):
     """Reference of the link lengths."""
 
-    gait: Annotated[Shape, says("", "the gait; `shape` selects the other keys")]
-    shift: Annotated[
-        Finite, says("time", "time shift: the reference at time *t* is the gait at *t* + `shift`")
-    ] = 0.0
+    gait: Shape = entry("the gait; `shape` selects the other keys")
+    shift: float = number(
+        "time", "time shift: the reference at time *t* is the gait at *t* + `shift`", default=0.0
+    )
 
 
 class ExponentLaw(Given, tag_field="law", tag="exponent"):
     """*k*′ = *γ* [|*e*| − *λ*]<sub>+</sub> |*e*|<sup>*r*−1</sup>."""
 
-    exponent: Annotated[
-        float, Meta(ge=1, le=100, description="a number from 1 to 100"), says("1", "*r*")
-    ]
+    exponent: float = number("1", "*r*", least=1, most=100)
 
 
 class DecayLaw(Given, tag_field="law", tag="decay"):
@@ -65,8 +60,8 @@ class DecayLaw(Given, tag_field="law", tag="decay"):
     In the tube *k*′ = 0, and −*σ k* after the time `dwell`.
     """
 
-    dwell: Annotated[Positive, says("time", "time in the tube before the gain decays")]
-    decay: Annotated[NonNegative, says("rate", "*σ*, decay rate")]
+    dwell: float = positive("time", "time in the tube before the gain decays")
+    decay: float = number("rate", "*σ*, decay rate", least=0)
 
 
 class QuadraticLaw(Given, tag_field="law", tag="quadratic"):
@@ -83,11 +78,11 @@ class FeedForwardTable(Given):
     worm's values; `feedforward = {}` uses all of them.
     """
 
-    stiffness: Annotated[NonNegativePerLink | None, says("stiffness", f"*c*, {_OWN}")] = None
-    damping: Annotated[NonNegativePerLink | None, says("drag", f"*d*, {_OWN}")] = None
-    rest_length: Annotated[
-        NonNegativePerLink | None, says("length", f"*l*<sub>0</sub>, {_OWN}")
-    ] = None
+    stiffness: NonNegativePerLink | None = entry(f"*c*, {_OWN}", quantity="stiffness", default=None)
+    damping: NonNegativePerLink | None = entry(f"*d*, {_OWN}", quantity="drag", default=None)
+    rest_length: NonNegativePerLink | None = entry(
+        f"*l*<sub>0</sub>, {_OWN}", quantity="length", default=None
+    )
 
 
 # A stretch takes about a millisecond.
@@ -113,13 +108,12 @@ class LambdaTracker(Given, tag_field="feedback"):
     """Keys that both λ-trackers share."""
 
     name: Name = ""
-    tube_radius: Annotated[Positive, says("length", "*λ*")]
-    gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
-    growth: Annotated[Positive, says("", "*γ*")] = 1.0
-    adaptation: Annotated[
-        QuadraticLaw | ExponentLaw | DecayLaw,
-        says("", 'gain law; default: `{ law = "quadratic" }`'),
-    ] = field(default_factory=QuadraticLaw)
+    tube_radius: float = positive("length", "*λ*")
+    gain_start: float = positive("", "*k*(0)", default=1.0)
+    growth: float = positive("", "*γ*", default=1.0)
+    adaptation: QuadraticLaw | ExponentLaw | DecayLaw = entry(
+        'gain law; default: `{ law = "quadratic" }`', default=QuadraticLaw
+    )
     input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
@@ -142,7 +136,7 @@ class FilterTracker(LambdaTracker, tag="filter"):
     Its parameters refer to the scene's units of time and length, since it adds *k θ* and (*k θ*)′.
     """
 
-    filter_start: Annotated[FinitePerLink, says("length", "*θ*(0)")] = 1.0
+    filter_start: FinitePerLink = entry("*θ*(0)", quantity="length", default=1.0)
 
     def faults(self, key: str, links: int) -> Iterator[Fault]:
         """Yield conflicts with a worm of this number of links; `key` is the path of this table."""
@@ -158,7 +152,7 @@ class DifferenceTracker(LambdaTracker, tag="difference"):
     compared with the masses.
     """
 
-    lag: Annotated[Positive, says("time", "*h*; the simulation has a stretch for each lag")]
+    lag: float = positive("time", "*h*; the simulation has a stretch for each lag")
 
 
 class BacksteppingTracker(LambdaTracker, tag="backstepping"):
@@ -181,20 +175,18 @@ class SwitchingTracker(Given, tag_field="feedback", tag="switching"):
     """
 
     name: Name = ""
-    tube_radius: Annotated[Positive, says("length", "*λ*")]
-    settling: Annotated[Positive, says("time", "upper limit of the time outside the tube")]
-    overshoot: Annotated[
-        Positive, says("length", "amount by which |*e*| may exceed its initial value, or *λ*")
-    ]
-    gain_start: Annotated[Positive, says("", "*k*(0)")] = 1.0
-    factor: Annotated[
-        float,
-        Meta(ge=1.01, le=100, description="a number from 1.01 to 100"),
-        says("1", "ratio of each gain to the previous gain"),
-    ] = 2.0
-    filter_start: Annotated[
-        FinitePerLink | None, says("length", "*θ*(0); default: the initial error")
-    ] = None
+    tube_radius: float = positive("length", "*λ*")
+    settling: float = positive("time", "upper limit of the time outside the tube")
+    overshoot: float = positive(
+        "length", "amount by which |*e*| may exceed its initial value, or *λ*"
+    )
+    gain_start: float = positive("", "*k*(0)", default=1.0)
+    factor: float = number(
+        "1", "ratio of each gain to the previous gain", least=1.01, most=100, default=2.0
+    )
+    filter_start: FinitePerLink | None = entry(
+        "*θ*(0); default: the initial error", quantity="length", default=None
+    )
     input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
@@ -208,9 +200,9 @@ class SwitchingTracker(Given, tag_field="feedback", tag="switching"):
 class FunnelTable(Given):
     """Bound `end` + (`start` − `end`) exp(−*t*/`time`) on a norm."""
 
-    start: Annotated[Positive, says("", "width at time 0: a length, or a speed for `rate_funnel`")]
-    end: Annotated[Positive, says("", "final width")]
-    time: Annotated[Positive, says("time", "time constant of the decrease")]
+    start: float = positive("", "width at time 0: a length, or a speed for `rate_funnel`")
+    end: float = positive("", "final width")
+    time: float = positive("time", "time constant of the decrease")
 
 
 class FunnelTracker(Given, tag_field="feedback", tag="funnel"):
@@ -225,19 +217,17 @@ class FunnelTracker(Given, tag_field="feedback", tag="funnel"):
     """
 
     name: Name = ""
-    funnel: Annotated[FunnelTable, says("", "bounds on the error")]
-    rate_funnel: Annotated[FunnelTable, says("", "bounds on *e*<sub>1</sub>")]
-    law: Annotated[Literal["recursive", "two gains"], says("", "`recursive` or `two gains`")] = (
-        "recursive"
+    funnel: FunnelTable = entry("bounds on the error")
+    rate_funnel: FunnelTable = entry("bounds on *e*<sub>1</sub>")
+    law: Literal["recursive", "two gains"] = entry(
+        "`recursive` or `two gains`", default="recursive"
     )
-    gain: Annotated[Positive, says("drag", "force per speed in the middle of the funnels")] = 1.0
-    tube_radius: Annotated[
-        Positive | None,
-        says(
-            "length",
-            "tube radius for the evaluation, unknown to the controller; default: `funnel.end`",
-        ),
-    ] = None
+    gain: float = positive("drag", "force per speed in the middle of the funnels", default=1.0)
+    tube_radius: float | None = positive(
+        "length",
+        "tube radius for the evaluation, unknown to the controller; default: `funnel.end`",
+        default=None,
+    )
     input: Input = "force"
     feedforward: FeedForwardOrNone = None
 
@@ -259,11 +249,9 @@ Tracker = (
 class EnsembleTable(Given):
     """Many worms, each with its own random links. Requires `[worm.random]`."""
 
-    members: Annotated[
-        int,
-        Meta(ge=2, le=100_000, description="a whole number from 2 to 100000"),
-        says("count", "number of worms; the first is the worm of the scene without this table"),
-    ]
+    members: int = whole(
+        2, 100000, "number of worms; the first is the worm of the scene without this table"
+    )
 
 
 _BANDS = ("position", "length", "input", "error_norm", "gain")
@@ -341,31 +329,22 @@ class TrackScene(SceneTable):
     }
 
     kind: Literal["track"]
-    want: Annotated[
-        tuple[Literal["trackers", "motion", "bands"], ...],
-        says(
-            "",
-            "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
-            "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
-            "where a mass rests; with `[ensemble]` `bands` instead",
-        ),
-    ] = ()
-    worm: Annotated[ChainTable, says("", "the chain")]
-    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "reference of the links")]
-    tracker: Annotated[
-        Tracker | tuple[Tracker, ...],
-        says(
-            "",
-            "the controller, or one `[[tracker]]` for each controller; `feedback` selects its kind",
-        ),
-    ]
+    want: tuple[Literal["trackers", "motion", "bands"], ...] = entry(
+        "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
+        "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
+        "where a mass rests; with `[ensemble]` `bands` instead",
+        default=(),
+    )
+    worm: ChainTable = entry("the chain")
+    start: Start = entry("initial state", default=Start)
+    reference: Reference = entry("reference of the links")
+    tracker: Tracker | tuple[Tracker, ...] = entry(
+        "the controller, or one `[[tracker]]` for each controller; `feedback` selects its kind"
+    )
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)
-    ensemble: Annotated[
-        EnsembleTable | None, says("", "simulates many worms; default: one worm")
-    ] = None
+    ensemble: EnsembleTable | None = entry("simulates many worms; default: one worm", default=None)
 
     @property
     def trackers(self) -> tuple[Tracker, ...]:

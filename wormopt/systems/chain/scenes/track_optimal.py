@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import NonNegative, Positive, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.numerics import Horizon, Start, ToleranceTable
+from wormopt.study.types import SceneTable
 from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.track import Reference
 from wormopt.systems.shared.declared import (
@@ -31,52 +31,47 @@ Share = Annotated[float, Meta(ge=0, lt=1, description="a number from 0 to below 
 class TubeTable(Given):
     """Tube around the reference, and the time from which the error must stay in it."""
 
-    radius: Annotated[Positive, says("length", "*λ*")]
-    capture: Annotated[
-        NonNegative,
-        says(
-            "time",
-            "time from which |*e*| ≤ *λ* is required or judged; before the end of the motion",
-        ),
-    ] = 0.0
+    radius: float = positive("length", "*λ*")
+    capture: float = number(
+        "time",
+        "time from which |*e*| ≤ *λ* is required or judged; before the end of the motion",
+        least=0,
+        default=0.0,
+    )
 
 
 class LeastError(Given, tag_field="minimise", tag="error"):
     """Minimises ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""
 
-    input_weight: Annotated[Positive, says("", "*ρ*")]
+    input_weight: float = positive("", "*ρ*")
 
 
 class LeastInput(Given, tag_field="minimise", tag="input"):
     """Minimises ∫|*u*|² d*t* with the error in the tube from `tube.capture` on."""
 
-    margin: Annotated[
-        Share,
-        says(
-            "share",
-            "share of *λ* kept free for the error between grid points and for the relaxation of "
-            "complementarity",
-        ),
-    ] = 0.02
+    margin: float = number(
+        "share",
+        "share of *λ* kept free for the error between grid points and for the relaxation of "
+        "complementarity",
+        least=0,
+        below=1,
+        default=0.02,
+    )
 
 
 class GridTable(Given):
     """Grid of the optimiser, with a constant input on each arc."""
 
-    arcs: Annotated[
-        int,
-        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says(
-            "count",
-            "least number of arcs per period of the reference; breaks of the reference lie "
-            "between arcs",
-        ),
-    ] = 30
-    degree: Annotated[
-        int,
-        Meta(ge=1, le=5, description="a whole number from 1 to 5"),
-        says("count", "polynomial degree of the states on each arc (Radau collocation)"),
-    ] = 2
+    arcs: int = whole(
+        1,
+        1000,
+        "least number of arcs per period of the reference; breaks of the reference lie "
+        "between arcs",
+        default=30,
+    )
+    degree: int = whole(
+        1, 5, "polynomial degree of the states on each arc (Radau collocation)", default=2
+    )
 
 
 class RelaxationTable(Given):
@@ -85,9 +80,9 @@ class RelaxationTable(Given):
     Each solve divides it by ten, from `first` down to `last`. Not allowed: `last` above `first`.
     """
 
-    first: Annotated[Positive, says("1", "product in the first solve")] = 0.1
-    last: Annotated[Positive, says("1", "product in the last solve")] = 1e-3
-    time_limit: Annotated[Positive, says("s", "processor time limit of each of the solves")] = 60.0
+    first: float = positive("1", "product in the first solve", default=0.1)
+    last: float = positive("1", "product in the last solve", default=1e-3)
+    time_limit: float = positive("s", "processor time limit of each of the solves", default=60.0)
 
     def faults(self) -> Iterator[Fault]:
         """Yield a fault if the last product is above the first."""
@@ -143,27 +138,22 @@ class TrackOptimalScene(SceneTable):
     }
 
     kind: Literal["track-optimal"]
-    want: Annotated[
-        tuple[Literal["trackers", "motion"], ...],
-        says(
-            "",
-            "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths with "
-            "time upward, thick where a mass rests",
-        ),
-    ] = ()
-    worm: Annotated[ChainTable, says("", "the chain, without `random`")]
-    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "reference of the links")]
-    tube: Annotated[TubeTable, says("", "tube around the reference")]
-    objective: Annotated[LeastError | LeastInput, says("", "minimised quantity")]
-    grid: Annotated[GridTable, says("", "grid of the optimiser")] = field(default_factory=GridTable)
-    relaxation: Annotated[RelaxationTable, says("", "relaxation of contact in the optimiser")] = (
-        field(default_factory=RelaxationTable)
+    want: tuple[Literal["trackers", "motion"], ...] = entry(
+        "`trackers`: lengths with the *λ*-strip, error, input, motion; `motion`: paths with "
+        "time upward, thick where a mass rests",
+        default=(),
+    )
+    worm: ChainTable = entry("the chain, without `random`")
+    start: Start = entry("initial state", default=Start)
+    reference: Reference = entry("reference of the links")
+    tube: TubeTable = entry("tube around the reference")
+    objective: LeastError | LeastInput = entry("minimised quantity")
+    grid: GridTable = entry("grid of the optimiser", default=GridTable)
+    relaxation: RelaxationTable = entry(
+        "relaxation of contact in the optimiser", default=RelaxationTable
     )
     time: Horizon
-    tolerance: Annotated[ToleranceTable, says("", "tolerance of the exact simulation")] = field(
-        default_factory=ToleranceTable
-    )
+    tolerance: ToleranceTable = entry("tolerance of the exact simulation", default=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

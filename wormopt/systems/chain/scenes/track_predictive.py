@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
-
-from msgspec import field
+from typing import ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import Horizon, Start, ToleranceTable
-from wormopt.scene.types import SceneTable
-from wormopt.study.given import says
+from wormopt.study.given import entry
+from wormopt.study.numerics import Horizon, Start, ToleranceTable
+from wormopt.study.types import SceneTable
 from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.predictive import (
     EstimationTable,
@@ -117,30 +115,22 @@ class TrackPredictiveScene(SceneTable):
     }
 
     kind: Literal["track-predictive"]
-    want: Annotated[
-        tuple[Literal["predictive", "estimates"], ...],
-        says(
-            "",
-            "`predictive`: error over time, costs on all plants, duration of decisions; "
-            "`estimates`: estimated parameters over the plants' true values",
-        ),
-    ] = ()
-    worm: Annotated[ChainTable, says("", "the nominal chain, without `random`")]
-    start: Annotated[Start, says("", "initial state")] = field(default_factory=Start)
-    reference: Annotated[Reference, says("", "reference of the links")]
-    tube: Annotated[TubeTable, says("", "tube that all controllers are judged by")]
-    predictive: Annotated[PredictiveTable, says("", "predictive controller")]
-    estimation: Annotated[
-        EstimationTable | None,
-        says("", "estimation of parameters during the motion; default: none"),
-    ] = None
-    plants: Annotated[
-        PlantsTable | None, says("", "plants with drawn parameters; default: none")
-    ] = None
-    time: Horizon
-    tolerance: Annotated[ToleranceTable, says("", "tolerance of the simulations")] = field(
-        default_factory=ToleranceTable
+    want: tuple[Literal["predictive", "estimates"], ...] = entry(
+        "`predictive`: error over time, costs on all plants, duration of decisions; "
+        "`estimates`: estimated parameters over the plants' true values",
+        default=(),
     )
+    worm: ChainTable = entry("the nominal chain, without `random`")
+    start: Start = entry("initial state", default=Start)
+    reference: Reference = entry("reference of the links")
+    tube: TubeTable = entry("tube that all controllers are judged by")
+    predictive: PredictiveTable = entry("predictive controller")
+    estimation: EstimationTable | None = entry(
+        "estimation of parameters during the motion; default: none", default=None
+    )
+    plants: PlantsTable | None = entry("plants with drawn parameters; default: none", default=None)
+    time: Horizon
+    tolerance: ToleranceTable = entry("tolerance of the simulations", default=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from wormopt.progress import Report
 from wormopt.result import Check, Result, left_out
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.channel.closed_forms import DIRECTION, SHAPES, ChannelWorm
 from wormopt.systems.channel.samples import Mark
 from wormopt.systems.channel.scenes.channel import ChannelBodyTable, ChannelWormScene

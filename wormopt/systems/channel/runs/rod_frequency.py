@@ -16,8 +16,8 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.channel.closed_forms import SHAPES, ChannelWorm
 from wormopt.systems.channel.rod_model import channel_rod
 from wormopt.systems.channel.runs.rod_case import ASSUMED, RodCase

@@ -11,8 +11,8 @@ import numpy as np
 from wormopt.errors import Interrupted
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.channel.runs.rod_case import ASSUMED, RodCase
 from wormopt.systems.channel.runs.rod_course import (
     RodCourse,

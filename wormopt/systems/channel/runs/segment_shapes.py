@@ -14,8 +14,8 @@ import numpy as np
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
 from wormopt.result import Result, Unchecked
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.channel import rod_rest
 from wormopt.systems.channel.closed_forms import (
     ChannelWorm,

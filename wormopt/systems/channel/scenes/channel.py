@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Pair, Positive, Title, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, positive, whole
+from wormopt.study.types import Pair, Positive, Title, wrong_order
 from wormopt.systems.channel.samples import SAMPLES, Sample
 from wormopt.systems.channel.scenes.rod import (
     ASSUMED_COILS,
@@ -29,7 +29,6 @@ Closings = Annotated[
     tuple[Literal["point_contact", "sleeve"], ...],
     Meta(min_length=1, max_length=2, description='a list of "point_contact" and "sleeve"'),
 ]
-Points = Annotated[int, Meta(ge=11, le=10_001, description="a whole number from 11 to 10001")]
 Degree = Annotated[int, Meta(ge=16, le=512, description="a whole number from 16 to 512")]
 On = Annotated[int, Meta(ge=2, le=10, description="a whole number from 2 to 10")]
 Sweep = Annotated[
@@ -45,39 +44,31 @@ class ChannelBodyTable(Given):
     Keys that are left out have the values of `sample`; without a sample all sizes are required.
     """
 
-    sample: Annotated[
-        Literal["sample-1", "sample-2", "capsule"] | None,
-        says("", "a body of K. Zimmermann et al. 2007 (WLLS); gives the keys that are left out"),
-    ] = None
-    pitch: Annotated[Positive | None, says("length", "distance of neighbouring coils")] = None
-    channel: Annotated[Positive | None, says("length", "diameter of the channel")] = None
-    body: Annotated[
-        Positive | None,
-        says(
-            "length",
-            "diameter of the body; the channel's less a thousandth to ten times the pitch",
-        ),
-    ] = None
-    length: Annotated[Positive | None, says("length", "length of the body, at least the pitch")] = (
-        None
+    sample: Literal["sample-1", "sample-2", "capsule"] | None = entry(
+        "a body of K. Zimmermann et al. 2007 (WLLS); gives the keys that are left out", default=None
     )
-    youngs_modulus: Annotated[
-        Positive | None,
-        says(
-            "stress",
-            "Young's modulus of a solid round body, *assumed*; the capsule has none; without "
-            "it forces and energies are unknown; not used by `channel-worm`",
-        ),
-    ] = None
-    count: Annotated[
-        Literal["nearest", "floor"],
-        says(
-            "",
-            "number of segments: the integer nearest to length over segment, or its integral part "
-            "as in eq. 32 of Zimmermann et al. is "
-            "printed",
-        ),
-    ] = "nearest"
+    pitch: float | None = positive("length", "distance of neighbouring coils", default=None)
+    channel: float | None = positive("length", "diameter of the channel", default=None)
+    body: float | None = positive(
+        "length",
+        "diameter of the body; the channel's less a thousandth to ten times the pitch",
+        default=None,
+    )
+    length: float | None = positive(
+        "length", "length of the body, at least the pitch", default=None
+    )
+    youngs_modulus: float | None = positive(
+        "stress",
+        "Young's modulus of a solid round body, *assumed*; the capsule has none; without "
+        "it forces and energies are unknown; not used by `channel-worm`",
+        default=None,
+    )
+    count: Literal["nearest", "floor"] = entry(
+        "number of segments: the integer nearest to length over segment, or its integral part "
+        "as in eq. 32 of Zimmermann et al. is "
+        "printed",
+        default="nearest",
+    )
 
     @property
     def of_chapter(self) -> Sample | None:
@@ -129,7 +120,7 @@ class BodyScene(SIScene):
 
     why_si: ClassVar = 'the bodies of the scene are in m and Pa; write units = "SI"'
 
-    worm: Annotated[ChannelBodyTable, says("", "the body")]
+    worm: ChannelBodyTable = entry("the body")
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -140,9 +131,9 @@ class BodyScene(SIScene):
 class MarkTable(Given):
     """A measured velocity."""
 
-    frequency: Annotated[Positive, says("rate", "coil switches per second")]
-    velocity: Annotated[Positive, says("speed", "velocity against the travel of the field")]
-    text: Annotated[Title, says("", "label in the plot")]
+    frequency: float = positive("rate", "coil switches per second")
+    velocity: float = positive("speed", "velocity against the travel of the field")
+    text: Title = entry("label in the plot")
 
 
 class ChannelWormScene(BodyScene):
@@ -188,25 +179,23 @@ class ChannelWormScene(BodyScene):
     }
 
     kind: Literal["channel-worm"]
-    want: Annotated[
-        tuple[Literal["channel_velocity"], ...],
-        says("", "`channel_velocity`: figures 19 and 20 of Zimmermann et al."),
-    ] = ()
-    frequency: Annotated[Pair, says("rate", "range of coil switches per second")] = (5.0, 1000.0)
-    measured: Annotated[
-        tuple[MarkTable, ...], says("", "measured marks beside those of the sample")
-    ] = ()
-    valid_below: Annotated[
-        Positive | None,
-        says("rate", "switches per second below which eq. 32 is valid; the sample's if left out"),
-    ] = None
-    stops_above: Annotated[
-        Positive | None,
-        says(
-            "rate",
-            "switches per second above which the body stood still; the sample's if left out",
-        ),
-    ] = None
+    want: tuple[Literal["channel_velocity"], ...] = entry(
+        "`channel_velocity`: figures 19 and 20 of Zimmermann et al.", default=()
+    )
+    frequency: Pair = entry(
+        "range of coil switches per second", quantity="rate", default=(5.0, 1000.0)
+    )
+    measured: tuple[MarkTable, ...] = entry("measured marks beside those of the sample", default=())
+    valid_below: float | None = positive(
+        "rate",
+        "switches per second below which eq. 32 is valid; the sample's if left out",
+        default=None,
+    )
+    stops_above: float | None = positive(
+        "rate",
+        "switches per second above which the body stood still; the sample's if left out",
+        default=None,
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -221,27 +210,28 @@ class RestTable(WindingTable):
     [`rod-motion`](rod-motion.md). The result lists them.
     """
 
-    susceptibility: Annotated[
-        Positive, says("1", "magnetisation over the field without the body, *assumed*")
-    ] = 2.0
-    poisson_ratio: Annotated[
-        Poisson, says("1", "Poisson's ratio, 0.5 for constant volume, *assumed*")
-    ] = 0.5
-    on: Annotated[On, says("count", "number of active coils in a block")] = 3
-    every: Annotated[Coils, says("count", "number of coils after which the pattern repeats")] = 7
-    elements: Annotated[Elements, says("count", "finite elements of the rod")] = 48
-    degree: Annotated[ElementDegree, says("count", "degree of their polynomials")] = 2
-    field_tolerance: Annotated[
-        Share,
-        says("share", "terms of the field's series below this share of the largest are left out"),
-    ] = 1e-3
-    sweep: Annotated[
-        Sweep,
-        says(
-            "ampere_turns",
-            "further ampere-turns at which the rest is computed, ascending; about 2 s each",
-        ),
-    ] = ()
+    susceptibility: float = positive(
+        "1", "magnetisation over the field without the body, *assumed*", default=2.0
+    )
+    poisson_ratio: Poisson = entry(
+        "Poisson's ratio, 0.5 for constant volume, *assumed*", quantity="1", default=0.5
+    )
+    on: int = whole(2, 10, "number of active coils in a block", default=3)
+    every: Coils = entry(
+        "number of coils after which the pattern repeats", quantity="count", default=7
+    )
+    elements: Elements = entry("finite elements of the rod", quantity="count", default=48)
+    degree: ElementDegree = entry("degree of their polynomials", quantity="count", default=2)
+    field_tolerance: Share = entry(
+        "terms of the field's series below this share of the largest are left out",
+        quantity="share",
+        default=1e-3,
+    )
+    sweep: Sweep = entry(
+        "further ampere-turns at which the rest is computed, ascending; about 2 s each",
+        quantity="ampere_turns",
+        default=(),
+    )
 
     def faults(self, worm: ChannelBodyTable) -> Iterator[Fault]:
         """Yield rods and coils that cannot be built, as key path and message."""
@@ -395,24 +385,19 @@ class SegmentShapesScene(BodyScene):
     }  # fmt: skip
 
     kind: Literal["segment-shapes"]
-    want: Annotated[
-        tuple[Literal["segment_shapes"], ...],
-        says("", "`segment_shapes`: centre lines between the walls, distances, the rod at rest"),
-    ] = ()
-    exact: Annotated[
-        Closings,
-        says(
-            "",
-            "`point_contact`: walls push across the channel and nothing pulls along it; `sleeve`: "
-            "the length is free and has the least energy",
-        ),
-    ] = ("point_contact", "sleeve")
-    degree: Annotated[Degree, says("count", "largest degree of the polynomials")] = 256
-    points: Annotated[Points, says("count", "number of points of each centre line")] = 201
-    rod: Annotated[
-        RestTable | None,
-        says("", "the body at rest in the field of coils; not computed if left out"),
-    ] = None
+    want: tuple[Literal["segment_shapes"], ...] = entry(
+        "`segment_shapes`: centre lines between the walls, distances, the rod at rest", default=()
+    )
+    exact: Closings = entry(
+        "`point_contact`: walls push across the channel and nothing pulls along it; `sleeve`: "
+        "the length is free and has the least energy",
+        default=("point_contact", "sleeve"),
+    )
+    degree: int = whole(16, 512, "largest degree of the polynomials", default=256)
+    points: int = whole(11, 10001, "number of points of each centre line", default=201)
+    rod: RestTable | None = entry(
+        "the body at rest in the field of coils; not computed if left out", default=None
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

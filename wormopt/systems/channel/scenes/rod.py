@@ -9,8 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
 from wormopt.systems.coils import SIScene
 
 Coils = Annotated[int, Meta(ge=2, le=40, description="a whole number from 2 to 40")]
@@ -20,7 +19,6 @@ Cycles = Annotated[int, Meta(ge=2, le=1000, description="a whole number from 2 t
 Poisson = Annotated[float, Meta(gt=-1, le=0.5, description="a number above -1, at most 0.5")]
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
 Duration = Annotated[float, Meta(ge=1, le=8, description="a number from 1 to 8")]
-Shift = Annotated[float, Meta(ge=-0.9, le=0.9, description="a number from -0.9 to 0.9")]
 Levels = Annotated[
     tuple[Annotated[int, Meta(ge=4, le=200)], ...],
     Meta(max_length=6, description="a list of up to 6 whole numbers from 4 to 200"),
@@ -51,49 +49,49 @@ ASSUMED = {
 class WormTable(Given):
     """The worm: a round rod of soft magnetisable rubber, or a skin filled with magnetic fluid."""
 
-    length: Annotated[Positive, says("length", "length, at least a pitch of the coils")] = 48e-3
-    diameter: Annotated[Positive, says("length", "diameter, below that of the channel")] = 4e-3
-    youngs_modulus: Annotated[Positive, says("stress", "Young's modulus")] = 5e4
-    poisson_ratio: Annotated[Poisson, says("1", "Poisson's ratio, 0.5 for constant volume")] = 0.5
-    density: Annotated[Positive, says("density", "*assumed*")] = 2500.0
-    damping_time: Annotated[Positive, says("time", "viscosity over Young's modulus, *assumed*")] = (
-        1e-3
+    length: float = positive("length", "length, at least a pitch of the coils", default=48e-3)
+    diameter: float = positive("length", "diameter, below that of the channel", default=4e-3)
+    youngs_modulus: float = positive("stress", "Young's modulus", default=5e4)
+    poisson_ratio: float = number(
+        "1", "Poisson's ratio, 0.5 for constant volume", above=-1, most=0.5, default=0.5
     )
-    susceptibility: Annotated[
-        Positive, says("1", "magnetisation over the field without the worm, *assumed*")
-    ] = 2.0
-    skin: Annotated[
-        Positive | None,
-        says(
-            "length",
-            "thickness of the skin of a capsule filled with magnetic fluid, *assumed*; "
-            "`youngs_modulus` is then that of the skin, `susceptibility` that of the fluid, "
-            "`density` that of the whole; a solid worm if left out",
-        ),
-    ] = None
+    density: float = positive("density", "*assumed*", default=2500.0)
+    damping_time: float = positive(
+        "time", "viscosity over Young's modulus, *assumed*", default=1e-3
+    )
+    susceptibility: float = positive(
+        "1", "magnetisation over the field without the worm, *assumed*", default=2.0
+    )
+    skin: float | None = positive(
+        "length",
+        "thickness of the skin of a capsule filled with magnetic fluid, *assumed*; "
+        "`youngs_modulus` is then that of the skin, `susceptibility` that of the fluid, "
+        "`density` that of the whole; a solid worm if left out",
+        default=None,
+    )
 
 
 class ChannelTable(Given):
     """The channel, two straight walls."""
 
-    diameter: Annotated[Positive, says("length", "distance of the walls")] = 11e-3
-    friction: Annotated[
-        Positive, says("1", "coefficient of dry friction on the walls, *assumed*")
-    ] = 0.5
+    diameter: float = positive("length", "distance of the walls", default=11e-3)
+    friction: float = positive(
+        "1", "coefficient of dry friction on the walls, *assumed*", default=0.5
+    )
 
 
 class WindingTable(Given):
     """Equal coils beside the channel, their axes across it."""
 
-    inner: Annotated[Positive, says("length", "inner radius of the winding, *assumed*")] = 2e-3
-    outer: Annotated[
-        Positive, says("length", "outer radius, at most the pitch of the coils, *assumed*")
-    ] = 9e-3
-    length: Annotated[Positive, says("length", "axial length of the winding, *assumed*")] = 20e-3
-    clearance: Annotated[
-        Positive, says("length", "distance from the wall's inner side to the winding, *assumed*")
-    ] = 1e-3
-    ampere_turns: Annotated[Positive, says("ampere_turns", "of an active coil, *assumed*")] = 4600.0
+    inner: float = positive("length", "inner radius of the winding, *assumed*", default=2e-3)
+    outer: float = positive(
+        "length", "outer radius, at most the pitch of the coils, *assumed*", default=9e-3
+    )
+    length: float = positive("length", "axial length of the winding, *assumed*", default=20e-3)
+    clearance: float = positive(
+        "length", "distance from the wall's inner side to the winding, *assumed*", default=1e-3
+    )
+    ampere_turns: float = positive("ampere_turns", "of an active coil, *assumed*", default=4600.0)
 
     @property
     def assumed(self) -> dict[str, float]:
@@ -106,10 +104,11 @@ class WindingTable(Given):
 class ZigzagTable(WindingTable):
     """A row of equal coils, alternating between both sides of the channel, with axes across it."""
 
-    pitch: Annotated[
-        Positive,
-        says("length", "distance of neighbours, which lie on alternate sides, along the channel"),
-    ] = 10e-3
+    pitch: float = positive(
+        "length",
+        "distance of neighbours, which lie on alternate sides, along the channel",
+        default=10e-3,
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield rows that cannot be built."""
@@ -130,16 +129,18 @@ class ZigzagTable(WindingTable):
 class PatternTable(Given):
     """Switching pattern of the coils."""
 
-    every: Annotated[Coils, says("count", "number of coils after which the pattern repeats")] = 7
-    duration: Annotated[
-        Duration,
-        says(
-            "count",
-            "time that a coil stays on, in switches; also the mean number of coils on at a time. "
-            "With 2.5, two and three coils alternate",
-        ),
-    ] = 3.0
-    shift: Annotated[Shift, says("count", "delay of every second switch, in switches")] = 0.0
+    every: int = whole(2, 40, "number of coils after which the pattern repeats", default=7)
+    duration: float = number(
+        "count",
+        "time that a coil stays on, in switches; also the mean number of coils on at a time. "
+        "With 2.5, two and three coils alternate",
+        least=1,
+        most=8,
+        default=3.0,
+    )
+    shift: float = number(
+        "count", "delay of every second switch, in switches", least=-0.9, most=0.9, default=0.0
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield faults of the pattern."""
@@ -155,35 +156,39 @@ class PatternTable(Given):
 class MeshTable(Given):
     """Finite elements and time steps."""
 
-    elements: Annotated[Elements, says("count", "finite elements of the rod")] = 16
-    degree: Annotated[Degree, says("count", "degree of their polynomials")] = 2
-    step: Annotated[
-        Positive | None,
-        says("time", "longest time step; 0.8 of the longest stable step if left out"),
-    ] = None
-    field_tolerance: Annotated[
-        Share,
-        says("share", "terms of the field's series below this share of the largest are left out"),
-    ] = 1e-3
+    elements: int = whole(4, 200, "finite elements of the rod", default=16)
+    degree: int = whole(1, 4, "degree of their polynomials", default=2)
+    step: float | None = positive(
+        "time", "longest time step; 0.8 of the longest stable step if left out", default=None
+    )
+    field_tolerance: float = number(
+        "share",
+        "terms of the field's series below this share of the largest are left out",
+        above=0,
+        below=1,
+        default=1e-3,
+    )
 
 
 class CourseTable(Given):
     """Duration of the simulation."""
 
-    cycles: Annotated[Cycles, says("count", "least number of repeats of the pattern in time")] = 8
-    duration: Annotated[Positive, says("time", "least duration")] = 1.2
-    settle: Annotated[Share, says("share", "initial share of the time that means leave out")] = 0.25
+    cycles: int = whole(2, 1000, "least number of repeats of the pattern in time", default=8)
+    duration: float = positive("time", "least duration", default=1.2)
+    settle: float = number(
+        "share", "initial share of the time that means leave out", above=0, below=1, default=0.25
+    )
 
 
 class RodScene(SIScene):
     """A magnetisable rod in a channel."""
 
-    worm: Annotated[WormTable, says("", "the worm")] = WormTable()
-    channel: Annotated[ChannelTable, says("", "where")] = ChannelTable()
-    coils: Annotated[ZigzagTable, says("", "the coils")] = ZigzagTable()
-    switching: Annotated[PatternTable, says("", "how")]
-    mesh: Annotated[MeshTable, says("", "finite elements and time steps")] = MeshTable()
-    course: Annotated[CourseTable, says("", "duration")] = CourseTable()
+    worm: WormTable = entry("the worm", default=WormTable())
+    channel: ChannelTable = entry("where", default=ChannelTable())
+    coils: ZigzagTable = entry("the coils", default=ZigzagTable())
+    switching: PatternTable = entry("how")
+    mesh: MeshTable = entry("finite elements and time steps", default=MeshTable())
+    course: CourseTable = entry("duration", default=CourseTable())
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -221,13 +226,9 @@ class RodScene(SIScene):
 class SwitchingTable(PatternTable):
     """Switching pattern of the coils, and its rate."""
 
-    rate: Annotated[
-        Positive,
-        says(
-            "rate",
-            "*n*, switches per second; the field travels one pitch in 1/`rate`",
-        ),
-    ]
+    rate: float = positive(
+        "rate", "*n*, switches per second; the field travels one pitch in 1/`rate`"
+    )
 
     @property
     def pattern(self) -> PatternTable:
@@ -238,17 +239,19 @@ class SwitchingTable(PatternTable):
 class ConvergenceTable(Given):
     """Other meshes and steps, to test convergence."""
 
-    elements: Annotated[Levels, says("count", "other numbers of elements")] = (24,)
-    steps: Annotated[Fractions, says("share", "other time steps, as shares of the step")] = (0.5,)
-    accepted: Annotated[
-        Share,
-        says(
-            "share",
-            "accepted change of the mean velocity with any of these, beyond the errors of both and "
-            "relative to that velocity (to a hundredth of the field's, if that is "
-            "more)",
-        ),
-    ] = 0.1
+    elements: Levels = entry("other numbers of elements", quantity="count", default=(24,))
+    steps: Fractions = entry(
+        "other time steps, as shares of the step", quantity="share", default=(0.5,)
+    )
+    accepted: float = number(
+        "share",
+        "accepted change of the mean velocity with any of these, beyond the errors of both and "
+        "relative to that velocity (to a hundredth of the field's, if that is "
+        "more)",
+        above=0,
+        below=1,
+        default=0.1,
+    )
 
 
 class RodMotionScene(RodScene):
@@ -327,13 +330,9 @@ class RodMotionScene(RodScene):
     }
 
     kind: Literal["rod-motion"]
-    want: Annotated[
-        tuple[Literal["rod_motion", "animation"], ...],
-        says(
-            "", "`rod_motion`: shapes, displacement, works; `animation`: the moving rod, as a GIF"
-        ),
-    ] = ()
-    switching: Annotated[SwitchingTable, says("", "switching pattern and rate")]
-    convergence: Annotated[ConvergenceTable, says("", "other meshes and steps")] = (
-        ConvergenceTable()
+    want: tuple[Literal["rod_motion", "animation"], ...] = entry(
+        "`rod_motion`: shapes, displacement, works; `animation`: the moving rod, as a GIF",
+        default=(),
     )
+    switching: SwitchingTable = entry("switching pattern and rate")
+    convergence: ConvergenceTable = entry("other meshes and steps", default=ConvergenceTable())

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, Title
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Positive, Title
 from wormopt.systems.channel.scenes.rod import (
     ASSUMED,
     CourseTable,
@@ -28,8 +28,6 @@ Doubtful = Literal[
     "coil_outer",
     "coil_clearance",
 ]
-Rounds = Annotated[int, Meta(ge=0, le=20, description="a whole number from 0 to 20")]
-Count = Annotated[int, Meta(ge=0, le=60, description="a whole number from 0 to 60")]
 Rates = Annotated[
     tuple[Positive, ...],
     Meta(min_length=1, max_length=60, description="a list of finite numbers above 0"),
@@ -38,63 +36,65 @@ Factors = Annotated[
     tuple[Positive, ...],
     Meta(min_length=1, max_length=6, description="a list of 1 to 6 finite numbers above 0"),
 ]
-Speed = Annotated[float, Meta(ge=0, le=1e3, description="a number from 0 to 1000")]
 
 
 class SensitivityTable(Given):
     """Parameters changed one at a time, to find those the velocity depends on."""
 
-    parameters: Annotated[
-        tuple[Doubtful, ...],
-        Meta(min_length=1),
-        says("", "parameters of the worm, the channel and the coils"),
-    ] = (
-        "youngs_modulus",
-        "density",
-        "damping_time",
-        "susceptibility",
-        "friction",
-        "coil_outer",
-        "coil_clearance",
-    )
-    factors: Annotated[
-        Factors,
-        says(
-            "share",
-            "factors of the change; coils that would overlap are limited to their pitch",
+    parameters: Annotated[tuple[Doubtful, ...], Meta(min_length=1)] = entry(
+        "parameters of the worm, the channel and the coils",
+        default=(
+            "youngs_modulus",
+            "density",
+            "damping_time",
+            "susceptibility",
+            "friction",
+            "coil_outer",
+            "coil_clearance",
         ),
-    ] = (0.5, 2.0)
-    rates: Annotated[Rates, says("rate", "switches per second of these runs")] = (
-        20.0,
-        100.0,
-        500.0,
+    )
+    factors: Factors = entry(
+        "factors of the change; coils that would overlap are limited to their pitch",
+        quantity="share",
+        default=(0.5, 2.0),
+    )
+    rates: Rates = entry(
+        "switches per second of these runs",
+        quantity="rate",
+        default=(
+            20.0,
+            100.0,
+            500.0,
+        ),
     )
 
 
 class SearchTable(Given):
     """Options of the search for the best frequency and pattern."""
 
-    refine: Annotated[
-        Count, says("count", "number of frequencies tried between the neighbours of the best one")
-    ] = 8
-    rounds: Annotated[
-        Rounds,
-        says(
-            "count",
-            "rounds of a compass search for a pattern over frequency, `duration` and `shift`; 0 "
-            "for none",
-        ),
-    ] = 4
+    refine: int = whole(
+        0, 60, "number of frequencies tried between the neighbours of the best one", default=8
+    )
+    rounds: int = whole(
+        0,
+        20,
+        "rounds of a compass search for a pattern over frequency, `duration` and `shift`; 0 "
+        "for none",
+        default=4,
+    )
 
 
 class MeasuredTable(Given):
     """A measured point shown in the plot."""
 
-    rate: Annotated[Positive, says("rate", "switches per second")]
-    velocity: Annotated[
-        Speed, says("speed", "velocity against the travel of the field; 0 if the body stood still")
-    ]
-    text: Annotated[Title, says("", "label in the plot")]
+    rate: float = positive("rate", "switches per second")
+    velocity: float = number(
+        "speed",
+        "velocity against the travel of the field; 0 if the body stood still",
+        least=0,
+        most=1000.0,
+    )
+    text: Title = entry("label in the plot")
 
 
 def _motions(name: str) -> dict[str, tuple[str, tuple[str, ...], str]]:
@@ -197,31 +197,25 @@ class RodFrequencyScene(RodScene):
     )
 
     kind: Literal["rod-frequency"]
-    want: Annotated[
-        tuple[Literal["rod_frequency"], ...],
-        says("", "`rod_frequency`: velocity over frequency, and its sensitivities"),
-    ] = ()
-    rates: Annotated[Rates, says("rate", "switches per second, ascending")]
-    switching: Annotated[PatternTable, says("", "how")] = PatternTable()
-    course: Annotated[CourseTable, says("", "duration; 3 s if there is no such table")] = (
-        CourseTable(duration=3.0)
+    want: tuple[Literal["rod_frequency"], ...] = entry(
+        "`rod_frequency`: velocity over frequency, and its sensitivities", default=()
     )
-    sensitivity: Annotated[
-        SensitivityTable | None,
-        says("", "sensitivity of the velocity; not computed if left out"),
-    ] = None
-    search: Annotated[
-        SearchTable | None, says("", "search for the optimum; not run if left out")
-    ] = None
-    accepted: Annotated[
-        Share,
-        says(
-            "share",
-            "accepted relative change of the best velocity with 1.5 times the elements and with "
-            "half the step, beyond the errors of both",
-        ),
-    ] = 0.1
-    measured: Annotated[tuple[MeasuredTable, ...], says("", "measured points in the plot")] = ()
+    rates: Rates = entry("switches per second, ascending", quantity="rate")
+    switching: PatternTable = entry("how", default=PatternTable())
+    course: CourseTable = entry(
+        "duration; 3 s if there is no such table", default=CourseTable(duration=3.0)
+    )
+    sensitivity: SensitivityTable | None = entry(
+        "sensitivity of the velocity; not computed if left out", default=None
+    )
+    search: SearchTable | None = entry("search for the optimum; not run if left out", default=None)
+    accepted: Share = entry(
+        "accepted relative change of the best velocity with 1.5 times the elements and with "
+        "half the step, beyond the errors of both",
+        quantity="share",
+        default=0.1,
+    )
+    measured: tuple[MeasuredTable, ...] = entry("measured points in the plot", default=())
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -13,9 +13,9 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.design.pattern import Copper, Pattern
 from wormopt.systems.coils.design.recheck import travel_by_radau

@@ -19,11 +19,11 @@ from wormopt.magnetics.travelling import switched_course
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
 from wormopt.result import Check, Result, left_out
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.film import RowField, coil_film, inside_field, row_field
 from wormopt.systems.coils.layer import Layer

@@ -15,8 +15,8 @@ from wormopt.magnetics.coils import CoilRow, field_by_quadrature
 from wormopt.magnetics.travelling import MovingProfile, moving_profile
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.coils.row_currents import RowFit, TravellingTarget, fit_currents
 from wormopt.systems.coils.runs.coil_row import (
     ACCEPTED,

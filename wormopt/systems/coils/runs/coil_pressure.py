@@ -18,8 +18,8 @@ from wormopt.magnetics.material import MU0
 from wormopt.magnetics.winding import Coil
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.coils.profile import Profile, Settled, settle
 from wormopt.systems.coils.rested import Rested, field_of_pressure
 from wormopt.systems.coils.scenes.hydrostatics import CoilPressureScene

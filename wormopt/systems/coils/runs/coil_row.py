@@ -21,8 +21,8 @@ from wormopt.magnetics.travelling import (
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.coils.scenes.coil_rows import CoilRowScene, CoilsTable, LineTable, RowScene
 
 ACCEPTED = 1e-8

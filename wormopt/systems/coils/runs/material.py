@@ -19,8 +19,8 @@ from wormopt.magnetics.identify import (
 from wormopt.magnetics.material import SMALL_STRAIN, MagnetoElastic
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.coils.scenes.material import MaterialScene, SampleTable
 
 _POINTS = 201

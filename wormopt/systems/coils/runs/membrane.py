@@ -13,9 +13,9 @@ from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
 from wormopt.result import Check, Result, left_out
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.shown import enough
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.coils.membrane import Choice, Membrane
 from wormopt.systems.coils.scenes.hydrostatics import MembraneScene
 

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Pair, Positive, Seed, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Pair, Seed, wrong_order
 from wormopt.systems.coils.scenes.coil_film import (
     CargoTable,
     CellsTable,
@@ -21,22 +21,17 @@ from wormopt.systems.coils.scenes.coil_rows import CoilsTable
 from wormopt.systems.coils.scenes.material import SIScene
 
 Repeat = Annotated[int, Meta(ge=3, le=20, description="a whole number from 3 to 20")]
-PerStep = Annotated[int, Meta(ge=1, le=8, description="a whole number from 1 to 8")]
-Samples = Annotated[int, Meta(ge=9, le=2000, description="a whole number from 9 to 2000")]
-Starts = Annotated[int, Meta(ge=1, le=20, description="a whole number from 1 to 20")]
-Generations = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
-Size = Annotated[int, Meta(ge=6, le=200, description="a whole number from 6 to 200")]
-Coarse = Annotated[int, Meta(ge=2, le=32, description="a whole number from 2 to 32")]
-Fill = Annotated[float, Meta(gt=0, le=1, description="a number above 0 and at most 1")]
 
 
 class CopperTable(Given):
     """Material of the windings; power is their resistance times the squared current."""
 
-    resistivity: Annotated[
-        Positive, says("resistivity", "resistivity of the wire; assumed: copper at 20 °C")
-    ] = 1.72e-8
-    fill: Annotated[Fill, says("share", "share of wire in the winding's section; assumed")] = 0.6
+    resistivity: float = positive(
+        "resistivity", "resistivity of the wire; assumed: copper at 20 °C", default=1.72e-8
+    )
+    fill: float = number(
+        "share", "share of wire in the winding's section; assumed", above=0, most=1, default=0.6
+    )
 
 
 class CarryAimTable(Given):
@@ -45,13 +40,12 @@ class CarryAimTable(Given):
     A speed is refused with `seek = "speed"` and required with `seek = "power"`.
     """
 
-    seek: Annotated[
-        Literal["speed", "power"],
-        says("", "`speed`: the fastest float; `power`: least power at the given `speed`"),
-    ] = "speed"
-    speed: Annotated[
-        Positive | None, says("speed", 'required speed of the float, for `seek = "power"`')
-    ] = None
+    seek: Literal["speed", "power"] = entry(
+        "`speed`: the fastest float; `power`: least power at the given `speed`", default="speed"
+    )
+    speed: float | None = positive(
+        "speed", 'required speed of the float, for `seek = "power"`', default=None
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield a fault if the speed is missing, or given where it has no use."""
@@ -67,20 +61,21 @@ class PatternTable(Given):
     A slew limit with currents that jump is refused, as are rates in the wrong order.
     """
 
-    form: Annotated[
-        Literal["ramps", "steps"],
-        says("", "`ramps`: currents change linearly between values; `steps`: they jump"),
-    ] = "ramps"
-    per_step: Annotated[PerStep, says("count", "number of values of the waveform per step")] = 2
-    repeats: Annotated[
-        tuple[Repeat, ...],
-        says("count", "numbers of coils after which the pattern may repeat; each is tried"),
-    ] = (5, 6, 8)
-    rate: Annotated[Pair, says("rate", "least and largest number of steps per second")]
-    slew: Annotated[
-        Positive | None,
-        says("ampere_turn_rate", "largest rate of a coil's ampere-turns; unlimited if left out"),
-    ] = None
+    form: Literal["ramps", "steps"] = entry(
+        "`ramps`: currents change linearly between values; `steps`: they jump", default="ramps"
+    )
+    per_step: int = whole(1, 8, "number of values of the waveform per step", default=2)
+    repeats: tuple[Repeat, ...] = entry(
+        "numbers of coils after which the pattern may repeat; each is tried",
+        quantity="count",
+        default=(5, 6, 8),
+    )
+    rate: Pair = entry("least and largest number of steps per second", quantity="rate")
+    slew: float | None = positive(
+        "ampere_turn_rate",
+        "largest rate of a coil's ampere-turns; unlimited if left out",
+        default=None,
+    )
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
         """Yield patterns that do not fit the row or its waveform."""
@@ -97,20 +92,20 @@ class PatternTable(Given):
 class DesignTimeTable(Given):
     """Duration for which the float is carried."""
 
-    time: Annotated[Positive, says("time", "duration of the mean speed, starting from a flat film")]
-    samples: Annotated[Samples, says("count", "number of states kept")] = 121
+    time: float = positive("time", "duration of the mean speed, starting from a flat film")
+    samples: int = whole(9, 2000, "number of states kept", default=121)
 
 
 class DesignSearchTable(Given):
     """Effort and grid of the search."""
 
-    starts: Annotated[
-        Starts, says("count", "number of starts: best block, best mean-field wave, then next best")
-    ] = 2
-    generations: Annotated[Generations, says("count", "generations of evolution per start")] = 25
-    size: Annotated[Size, says("count", "number of patterns in a generation")] = 12
-    cells: Annotated[Coarse, says("count", "cells per pitch during the search")] = 4
-    seed: Annotated[Seed, says("", "seed; equal seeds give equal searches")] = 0
+    starts: int = whole(
+        1, 20, "number of starts: best block, best mean-field wave, then next best", default=2
+    )
+    generations: int = whole(1, 1000, "generations of evolution per start", default=25)
+    size: int = whole(6, 200, "number of patterns in a generation", default=12)
+    cells: int = whole(2, 32, "cells per pitch during the search", default=4)
+    seed: Seed = entry("seed; equal seeds give equal searches", default=0)
 
 
 class CoilDesignScene(SIScene):
@@ -179,27 +174,20 @@ class CoilDesignScene(SIScene):
     )  # fmt: skip
 
     kind: Literal["coil-design"]
-    want: Annotated[
-        tuple[Literal["coil_design"], ...],
-        says("", "`coil_design`: waveforms, paths of the float, currents and film"),
-    ] = ()
-    aim: Annotated[CarryAimTable, says("", "objective")] = field(default_factory=CarryAimTable)
-    pattern: Annotated[PatternTable, says("", "waveforms to search")]
-    coils: Annotated[CoilsTable, says("", "the row; `ampere_turns` is the limit")] = field(
-        default_factory=CoilsTable
+    want: tuple[Literal["coil_design"], ...] = entry(
+        "`coil_design`: waveforms, paths of the float, currents and film", default=()
     )
-    copper: Annotated[CopperTable, says("", "the wire")] = field(default_factory=CopperTable)
-    fluid: Annotated[ViscousFluidTable, says("", "the fluid")]
-    film: Annotated[CoilFilmTable, says("", "the film")]
-    cargo: Annotated[CargoTable, says("", "the float")]
-    course: Annotated[DesignTimeTable, says("", "duration")]
-    search: Annotated[DesignSearchTable, says("", "effort and grid of the search")] = field(
-        default_factory=DesignSearchTable
-    )
-    grid: Annotated[CellsTable, says("", "grid of the final simulation")] = field(
-        default_factory=CellsTable
-    )
-    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = 9.80665
+    aim: CarryAimTable = entry("objective", default=CarryAimTable)
+    pattern: PatternTable = entry("waveforms to search")
+    coils: CoilsTable = entry("the row; `ampere_turns` is the limit", default=CoilsTable)
+    copper: CopperTable = entry("the wire", default=CopperTable)
+    fluid: ViscousFluidTable = entry("the fluid")
+    film: CoilFilmTable = entry("the film")
+    cargo: CargoTable = entry("the float")
+    course: DesignTimeTable = entry("duration")
+    search: DesignSearchTable = entry("effort and grid of the search", default=DesignSearchTable)
+    grid: CellsTable = entry("grid of the final simulation", default=CellsTable)
+    gravity: float = positive("acceleration", "acceleration of gravity", default=9.80665)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -6,19 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
 from wormopt.systems.coils.scenes.coil_rows import CoilsTable, SwitchingTable
 from wormopt.systems.coils.scenes.hydrostatics import FluidTable
 from wormopt.systems.coils.scenes.material import SIScene
 
-Cells = Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 64")]
-Switches = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Samples = Annotated[int, Meta(ge=1, le=64, description="a whole number from 1 to 64")]
-Top = Annotated[float, Meta(gt=1, le=20, description="a number above 1 and at most 20")]
 _LIGHTEST = 1e-9  # least mass of a float over the film's: lighter ones need too many steps
 _FARTHEST = 100  # largest distance from the last coil to a wall, in pitches
 Tolerance = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
@@ -27,7 +23,7 @@ Tolerance = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 
 class ViscousFluidTable(FluidTable):
     """A magnetic fluid that flows."""
 
-    viscosity: Annotated[Positive, says("viscosity", "dynamic viscosity")] = 0.05
+    viscosity: float = positive("viscosity", "dynamic viscosity", default=0.05)
 
 
 class CoilFilmTable(Given):
@@ -37,20 +33,23 @@ class CoilFilmTable(Given):
     coils.
     """
 
-    depth: Annotated[Positive, says("length", "thickness without field")]
-    ground: Annotated[
-        Finite,
-        says("length", "height of the ground above the middle of the coils, or of the gap"),
-    ]
-    overhang: Annotated[
-        Positive, says("length", "distance from the last coils' middles to the walls")
-    ] = 20e-3
-    top: Annotated[
-        Top, says("share", "largest thickness over `depth` accepted; more is a failure")
-    ] = 4.0
-    own_field: Annotated[
-        bool, says("", "whether the fluid reduces the field across it, as in a flat layer")
-    ] = True
+    depth: float = positive("length", "thickness without field")
+    ground: float = number(
+        "length", "height of the ground above the middle of the coils, or of the gap"
+    )
+    overhang: float = positive(
+        "length", "distance from the last coils' middles to the walls", default=20e-3
+    )
+    top: float = number(
+        "share",
+        "largest thickness over `depth` accepted; more is a failure",
+        above=1,
+        most=20,
+        default=4.0,
+    )
+    own_field: bool = entry(
+        "whether the fluid reduces the field across it, as in a flat layer", default=True
+    )
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
         """Yield a fault if the film may reach a winding, or is too long."""
@@ -82,17 +81,18 @@ class CargoTable(Given):
     almost no mass and a mass above what the film carries.
     """
 
-    length: Annotated[Positive, says("length", "length along the row")]
-    thickness: Annotated[Positive, says("length", "thickness of the plate")]
-    density: Annotated[Positive, says("density", "density of the plate")]
-    modulus: Annotated[
-        Positive, says("stress", "Young's modulus; bending stiffness is modulus thickness³ / 12")
-    ] = 1e9
-    start: Annotated[Finite, says("length", "initial position of its middle; coil 0 is at 0")] = 0.0
-    edge: Annotated[
-        Positive | None,
-        says("length", "length of its tapered ends, assumed; two thirds of `length` if left out"),
-    ] = None
+    length: float = positive("length", "length along the row")
+    thickness: float = positive("length", "thickness of the plate")
+    density: float = positive("density", "density of the plate")
+    modulus: float = positive(
+        "stress", "Young's modulus; bending stiffness is modulus thickness³ / 12", default=1e9
+    )
+    start: float = number("length", "initial position of its middle; coil 0 is at 0", default=0.0)
+    edge: float | None = positive(
+        "length",
+        "length of its tapered ends, assumed; two thirds of `length` if left out",
+        default=None,
+    )
 
     def faults(
         self, coils: CoilsTable, film: CoilFilmTable, fluid: FluidTable, gravity: float
@@ -133,15 +133,17 @@ class CargoTable(Given):
 class SwitchedTimeTable(Given):
     """Duration of the simulation."""
 
-    switches: Annotated[Switches, says("count", "switching steps, the first from a flat film")]
-    samples: Annotated[Samples, says("count", "number of states kept in each step")] = 4
+    switches: int = whole(1, 1000, "switching steps, the first from a flat film")
+    samples: int = whole(1, 64, "number of states kept in each step", default=4)
 
 
 class CellsTable(Given):
     """Resolution in space and time."""
 
-    cells: Annotated[Cells, says("count", "cells per pitch; compared with half as many")] = 12
-    tolerance: Annotated[Tolerance, says("share", "relative tolerance of a time step")] = 1e-5
+    cells: int = whole(2, 64, "cells per pitch; compared with half as many", default=12)
+    tolerance: float = number(
+        "share", "relative tolerance of a time step", least=1e-10, most=0.001, default=1e-5
+    )
 
 
 class CoilFilmScene(SIScene):
@@ -214,22 +216,19 @@ class CoilFilmScene(SIScene):
     )  # fmt: skip
 
     kind: Literal["coil-film"]
-    want: Annotated[
-        tuple[Literal["coil_film", "cargo"], ...],
-        says(
-            "",
-            "`coil_film`: surface over place and time, at a few times, and the flow; `cargo`: the "
-            "float on the film at a few times, to scale, and its path",
-        ),
-    ] = ()
-    coils: Annotated[CoilsTable, says("", "the row")] = field(default_factory=CoilsTable)
-    switching: Annotated[SwitchingTable, says("", "sequence of active coils")]
-    fluid: Annotated[ViscousFluidTable, says("", "the fluid")]
-    film: Annotated[CoilFilmTable, says("", "the film")]
-    cargo: Annotated[CargoTable | None, says("", "a float on the film")] = None
-    course: Annotated[SwitchedTimeTable, says("", "duration")]
-    grid: Annotated[CellsTable, says("", "resolution")] = field(default_factory=CellsTable)
-    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = 9.80665
+    want: tuple[Literal["coil_film", "cargo"], ...] = entry(
+        "`coil_film`: surface over place and time, at a few times, and the flow; `cargo`: the "
+        "float on the film at a few times, to scale, and its path",
+        default=(),
+    )
+    coils: CoilsTable = entry("the row", default=CoilsTable)
+    switching: SwitchingTable = entry("sequence of active coils")
+    fluid: ViscousFluidTable = entry("the fluid")
+    film: CoilFilmTable = entry("the film")
+    cargo: CargoTable | None = entry("a float on the film", default=None)
+    course: SwitchedTimeTable = entry("duration")
+    grid: CellsTable = entry("resolution", default=CellsTable)
+    gravity: float = positive("acceleration", "acceleration of gravity", default=9.80665)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

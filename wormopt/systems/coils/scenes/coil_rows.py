@@ -6,18 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, NonNegative, Positive, Seed
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Seed
 from wormopt.systems.coils.scenes.material import Permeability, SIScene
 
-Count = Annotated[int, Meta(ge=1, le=200, description="a whole number from 1 to 200")]
-Margin = Annotated[int, Meta(ge=0, le=100, description="a whole number from 0 to 100")]
-Amplitude = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below 1")]
-Nodes = Annotated[int, Meta(ge=8, le=200, description="a whole number from 8 to 200")]
-Places = Annotated[int, Meta(ge=1, le=20, description="a whole number from 1 to 20")]
 Starts = Annotated[int, Meta(ge=1, le=100, description="a whole number from 1 to 100")]
 # Least gap of facing coils over their length; smaller gaps are lost in round-off.
 _LEAST_GAP = 1e-12
@@ -58,26 +53,24 @@ class CoilsTable(Given):
     Coils that overlap are refused.
     """
 
-    count: Annotated[Count, says("count", "number of places along the row; 20 in section 3.5")] = 20
-    pitch: Annotated[Positive, says("length", "distance of neighbours; from section 3.4")] = 10e-3
-    inner: Annotated[Positive, says("length", "inner radius of the winding; assumed")] = 2e-3
-    outer: Annotated[Positive, says("length", "outer radius of the winding; assumed")] = 4.5e-3
-    length: Annotated[Positive, says("length", "axial length of the winding; assumed")] = 20e-3
-    ampere_turns: Annotated[
-        Positive, says("ampere_turns", "largest ampere-turns of a coil; 3000 in section 3.5")
-    ] = 3000.0
-    axis: Annotated[
-        Literal["across", "along", "vertical"],
-        says(
-            "",
-            "direction of the coils' axes: horizontal across the row (*y*), along it (*x*) or "
-            "upright (*z*)",
-        ),
-    ] = "across"
-    gap: Annotated[
-        Positive | None,
-        says("length", "gap between two facing coils at each place; a single coil if left out"),
-    ] = None
+    count: int = whole(1, 200, "number of places along the row; 20 in section 3.5", default=20)
+    pitch: float = positive("length", "distance of neighbours; from section 3.4", default=10e-3)
+    inner: float = positive("length", "inner radius of the winding; assumed", default=2e-3)
+    outer: float = positive("length", "outer radius of the winding; assumed", default=4.5e-3)
+    length: float = positive("length", "axial length of the winding; assumed", default=20e-3)
+    ampere_turns: float = positive(
+        "ampere_turns", "largest ampere-turns of a coil; 3000 in section 3.5", default=3000.0
+    )
+    axis: Literal["across", "along", "vertical"] = entry(
+        "direction of the coils' axes: horizontal across the row (*y*), along it (*x*) or "
+        "upright (*z*)",
+        default="across",
+    )
+    gap: float | None = positive(
+        "length",
+        "gap between two facing coils at each place; a single coil if left out",
+        default=None,
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield rows that cannot be built."""
@@ -124,21 +117,17 @@ class LineTable(Given):
     nothing of the row.
     """
 
-    height: Annotated[
-        Finite,
-        says(
-            "length",
-            "height of the fluid's line above the middle of the coils, or of the gap; negative "
-            "below it",
-        ),
-    ]
-    margin: Annotated[
-        Margin,
-        says(
-            "count",
-            "number of coils at each end that the analysis in the wave's frame leaves out",
-        ),
-    ] = 3
+    height: float = number(
+        "length",
+        "height of the fluid's line above the middle of the coils, or of the gap; negative "
+        "below it",
+    )
+    margin: int = whole(
+        0,
+        100,
+        "number of coils at each end that the analysis in the wave's frame leaves out",
+        default=3,
+    )
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
         """Yield a fault if the line meets a winding, or nothing is left of the row."""
@@ -161,8 +150,8 @@ class LineTable(Given):
 class RowScene(SIScene):
     """A row of coils along a line of fluid."""
 
-    coils: Annotated[CoilsTable, says("", "the row")] = field(default_factory=CoilsTable)
-    line: Annotated[LineTable, says("", "line of the fluid")]
+    coils: CoilsTable = entry("the row", default=CoilsTable)
+    line: LineTable = entry("line of the fluid")
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -177,19 +166,20 @@ class SwitchingTable(Given):
     More ampere-turns than the coils carry are refused.
     """
 
-    rate: Annotated[Positive, says("rate", "switches per second, *n* of Zimmermann et al.")]
-    on: Annotated[Count, says("count", "number of coils in a block")] = 3
-    every: Annotated[
-        Count | None,
-        says(
-            "count",
-            "number of coils after which the pattern repeats; a single block if left out",
-        ),
-    ] = None
-    ampere_turns: Annotated[
-        NonNegative | None,
-        says("ampere_turns", "ampere-turns of an active coil; `coils.ampere_turns` if left out"),
-    ] = None
+    rate: float = positive("rate", "switches per second, *n* of Zimmermann et al.")
+    on: int = whole(1, 200, "number of coils in a block", default=3)
+    every: int | None = whole(
+        1,
+        200,
+        "number of coils after which the pattern repeats; a single block if left out",
+        default=None,
+    )
+    ampere_turns: float | None = number(
+        "ampere_turns",
+        "ampere-turns of an active coil; `coils.ampere_turns` if left out",
+        least=0,
+        default=None,
+    )
 
     def faults(self, coils: CoilsTable) -> Iterator[Fault]:
         """Yield patterns and currents beyond the limits of the row."""
@@ -245,15 +235,12 @@ class CoilRowScene(RowScene):
     } | _PROFILE
 
     kind: Literal["coil-row"]
-    want: Annotated[
-        tuple[Literal["travelling_field"], ...],
-        says(
-            "",
-            "`travelling_field`: map over place and time, snapshots, the field in the frame of "
-            "the wave",
-        ),
-    ] = ()
-    switching: Annotated[SwitchingTable, says("", "sequence of active coils")]
+    want: tuple[Literal["travelling_field"], ...] = entry(
+        "`travelling_field`: map over place and time, snapshots, the field in the frame of "
+        "the wave",
+        default=(),
+    )
+    switching: SwitchingTable = entry("sequence of active coils")
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -264,52 +251,50 @@ class CoilRowScene(RowScene):
 class FilmTable(Given):
     """A film of magnetic fluid."""
 
-    depth: Annotated[Positive, says("length", "mean thickness")]
-    mu_r: Annotated[Permeability, says("1", "relative permeability")] = 1.09
-    viscosity: Annotated[Positive, says("viscosity", "dynamic viscosity")] = 0.01
-    density: Annotated[Positive, says("density", "density, used for warnings only")] = 1100.0
-    surface_tension: Annotated[NonNegative, says("surface_tension", "surface tension")] = 0.03
+    depth: float = positive("length", "mean thickness")
+    mu_r: Permeability = entry("relative permeability", quantity="1", default=1.09)
+    viscosity: float = positive("viscosity", "dynamic viscosity", default=0.01)
+    density: float = positive("density", "density, used for warnings only", default=1100.0)
+    surface_tension: float = number("surface_tension", "surface tension", least=0, default=0.03)
 
 
 class WaveTable(Given):
     """The wanted wave of the surface."""
 
-    delta: Annotated[Amplitude, says("share", "amplitude over mean thickness")]
-    wavelength: Annotated[Positive, says("length", "wavelength, at least two pitches")]
-    frequency: Annotated[Positive, says("angular_frequency", "angular frequency of the wave")]
-    field: Annotated[
-        Positive | None, says("magnetic_field", "*H*<sub>0</sub>; optimised if left out")
-    ] = None
+    delta: float = number("share", "amplitude over mean thickness", above=0, below=1)
+    wavelength: float = positive("length", "wavelength, at least two pitches")
+    frequency: float = positive("angular_frequency", "angular frequency of the wave")
+    field: float | None = positive(
+        "magnetic_field", "*H*<sub>0</sub>; optimised if left out", default=None
+    )
 
 
 class CurrentLimitsTable(Given):
     """Limits of the currents, besides the ampere-turns of the coils."""
 
-    slew: Annotated[
-        Positive | None,
-        says("ampere_turn_rate", "largest rate of a coil's ampere-turns; unlimited if left out"),
-    ] = None
-    polarity: Annotated[
-        Literal["any", "one", "alternating"],
-        says(
-            "",
-            "sign of the currents: any, with the period of the wave; a single sign; or a change "
-            "of sign after each period",
-        ),
-    ] = "any"
+    slew: float | None = positive(
+        "ampere_turn_rate",
+        "largest rate of a coil's ampere-turns; unlimited if left out",
+        default=None,
+    )
+    polarity: Literal["any", "one", "alternating"] = entry(
+        "sign of the currents: any, with the period of the wave; a single sign; or a change "
+        "of sign after each period",
+        default="any",
+    )
 
 
 class CurrentSearchTable(Given):
     """Resolution and starting points of the search."""
 
-    nodes: Annotated[
-        Nodes, says("count", "corners of the waveform in a period, and number of phases compared")
-    ] = 40
-    places: Annotated[Places, says("count", "places per pitch at which fields are compared")] = 3
-    starts: Annotated[
-        Starts, says("count", "number of starts: three values of *H*<sub>0</sub>, then random ones")
-    ] = 4
-    seed: Annotated[Seed, says("", "seed; equal seeds give equal starts")] = 0
+    nodes: int = whole(
+        8, 200, "corners of the waveform in a period, and number of phases compared", default=40
+    )
+    places: int = whole(1, 20, "places per pitch at which fields are compared", default=3)
+    starts: int = whole(
+        1, 100, "number of starts: three values of *H*<sub>0</sub>, then random ones", default=4
+    )
+    seed: Seed = entry("seed; equal seeds give equal starts", default=0)
 
 
 class CoilInverseScene(RowScene):
@@ -377,18 +362,13 @@ class CoilInverseScene(RowScene):
     }  # fmt: skip
 
     kind: Literal["coil-inverse"]
-    want: Annotated[
-        tuple[Literal["row_currents"], ...],
-        says("", "`row_currents`: *H*² over the phase of the wave, and the currents"),
-    ] = ()
-    film: Annotated[FilmTable, says("", "the fluid")]
-    wave: Annotated[WaveTable, says("", "wanted wave of its surface")]
-    limits: Annotated[CurrentLimitsTable, says("", "limits of the currents")] = field(
-        default_factory=CurrentLimitsTable
+    want: tuple[Literal["row_currents"], ...] = entry(
+        "`row_currents`: *H*² over the phase of the wave, and the currents", default=()
     )
-    search: Annotated[CurrentSearchTable, says("", "resolution and starting points")] = field(
-        default_factory=CurrentSearchTable
-    )
+    film: FilmTable = entry("the fluid")
+    wave: WaveTable = entry("wanted wave of its surface")
+    limits: CurrentLimitsTable = entry("limits of the currents", default=CurrentLimitsTable)
+    search: CurrentSearchTable = entry("resolution and starting points", default=CurrentSearchTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

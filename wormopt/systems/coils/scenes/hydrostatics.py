@@ -9,75 +9,68 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, Pair, Positive, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Pair, wrong_order
 from wormopt.systems.coils.scenes.material import SIScene
 
-Degree = Annotated[int, Meta(ge=64, le=512, description="a whole number from 64 to 512")]
 Resolution = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
-Count = Annotated[int, Meta(ge=3, le=1000, description="a whole number from 3 to 1000")]
 
 
 class FluidTable(Given):
     """A magnetic fluid."""
 
-    chi: Annotated[Positive, says("1", "susceptibility; with `saturation`, the initial one")]
-    density: Annotated[Positive, says("density", "density of the fluid")] = 1200.0
-    surface_tension: Annotated[Positive, says("surface_tension", "surface tension")] = 0.03
-    saturation: Annotated[
-        Positive | None,
-        says(
-            "magnetic_field",
-            "saturation magnetisation, for Langevin's law; if left out, magnetisation is linear in "
-            "the field",
-        ),
-    ] = None
+    chi: float = positive("1", "susceptibility; with `saturation`, the initial one")
+    density: float = positive("density", "density of the fluid", default=1200.0)
+    surface_tension: float = positive("surface_tension", "surface tension", default=0.03)
+    saturation: float | None = positive(
+        "magnetic_field",
+        "saturation magnetisation, for Langevin's law; if left out, magnetisation is linear in "
+        "the field",
+        default=None,
+    )
 
 
 class LayerTable(Given):
     """The tank, a long trough across the computed plane, and its filling."""
 
-    thickness: Annotated[Positive, says("length", "thickness of the layer without field")]
-    width: Annotated[Positive, says("length", "width of the tank; the coil is in its middle")]
-    walls: Annotated[
-        Literal["upright", "pinned"],
-        says("", "condition at the walls: a right angle, or the height without field"),
-    ] = "upright"
+    thickness: float = positive("length", "thickness of the layer without field")
+    width: float = positive("length", "width of the tank; the coil is in its middle")
+    walls: Literal["upright", "pinned"] = entry(
+        "condition at the walls: a right angle, or the height without field", default="upright"
+    )
 
 
 class CoilTable(Given):
     """The coil, without iron."""
 
-    ampere_turns: Annotated[NonNegative, says("current", "current times turns")] = 3000.0
-    inner_radius: Annotated[Positive, says("length", "inner radius of the winding")] = 5e-3
-    outer_radius: Annotated[Positive, says("length", "outer radius of the winding")] = 15e-3
-    length: Annotated[Positive, says("length", "length of the winding")] = 20e-3
-    distance: Annotated[
-        Positive,
-        says(
-            "length",
-            "distance from the bottom of the layer to the nearest point of the coil; above "
-            "`layer.thickness` for a coil above",
-        ),
-    ] = 2e-3
-    side: Annotated[Literal["below", "above"], says("", "side of the layer with the coil")] = (
-        "below"
+    ampere_turns: float = number("current", "current times turns", least=0, default=3000.0)
+    inner_radius: float = positive("length", "inner radius of the winding", default=5e-3)
+    outer_radius: float = positive("length", "outer radius of the winding", default=15e-3)
+    length: float = positive("length", "length of the winding", default=20e-3)
+    distance: float = positive(
+        "length",
+        "distance from the bottom of the layer to the nearest point of the coil; above "
+        "`layer.thickness` for a coil above",
+        default=2e-3,
     )
-    axis: Annotated[
-        Literal["vertical", "along"],
-        says("", "direction of the coil's axis: up, or along the width of the tank"),
-    ] = "vertical"
+    side: Literal["below", "above"] = entry("side of the layer with the coil", default="below")
+    axis: Literal["vertical", "along"] = entry(
+        "direction of the coil's axis: up, or along the width of the tank", default="vertical"
+    )
 
 
 class ResolutionTable(Given):
     """Resolution of the surface."""
 
-    tolerance: Annotated[
-        Resolution,
-        says("share", "largest of the polynomial's last coefficients, over the thickness"),
-    ] = 1e-7
-    degree: Annotated[Degree, says("count", "largest degree of the polynomial")] = 256
+    tolerance: float = number(
+        "share",
+        "largest of the polynomial's last coefficients, over the thickness",
+        least=1e-10,
+        most=0.001,
+        default=1e-7,
+    )
+    degree: int = whole(64, 512, "largest degree of the polynomial", default=256)
 
 
 class CoilPressureScene(SIScene):
@@ -142,19 +135,19 @@ class CoilPressureScene(SIScene):
     }
 
     kind: Literal["coil-pressure"]
-    want: Annotated[
-        tuple[Literal["coil_pressure"], ...],
-        says("", "`coil_pressure`: figure 25 of Zimmermann et al.; no induction in the winding"),
-    ] = ()
-    fluid: Annotated[FluidTable, says("", "the fluid")]
-    layer: Annotated[LayerTable, says("", "the tank and its layer")]
-    coil: Annotated[CoilTable, says("", "the coil")] = CoilTable()
-    surface: Annotated[ResolutionTable, says("", "resolution of the surface")] = ResolutionTable()
-    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = 9.80665
-    stated_pressure: Annotated[
-        Positive | None,
-        says("stress", "stated or measured change of pressure for comparison; none if left out"),
-    ] = None
+    want: tuple[Literal["coil_pressure"], ...] = entry(
+        "`coil_pressure`: figure 25 of Zimmermann et al.; no induction in the winding", default=()
+    )
+    fluid: FluidTable = entry("the fluid")
+    layer: LayerTable = entry("the tank and its layer")
+    coil: CoilTable = entry("the coil", default=CoilTable())
+    surface: ResolutionTable = entry("resolution of the surface", default=ResolutionTable())
+    gravity: float = positive("acceleration", "acceleration of gravity", default=9.80665)
+    stated_pressure: float | None = positive(
+        "stress",
+        "stated or measured change of pressure for comparison; none if left out",
+        default=None,
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
@@ -177,24 +170,25 @@ class CoilPressureScene(SIScene):
 class TubeTable(Given):
     """The membrane, a tube."""
 
-    radius: Annotated[Positive, says("length", "radius of the tube")] = 4e-3
-    youngs_modulus: Annotated[Positive, says("stress", "Young's modulus of the membrane")] = 5e5
-    diffusivity: Annotated[
-        Positive, says("diffusivity", "diffusivity of the carrier liquid in the membrane")
-    ] = 1e-11
-    concentration_drop: Annotated[
-        Positive,
-        says("density", "difference of that liquid's density from the inner to the outer face"),
-    ] = 0.15
-    stress_max: Annotated[Positive, says("stress", "hoop stress at the full pressure")] = 5e4
-    strain_max: Annotated[Positive, says("share", "strain at the full pressure")] = 0.1
+    radius: float = positive("length", "radius of the tube", default=4e-3)
+    youngs_modulus: float = positive("stress", "Young's modulus of the membrane", default=5e5)
+    diffusivity: float = positive(
+        "diffusivity", "diffusivity of the carrier liquid in the membrane", default=1e-11
+    )
+    concentration_drop: float = positive(
+        "density",
+        "difference of that liquid's density from the inner to the outer face",
+        default=0.15,
+    )
+    stress_max: float = positive("stress", "hoop stress at the full pressure", default=5e4)
+    strain_max: float = positive("share", "strain at the full pressure", default=0.1)
 
 
 class FillingTable(Given):
     """The fluid in the membrane."""
 
-    pressure: Annotated[Positive, says("stress", "magnetic pressure, above the pressure outside")]
-    density: Annotated[Positive, says("density", "density of the fluid")] = 1200.0
+    pressure: float = positive("stress", "magnetic pressure, above the pressure outside")
+    density: float = positive("density", "density of the fluid", default=1200.0)
 
 
 class MembraneScene(SIScene):
@@ -242,22 +236,24 @@ class MembraneScene(SIScene):
     }
 
     kind: Literal["membrane"]
-    want: Annotated[
-        tuple[Literal["membrane"], ...],
-        says("", "`membrane`: strain over loss, and remaining pressure over thickness"),
-    ] = ()
-    membrane: Annotated[TubeTable, says("", "the membrane")] = TubeTable()
-    fluid: Annotated[FillingTable, says("", "the fluid")]
-    lifetime: Annotated[Positive, says("time", "required lifetime of the fluid")]
-    loss_max: Annotated[Share, says("share", "largest share of fluid lost in that time")] = 0.1
-    thickness: Annotated[
-        Pair,
-        says("length", "least and largest thickness that can be made, below `membrane.radius`"),
-    ] = (2e-5, 2e-3)
-    contact_strain: Annotated[
-        NonNegative, says("share", "strain at which the worm touches the ground or its channel")
-    ] = 0.02
-    points: Annotated[Count, says("count", "number of points of the front")] = 41
+    want: tuple[Literal["membrane"], ...] = entry(
+        "`membrane`: strain over loss, and remaining pressure over thickness", default=()
+    )
+    membrane: TubeTable = entry("the membrane", default=TubeTable())
+    fluid: FillingTable = entry("the fluid")
+    lifetime: float = positive("time", "required lifetime of the fluid")
+    loss_max: float = number(
+        "share", "largest share of fluid lost in that time", above=0, below=1, default=0.1
+    )
+    thickness: Pair = entry(
+        "least and largest thickness that can be made, below `membrane.radius`",
+        quantity="length",
+        default=(2e-5, 2e-3),
+    )
+    contact_strain: float = number(
+        "share", "strain at which the worm touches the ground or its channel", least=0, default=0.02
+    )
+    points: int = whole(3, 1000, "number of points of the front", default=41)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive
+from wormopt.study.types import Finite, SceneTable, wrong_order
 
 Permeability = Annotated[float, Meta(gt=1, le=1e30, description="a finite number above 1")]
 Range = Annotated[
@@ -42,31 +42,27 @@ class MaterialTable(Given):
     Both descriptions together are refused, as is half of one, and measurements with `field` 0.
     """
 
-    field: Annotated[NonNegative, says("magnetic_field", "*H*, across the bar")]
-    mu_r: Annotated[
-        Permeability | None, says("1", "relative permeability of the unstrained material")
-    ] = None
-    lame_eta: Annotated[
-        Positive | None, says("stress", "second Lamé coefficient *η* (shear modulus)")
-    ] = None
-    u0: Annotated[
-        Positive | None, says("share", "measured strain by the field alone, instead of these two")
-    ] = None
-    youngs_modulus_eff: Annotated[
-        Positive | None,
-        says(
-            "stress",
-            "measured Young's modulus in the field; with `u0` it identifies `mu_r` and `lame_eta`",
-        ),
-    ] = None
-    lame_lambda: Annotated[
-        Positive | None,
-        says(
-            "stress",
-            "first Lamé coefficient *λ*, unknown if left out; used only to check the assumption "
-            "*λ* ≫ *η*",
-        ),
-    ] = None
+    field: float = number("magnetic_field", "*H*, across the bar", least=0)
+    mu_r: float | None = number(
+        "1", "relative permeability of the unstrained material", above=1, default=None
+    )
+    lame_eta: float | None = positive(
+        "stress", "second Lamé coefficient *η* (shear modulus)", default=None
+    )
+    u0: float | None = positive(
+        "share", "measured strain by the field alone, instead of these two", default=None
+    )
+    youngs_modulus_eff: float | None = positive(
+        "stress",
+        "measured Young's modulus in the field; with `u0` it identifies `mu_r` and `lame_eta`",
+        default=None,
+    )
+    lame_lambda: float | None = positive(
+        "stress",
+        "first Lamé coefficient *λ*, unknown if left out; used only to check the assumption "
+        "*λ* ≫ *η*",
+        default=None,
+    )
 
     @property
     def measured(self) -> bool:
@@ -94,8 +90,8 @@ class MaterialTable(Given):
 class SampleTable(Given):
     """A bar of the material."""
 
-    length: Annotated[Positive, says("length", "length without load and field")]
-    area: Annotated[Positive, says("area", "cross section")]
+    length: float = positive("length", "length without load and field")
+    area: float = positive("area", "cross section")
 
 
 class MaterialScene(SIScene):
@@ -145,22 +141,19 @@ class MaterialScene(SIScene):
     }
 
     kind: Literal["material"]
-    want: Annotated[
-        tuple[Literal["stress_strain"], ...],
-        says("", "`stress_strain`: figure 12 of Zimmermann et al. 2007 (WLLS)"),
-    ] = ()
-    material: Annotated[MaterialTable, says("", "the material and the field")]
-    sample: Annotated[
-        SampleTable | None, says("", "a bar whose stiffness is computed; none if left out")
-    ] = None
-    strain: Annotated[
-        Range | None,
-        says(
-            "share",
-            "range of the lines, above −1; if left out, from 0 to 0.1 or beyond *u*<sub>0</sub>, "
-            "whichever is more",
-        ),
-    ] = None
+    want: tuple[Literal["stress_strain"], ...] = entry(
+        "`stress_strain`: figure 12 of Zimmermann et al. 2007 (WLLS)", default=()
+    )
+    material: MaterialTable = entry("the material and the field")
+    sample: SampleTable | None = entry(
+        "a bar whose stiffness is computed; none if left out", default=None
+    )
+    strain: Range | None = entry(
+        "range of the lines, above −1; if left out, from 0 to 0.1 or beyond *u*<sub>0</sub>, "
+        "whichever is more",
+        quantity="share",
+        default=None,
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -16,10 +16,10 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
 from wormopt.quantities import GRAVITY
 from wormopt.result import Check, Result, left_out
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
 from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
 from wormopt.systems.film.scenes.film_body import FilmBodyScene

@@ -11,7 +11,7 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.result import Result
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.film.given_field import GivenField, WaveField
 from wormopt.systems.film.runs.film_flow import fluid_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene

@@ -13,8 +13,8 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.magnetics.pressure import OERSTED, gaussian_pressure, magnetic_pressure
 from wormopt.progress import Report
 from wormopt.result import Check, Result, Unchecked, left_out
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.film.cosine import CosineWave, square_wave_flow
 from wormopt.systems.film.lubrication import field_slope, flow, surface_velocity, velocities
 from wormopt.systems.film.next_order import REACH, corrected_flow, flow_terms, within_reach

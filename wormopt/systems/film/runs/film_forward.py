@@ -14,9 +14,9 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
 from wormopt.result import NOT_RECHECKED, Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.film.courses import TAIL, Course, Resolved, Setting, flow, follow, resolved
 from wormopt.systems.film.families import (
     basins,

@@ -14,8 +14,8 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.design.check import HELD, CosineBeside, Sampled, check_wave, cosine_beside
 from wormopt.systems.film.design.search import DesignedWave, best_wave

@@ -13,10 +13,10 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import (
     Drift,

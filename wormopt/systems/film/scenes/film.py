@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import ToleranceTable
-from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.numerics import ToleranceTable
+from wormopt.study.types import Finite, SceneTable, wrong_order
 
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below 1")]
 Shares = Annotated[
@@ -45,13 +45,13 @@ Points = Annotated[int, Meta(ge=2, le=100_000, description="a whole number, 2 to
 class FluidTable(Given):
     """Fluid, film and wave, with `units = "SI"` only."""
 
-    mu_r: Annotated[Permeability, says("1", "relative permeability")]
-    viscosity: Annotated[Positive, says("viscosity", "dynamic viscosity")]
-    density: Annotated[Positive, says("density", "density of the fluid")]
-    surface_tension: Annotated[NonNegative, says("surface_tension", "surface tension; 0: none")]
-    depth: Annotated[Positive, says("length", "mean thickness of the film")]
-    wavelength: Annotated[Positive, says("length", "wavelength of the wave")]
-    frequency: Annotated[Positive, says("angular_frequency", "frequency of the wave")]
+    mu_r: float = number("1", "relative permeability", above=1)
+    viscosity: float = positive("viscosity", "dynamic viscosity")
+    density: float = positive("density", "density of the fluid")
+    surface_tension: float = number("surface_tension", "surface tension; 0: none", least=0)
+    depth: float = positive("length", "mean thickness of the film")
+    wavelength: float = positive("length", "wavelength of the wave")
+    frequency: float = positive("angular_frequency", "frequency of the wave")
 
 
 class FilmTable(Given):
@@ -60,33 +60,29 @@ class FilmTable(Given):
     Scenes without units use the scales of eq. 25 of Zimmermann et al. 2007.
     """
 
-    delta: Annotated[Share | None, says("1", "amplitude of a cosine wave")] = None
-    cosines: Annotated[
-        Harmonics | None,
-        says(
-            "1",
-            "cosine amplitudes of the harmonics of another wave, from the first on; the thickness "
-            "must stay positive",
-        ),
-    ] = None
-    sines: Annotated[Harmonics | None, says("1", "sine amplitudes of the harmonics")] = None
-    tension: Annotated[
-        NonNegative | None,
-        says(
-            "1",
-            "dimensionless surface tension *W* (eq. 25), default 0; in SI scenes it follows from "
-            "the fluid",
-        ),
-    ] = None
-    eps: Annotated[
-        NonNegative | None,
-        says(
-            "1",
-            "*ε* (eq. 25), thickness times wave number: gives the error of lubrication theory; in "
-            "SI scenes it follows from the fluid",
-        ),
-    ] = None
-    fluid: Annotated[FluidTable | None, says("", "fluid of the film, in SI scenes")] = None
+    delta: float | None = number("1", "amplitude of a cosine wave", above=0, below=1, default=None)
+    cosines: Harmonics | None = entry(
+        "cosine amplitudes of the harmonics of another wave, from the first on; the thickness "
+        "must stay positive",
+        quantity="1",
+        default=None,
+    )
+    sines: Harmonics | None = entry("sine amplitudes of the harmonics", quantity="1", default=None)
+    tension: float | None = number(
+        "1",
+        "dimensionless surface tension *W* (eq. 25), default 0; in SI scenes it follows from "
+        "the fluid",
+        least=0,
+        default=None,
+    )
+    eps: float | None = number(
+        "1",
+        "*ε* (eq. 25), thickness times wave number: gives the error of lubrication theory; in "
+        "SI scenes it follows from the fluid",
+        least=0,
+        default=None,
+    )
+    fluid: FluidTable | None = entry("fluid of the film, in SI scenes", default=None)
 
     def faults(self, units: str) -> Iterator[Fault]:
         """Yield key path and message of what is wrong between the keys of this table."""
@@ -123,18 +119,26 @@ class FilmTable(Given):
 class CurvesTable(Given):
     """Amplitudes of cosine waves for comparison."""
 
-    delta: Annotated[Shares, says("1", "amplitudes of the fields in the picture")] = (
-        0.1,
-        0.3,
-        0.5,
-        0.7,
-        0.9,
+    delta: Shares = entry(
+        "amplitudes of the fields in the picture",
+        quantity="1",
+        default=(
+            0.1,
+            0.3,
+            0.5,
+            0.7,
+            0.9,
+        ),
     )
-    range: Annotated[SharePair, says("1", "range of amplitudes of the mean-flow curve")] = (
-        0.005,
-        0.995,
+    range: SharePair = entry(
+        "range of amplitudes of the mean-flow curve",
+        quantity="1",
+        default=(
+            0.005,
+            0.995,
+        ),
     )
-    points: Annotated[Points, says("count", "number of amplitudes on that curve")] = 199
+    points: int = whole(2, 100000, "number of amplitudes on that curve", default=199)
 
 
 class FilmFlowScene(SceneTable):
@@ -209,19 +213,14 @@ class FilmFlowScene(SceneTable):
     }
 
     kind: Literal["film-flow"]
-    want: Annotated[
-        tuple[Literal["film"], ...],
-        says(
-            "",
-            "`film`: mean flow over amplitude (as figure 15 of Zimmermann et al. 2007), shape, "
-            "surface velocity, fields",
-        ),
-    ] = ()
-    film: Annotated[FilmTable, says("", "film and wave")]
-    curves: Annotated[CurvesTable, says("", "cosine waves for comparison")] = field(
-        default_factory=CurvesTable
+    want: tuple[Literal["film"], ...] = entry(
+        "`film`: mean flow over amplitude (as figure 15 of Zimmermann et al. 2007), shape, "
+        "surface velocity, fields",
+        default=(),
     )
-    samples: Annotated[Points, says("count", "number of phases in the result")] = 401
+    film: FilmTable = entry("film and wave")
+    curves: CurvesTable = entry("cosine waves for comparison", default=CurvesTable)
+    samples: int = whole(2, 100000, "number of phases in the result", default=401)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
@@ -233,30 +232,35 @@ class FilmFlowScene(SceneTable):
 class FloatsTable(Given):
     """Bodies on the surface."""
 
-    length: Annotated[Lengths, says("1", "lengths in wavelengths; 0: a small float")] = (0.0,)
-    position: Annotated[
-        Finite, says("1", "initial position of the middle, in wavelengths ahead of a crest")
-    ] = 0.0
+    length: Lengths = entry(
+        "lengths in wavelengths; 0: a small float", quantity="1", default=(0.0,)
+    )
+    position: float = number(
+        "1", "initial position of the middle, in wavelengths ahead of a crest", default=0.0
+    )
 
 
 class TracersTable(Given):
     """Tracers in the fluid; default: none."""
 
-    height: Annotated[
-        Levels, says("1", "initial height as a share of the thickness; 1: on the surface")
-    ]
-    position: Annotated[Finite, says("1", "initial position, as for floats")] = 0.0
+    height: Levels = entry(
+        "initial height as a share of the thickness; 1: on the surface", quantity="1"
+    )
+    position: float = number("1", "initial position, as for floats", default=0.0)
 
 
 class RideTable(Given):
     """Duration of the simulation."""
 
-    periods: Annotated[
+    periods: (
         Annotated[float, Meta(gt=0, le=MOST_PERIODS, description="a number above 0, up to 20000")]
-        | None,
-        says("1", "number of wave periods; default: enough to overtake every body three times"),
-    ] = None
-    samples: Annotated[Points, says("count", "number of times in the result")] = 1001
+        | None
+    ) = entry(
+        "number of wave periods; default: enough to overtake every body three times",
+        quantity="1",
+        default=None,
+    )
+    samples: int = whole(2, 100000, "number of times in the result", default=1001)
 
 
 class FloatScene(SceneTable):
@@ -339,25 +343,16 @@ class FloatScene(SceneTable):
     }
 
     kind: Literal["float"]
-    want: Annotated[
-        tuple[Literal["floats", "ride"], ...],
-        says(
-            "",
-            "`floats`: the floats on the wave, and the field (as figure 27 of Zimmermann et al. "
-            "2007); `ride`: paths over the wave",
-        ),
-    ] = ()
-    film: Annotated[FilmTable, says("", "film and wave, without `tension`")]
-    floats: Annotated[FloatsTable, says("", "bodies on the surface")] = field(
-        default_factory=FloatsTable
+    want: tuple[Literal["floats", "ride"], ...] = entry(
+        "`floats`: the floats on the wave, and the field (as figure 27 of Zimmermann et al. "
+        "2007); `ride`: paths over the wave",
+        default=(),
     )
-    tracers: Annotated[TracersTable | None, says("", "tracers in the fluid")] = None
-    course: Annotated[RideTable, says("", "duration of the simulation")] = field(
-        default_factory=RideTable
-    )
-    tolerance: Annotated[ToleranceTable, says("", "tolerances of the simulation")] = field(
-        default_factory=ToleranceTable
-    )
+    film: FilmTable = entry("film and wave, without `tension`")
+    floats: FloatsTable = entry("bodies on the surface", default=FloatsTable)
+    tracers: TracersTable | None = entry("tracers in the fluid", default=None)
+    course: RideTable = entry("duration of the simulation", default=RideTable)
+    tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
-
-from msgspec import field
+from typing import ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import ToleranceTable
-from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive
+from wormopt.study.numerics import ToleranceTable
+from wormopt.study.types import SceneTable
 from wormopt.systems.film.scenes.film import FilmTable, Length, RideTable
 
 # Keys that apply to one type of body, or to one system of units, only.
@@ -29,41 +27,39 @@ class BodyTable(Given):
     *ω* and *k* are frequency and wave number, *d* is the mean thickness.
     """
 
-    on: Annotated[
-        Literal["surface", "ground"],
-        says("", "type of body: it floats, or lies in the film on the ground"),
-    ]
-    length: Annotated[Length, says("1", "length in wavelengths; 0: a short body")] = 0.0
-    height: Annotated[
-        NonNegative,
-        says(
-            "1", "height over the mean film thickness; on the ground below the least film thickness"
-        ),
-    ] = 0.0
-    position: Annotated[
-        Finite, says("1", "initial position of the middle, in wavelengths ahead of a crest")
-    ] = 0.0
-    mass: Annotated[Positive | None, says("1", "mass per area times *ω d*/*η*")] = None
-    weight: Annotated[
-        NonNegative | None,
-        says("1", "weight of a float per area, times (*k d*)²/(*η ω*); default 0"),
-    ] = None
-    friction_forward: Annotated[
-        NonNegative | None,
-        says(
-            "1",
-            "friction on the ground per area, times *k d*/(*η ω*), against motion with the wave",
-        ),
-    ] = None
-    friction_backward: Annotated[
-        NonNegative | None,
-        says("1", "friction on the ground against motion opposite to the wave; default: the same"),
-    ] = None
-    density: Annotated[Positive | None, says("density", "density of the body (SI)")] = None
-    friction_coefficient: Annotated[
-        NonNegative | None,
-        says("1", "friction on the ground over weight minus buoyancy (SI)"),
-    ] = None
+    on: Literal["surface", "ground"] = entry(
+        "type of body: it floats, or lies in the film on the ground"
+    )
+    length: Length = entry("length in wavelengths; 0: a short body", quantity="1", default=0.0)
+    height: float = number(
+        "1",
+        "height over the mean film thickness; on the ground below the least film thickness",
+        least=0,
+        default=0.0,
+    )
+    position: float = number(
+        "1", "initial position of the middle, in wavelengths ahead of a crest", default=0.0
+    )
+    mass: float | None = positive("1", "mass per area times *ω d*/*η*", default=None)
+    weight: float | None = number(
+        "1", "weight of a float per area, times (*k d*)²/(*η ω*); default 0", least=0, default=None
+    )
+    friction_forward: float | None = number(
+        "1",
+        "friction on the ground per area, times *k d*/(*η ω*), against motion with the wave",
+        least=0,
+        default=None,
+    )
+    friction_backward: float | None = number(
+        "1",
+        "friction on the ground against motion opposite to the wave; default: the same",
+        least=0,
+        default=None,
+    )
+    density: float | None = positive("density", "density of the body (SI)", default=None)
+    friction_coefficient: float | None = number(
+        "1", "friction on the ground over weight minus buoyancy (SI)", least=0, default=None
+    )
 
     def faults(self, units: str, fluid_density: float | None) -> Iterator[Fault]:
         """Yield key path and message of what is wrong between the keys of this table."""
@@ -155,18 +151,13 @@ class FilmBodyScene(SceneTable):
     }
 
     kind: Literal["film-body"]
-    want: Annotated[
-        tuple[Literal["carried"], ...],
-        says("", "`carried`: the body in the wave, and its velocity"),
-    ] = ()
-    film: Annotated[FilmTable, says("", "film and wave")]
-    body: Annotated[BodyTable, says("", "the body")]
-    course: Annotated[RideTable, says("", "duration of the simulation")] = field(
-        default_factory=RideTable
+    want: tuple[Literal["carried"], ...] = entry(
+        "`carried`: the body in the wave, and its velocity", default=()
     )
-    tolerance: Annotated[ToleranceTable, says("", "tolerances of the simulation")] = field(
-        default_factory=ToleranceTable
-    )
+    film: FilmTable = entry("film and wave")
+    body: BodyTable = entry("the body")
+    course: RideTable = entry("duration of the simulation", default=RideTable)
+    tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-import msgspec
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, SceneTable, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Finite, Positive, SceneTable, wrong_order
 from wormopt.systems.film.scenes.film import FilmTable, Permeability, Share, SharePair
 from wormopt.systems.spiked import why_unreadable
 from wormopt.tables import SUFFIXES
@@ -47,29 +46,24 @@ class FieldTable(Given):
     still moves slowly, and pumps 0.0318 instead of 0.0334.
     """
 
-    samples: Annotated[Samples | None, says("", "values of the field")] = None
-    file: Annotated[
-        Name | None,
-        says(
-            "",
-            "a table (`.csv`, `.txt`, `.tsv`, `.dat`) with one column, or with *ξ* and the "
-            "values, in the units of its head; or an earlier result, as its folder or its "
-            "`result.nc`",
-        ),
-    ] = None
-    variable: Annotated[Name | None, says("", "variable of the result")] = None
-    quantity: Annotated[
-        Literal["pressure", "field_squared", "field"],
-        says(
-            "",
-            "quantity of the values: (*μ* − 1)*H*²/(8π) over *P*, *H*² or *H*; in SI scenes the "
-            "last two are in A²/m² and A/m",
-        ),
-    ] = "pressure"
-    mu_r: Annotated[
-        Permeability | None,
-        says("1", "relative permeability, required for *H* and *H*² in scenes without units"),
-    ] = None
+    samples: Samples | None = entry("values of the field", default=None)
+    file: Name | None = entry(
+        "a table (`.csv`, `.txt`, `.tsv`, `.dat`) with one column, or with *ξ* and the "
+        "values, in the units of its head; or an earlier result, as its folder or its "
+        "`result.nc`",
+        default=None,
+    )
+    variable: Name | None = entry("variable of the result", default=None)
+    quantity: Literal["pressure", "field_squared", "field"] = entry(
+        "quantity of the values: (*μ* − 1)*H*²/(8π) over *P*, *H*² or *H*; in SI scenes the "
+        "last two are in A²/m² and A/m",
+        default="pressure",
+    )
+    mu_r: Permeability | None = entry(
+        "relative permeability, required for *H* and *H*² in scenes without units",
+        quantity="1",
+        default=None,
+    )
 
     def faults(self, units: str, folder: Path) -> Iterator[Fault]:
         """Yield key path and message of what is wrong between the keys of this table."""
@@ -106,91 +100,78 @@ class FieldTable(Given):
 class StartTable(Given):
     """The film at time 0."""
 
-    shape: Annotated[
-        Literal["flat", "wave", "samples"],
-        says("", "shape: flat, the prescribed wave, or given samples"),
-    ] = "flat"
-    samples: Annotated[
-        Thicknesses | None, says("1", "thickness at equidistant phases from 0 on, with mean 1")
-    ] = None
-    nudge: Annotated[
-        Finite, says("1", "amplitude of an added ripple `nudge` cos(`harmonic` *ξ*)")
-    ] = 0.0
-    harmonic: Annotated[
-        int,
-        Meta(ge=1, le=16, description="a whole number from 1 to 16"),
-        says("count", "harmonic of the ripple"),
-    ] = 1
+    shape: Literal["flat", "wave", "samples"] = entry(
+        "shape: flat, the prescribed wave, or given samples", default="flat"
+    )
+    samples: Thicknesses | None = entry(
+        "thickness at equidistant phases from 0 on, with mean 1", quantity="1", default=None
+    )
+    nudge: float = number(
+        "1", "amplitude of an added ripple `nudge` cos(`harmonic` *ξ*)", default=0.0
+    )
+    harmonic: int = whole(1, 16, "harmonic of the ripple", default=1)
 
 
 class GridTable(Given):
     """Resolution of the film."""
 
-    points: Annotated[
-        int,
-        Meta(ge=32, le=512, description="a whole number from 32 to 512"),
-        says("count", "initial number of equidistant points over a wavelength"),
-    ] = 128
-    most: Annotated[
-        int,
-        Meta(ge=32, le=2048, description="a whole number from 32 to 2048"),
-        says("count", "largest number of points; they are doubled until two resolutions agree"),
-    ] = 512
-    order: Annotated[
-        Literal[4, 6, 8, 10, 12, 14], says("count", "order of the finite differences")
-    ] = 12
-    agreement: Annotated[
-        float,
-        Meta(gt=0, le=0.1, description="a number above 0, up to 0.1"),
-        says("1", "accepted difference between the end states of two resolutions"),
-    ] = 1e-2
+    points: int = whole(
+        32, 512, "initial number of equidistant points over a wavelength", default=128
+    )
+    most: int = whole(
+        32,
+        2048,
+        "largest number of points; they are doubled until two resolutions agree",
+        default=512,
+    )
+    order: Literal[4, 6, 8, 10, 12, 14] = entry(
+        "order of the finite differences", quantity="count", default=12
+    )
+    agreement: float = number(
+        "1",
+        "accepted difference between the end states of two resolutions",
+        above=0,
+        most=0.1,
+        default=1e-2,
+    )
 
 
 class CourseTable(Given):
     """Duration of the simulation."""
 
-    periods: Annotated[
-        float,
-        Meta(ge=1, le=1e5, description="a number from 1 to 1e5"),
-        says("1", "number of wave periods"),
-    ] = 100.0
-    samples: Annotated[
-        int,
-        Meta(ge=20, le=20_000, description="a whole number, 20 to 20000"),
-        says("count", "number of times in the result"),
-    ] = 401
-    rupture: Annotated[
-        float,
-        Meta(gt=0, lt=1, description="a number above 0 and below 1"),
-        says(
-            "1",
-            "a film thinner than this share of its mean counts as ruptured; this is an assumption",
-        ),
-    ] = 0.02
-    settled: Annotated[
-        float,
-        Meta(gt=0, le=1e-2, description="a number above 0, up to 0.01"),
-        says("1", "distance from a steady film below which it counts as reached"),
-    ] = 1e-6
+    periods: float = number("1", "number of wave periods", least=1, most=100000.0, default=100.0)
+    samples: int = whole(20, 20000, "number of times in the result", default=401)
+    rupture: float = number(
+        "1",
+        "a film thinner than this share of its mean counts as ruptured; this is an assumption",
+        above=0,
+        below=1,
+        default=0.02,
+    )
+    settled: float = number(
+        "1",
+        "distance from a steady film below which it counts as reached",
+        above=0,
+        most=0.01,
+        default=1e-6,
+    )
 
 
 class StepsTable(Given):
     """Tolerances of the simulation."""
 
-    relative: Annotated[
-        float,
-        Meta(ge=1e-12, le=1e-3, description="a number from 1e-12 to 1e-3"),
-        says("1", "relative error per step, against the size of a state"),
-    ] = 1e-8
-    absolute: Annotated[Positive, says("1", "absolute error per step, against 1")] = 1e-10
-    max_steps: Annotated[
-        int,
-        Meta(ge=1, le=10**9, description="a whole number, 1 or above"),
-        says("count", "largest number of steps of a run"),
-    ] = 200_000
-    recheck: Annotated[
-        bool, says("", "whether the simulation is repeated with a hundredth of these tolerances")
-    ] = True
+    relative: float = number(
+        "1",
+        "relative error per step, against the size of a state",
+        least=1e-12,
+        most=0.001,
+        default=1e-8,
+    )
+    absolute: float = positive("1", "absolute error per step, against 1", default=1e-10)
+    max_steps: int = whole(1, 1000000000, "largest number of steps of a run", default=200_000)
+    recheck: bool = entry(
+        "whether the simulation is repeated with a hundredth of these tolerances", default=True
+    )
 
 
 class MapTable(Given):
@@ -199,21 +180,17 @@ class MapTable(Given):
     The map uses a single resolution where harmonics have decayed.
     """
 
-    delta: Annotated[Amplitudes, says("1", "amplitudes, ascending")]
-    tension: Annotated[Tensions, says("1", "values of the surface tension *W*, ascending")]
+    delta: Amplitudes = entry("amplitudes, ascending", quantity="1")
+    tension: Tensions = entry("values of the surface tension *W*, ascending", quantity="1")
 
 
 class BranchTable(Given):
     """Continuation of steady films in the amplitude of the prescribed cosine wave."""
 
-    delta: Annotated[
-        SharePair, says("1", "least and largest amplitude; the continuation passes folds")
-    ]
-    points: Annotated[
-        int,
-        Meta(ge=32, le=256, description="a whole number from 32 to 256"),
-        says("count", "equidistant points over a wavelength"),
-    ] = 64
+    delta: SharePair = entry(
+        "least and largest amplitude; the continuation passes folds", quantity="1"
+    )
+    points: int = whole(32, 256, "equidistant points over a wavelength", default=64)
 
 
 _MAP = ("map_delta", "map_tension")
@@ -320,34 +297,23 @@ class FilmForwardScene(SceneTable):
     }
 
     kind: Literal["film-forward"]
-    want: Annotated[
-        tuple[Literal["forward", "basins"], ...],
-        says(
-            "",
-            "`forward`: thickness over phase and time, film, field, eigenvalues, branches; "
-            "`basins`: the map",
-        ),
-    ] = ()
-    film: Annotated[FilmTable, says("", "prescribed wave, and surface tension above 0")]
-    field: Annotated[
-        FieldTable | None, says("", "another field that replaces that of the prescribed wave")
-    ] = None
-    start: Annotated[StartTable, says("", "the film at time 0")] = msgspec.field(
-        default_factory=StartTable
+    want: tuple[Literal["forward", "basins"], ...] = entry(
+        "`forward`: thickness over phase and time, film, field, eigenvalues, branches; "
+        "`basins`: the map",
+        default=(),
     )
-    course: Annotated[CourseTable, says("", "duration of the simulation")] = msgspec.field(
-        default_factory=CourseTable
+    film: FilmTable = entry("prescribed wave, and surface tension above 0")
+    field: FieldTable | None = entry(
+        "another field that replaces that of the prescribed wave", default=None
     )
-    grid: Annotated[GridTable, says("", "resolution of the film")] = msgspec.field(
-        default_factory=GridTable
+    start: StartTable = entry("the film at time 0", default=StartTable)
+    course: CourseTable = entry("duration of the simulation", default=CourseTable)
+    grid: GridTable = entry("resolution of the film", default=GridTable)
+    tolerance: StepsTable = entry("tolerances of the simulation", default=StepsTable)
+    branch: BranchTable | None = entry(
+        "continuation of steady films in the amplitude; default: none", default=None
     )
-    tolerance: Annotated[StepsTable, says("", "tolerances of the simulation")] = msgspec.field(
-        default_factory=StepsTable
-    )
-    branch: Annotated[
-        BranchTable | None, says("", "continuation of steady films in the amplitude; default: none")
-    ] = None
-    map: Annotated[MapTable | None, says("", "flat films in many fields; default: none")] = None
+    map: MapTable | None = entry("flat films in many fields; default: none", default=None)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

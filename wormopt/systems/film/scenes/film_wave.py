@@ -9,12 +9,11 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import Pair, Positive, SceneTable, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says, whole
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import Pair, Positive, SceneTable, wrong_order
 from wormopt.systems.shared.declared import OPTIMUM
 
-Crests = Annotated[int, Meta(ge=1, le=12, description="a whole number from 1 to 12")]
 Values = Annotated[
     tuple[Positive, ...], Meta(min_length=1, max_length=32, description="1 to 32 numbers above 0")
 ]
@@ -32,30 +31,27 @@ Flow = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below
 class WavyFilmTable(Given):
     """The film."""
 
-    tension: Annotated[
-        Tension,
-        says("1", "surface tension *W*; without it the field could make corners"),
-    ]
+    tension: float = number(
+        "1", "surface tension *W*; without it the field could make corners", least=1e-06
+    )
 
 
 class WaveLimitsTable(Given):
     """Limits of the wave."""
 
-    thickness: Annotated[
-        Pair, says("1", "bounds of the thickness over its mean 1, which lies between them")
-    ]
-    field: Annotated[
-        Positive | None,
-        says(
-            "1", "upper limit of the range of the field; required, but not allowed with `minimise`"
-        ),
-    ] = None
-    gradient: Annotated[
-        Positive | None,
-        says(
-            "1", "upper limit of the slope of the field over the phase; default: the field may jump"
-        ),
-    ] = None
+    thickness: Pair = entry(
+        "bounds of the thickness over its mean 1, which lies between them", quantity="1"
+    )
+    field: float | None = positive(
+        "1",
+        "upper limit of the range of the field; required, but not allowed with `minimise`",
+        default=None,
+    )
+    gradient: float | None = positive(
+        "1",
+        "upper limit of the slope of the field over the phase; default: the field may jump",
+        default=None,
+    )
 
 
 class WaveAimTable(Given):
@@ -66,17 +62,16 @@ class WaveAimTable(Given):
     float is searched for; if none exists, the result is the wave with the largest drift.
     """
 
-    maximise: Annotated[
-        Literal["mean_flow", "float_speed"] | None,
-        says("", "mean flow, or mean velocity of a small float"),
-    ] = None
-    minimise: Annotated[Literal["field"] | None, says("", "range of the field")] = None
-    mean_flow: Annotated[
-        Flow | None, says("1", "lower limit of the mean flow, with `minimise`")
-    ] = None
-    capture: Annotated[
-        bool, says("", "whether the wave must hold a small float, with `minimise`")
-    ] = False
+    maximise: Literal["mean_flow", "float_speed"] | None = entry(
+        "mean flow, or mean velocity of a small float", default=None
+    )
+    minimise: Literal["field"] | None = entry("range of the field", default=None)
+    mean_flow: float | None = number(
+        "1", "lower limit of the mean flow, with `minimise`", above=0, below=1, default=None
+    )
+    capture: bool = entry(
+        "whether the wave must hold a small float, with `minimise`", default=False
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield conflicts between the keys."""
@@ -101,25 +96,24 @@ class WaveAimTable(Given):
 class WaveSearchTable(Given):
     """Starting points of the search."""
 
-    crests: Annotated[
-        Crests,
-        says(
-            "count",
-            "largest number of crests at the start: waves with 1, 2, … equal crests; if a float "
-            "must be held, also with one crest higher than the others",
-        ),
-    ] = 3
+    crests: int = whole(
+        1,
+        12,
+        "largest number of crests at the start: waves with 1, 2, … equal crests; if a float "
+        "must be held, also with one crest higher than the others",
+        default=3,
+    )
 
 
 class WaveMapTable(Given):
     """Combinations of other films and fields, with `maximise = "mean_flow"`."""
 
-    tension: Annotated[Tensions | None, says("1", "values of *W*; default: that of the film")] = (
-        None
+    tension: Tensions | None = entry(
+        "values of *W*; default: that of the film", quantity="1", default=None
     )
-    field: Annotated[
-        Values | None, says("1", "ranges of the field; default: that of the limits")
-    ] = None
+    field: Values | None = entry(
+        "ranges of the field; default: that of the limits", quantity="1", default=None
+    )
 
 
 class FilmWaveScene(SceneTable):
@@ -212,24 +206,20 @@ class FilmWaveScene(SceneTable):
     }
 
     kind: Literal["film-wave"]
-    units: Annotated[
-        Literal["dimensionless"],
-        says("", "dimensionless, in the scales of eq. 25 of Zimmermann et al. 2007"),
-    ] = "dimensionless"
-    want: Annotated[
-        tuple[Literal["film_wave"], ...],
-        says("", "`film_wave`: shape, field and surface velocity, and other films if swept"),
-    ] = ()
-    film: Annotated[WavyFilmTable, says("", "the film")]
-    limits: Annotated[WaveLimitsTable, says("", "limits of the wave")]
-    aim: Annotated[WaveAimTable, says("", "objective of the wave")]
+    units: Literal["dimensionless"] = entry(
+        "dimensionless, in the scales of eq. 25 of Zimmermann et al. 2007", default="dimensionless"
+    )
+    want: tuple[Literal["film_wave"], ...] = entry(
+        "`film_wave`: shape, field and surface velocity, and other films if swept", default=()
+    )
+    film: WavyFilmTable = entry("the film")
+    limits: WaveLimitsTable = entry("limits of the wave")
+    aim: WaveAimTable = entry("objective of the wave")
     mesh: Annotated[
         MeshTable, says("", "mesh over the phase; default: 60 arcs; the degree is at least 3")
     ] = field(default_factory=lambda: MeshTable(arcs=60))
-    search: Annotated[WaveSearchTable, says("", "starting points of the search")] = field(
-        default_factory=WaveSearchTable
-    )
-    map: Annotated[WaveMapTable | None, says("", "other films and fields")] = None
+    search: WaveSearchTable = entry("starting points of the search", default=WaveSearchTable)
+    map: WaveMapTable | None = entry("other films and fields", default=None)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

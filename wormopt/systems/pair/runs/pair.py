@@ -12,8 +12,8 @@ from wormopt.analysis.steady import SteadyState
 from wormopt.errors import SolveError
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.result import left_out
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.chain import law_of
 from wormopt.systems.pair.scenes.magnetic_pair import MagneticPairTable
 from wormopt.systems.pair.steady import Pair

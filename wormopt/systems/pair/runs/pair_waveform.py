@@ -19,7 +19,7 @@ from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
 from wormopt.result import Check, Result, Unchecked
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.chain import law_of
 from wormopt.systems.pair.driven_pair import (
     FADED,

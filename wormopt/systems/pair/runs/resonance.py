@@ -14,8 +14,8 @@ from wormopt.errors import Interrupted
 from wormopt.magnetics.material import SMALL_STRAIN
 from wormopt.progress import Report
 from wormopt.result import Check, Result, left_out
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.pair.runs.pair import Scales, no_steady_motion, pair_of, warnings_of_pair
 from wormopt.systems.pair.scenes.magnetic_pair import ResonanceScene
 from wormopt.systems.pair.steady import Exact, Pair, Points, branches_of, confirmed, points_of

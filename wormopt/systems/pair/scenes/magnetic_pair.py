@@ -10,9 +10,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import AveragingTable, ToleranceTable
-from wormopt.scene.types import Finite, Positive, SceneTable, per, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says, whole
+from wormopt.study.numerics import AveragingTable, ToleranceTable
+from wormopt.study.types import Finite, SceneTable, per, wrong_order
 from wormopt.systems.chain import (
     Friction,
     SpikeFriction,
@@ -35,40 +35,33 @@ FinitePair = Annotated[
 class SampleTable(Given):
     """The magneto-elastic link as a sample of material, in SI units; *ε* is half its strain."""
 
-    mass: Annotated[Positive, says("mass", "mass of each of the two masses")]
-    youngs_modulus: Annotated[Positive, says("stress", "effective Young's modulus in the field")]
-    strain: Annotated[Strain, says("share", "*u*<sub>0</sub>, strain in the field without force")]
-    length: Annotated[Positive, says("length", "length of the link")]
-    area: Annotated[Positive, says("area", "cross-section of the link")]
+    mass: float = positive("mass", "mass of each of the two masses")
+    youngs_modulus: float = positive("stress", "effective Young's modulus in the field")
+    strain: float = number(
+        "share", "*u*<sub>0</sub>, strain in the field without force", above=0, below=1
+    )
+    length: float = positive("length", "length of the link")
+    area: float = positive("area", "cross-section of the link")
 
 
 class MagneticPairTable(Given):
     """Two equal masses on a link in a pulsating field: `eps`, or `sample` in SI scenes."""
 
-    eps: Annotated[
-        Positive | None,
-        says(
-            "share", "*ε*, push of the field over stiffness times length, in scenes without units"
-        ),
-    ] = None
-    sample: Annotated[SampleTable | None, says("", 'sample of the link, with `units = "SI"`')] = (
-        None
+    eps: float | None = positive(
+        "share",
+        "*ε*, push of the field over stiffness times length, in scenes without units",
+        default=None,
     )
-    friction: Annotated[
-        Friction,
-        says(
-            "",
-            "friction law of the ground, without spikes; forces over the push, velocities over "
-            "length times natural frequency; a number, or a list with one number per mass",
-        ),
-    ]
-    cosines: Annotated[
-        Cosines,
-        says(
-            "share",
-            "*G*(*t*) = Σ `cosines[k]` cos(*kνt*); the second number drives the swing and is not 0",
-        ),
-    ] = (1.0, 1.0)
+    sample: SampleTable | None = entry('sample of the link, with `units = "SI"`', default=None)
+    friction: Friction = entry(
+        "friction law of the ground, without spikes; forces over the push, velocities over "
+        "length times natural frequency; a number, or a list with one number per mass"
+    )
+    cosines: Cosines = entry(
+        "*G*(*t*) = Σ `cosines[k]` cos(*kνt*); the second number drives the swing and is not 0",
+        quantity="share",
+        default=(1.0, 1.0),
+    )
 
     @property
     def smallness(self) -> float:
@@ -124,28 +117,20 @@ class MagneticPairTable(Given):
 class CourseTable(Given):
     """The motion that is simulated from rest."""
 
-    end: Annotated[
-        Positive | None,
-        says(
-            "time",
-            "duration, at least twice `periods`; default: 60/*ε* natural times, longer where "
-            "deviations decay slowly",
-        ),
-    ] = None
-    samples: Annotated[
-        int,
-        Meta(ge=2, le=100_000, description="a whole number, 2 to 100000"),
-        says("count", "number of equidistant times in the result"),
-    ] = 2001
-    periods: Annotated[
-        int,
-        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says(
-            "count",
-            "number of last field periods over which the exact motion is averaged; as many before "
-            "are used to check convergence",
-        ),
-    ] = 20
+    end: float | None = positive(
+        "time",
+        "duration, at least twice `periods`; default: 60/*ε* natural times, longer where "
+        "deviations decay slowly",
+        default=None,
+    )
+    samples: int = whole(2, 100000, "number of equidistant times in the result", default=2001)
+    periods: int = whole(
+        1,
+        1000,
+        "number of last field periods over which the exact motion is averaged; as many before "
+        "are used to check convergence",
+        default=20,
+    )
 
 
 ThePair = Annotated[MagneticPairTable, says("", "the pair")]
@@ -216,26 +201,20 @@ class MagneticPairScene(SceneTable):
     }
 
     kind: Literal["magnetic-pair"]
-    want: Annotated[
-        tuple[Literal["velocity"], ...],
-        says(
-            "",
-            "`velocity`: velocity over time (figure 13 of Zimmermann et al. 2007), and the last "
-            "four periods in detail; the average of second order begins where the swing reaches 4 "
-            "*ε*",
-        ),
-    ] = ()
+    want: tuple[Literal["velocity"], ...] = entry(
+        "`velocity`: velocity over time (figure 13 of Zimmermann et al. 2007), and the last "
+        "four periods in detail; the average of second order begins where the swing reaches 4 "
+        "*ε*",
+        default=(),
+    )
     pair: ThePair
-    detuning: Annotated[
-        Finite,
-        says(
-            "1", "detuning *Δ*: the field's frequency is √2 + *εΔ* natural frequencies √(*c*/*m*)"
-        ),
-    ]
-    course: Annotated[CourseTable, says("", "the motion")] = field(default_factory=CourseTable)
-    stated_velocity: Annotated[
-        Finite | None, says("speed", "a published velocity for comparison")
-    ] = None
+    detuning: float = number(
+        "1", "detuning *Δ*: the field's frequency is √2 + *εΔ* natural frequencies √(*c*/*m*)"
+    )
+    course: CourseTable = entry("the motion", default=CourseTable)
+    stated_velocity: float | None = number(
+        "speed", "a published velocity for comparison", default=None
+    )
     averaging: Averaging = field(default_factory=AveragingTable)
     tolerance: ToleranceOf = field(default_factory=ToleranceTable)
 
@@ -259,29 +238,26 @@ class MagneticPairScene(SceneTable):
 class FrequenciesTable(Given):
     """Frequencies of the continuation of steady motions."""
 
-    detuning: Annotated[FinitePair, says("1", "least and largest detuning *Δ*")] = (-2.0, 2.0)
-    points: Annotated[
-        int,
-        Meta(ge=2, le=10_000, description="a whole number, 2 to 10000"),
-        says("count", "number of equidistant detunings in the result"),
-    ] = 400
-    largest: Annotated[
-        Positive,
-        says("1", "amplitude, in lengths of the link, above which a branch counts as unbounded"),
-    ] = 100.0
+    detuning: FinitePair = entry(
+        "least and largest detuning *Δ*", quantity="1", default=(-2.0, 2.0)
+    )
+    points: int = whole(2, 10000, "number of equidistant detunings in the result", default=400)
+    largest: float = positive(
+        "1",
+        "amplitude, in lengths of the link, above which a branch counts as unbounded",
+        default=100.0,
+    )
 
 
 class ConfirmTable(Given):
     """Exact simulations from every stable steady state; default: none."""
 
-    time: Annotated[
-        Positive, says("1", "duration of each, in natural times √(*m*/*c*), in SI scenes too")
-    ] = 2000.0
-    periods: Annotated[
-        int,
-        Meta(ge=1, le=1000, description="a whole number from 1 to 1000"),
-        says("count", "number of last field periods that are averaged, and as many before"),
-    ] = 50
+    time: float = positive(
+        "1", "duration of each, in natural times √(*m*/*c*), in SI scenes too", default=2000.0
+    )
+    periods: int = whole(
+        1, 1000, "number of last field periods that are averaged, and as many before", default=50
+    )
 
 
 class ResonanceScene(SceneTable):
@@ -327,15 +303,12 @@ class ResonanceScene(SceneTable):
     }
 
     kind: Literal["resonance"]
-    want: Annotated[
-        tuple[Literal["resonance"], ...],
-        says("", "`resonance`: velocity and amplitude over the detuning"),
-    ] = ()
-    pair: ThePair
-    frequencies: Annotated[FrequenciesTable, says("", "range of frequencies")] = field(
-        default_factory=FrequenciesTable
+    want: tuple[Literal["resonance"], ...] = entry(
+        "`resonance`: velocity and amplitude over the detuning", default=()
     )
-    confirm: Annotated[ConfirmTable | None, says("", "exact motions for comparison")] = None
+    pair: ThePair
+    frequencies: FrequenciesTable = entry("range of frequencies", default=FrequenciesTable)
+    confirm: ConfirmTable | None = entry("exact motions for comparison", default=None)
     averaging: Averaging = field(default_factory=AveragingTable)
     tolerance: ToleranceOf = field(default_factory=ToleranceTable)
 

@@ -10,17 +10,16 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import (
+from wormopt.study.given import Given, entry, positive, says, whole
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import (
     NonNegative,
-    Positive,
     PositiveOrPair,
     SceneTable,
     Seed,
     per,
     wrong_order,
 )
-from wormopt.study.given import Given, says
 from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
@@ -36,15 +35,11 @@ FieldRange = Annotated[
 class DrivenPairTable(Given):
     """Two masses on a magneto-elastic link, dimensionless."""
 
-    eps: Annotated[Positive, says("share", "push of the field over stiffness times length")]
-    friction: Annotated[
-        Friction,
-        says(
-            "",
-            'friction law of the ground, with `kind = "coulomb"`; forces over the push, equal or '
-            "one per mass; weaker forward than backward",
-        ),
-    ]
+    eps: float = positive("share", "push of the field over stiffness times length")
+    friction: Friction = entry(
+        'friction law of the ground, with `kind = "coulomb"`; forces over the push, equal or '
+        "one per mass; weaker forward than backward"
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys of this table."""
@@ -69,21 +64,20 @@ class FieldLimitsTable(Given):
     which the link cannot pull mass 0 forward.
     """
 
-    field: Annotated[
-        FieldRange,
-        says("share", "range of *G*, which is proportional to the square of the field strength"),
-    ]
-    frequency: Annotated[
-        PositiveOrPair,
-        says("angular_frequency", "frequency over √(*c*/*m*): a fixed value, or a range"),
-    ]
-    slope: Annotated[
-        Positive | None, says("1", "upper limit of |*G*′|; default: the field may jump")
-    ] = None
-    strain: Annotated[
-        Positive | None,
-        says("share", "upper limit of |*x*<sub>2</sub> − *x*<sub>1</sub>| over the link's length"),
-    ] = None
+    field: FieldRange = entry(
+        "range of *G*, which is proportional to the square of the field strength", quantity="share"
+    )
+    frequency: PositiveOrPair = entry(
+        "frequency over √(*c*/*m*): a fixed value, or a range", quantity="angular_frequency"
+    )
+    slope: float | None = positive(
+        "1", "upper limit of |*G*′|; default: the field may jump", default=None
+    )
+    strain: float | None = positive(
+        "share",
+        "upper limit of |*x*<sub>2</sub> − *x*<sub>1</sub>| over the link's length",
+        default=None,
+    )
 
     @property
     def frequency_range(self) -> tuple[float, float]:
@@ -114,15 +108,11 @@ class FieldLimitsTable(Given):
 class WaveformAimTable(Given):
     """Objective of the waveform: exactly one of `maximise` and `minimise`."""
 
-    maximise: Annotated[Literal["speed"] | None, says("", "mean speed")] = None
-    minimise: Annotated[
-        Literal["work_per_distance"] | None,
-        says(
-            "",
-            "net work of the field over the distance; requires `speed`",
-        ),
-    ] = None
-    speed: Annotated[Positive | None, says("speed", "lower limit of the mean speed")] = None
+    maximise: Literal["speed"] | None = entry("mean speed", default=None)
+    minimise: Literal["work_per_distance"] | None = entry(
+        "net work of the field over the distance; requires `speed`", default=None
+    )
+    speed: float | None = positive("speed", "lower limit of the mean speed", default=None)
 
     def faults(self) -> Iterator[Fault]:
         """Yield conflicts between the keys."""
@@ -143,14 +133,13 @@ class WaveformAimTable(Given):
 class WaveformSearchTable(Given):
     """Starting points of the search."""
 
-    starts: Annotated[
-        int,
-        Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says(
-            "count", "number of starts: the harmonic field, then random fields of three harmonics"
-        ),
-    ] = 1
-    seed: Annotated[Seed, says("", "seed of the starts")] = 0
+    starts: int = whole(
+        1,
+        100,
+        "number of starts: the harmonic field, then random fields of three harmonics",
+        default=1,
+    )
+    seed: Seed = entry("seed of the starts", default=0)
 
 
 class PairWaveformScene(SceneTable):
@@ -239,25 +228,22 @@ class PairWaveformScene(SceneTable):
     }
 
     kind: Literal["pair-waveform"]
-    units: Annotated[
-        Literal["dimensionless"], says("", "lengths over that of the link, times over √(*m*/*c*)")
-    ] = "dimensionless"
-    want: Annotated[
-        tuple[Literal["waveform"], ...],
-        says(
-            "",
-            "`waveform`: field, stretch and velocities over a period; the harmonic field, scaled "
-            "to the same period, is shifted so its crest is that of the first harmonic",
-        ),
-    ] = ()
-    pair: Annotated[DrivenPairTable, says("", "the pair")]
-    limits: Annotated[FieldLimitsTable, says("", "limits of the field")]
-    aim: Annotated[WaveformAimTable, says("", "objective of the waveform")]
+    units: Literal["dimensionless"] = entry(
+        "lengths over that of the link, times over √(*m*/*c*)", default="dimensionless"
+    )
+    want: tuple[Literal["waveform"], ...] = entry(
+        "`waveform`: field, stretch and velocities over a period; the harmonic field, scaled "
+        "to the same period, is shifted so its crest is that of the first harmonic",
+        default=(),
+    )
+    pair: DrivenPairTable = entry("the pair")
+    limits: FieldLimitsTable = entry("limits of the field")
+    aim: WaveformAimTable = entry("objective of the waveform")
     mesh: Annotated[MeshTable, says("", "mesh in time; default: 100 arcs")] = field(
         default_factory=lambda: MeshTable(arcs=100)
     )
-    search: Annotated[WaveformSearchTable, says("", "starting points of the search")] = field(
-        default_factory=WaveformSearchTable
+    search: WaveformSearchTable = entry(
+        "starting points of the search", default=WaveformSearchTable
     )
 
     def faults(self, folder: Path) -> Iterator[Fault]:

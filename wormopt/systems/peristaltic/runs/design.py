@@ -11,8 +11,8 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.peristaltic.anchored.fastest import AnchorLimits, Fastest, fastest
 from wormopt.systems.peristaltic.anchored.gait import AnchoredGait, anchored_wave, anchors_needed
 from wormopt.systems.peristaltic.anchored.quasi_static import slip

@@ -13,8 +13,8 @@ from wormopt.magnetics.winding import Coil
 from wormopt.numerics.chebyshev import resolve
 from wormopt.progress import Report
 from wormopt.result import Check, Result, Unchecked
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.peristaltic.scenes.segment import SegmentScene
 from wormopt.systems.peristaltic.segment.barrel import barrel_swelling
 from wormopt.systems.peristaltic.segment.fibres import Fibres, range_of_fill

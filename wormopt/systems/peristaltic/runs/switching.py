@@ -16,7 +16,7 @@ from wormopt.ocp.motion import Motion
 from wormopt.ocp.optimise import Optimum
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.peristaltic.drag.worm import rings
 from wormopt.systems.peristaltic.scenes.switching import DragGround, PeristalticSwitchingScene
 from wormopt.systems.peristaltic.switching.orders import Search, search

@@ -15,9 +15,9 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result, Unchecked
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.peristaltic.chain.chain import POWERS, Body, peristaltic_worm
 from wormopt.systems.peristaltic.chain.crawl import (
     Anchors,

@@ -6,43 +6,39 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, Pair, Positive, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Pair, Positive, SceneTable
 
 # Relative difference below which sizes count as equal.
 _ROUNDING = 1e-9
-Segments = Annotated[int, Meta(ge=3, le=12, description="a whole number from 3 to 12")]
 Phases = Annotated[int, Meta(ge=3, le=16, description="a whole number from 3 to 16")]
 Rate = Annotated[
     Positive | Pair, Meta(description="a number above 0, or two, [contraction, extension]")
 ]
-Anchors = Annotated[int, Meta(ge=1, le=10, description="a whole number from 1 to 10")]
-Reserve = Annotated[float, Meta(ge=1, le=1e6, description="a number of at least 1")]
 
 
 class AnchoringWormTable(Given):
     """The worm: sealed segments that thicken as they shorten."""
 
-    segments: Annotated[Segments, says("count", "number of segments *N*")]
-    length: Annotated[Positive, says("length", "rest length *L* of a segment, its longest")]
-    radius: Annotated[Positive, says("length", "rest radius *R* of a segment, its least")]
-    drag: Annotated[NonNegative, says("force", "dry drag of each moving segment")]
-    load: Annotated[NonNegative, says("force", "load against the advance of the worm")] = 0.0
-    push: Annotated[
-        Positive | None,
-        says("force", "push available from a growing segment; not checked if left out"),
-    ] = None
+    segments: int = whole(3, 12, "number of segments *N*")
+    length: float = positive("length", "rest length *L* of a segment, its longest")
+    radius: float = positive("length", "rest radius *R* of a segment, its least")
+    drag: float = number("force", "dry drag of each moving segment", least=0)
+    load: float = number("force", "load against the advance of the worm", least=0, default=0.0)
+    push: float | None = positive(
+        "force", "push available from a growing segment; not checked if left out", default=None
+    )
 
 
 class TubeTable(Given):
     """The tube."""
 
-    radius: Annotated[Positive, says("length", "inner radius, above that of the worm")]
-    friction: Annotated[Positive, says("1", "coefficient of dry friction on its wall")]
-    wall_force: Annotated[Positive, says("force", "total normal force of an anchored segment")]
+    radius: float = positive("length", "inner radius, above that of the worm")
+    friction: float = positive("1", "coefficient of dry friction on its wall")
+    wall_force: float = positive("force", "total normal force of an anchored segment")
 
     @property
     def hold(self) -> float:
@@ -53,28 +49,29 @@ class TubeTable(Given):
 class AnchorLimitsTable(Given):
     """Limits of the gait."""
 
-    rate: Annotated[Rate, says("speed", "largest rate of a length; one value holds for both")]
-    clearance: Annotated[
-        Positive, says("length", "least clearance of a moving segment from the wall, see above")
-    ]
-    reserve: Annotated[
-        Reserve, says("1", "least ratio of friction limit to force on the anchors")
-    ] = 1.0
-    anchors: Annotated[
-        Anchors | None,
-        says("count", "least number of anchored segments; the least that holds if left out"),
-    ] = None
+    rate: Rate = entry("largest rate of a length; one value holds for both", quantity="speed")
+    clearance: float = positive(
+        "length", "least clearance of a moving segment from the wall, see above"
+    )
+    reserve: float = number(
+        "1",
+        "least ratio of friction limit to force on the anchors",
+        least=1,
+        most=1000000.0,
+        default=1.0,
+    )
+    anchors: int | None = whole(
+        1, 10, "least number of anchored segments; the least that holds if left out", default=None
+    )
 
 
 class OrderSearchTable(Given):
     """Options of the search for the order of anchors, and of the proof."""
 
-    phases: Annotated[
-        Phases, says("count", "largest number of phases in a cycle; the bound is for these gaits")
-    ] = 6
-    time_limit: Annotated[Positive, says("s", "time after which the proof of the bound stops")] = (
-        50.0
+    phases: int = whole(
+        3, 16, "largest number of phases in a cycle; the bound is for these gaits", default=6
     )
+    time_limit: float = positive("s", "time after which the proof of the bound stops", default=50.0)
 
 
 class PeristalticDesignScene(SceneTable):
@@ -138,20 +135,15 @@ class PeristalticDesignScene(SceneTable):
     }
 
     kind: Literal["peristaltic-design"]
-    want: Annotated[
-        tuple[Literal["peristalsis", "animation"], ...],
-        says(
-            "",
-            "`peristalsis`: the body in its tube over a cycle, and its advance with the "
-            "ceiling; `animation`: the moving body",
-        ),
-    ] = ()
-    worm: Annotated[AnchoringWormTable, says("", "the worm")]
-    tube: Annotated[TubeTable, says("", "the tube")]
-    limits: Annotated[AnchorLimitsTable, says("", "limits of the gait")]
-    search: Annotated[OrderSearchTable, says("", "options of the search")] = field(
-        default_factory=OrderSearchTable
+    want: tuple[Literal["peristalsis", "animation"], ...] = entry(
+        "`peristalsis`: the body in its tube over a cycle, and its advance with the "
+        "ceiling; `animation`: the moving body",
+        default=(),
     )
+    worm: AnchoringWormTable = entry("the worm")
+    tube: TubeTable = entry("the tube")
+    limits: AnchorLimitsTable = entry("limits of the gait")
+    search: OrderSearchTable = entry("options of the search", default=OrderSearchTable)
 
     @property
     def rates(self) -> tuple[float, float]:

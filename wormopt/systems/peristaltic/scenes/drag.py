@@ -9,9 +9,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import Finite, Pair, Positive, SceneTable, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says, whole
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import Pair, SceneTable, wrong_order
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 Segments = Annotated[int, Meta(ge=2, le=20, description="a whole number from 2 to 20")]
@@ -20,62 +20,55 @@ Segments = Annotated[int, Meta(ge=2, le=20, description="a whole number from 2 t
 class DragTable(Given):
     """Drag *c*(*l*) = *c*<sub>0</sub>(*l*/*L*)<sup>*a*</sup> on the centre of a segment."""
 
-    exponent: Annotated[
-        Finite,
-        says("1", "exponent *a*: 1 for drag per present length, below 0 if thick segments grip"),
-    ]
-    coefficient: Annotated[
-        Positive, says("drag", "drag *c*<sub>0</sub> of a segment of length *L*")
-    ] = 1.0
+    exponent: float = number(
+        "1", "exponent *a*: 1 for drag per present length, below 0 if thick segments grip"
+    )
+    coefficient: float = positive(
+        "drag", "drag *c*<sub>0</sub> of a segment of length *L*", default=1.0
+    )
 
 
 class DragWormTable(Given):
     """A worm of segments that can all stretch and shorten."""
 
-    segments: Annotated[Segments, says("count", "number of segments")]
-    length: Annotated[Positive, says("length", "reference length *L* of a segment")] = 1.0
+    segments: int = whole(2, 20, "number of segments")
+    length: float = positive("length", "reference length *L* of a segment", default=1.0)
 
 
 class EffortTable(Given):
     """Effort allowed in a period; exactly one of the two."""
 
-    strain_rate: Annotated[
-        Positive | None, says("rate", "∫∑(*l*′<sub>j</sub>/*L*)² d*t* over a period")
-    ] = None
-    dissipation: Annotated[
-        Positive | None,
-        says("energy", "energy dissipated in a period by drag spread along each segment"),
-    ] = None
+    strain_rate: float | None = positive(
+        "rate", "∫∑(*l*′<sub>j</sub>/*L*)² d*t* over a period", default=None
+    )
+    dissipation: float | None = positive(
+        "energy", "energy dissipated in a period by drag spread along each segment", default=None
+    )
 
 
 class DragLimitsTable(Given):
     """Limits of the lengths."""
 
-    mean_length: Annotated[
-        Positive | None,
-        says("length", "mean length of each segment over a period; free if left out"),
-    ] = None
-    keeps_length: Annotated[
-        bool, says("", "whether the total length of the worm is constant; needs `mean_length`")
-    ] = False
-    length: Annotated[
-        Pair | None,
-        says(
-            "length",
-            "least and largest length of a segment; required without `mean_length`, else at least "
-            "a tenth of *L*",
-        ),
-    ] = None
+    mean_length: float | None = positive(
+        "length", "mean length of each segment over a period; free if left out", default=None
+    )
+    keeps_length: bool = entry(
+        "whether the total length of the worm is constant; needs `mean_length`", default=False
+    )
+    length: Pair | None = entry(
+        "least and largest length of a segment; required without `mean_length`, else at least "
+        "a tenth of *L*",
+        quantity="length",
+        default=None,
+    )
 
 
 class DragSearchTable(Given):
     """Starting points of the search."""
 
-    starts: Annotated[
-        int,
-        Meta(ge=1, le=10, description="a whole number from 1 to 10"),
-        says("count", "number of initial gaits: the best of the ⌊*N*/2⌋ small gaits"),
-    ] = 1
+    starts: int = whole(
+        1, 10, "number of initial gaits: the best of the ⌊*N*/2⌋ small gaits", default=1
+    )
 
 
 class PeristalticDragScene(SceneTable):
@@ -130,22 +123,17 @@ class PeristalticDragScene(SceneTable):
     }
 
     kind: Literal["peristaltic-drag"]
-    want: Annotated[
-        tuple[Literal["drag_gait", "body", "animation"], ...],
-        says(
-            "",
-            "`drag_gait`: velocity and lengths, with the best small gait dashed; `body`: the worm "
-            "over a period, from top to bottom; `animation`: the moving worm",
-        ),
-    ] = ()
-    worm: Annotated[DragWormTable, says("", "the worm")]
-    drag: Annotated[DragTable, says("", "drag law of the ground")]
-    period: Annotated[Positive, says("time", "period")] = 1.0
-    effort: Annotated[EffortTable, says("", "effort allowed in a period")]
-    limits: Annotated[DragLimitsTable, says("", "limits of the lengths")]
-    search: Annotated[DragSearchTable, says("", "starting points of the search")] = field(
-        default_factory=DragSearchTable
+    want: tuple[Literal["drag_gait", "body", "animation"], ...] = entry(
+        "`drag_gait`: velocity and lengths, with the best small gait dashed; `body`: the worm "
+        "over a period, from top to bottom; `animation`: the moving worm",
+        default=(),
     )
+    worm: DragWormTable = entry("the worm")
+    drag: DragTable = entry("drag law of the ground")
+    period: float = positive("time", "period", default=1.0)
+    effort: EffortTable = entry("effort allowed in a period")
+    limits: DragLimitsTable = entry("limits of the lengths")
+    search: DragSearchTable = entry("starting points of the search", default=DragSearchTable)
     mesh: Annotated[
         MeshTable, says("", "discretisation; 12 arcs of degree 8 at Legendre points if left out")
     ] = field(default_factory=lambda: MeshTable(arcs=12, degree=8, scheme="legendre"))

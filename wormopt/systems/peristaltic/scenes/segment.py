@@ -10,8 +10,8 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.quantities import GRAVITY
-from wormopt.scene.types import NonNegative, Pair, Positive, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Pair, wrong_order
 from wormopt.systems.coils import SIScene
 
 Part = Annotated[float, Meta(ge=0, le=1, description="a number from 0 to 1")]
@@ -25,17 +25,17 @@ Count = Annotated[int, Meta(ge=11, le=1000, description="a whole number from 11 
 class SegmentTable(Given):
     """The segment, a thin tube of rubber closed by rings."""
 
-    length: Annotated[Positive, says("length", "unstressed length *L*")]
-    radius: Annotated[Positive, says("length", "unstressed radius *R*, also of the rings")]
-    wall: Annotated[Positive, says("length", "thickness *h* of the wall, small against the radius")]
-    shear_modulus: Annotated[Positive, says("stress", "shear modulus *G* of the rubber, *E*/3")]
-    neo_hookean: Annotated[
-        Part,
-        says(
-            "share",
-            "*a* of the Mooney-Rivlin energy *a I*<sub>1</sub> + (1 − *a*) *I*<sub>2</sub>",
-        ),
-    ] = 1.0
+    length: float = positive("length", "unstressed length *L*")
+    radius: float = positive("length", "unstressed radius *R*, also of the rings")
+    wall: float = positive("length", "thickness *h* of the wall, small against the radius")
+    shear_modulus: float = positive("stress", "shear modulus *G* of the rubber, *E*/3")
+    neo_hookean: float = number(
+        "share",
+        "*a* of the Mooney-Rivlin energy *a I*<sub>1</sub> + (1 − *a*) *I*<sub>2</sub>",
+        least=0,
+        most=1,
+        default=1.0,
+    )
 
     def faults_in(self, where: str, tube: float) -> Iterator[Fault]:
         """Yield a fault, with the key `where`, unless the segment fits into a tube of a radius."""
@@ -50,50 +50,55 @@ class SegmentTable(Given):
 class IdealCoilTable(Given):
     """An ideal coil: a uniform field over a share of the segment, none beyond."""
 
-    pressure: Annotated[
-        NonNegative, says("stress", "magnetic pressure μ<sub>0</sub>χ*H*²/2 in the fluid")
-    ]
-    share: Annotated[Share, says("share", "share of the segment's length in the field")] = 0.5
+    pressure: float = number(
+        "stress", "magnetic pressure μ<sub>0</sub>χ*H*²/2 in the fluid", least=0
+    )
+    share: float = number(
+        "share", "share of the segment's length in the field", above=0, most=1, default=0.5
+    )
 
 
 class FluidTable(Given):
     """The magnetic fluid in the segment."""
 
-    density: Annotated[Positive, says("density", "density of the fluid")] = 1200.0
-    chi: Annotated[Positive, says("1", "susceptibility")] = 0.35
+    density: float = positive("density", "density of the fluid", default=1200.0)
+    chi: float = positive("1", "susceptibility", default=0.35)
 
 
 class TubeTable(Given):
     """A rigid tube around the segment."""
 
-    radius: Annotated[Positive, says("length", "inner radius; above `segment.radius`")]
-    friction: Annotated[NonNegative, says("1", "Coulomb coefficient on the membrane")] = 0.3
+    radius: float = positive("length", "inner radius; above `segment.radius`")
+    friction: float = number("1", "Coulomb coefficient on the membrane", least=0, default=0.3)
 
 
 class WindingTable(Given):
     """A real coil around the middle of the segment, for comparison."""
 
-    ampere_turns: Annotated[Positive, says("current", "current times turns")]
-    inner_radius: Annotated[Positive, says("length", "inner radius; above segment and tube")]
-    outer_radius: Annotated[Positive, says("length", "outer radius of the winding")]
-    length: Annotated[Positive, says("length", "length along the segment")]
+    ampere_turns: float = positive("current", "current times turns")
+    inner_radius: float = positive("length", "inner radius; above segment and tube")
+    outer_radius: float = positive("length", "outer radius of the winding")
+    length: float = positive("length", "length along the segment")
 
 
 class InflationTable(Given):
     """A given inner pressure, for segments that share their fluid or have a pump."""
 
-    pressure: Annotated[Positive, says("stress", "pressure, up to the limit of inflation")]
-    fibre_angle: Annotated[
-        Angle | None,
-        says("angle", "angle of inextensible fibres to the axis; no fibres if left out"),
-    ] = None
-    fill: Annotated[
-        Share | None,
-        says(
-            "share",
-            "volume of a sealed segment over the largest with these fibres; needs `fibre_angle`",
-        ),
-    ] = None
+    pressure: float = positive("stress", "pressure, up to the limit of inflation")
+    fibre_angle: float | None = number(
+        "angle",
+        "angle of inextensible fibres to the axis; no fibres if left out",
+        above=0,
+        below=1.5707,
+        default=None,
+    )
+    fill: float | None = number(
+        "share",
+        "volume of a sealed segment over the largest with these fibres; needs `fibre_angle`",
+        above=0,
+        most=1,
+        default=None,
+    )
 
 
 class SegmentScene(SIScene):
@@ -165,30 +170,29 @@ class SegmentScene(SIScene):
     }
 
     kind: Literal["peristaltic-segment"]
-    want: Annotated[
-        tuple[Literal["segment", "stroke"], ...],
-        says(
-            "",
-            "`segment`: shapes in coil and tube; `stroke`: stroke over pressure, and the forces",
+    want: tuple[Literal["segment", "stroke"], ...] = entry(
+        "`segment`: shapes in coil and tube; `stroke`: stroke over pressure, and the forces",
+        default=(),
+    )
+    segment: SegmentTable = entry("the segment")
+    coil: IdealCoilTable = entry("the coil")
+    fluid: FluidTable = entry("the fluid", default=FluidTable())
+    load: float = number(
+        "force", "drag on the ends, which the segment must overcome and hold", least=0, default=0.0
+    )
+    tube: TubeTable | None = entry("the tube; none if left out", default=None)
+    winding: WindingTable | None = entry("the real coil; none if left out", default=None)
+    inflation: InflationTable | None = entry("a given pressure; none if left out", default=None)
+    stretches: Pair = entry(
+        "range of stretches in the plot of forces",
+        quantity="share",
+        default=(
+            0.85,
+            1.1,
         ),
-    ] = ()
-    segment: Annotated[SegmentTable, says("", "the segment")]
-    coil: Annotated[IdealCoilTable, says("", "the coil")]
-    fluid: Annotated[FluidTable, says("", "the fluid")] = FluidTable()
-    load: Annotated[
-        NonNegative, says("force", "drag on the ends, which the segment must overcome and hold")
-    ] = 0.0
-    tube: Annotated[TubeTable | None, says("", "the tube; none if left out")] = None
-    winding: Annotated[WindingTable | None, says("", "the real coil; none if left out")] = None
-    inflation: Annotated[InflationTable | None, says("", "a given pressure; none if left out")] = (
-        None
     )
-    stretches: Annotated[Pair, says("share", "range of stretches in the plot of forces")] = (
-        0.85,
-        1.1,
-    )
-    points: Annotated[Count, says("count", "number of points of the curves")] = 101
-    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = GRAVITY
+    points: int = whole(11, 1000, "number of points of the curves", default=101)
+    gravity: float = positive("acceleration", "acceleration of gravity", default=GRAVITY)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -9,9 +9,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import Finite, NonNegative, Pair, Positive, SceneTable, Seed, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says, whole
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import Pair, SceneTable, Seed, wrong_order
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
 # Fewer segments than for other kinds, because the number of orders grows with (2 N - 1)!
@@ -26,69 +26,62 @@ Share = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most
 class SwitchedWormTable(Given):
     """Segments that relax to one length with their coil on, and to another with it off."""
 
-    segments: Annotated[Coils, says("count", "number of segments and of coils")]
-    length_on: Annotated[Positive, says("length", "length of a segment whose coil stays on")]
-    length_off: Annotated[Positive, says("length", "length of a segment whose coil stays off")]
-    time_on: Annotated[Positive, says("time", "time constant while the coil is on")] = 1.0
-    time_off: Annotated[
-        Positive | None, says("time", "time constant while the coil is off; `time_on` if left out")
-    ] = None
-    power: Annotated[Positive, says("power", "power of a coil that is on")] = 1.0
+    segments: int = whole(2, 10, "number of segments and of coils")
+    length_on: float = positive("length", "length of a segment whose coil stays on")
+    length_off: float = positive("length", "length of a segment whose coil stays off")
+    time_on: float = positive("time", "time constant while the coil is on", default=1.0)
+    time_off: float | None = positive(
+        "time", "time constant while the coil is off; `time_on` if left out", default=None
+    )
+    power: float = positive("power", "power of a coil that is on", default=1.0)
 
 
 class DragGround(Given, tag_field="kind", tag="drag"):
     """Linear drag on each segment, proportional to (*l*/*L*)<sup>*a*</sup>."""
 
-    exponent: Annotated[
-        Finite,
-        says("1", "exponent *a*: 1 for drag per present length, below 0 if thick segments grip"),
-    ]
+    exponent: float = number(
+        "1", "exponent *a*: 1 for drag per present length, below 0 if thick segments grip"
+    )
 
 
 class TubeGround(Given, tag_field="kind", tag="tube"):
     """A tube: a segment as short as `contact` rests on the wall until its coil goes off."""
 
-    contact: Annotated[
-        Positive,
-        says("length", "length at which a segment touches, from `length_on` to `length_off`"),
-    ]
+    contact: float = positive(
+        "length", "length at which a segment touches, from `length_on` to `length_off`"
+    )
 
 
 class SwitchLimitsTable(Given):
     """Limits of the switching times."""
 
-    period: Annotated[Pair, says("time", "[shortest, longest] period")]
-    duty: Annotated[Share, says("share", "largest share of the period that a coil is on")] = 1.0
-    dwell: Annotated[
-        NonNegative, says("time", "shortest time that a coil stays on, and that it stays off")
-    ] = 0.0
-    together: Annotated[
-        Annotated[int, Meta(ge=1, description="a whole number, 1 or above")] | None,
-        says("count", "largest number of coils on at a time; all if left out"),
-    ] = None
+    period: Pair = entry("[shortest, longest] period", quantity="time")
+    duty: float = number(
+        "share", "largest share of the period that a coil is on", above=0, most=1, default=1.0
+    )
+    dwell: float = number(
+        "time", "shortest time that a coil stays on, and that it stays off", least=0, default=0.0
+    )
+    together: Annotated[int, Meta(ge=1, description="a whole number, 1 or above")] | None = entry(
+        "largest number of coils on at a time; all if left out", quantity="count", default=None
+    )
 
 
 class SwitchAimTable(Given):
     """Objective of the switching; one of `maximise` and `minimise`."""
 
-    maximise: Annotated[Literal["speed"] | None, says("", "mean speed")] = None
-    minimise: Annotated[
-        Literal["energy_per_distance"] | None, says("", "energy of the coils per distance")
-    ] = None
-    speed: Annotated[Positive | None, says("speed", "least mean speed, only with `minimise`")] = (
-        None
+    maximise: Literal["speed"] | None = entry("mean speed", default=None)
+    minimise: Literal["energy_per_distance"] | None = entry(
+        "energy of the coils per distance", default=None
     )
+    speed: float | None = positive("speed", "least mean speed, only with `minimise`", default=None)
 
 
 class SwitchSearchTable(Given):
     """Starting points of the search; with up to three segments all orders are tried."""
 
-    starts: Annotated[
-        int,
-        Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "initial orders, the best of waves and of random orders"),
-    ] = 8
-    seed: Annotated[Seed, says("", "seed of the random orders")] = 0
+    starts: int = whole(1, 100, "initial orders, the best of waves and of random orders", default=8)
+    seed: Seed = entry("seed of the random orders", default=0)
 
 
 class PeristalticSwitchingScene(SceneTable):
@@ -136,23 +129,16 @@ class PeristalticSwitchingScene(SceneTable):
     }
 
     kind: Literal["peristaltic-switching"]
-    want: Annotated[
-        tuple[Literal["switching", "body", "animation"], ...],
-        says(
-            "",
-            "`switching`: coils, lengths and velocity over a period; `body`: the worm over a "
-            "period, from top to bottom; `animation`: the moving worm",
-        ),
-    ] = ()
-    worm: Annotated[SwitchedWormTable, says("", "the worm")]
-    ground: Annotated[
-        DragGround | TubeGround, says("", 'the ground, with `kind = "drag"` or `kind = "tube"`')
-    ]
-    limits: Annotated[SwitchLimitsTable, says("", "limits of the switching times")]
-    aim: Annotated[SwitchAimTable, says("", "objective")]
-    search: Annotated[SwitchSearchTable, says("", "starting points of the search")] = field(
-        default_factory=SwitchSearchTable
+    want: tuple[Literal["switching", "body", "animation"], ...] = entry(
+        "`switching`: coils, lengths and velocity over a period; `body`: the worm over a "
+        "period, from top to bottom; `animation`: the moving worm",
+        default=(),
     )
+    worm: SwitchedWormTable = entry("the worm")
+    ground: DragGround | TubeGround = entry('the ground, with `kind = "drag"` or `kind = "tube"`')
+    limits: SwitchLimitsTable = entry("limits of the switching times")
+    aim: SwitchAimTable = entry("objective")
+    search: SwitchSearchTable = entry("starting points of the search", default=SwitchSearchTable)
     mesh: Annotated[
         MeshTable,
         says("", "discretisation of a phase; 2 arcs of degree 8 at Legendre points"),

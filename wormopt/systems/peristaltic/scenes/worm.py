@@ -11,8 +11,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.quantities import GRAVITY
-from wormopt.scene.types import Finite, NonNegative, Positive
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says, whole
 from wormopt.systems.coils import SIScene
 from wormopt.systems.peristaltic.scenes.segment import SegmentTable
 from wormopt.systems.shared.declared import EVENTS, TIME, over
@@ -28,15 +27,13 @@ _MU0 = 4e-7 * math.pi
 class WormTable(SegmentTable):
     """The worm: a row of sealed membrane cylinders full of magnetic fluid."""
 
-    segments: Annotated[Segments, says("count", "number of segments *N*; segment 0 is the head")]
-    density: Annotated[
-        Positive, says("density", "mean density of a segment, in its volume π*R*²*L*, *assumed*")
-    ]
-    damping: Annotated[
-        NonNegative, says("drag", "damping along each segment (Kelvin-Voigt), *assumed*")
-    ]
-    load: Annotated[Finite, says("force", "load on the whole worm against forward motion")] = 0.0
-    gravity: Annotated[Positive, says("acceleration", "acceleration of gravity")] = GRAVITY
+    segments: int = whole(1, 30, "number of segments *N*; segment 0 is the head")
+    density: float = positive(
+        "density", "mean density of a segment, in its volume π*R*²*L*, *assumed*"
+    )
+    damping: float = number("drag", "damping along each segment (Kelvin-Voigt), *assumed*", least=0)
+    load: float = number("force", "load on the whole worm against forward motion", default=0.0)
+    gravity: float = positive("acceleration", "acceleration of gravity", default=GRAVITY)
 
     @property
     def mass(self) -> float:
@@ -47,14 +44,18 @@ class WormTable(SegmentTable):
 class CoilTable(Given):
     """One coil around each segment, and the fluid in it."""
 
-    current: Annotated[Positive, says("current", "current of a coil that is on")]
-    field_per_current: Annotated[
-        Positive, says("field_per_current", "magnetic field in the fluid per current, *assumed*")
-    ]
-    mu_r: Annotated[Permeability, says("1", "relative permeability of the fluid")]
-    share: Annotated[
-        Share, says("share", "share *c* of the segment's length in the field, *assumed*")
-    ] = 0.5
+    current: float = positive("current", "current of a coil that is on")
+    field_per_current: float = positive(
+        "field_per_current", "magnetic field in the fluid per current, *assumed*"
+    )
+    mu_r: float = number("1", "relative permeability of the fluid", above=1)
+    share: float = number(
+        "share",
+        "share *c* of the segment's length in the field, *assumed*",
+        above=0,
+        below=1,
+        default=0.5,
+    )
 
     @property
     def pressure(self) -> float:
@@ -69,73 +70,63 @@ _DIRECTION = says("", "`retrograde`: the wave runs from head to tail; `direct`: 
 class SwitchedWave(Given, tag_field="kind", tag="switched"):
     """Coils are on or off; the block of coils that are on moves by one segment each step."""
 
-    on: Annotated[Segments, says("count", "number *m* of coils on at a time")]
-    step: Annotated[Positive, says("time", "time until the block moves by one segment")]
+    on: int = whole(1, 30, "number *m* of coils on at a time")
+    step: float = positive("time", "time until the block moves by one segment")
     direction: Annotated[Direction, _DIRECTION] = "retrograde"
 
 
 class HarmonicWave(Given, tag_field="kind", tag="harmonic"):
     """Currents *I* (1 + cos(2π *t*/*T* − 2π *q j*/*N*))/2 in segment *j*."""
 
-    period: Annotated[Positive, says("time", "*T*")]
-    waves: Annotated[
-        Share, says("1", "phase lag *q*/*N* between neighbouring segments, in periods")
-    ]
+    period: float = positive("time", "*T*")
+    waves: float = number(
+        "1", "phase lag *q*/*N* between neighbouring segments, in periods", above=0, below=1
+    )
     direction: Annotated[Direction, _DIRECTION] = "retrograde"
 
 
 class DryTable(Given, tag_field="kind", tag="dry"):
     """Open ground with dry friction by weight."""
 
-    forward: Annotated[NonNegative, says("1", "coefficient against sliding forward")]
-    backward: Annotated[NonNegative, says("1", "coefficient against sliding backward")]
+    forward: float = number("1", "coefficient against sliding forward", least=0)
+    backward: float = number("1", "coefficient against sliding backward", least=0)
 
 
 class DragTable(Given, tag_field="kind", tag="drag"):
     """Open ground with drag *c*<sub>0</sub> (*l*/*L*)<sup>*a*</sup> at the segments' middles."""
 
-    coefficient: Annotated[Positive, says("drag", "drag *c*<sub>0</sub> of a segment")]
-    exponent: Annotated[
-        Finite,
-        says(
-            "1", "exponent *a*: if positive long segments grip, if negative short ones, at 0 none"
-        ),
-    ]
+    coefficient: float = positive("drag", "drag *c*<sub>0</sub> of a segment")
+    exponent: float = number(
+        "1", "exponent *a*: if positive long segments grip, if negative short ones, at 0 none"
+    )
 
 
 class TubeTable(Given, tag_field="kind", tag="tube"):
     """A straight tube: swollen segments press on its wall and grip it."""
 
-    radius: Annotated[Positive, says("length", "*R*<sub>t</sub>, above that of the worm")]
-    friction: Annotated[
-        NonNegative, says("1", "coefficient of dry friction, for weight and wall pressure")
-    ]
-    bedding: Annotated[
-        Positive,
-        says("bedding", "*k*<sub>w</sub>, wall pressure per depth, *assumed*"),
-    ]
+    radius: float = positive("length", "*R*<sub>t</sub>, above that of the worm")
+    friction: float = number(
+        "1", "coefficient of dry friction, for weight and wall pressure", least=0
+    )
+    bedding: float = positive("bedding", "*k*<sub>w</sub>, wall pressure per depth, *assumed*")
 
 
 class SettingTable(Given):
     """Duration and accuracy of the simulation."""
 
-    cycles: Annotated[Cycles, says("count", "number of cycles of the wave")] = 6
-    settle: Annotated[
-        Annotated[int, Meta(ge=0, le=999, description="a whole number from 0 to 999")],
-        says("count", "number of first cycles that means leave out"),
-    ] = 2
+    cycles: int = whole(1, 1000, "number of cycles of the wave", default=6)
+    settle: Annotated[int, Meta(ge=0, le=999, description="a whole number from 0 to 999")] = entry(
+        "number of first cycles that means leave out", quantity="count", default=2
+    )
     tolerance: Annotated[
-        Annotated[float, Meta(ge=1e-13, le=1e-4, description="a number from 1e-13 to 1e-4")],
-        says("share", "relative tolerance of a step"),
-    ] = 1e-10
-    moreau_step: Annotated[
-        Positive | None,
-        says(
-            "time",
-            "longer step of the second route, which also uses a quarter of it; if left out, a "
-            "twentieth of the shortest vibration's period over 2π",
-        ),
-    ] = None
+        float, Meta(ge=1e-13, le=1e-4, description="a number from 1e-13 to 1e-4")
+    ] = entry("relative tolerance of a step", quantity="share", default=1e-10)
+    moreau_step: float | None = positive(
+        "time",
+        "longer step of the second route, which also uses a quarter of it; if left out, a "
+        "twentieth of the shortest vibration's period over 2π",
+        default=None,
+    )
 
 
 class PeristalticWormScene(SIScene):
@@ -214,27 +205,21 @@ class PeristalticWormScene(SIScene):
     headline: ClassVar = ("advance", "advance_share", "speed", "against_wave", "slip")
 
     kind: Literal["peristaltic-worm"]
-    want: Annotated[
-        tuple[Literal["worm", "course", "animation"], ...],
-        says(
-            "",
-            "`worm`: the body over the last cycle; `course`: positions and energies over time; "
-            "`animation`: the moving body, as a GIF",
-        ),
-    ] = ()
-    worm: Annotated[WormTable, says("", "the worm")]
-    coils: Annotated[CoilTable, says("", "the coils")]
-    wave: Annotated[SwitchedWave | HarmonicWave, says("", "how")]
-    ground: Annotated[DryTable | DragTable | TubeTable, says("", "open ground, or a tube")]
-    anchoring: Annotated[
-        Literal["mid", "clamp"],
-        says(
-            "",
-            "`mid`: friction acts at the middle of a segment; `clamp`: half of it at either end. "
-            "Drag acts at the middle",
-        ),
-    ] = "mid"
-    course: Annotated[SettingTable, says("", "duration and accuracy")] = SettingTable()
+    want: tuple[Literal["worm", "course", "animation"], ...] = entry(
+        "`worm`: the body over the last cycle; `course`: positions and energies over time; "
+        "`animation`: the moving body, as a GIF",
+        default=(),
+    )
+    worm: WormTable = entry("the worm")
+    coils: CoilTable = entry("the coils")
+    wave: SwitchedWave | HarmonicWave = entry("how")
+    ground: DryTable | DragTable | TubeTable = entry("open ground, or a tube")
+    anchoring: Literal["mid", "clamp"] = entry(
+        "`mid`: friction acts at the middle of a segment; `clamp`: half of it at either end. "
+        "Drag acts at the middle",
+        default="mid",
+    )
+    course: SettingTable = entry("duration and accuracy", default=SettingTable())
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -13,11 +13,11 @@ from wormopt.model.model import Model
 from wormopt.model.planar_friction import AnisotropicCoulomb, Elliptic
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.planar.body.shape import rigid_shape
 from wormopt.systems.planar.dynamics.driven import driven_shape
 from wormopt.systems.planar.dynamics.motion import energy_error, measure_works

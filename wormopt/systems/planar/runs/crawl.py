@@ -10,8 +10,8 @@ import numpy as np
 from wormopt.errors import SolveError
 from wormopt.progress import Report
 from wormopt.result import Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.planar.crawling.crawl import Crawl, crawl
 from wormopt.systems.planar.crawling.record import quadrature
 from wormopt.systems.planar.runs.crawling import (

@@ -11,8 +11,8 @@ import numpy as np
 from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.planar.body.se2 import circle_of
 from wormopt.systems.planar.design.gaits import (
     CLOSED,

@@ -14,12 +14,12 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
 from wormopt.simulation.options import Exact, Tolerance
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.planar.dynamics.motion import (
     closed_link,
     energy_error,

@@ -12,8 +12,8 @@ import numpy as np
 from wormopt.errors import Interrupted, SceneError, SolveError
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.planar.body.obstacles import Block, Capsule, Disc, Obstacle, Wall
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.kinematic.constraints import Constraints

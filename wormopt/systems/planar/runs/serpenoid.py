@@ -12,8 +12,8 @@ from scipy.special import j0
 
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.planar.scenes.serpenoid import PlanarSerpenoidScene
 from wormopt.systems.planar.serpenoid import best_serpenoid, finite_serpenoid, serpenoid_speed
 

@@ -13,8 +13,8 @@ from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.planar.body.se2 import circle_of, rotate
 from wormopt.systems.planar.body.strokes import Stroke
 from wormopt.systems.planar.scenes.swim import PlanarSwimScene

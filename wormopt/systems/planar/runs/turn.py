@@ -12,8 +12,8 @@ from wormopt.errors import SolveError
 from wormopt.model.planar_friction import Elliptic
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.planar.body.se2 import rotate
 from wormopt.systems.planar.body.shape import chain_shape
 from wormopt.systems.planar.crawling.crawl import Crawl, crawl

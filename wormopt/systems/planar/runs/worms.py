@@ -6,9 +6,9 @@ import numpy as np
 
 from wormopt.errors import SceneError
 from wormopt.model.model import Model
-from wormopt.scene.numerics import SmoothContact
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
+from wormopt.study.numerics import SmoothContact
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.planar.body.obstacles import Disc, Wall
 from wormopt.systems.planar.body.strokes import Harmonics
 from wormopt.systems.planar.dynamics.chain import chain_places, planar_chain

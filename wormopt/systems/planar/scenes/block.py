@@ -10,8 +10,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import Finite, SceneTable
 from wormopt.systems.planar.scenes.ground import EllipticGround, UnitGround
 from wormopt.systems.shared.declared import TIME
 
@@ -19,16 +19,15 @@ _Vector = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [x, y]"),
 ]
-_Samples = Annotated[int, Meta(ge=10, le=100_000, description="a whole number from 10 to 100000")]
 
 
 class BlockTable(Given):
     """The block. It slides without turning."""
 
-    mass: Annotated[Positive, says("mass", "mass of the block")]
-    velocity: Annotated[_Vector, says("speed", "initial velocity")]
-    heading: Annotated[Finite, says("rad", "heading, measured from the *x* axis")] = 0.0
-    pull: Annotated[_Vector, says("force", "constant applied force")] = (0.0, 0.0)
+    mass: float = positive("mass", "mass of the block")
+    velocity: _Vector = entry("initial velocity", quantity="speed")
+    heading: float = number("rad", "heading, measured from the *x* axis", default=0.0)
+    pull: _Vector = entry("constant applied force", quantity="force", default=(0.0, 0.0))
 
 
 class PlanarBlockScene(SceneTable):
@@ -65,13 +64,12 @@ class PlanarBlockScene(SceneTable):
     }
 
     kind: Literal["planar-block"]
-    want: Annotated[
-        tuple[Literal["block"], ...],
-        says("", "`block`: path, velocity over time, and friction against its limit"),
-    ] = ()
-    block: Annotated[BlockTable, says("", "the block")]
-    ground: Annotated[EllipticGround | UnitGround, says("", "ground under the block")]
-    samples: Annotated[_Samples, says("count", "samples kept, until shortly after the stop")] = 601
+    want: tuple[Literal["block"], ...] = entry(
+        "`block`: path, velocity over time, and friction against its limit", default=()
+    )
+    block: BlockTable = entry("the block")
+    ground: EllipticGround | UnitGround = entry("ground under the block")
+    samples: int = whole(10, 100000, "samples kept, until shortly after the stop", default=601)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
-
-from msgspec import Meta, field
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, PerMass, Positive, SceneTable
-from wormopt.study.given import Given, says, wrong_count
+from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
+from wormopt.study.types import PerMass, SceneTable
 from wormopt.systems.planar.scenes.tables import BodyTable, StrokeTable
 
 if TYPE_CHECKING:  # laws are made in runs: checking a scene loads no numerics
@@ -96,19 +94,20 @@ CRAWL_SCALARS: Mapping[str, tuple[str, str]] = {
 class PerMassGround(Given):
     """Dry ground that resists forward, backward and sideways motion differently."""
 
-    law: Annotated[
-        Literal["elliptic", "unit"],
-        says("", "friction law; only `elliptic` is accepted, `unit` is refused"),
-    ] = "elliptic"
-    forward: Annotated[PerMass, says("force", "*F*<sup>+</sup>, resistance to forward motion")]
-    backward: Annotated[
-        PerMass | None,
-        says("force", "*F*<sup>−</sup>, resistance to backward motion; `forward` if left out"),
-    ] = None
-    sideways: Annotated[
-        PerMass | None,
-        says("force", "*F*<sub>n</sub>, resistance to sideways motion; `forward` if left out"),
-    ] = None
+    law: Literal["elliptic", "unit"] = entry(
+        "friction law; only `elliptic` is accepted, `unit` is refused", default="elliptic"
+    )
+    forward: PerMass = entry("*F*<sup>+</sup>, resistance to forward motion", quantity="force")
+    backward: PerMass | None = entry(
+        "*F*<sup>−</sup>, resistance to backward motion; `forward` if left out",
+        quantity="force",
+        default=None,
+    )
+    sideways: PerMass | None = entry(
+        "*F*<sub>n</sub>, resistance to sideways motion; `forward` if left out",
+        quantity="force",
+        default=None,
+    )
 
     def numbers(self, masses: int) -> list[tuple[float, float, float]]:
         """Return the forward, backward and sideways resistance of each mass."""
@@ -137,9 +136,9 @@ class PerMassGround(Given):
 class LoadTable(Given):
     """Load on the head, which turns with the first link."""
 
-    ahead: Annotated[Finite, says("force", "force along the first link")] = 0.0
-    left: Annotated[Finite, says("force", "force to the left of the first link")] = 0.0
-    moment: Annotated[Finite, says("energy", "moment, positive to the left")] = 0.0
+    ahead: float = number("force", "force along the first link", default=0.0)
+    left: float = number("force", "force to the left of the first link", default=0.0)
+    moment: float = number("energy", "moment, positive to the left", default=0.0)
 
     @property
     def numbers(self) -> tuple[float, float, float]:
@@ -163,34 +162,22 @@ class PlanarCrawlScene(SceneTable):
     variables: ClassVar = dict(CRAWL_VARIABLES)
 
     kind: Literal["planar-crawl"]
-    want: Annotated[
-        tuple[Literal["crawl", "forces", "animation"], ...],
-        says(
-            "",
-            "`crawl`: the body over `cycles` in the plane; `forces`: ground and actuator forces "
-            "over a stroke, with the resting masses; `animation`: the moving body",
-        ),
-    ] = ()
-    body: Annotated[BodyTable, says("", "the body")]
-    ground: Annotated[
-        PerMassGround, says("", "the ground; a value for all masses, or one for each")
-    ]
-    stroke: Annotated[StrokeTable, says("", "periodic change of the shape variables")]
-    load: Annotated[LoadTable, says("", "load on the head")] = field(default_factory=LoadTable)
-    period: Annotated[
-        Positive,
-        says("time", "duration of a stroke; distance and work do not depend on it"),
-    ] = 1.0
-    cycles: Annotated[
-        int,
-        Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "number of strokes shown"),
-    ] = 2
-    samples: Annotated[
-        int,
-        Meta(ge=16, le=4096, description="a whole number from 16 to 4096"),
-        says("count", "initial number of phases at which changes of rest are searched"),
-    ] = 128
+    want: tuple[Literal["crawl", "forces", "animation"], ...] = entry(
+        "`crawl`: the body over `cycles` in the plane; `forces`: ground and actuator forces "
+        "over a stroke, with the resting masses; `animation`: the moving body",
+        default=(),
+    )
+    body: BodyTable = entry("the body")
+    ground: PerMassGround = entry("the ground; a value for all masses, or one for each")
+    stroke: StrokeTable = entry("periodic change of the shape variables")
+    load: LoadTable = entry("load on the head", default=LoadTable)
+    period: float = positive(
+        "time", "duration of a stroke; distance and work do not depend on it", default=1.0
+    )
+    cycles: int = whole(1, 100, "number of strokes shown", default=2)
+    samples: int = whole(
+        16, 4096, "initial number of phases at which changes of rest are searched", default=128
+    )
 
     @property
     def n_s(self) -> int:

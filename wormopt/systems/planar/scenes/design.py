@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, NonNegative, Pair, Positive, SceneTable, wrong_order
-from wormopt.study.given import Given, says, wrong_count
+from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
+from wormopt.study.types import Finite, Pair, Positive, SceneTable, Seed, wrong_order
 from wormopt.systems.planar.scenes.swim import ViscousTable
 from wormopt.systems.planar.scenes.tables import BodyTable, GroundTable
 
@@ -25,65 +25,64 @@ Range = Annotated[
 ]
 Starts = Annotated[int, Meta(ge=1, le=100, description="a whole number from 1 to 100")]
 Corners = Annotated[int, Meta(ge=3, le=60, description="a whole number from 3 to 60")]
-Cycles = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 
 
 class PlanarAimTable(Given):
     """Objective of the gait."""
 
-    purpose: Annotated[
-        Literal["speed", "turn", "work"],
-        says(
-            "",
-            "`speed`: highest speed without net turn; `turn`: highest turn rate; `work`: least "
-            "work to reach `pose`",
-        ),
-    ] = "speed"
-    pivot: Annotated[
-        int | Literal["any", "centre"],
-        says("", "for `turn`: the point that returns after a cycle; a mass, `centre`, or `any`"),
-    ] = "any"
-    pose: Annotated[
-        tuple[Finite, ...] | None,
-        says("", "for `work`: [*x*, *y*, angle] of the head to reach, in its frame at the start"),
-    ] = None
-    cycles: Annotated[Cycles, says("count", "number of cycles in which the pose is reached")] = 1
-    closed: Annotated[bool, says("", "whether the shape must return to its start")] = True
-    start: Annotated[tuple[Finite, ...] | None, says("", "initial shape; free if left out")] = None
-    time: Annotated[
-        Positive,
-        says("time", "duration of a cycle to `pose` on viscous ground, where work depends on it"),
-    ] = 1.0
+    purpose: Literal["speed", "turn", "work"] = entry(
+        "`speed`: highest speed without net turn; `turn`: highest turn rate; `work`: least "
+        "work to reach `pose`",
+        default="speed",
+    )
+    pivot: int | Literal["any", "centre"] = entry(
+        "for `turn`: the point that returns after a cycle; a mass, `centre`, or `any`",
+        default="any",
+    )
+    pose: tuple[Finite, ...] | None = entry(
+        "for `work`: [*x*, *y*, angle] of the head to reach, in its frame at the start",
+        default=None,
+    )
+    cycles: int = whole(1, 1000, "number of cycles in which the pose is reached", default=1)
+    closed: bool = entry("whether the shape must return to its start", default=True)
+    start: tuple[Finite, ...] | None = entry("initial shape; free if left out", default=None)
+    time: float = positive(
+        "time",
+        "duration of a cycle to `pose` on viscous ground, where work depends on it",
+        default=1.0,
+    )
 
 
 class PlanarLimitsTable(Given):
     """Limits of shape, rates, work and room."""
 
-    angle: Annotated[Range, says("angle", "least and largest joint angle")] = (-2.0, 2.0)
-    length: Annotated[
-        Pair | None,
-        says("length", "least and largest link length; required if lengths are shape variables"),
-    ] = None
-    angle_rate: Annotated[Positive, says("rate", "largest rate of a joint angle")] = 1.0
-    length_rate: Annotated[Positive, says("speed", "largest rate of a link length")] = 1.0
-    effort: Annotated[
-        Positive | None,
-        says("energy", "largest work per cycle; for dry ground, or if `aim.purpose` is `work`"),
-    ] = None
-    half_width: Annotated[
-        Positive | None, says("length", "half the width of a passage along the displacement")
-    ] = None
-    radius: Annotated[
-        NonNegative, says("length", "radius of the links, rods with round ends, in the passage")
-    ] = 0.0
+    angle: Range = entry("least and largest joint angle", quantity="angle", default=(-2.0, 2.0))
+    length: Pair | None = entry(
+        "least and largest link length; required if lengths are shape variables",
+        quantity="length",
+        default=None,
+    )
+    angle_rate: float = positive("rate", "largest rate of a joint angle", default=1.0)
+    length_rate: float = positive("speed", "largest rate of a link length", default=1.0)
+    effort: float | None = positive(
+        "energy",
+        "largest work per cycle; for dry ground, or if `aim.purpose` is `work`",
+        default=None,
+    )
+    half_width: float | None = positive(
+        "length", "half the width of a passage along the displacement", default=None
+    )
+    radius: float = number(
+        "length", "radius of the links, rods with round ends, in the passage", least=0, default=0.0
+    )
 
 
 class PlanarSearchTable(Given):
     """Starting points of the search."""
 
-    starts: Annotated[Starts, says("count", "number of random initial strokes")] = 3
-    seed: Annotated[int, Meta(ge=0), says("count", "seed of the random numbers")] = 0
-    corners: Annotated[Corners, says("count", "number of corners of the stroke")] = 8
+    starts: int = whole(1, 100, "number of random initial strokes", default=3)
+    seed: Seed = entry("seed of the random numbers", quantity="count", default=0)
+    corners: int = whole(3, 60, "number of corners of the stroke", default=8)
 
 
 class PlanarDesignScene(SceneTable):
@@ -140,30 +139,22 @@ class PlanarDesignScene(SceneTable):
     }
 
     kind: Literal["planar-design"]
-    want: Annotated[
-        tuple[Literal["planar_gait", "animation"], ...],
-        says(
-            "",
-            "`planar_gait`: the body in the plane, its shape over time, and the stroke; "
-            "`animation`: the moving body",
-        ),
-    ] = ()
-    body: Annotated[BodyTable, says("", "the body")]
-    ground: Annotated[GroundTable | None, says("", "dry ground; this or `viscous`")] = None
-    grips: Annotated[
-        tuple[Positive, ...] | None,
-        says("1", "factor of each mass on the dry friction, head first; all 1 if left out"),
-    ] = None
-    viscous: Annotated[ViscousTable | None, says("", "viscous ground; this or `ground`")] = None
-    aim: Annotated[PlanarAimTable, says("", "objective of the gait")] = field(
-        default_factory=PlanarAimTable
+    want: tuple[Literal["planar_gait", "animation"], ...] = entry(
+        "`planar_gait`: the body in the plane, its shape over time, and the stroke; "
+        "`animation`: the moving body",
+        default=(),
     )
-    limits: Annotated[PlanarLimitsTable, says("", "limits of the gait")] = field(
-        default_factory=PlanarLimitsTable
+    body: BodyTable = entry("the body")
+    ground: GroundTable | None = entry("dry ground; this or `viscous`", default=None)
+    grips: tuple[Positive, ...] | None = entry(
+        "factor of each mass on the dry friction, head first; all 1 if left out",
+        quantity="1",
+        default=None,
     )
-    search: Annotated[PlanarSearchTable, says("", "starting points of the search")] = field(
-        default_factory=PlanarSearchTable
-    )
+    viscous: ViscousTable | None = entry("viscous ground; this or `ground`", default=None)
+    aim: PlanarAimTable = entry("objective of the gait", default=PlanarAimTable)
+    limits: PlanarLimitsTable = entry("limits of the gait", default=PlanarLimitsTable)
+    search: PlanarSearchTable = entry("starting points of the search", default=PlanarSearchTable)
 
     @property
     def planar_aim(self) -> PlanarAim:

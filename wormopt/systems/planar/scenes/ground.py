@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from wormopt.scene.types import NonNegative, Positive
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, number, says
+from wormopt.study.types import NonNegative, Positive
 
 _Forward = Annotated[Positive, says("force", "*F*<sup>+</sup>, resistance to forward motion")]
 _Backward = Annotated[
@@ -46,8 +46,8 @@ class BoxGround(Given, tag_field="law", tag="box"):
 class ViscousGround(Given, tag_field="law", tag="viscous"):
     """Linear drag."""
 
-    along: Annotated[NonNegative, says("drag", "*k*<sub>t</sub>, drag along the heading")]
-    across: Annotated[NonNegative, says("drag", "*k*<sub>n</sub>, drag across the heading")]
+    along: float = number("drag", "*k*<sub>t</sub>, drag along the heading", least=0)
+    across: float = number("drag", "*k*<sub>n</sub>, drag across the heading", least=0)
 
 
 class SkidGround(Given, tag_field="law", tag="skid"):
@@ -59,7 +59,7 @@ class SkidGround(Given, tag_field="law", tag="skid"):
 class SpikeGround(Given, tag_field="law", tag="spike"):
     """A spike: no backward motion."""
 
-    across: Annotated[NonNegative, says("force", "dry friction across the heading")] = 0.0
+    across: float = number("force", "dry friction across the heading", least=0, default=0.0)
 
 
 class SpikedSkidGround(Given, tag_field="law", tag="spiked_skid"):

@@ -10,28 +10,26 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault
 from wormopt.quantities import GRAVITY
-from wormopt.scene.numerics import (
+from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
+from wormopt.study.numerics import (
     Contacts,
     ExactContact,
     Horizon,
     Tolerances,
     ToleranceTable,
 )
-from wormopt.scene.types import (
+from wormopt.study.types import (
     Finite,
     NonNegativePerJoint,
     NonNegativePerLink,
     PerLink,
     PerMass,
-    Positive,
     SceneTable,
 )
-from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.planar.scenes.ground import MassGround
 from wormopt.systems.planar.scenes.standing import Standing
 from wormopt.systems.shared.declared import EVENTS, STEPS, TIME, over
 
-_Links = Annotated[int, Meta(ge=1, le=50, description="a whole number from 1 to 50")]
 _Vector = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [x, y]"),
@@ -42,7 +40,6 @@ _AnglePerJoint = Annotated[
     _Angle | tuple[_Angle, ...],
     Meta(description="an angle within ±3.14159, or a list of such angles, one per joint"),
 ]
-_Slope = Annotated[float, Meta(ge=0, le=1.5707, description="an angle from 0 to 1.5707")]
 _MEAN, _COSINE, _SINE = (
     "mean of each value; 0 if left out",
     "cosine coefficients",
@@ -55,38 +52,41 @@ _JOINTS = ("bending_stiffness", "bending_damping", "rest_angle")
 class PlanarChainTable(Given):
     """A chain of *n* + 1 point masses, joined by *n* extensible links at joints that bend."""
 
-    links: Annotated[_Links, says("count", "number of links *n*; mass 0 is the head")]
-    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>")]
-    stiffness: Annotated[NonNegativePerLink, says("stiffness", "link stiffness *c*<sub>j</sub>")]
-    damping: Annotated[NonNegativePerLink, says("drag", "link damping *d*<sub>j</sub>")]
-    rest_length: Annotated[PerLink, says("length", "link length without force")]
-    bending_stiffness: Annotated[
-        NonNegativePerJoint,
-        says("joint_stiffness", "joint stiffness *κ*<sub>j</sub>, torque per angle"),
-    ] = 0.0
-    bending_damping: Annotated[
-        NonNegativePerJoint,
-        says("joint_damping", "joint damping *δ*<sub>j</sub>, torque per angular rate"),
-    ] = 0.0
-    rest_angle: Annotated[
-        _AnglePerJoint,
-        says("rad", "joint angle without torque; positive if the front is turned to the left"),
-    ] = 0.0
-    rod_mass: Annotated[
-        NonNegativePerLink | None,
-        says("mass", "mass of uniform rods along the links; massless if left out"),
-    ] = None
-    heading: Annotated[
-        Literal["bisector", "front", "rear"],
-        says("", "heading of an inner mass: `bisector`, or along the link in `front` or `rear`"),
-    ] = "bisector"
-    slope: Annotated[
-        _Slope, says("rad", "slope of the ground, rising along *x*; ground forces do not change")
-    ] = 0.0
-    gravity: Annotated[
-        Positive | None,
-        says("acceleration", "*g* for `slope`; 9.80665 m/s² in SI scenes if left out"),
-    ] = None
+    links: int = whole(1, 50, "number of links *n*; mass 0 is the head")
+    mass: PerMass = entry("point masses *m*<sub>i</sub>", quantity="mass")
+    stiffness: NonNegativePerLink = entry("link stiffness *c*<sub>j</sub>", quantity="stiffness")
+    damping: NonNegativePerLink = entry("link damping *d*<sub>j</sub>", quantity="drag")
+    rest_length: PerLink = entry("link length without force", quantity="length")
+    bending_stiffness: NonNegativePerJoint = entry(
+        "joint stiffness *κ*<sub>j</sub>, torque per angle", quantity="joint_stiffness", default=0.0
+    )
+    bending_damping: NonNegativePerJoint = entry(
+        "joint damping *δ*<sub>j</sub>, torque per angular rate",
+        quantity="joint_damping",
+        default=0.0,
+    )
+    rest_angle: _AnglePerJoint = entry(
+        "joint angle without torque; positive if the front is turned to the left",
+        quantity="rad",
+        default=0.0,
+    )
+    rod_mass: NonNegativePerLink | None = entry(
+        "mass of uniform rods along the links; massless if left out", quantity="mass", default=None
+    )
+    heading: Literal["bisector", "front", "rear"] = entry(
+        "heading of an inner mass: `bisector`, or along the link in `front` or `rear`",
+        default="bisector",
+    )
+    slope: float = number(
+        "rad",
+        "slope of the ground, rising along *x*; ground forces do not change",
+        least=0,
+        most=1.5707,
+        default=0.0,
+    )
+    gravity: float | None = positive(
+        "acceleration", "*g* for `slope`; 9.80665 m/s² in SI scenes if left out", default=None
+    )
 
     @property
     def standard(self) -> float:
@@ -107,19 +107,18 @@ class PlanarChainTable(Given):
 class PlanarStart(Given):
     """Initial shape, place and velocity."""
 
-    lengths: Annotated[
-        PerLink | None, says("length", "link lengths; the rest lengths if left out")
-    ] = None
-    angles: Annotated[
-        _AnglePerJoint | None,
-        says("rad", "joint angles; the rest angles if left out"),
-    ] = None
-    tail: Annotated[_Vector, says("length", "place of the last mass")] = (0.0, 0.0)
-    direction: Annotated[Finite, says("rad", "direction of the last link, measured from *x*")] = 0.0
-    velocity: Annotated[_Vector, says("speed", "velocity of all masses")] = (0.0, 0.0)
-    turning: Annotated[
-        Finite, says("angular_frequency", "angular velocity about the centre of mass")
-    ] = 0.0
+    lengths: PerLink | None = entry(
+        "link lengths; the rest lengths if left out", quantity="length", default=None
+    )
+    angles: _AnglePerJoint | None = entry(
+        "joint angles; the rest angles if left out", quantity="rad", default=None
+    )
+    tail: _Vector = entry("place of the last mass", quantity="length", default=(0.0, 0.0))
+    direction: float = number("rad", "direction of the last link, measured from *x*", default=0.0)
+    velocity: _Vector = entry("velocity of all masses", quantity="speed", default=(0.0, 0.0))
+    turning: float = number(
+        "angular_frequency", "angular velocity about the centre of mass", default=0.0
+    )
 
     def faults(self, links: int) -> Iterator[Fault]:
         """Yield lists of a wrong length."""
@@ -150,9 +149,9 @@ class SwingingForce(Swinging):
     mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
     """
 
-    mean: Annotated[_Row | None, says("force", _MEAN)] = None
-    cosine: Annotated[tuple[_Row, ...], says("force", _COSINE)] = ()
-    sine: Annotated[tuple[_Row, ...], says("force", _SINE)] = ()
+    mean: _Row | None = entry(_MEAN, quantity="force", default=None)
+    cosine: tuple[_Row, ...] = entry(_COSINE, quantity="force", default=())
+    sine: tuple[_Row, ...] = entry(_SINE, quantity="force", default=())
 
 
 class SwingingTorque(Swinging):
@@ -161,23 +160,21 @@ class SwingingTorque(Swinging):
     mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
     """
 
-    mean: Annotated[_Row | None, says("torque", _MEAN)] = None
-    cosine: Annotated[tuple[_Row, ...], says("torque", _COSINE)] = ()
-    sine: Annotated[tuple[_Row, ...], says("torque", _SINE)] = ()
+    mean: _Row | None = entry(_MEAN, quantity="torque", default=None)
+    cosine: tuple[_Row, ...] = entry(_COSINE, quantity="torque", default=())
+    sine: tuple[_Row, ...] = entry(_SINE, quantity="torque", default=())
 
 
 class PlanarActuation(Given):
     """Periodic forces in the links and torques in the joints."""
 
-    period: Annotated[Positive, says("time", "period of forces and torques")]
-    force: Annotated[
-        SwingingForce | None,
-        says("", "link forces, which push the masses apart; none if left out"),
-    ] = None
-    torque: Annotated[
-        SwingingTorque | None,
-        says("", "joint torques, which turn the front to the left; none if left out"),
-    ] = None
+    period: float = positive("time", "period of forces and torques")
+    force: SwingingForce | None = entry(
+        "link forces, which push the masses apart; none if left out", default=None
+    )
+    torque: SwingingTorque | None = entry(
+        "joint torques, which turn the front to the left; none if left out", default=None
+    )
 
     def faults(self, links: int) -> Iterator[Fault]:
         """Yield rows of a wrong length."""
@@ -263,32 +260,25 @@ class PlanarMotionScene(SceneTable):
     )
 
     kind: Literal["planar-motion"]
-    want: Annotated[
-        tuple[Literal["plane", "forces", "animation"], ...],
-        says(
-            "",
-            "`plane`: the body over time in the plane; `forces`: forces and works over time; "
-            "`animation`: the moving body, as a GIF",
-        ),
-    ] = ()
-    worm: Annotated[PlanarChainTable, says("", "the worm")]
-    ground: Annotated[
-        MassGround | tuple[MassGround, ...],
-        says("", "ground under every mass, or a list of tables, one per mass, head first"),
-    ]
-    start: Annotated[PlanarStart, says("", "initial state")] = PlanarStart()
-    actuation: Annotated[PlanarActuation | None, says("", "actuators; none if left out")] = None
-    obstacles: Annotated[
-        tuple[Standing, ...],
-        says("", "walls and discs that no mass can enter; links can pass over them"),
-    ] = ()
-    obstacle_stiffness: Annotated[
-        Positive | None,
-        says(
-            "stiffness",
-            "stiffness of obstacles; 1000 times the largest `worm.stiffness` if left out",
-        ),
-    ] = None
+    want: tuple[Literal["plane", "forces", "animation"], ...] = entry(
+        "`plane`: the body over time in the plane; `forces`: forces and works over time; "
+        "`animation`: the moving body, as a GIF",
+        default=(),
+    )
+    worm: PlanarChainTable = entry("the worm")
+    ground: MassGround | tuple[MassGround, ...] = entry(
+        "ground under every mass, or a list of tables, one per mass, head first"
+    )
+    start: PlanarStart = entry("initial state", default=PlanarStart())
+    actuation: PlanarActuation | None = entry("actuators; none if left out", default=None)
+    obstacles: tuple[Standing, ...] = entry(
+        "walls and discs that no mass can enter; links can pass over them", default=()
+    )
+    obstacle_stiffness: float | None = positive(
+        "stiffness",
+        "stiffness of obstacles; 1000 times the largest `worm.stiffness` if left out",
+        default=None,
+    )
     contact: Contacts = field(default_factory=ExactContact)
     time: Horizon
     tolerance: Tolerances = field(default_factory=ToleranceTable)

@@ -10,8 +10,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, NonNegative, Positive, SceneTable, per
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says, whole
+from wormopt.study.types import Finite, Positive, SceneTable, per
 from wormopt.systems.planar.scenes.tables import BodyTable, GroundTable
 
 Place = Annotated[
@@ -28,31 +28,32 @@ Name = Annotated[str, Meta(min_length=1, max_length=40, description="a short nam
 class HeldTable(Given):
     """Constraints of the body until a phase of the stroke."""
 
-    until: Annotated[Positive, says("share", "phase at which they end; 1 for the last")] = 1.0
-    pins: Annotated[tuple[Mass, ...], says("", "masses that do not move")] = ()
-    skids: Annotated[tuple[Mass, ...], says("", "masses that move only along their heading")] = ()
+    until: float = positive("share", "phase at which they end; 1 for the last", default=1.0)
+    pins: tuple[Mass, ...] = entry("masses that do not move", default=())
+    skids: tuple[Mass, ...] = entry("masses that move only along their heading", default=())
 
 
 class GaitTable(Given):
     """A gait: changes of the shape from the rest shape, and the constraints meanwhile."""
 
-    name: Annotated[Name, says("", "name of the gait")]
-    mirrored: Annotated[
-        Name | None, says("", "name of the mirror image of the gait; none if left out")
-    ] = None
-    changes: Annotated[
-        tuple[tuple[Finite, ...], ...],
-        says("", "successive shapes less the rest shape, at amplitude 1; then back to rest"),
-    ]
-    held: Annotated[
-        tuple[HeldTable, ...],
-        says("", "constraints, phase by phase; if left out, a slow crawl by friction alone"),
-    ] = ()
+    name: Name = entry("name of the gait")
+    mirrored: Name | None = entry(
+        "name of the mirror image of the gait; none if left out", default=None
+    )
+    changes: tuple[tuple[Finite, ...], ...] = entry(
+        "successive shapes less the rest shape, at amplitude 1; then back to rest"
+    )
+    held: tuple[HeldTable, ...] = entry(
+        "constraints, phase by phase; if left out, a slow crawl by friction alone", default=()
+    )
     amplitudes: Annotated[
         tuple[Positive, ...],
         Meta(min_length=1, max_length=20, description="ascending numbers above 0"),
-        says("1", "amplitudes used by the search; final amplitudes lie within their range"),
-    ] = (0.5, 1.0)
+    ] = entry(
+        "amplitudes used by the search; final amplitudes lie within their range",
+        quantity="1",
+        default=(0.5, 1.0),
+    )
 
     def faults(self, key: str, body: BodyTable) -> Iterator[Fault]:
         """Yield faults of rows, phases and masses."""
@@ -83,18 +84,16 @@ class GaitTable(Given):
 class DiscTable(Given, tag_field="shape", tag="disc"):
     """A round obstacle."""
 
-    centre: Annotated[Place, says("length", "centre of the disc")]
-    radius: Annotated[Positive, says("length", "radius of the disc")]
+    centre: Place = entry("centre of the disc", quantity="length")
+    radius: float = positive("length", "radius of the disc")
 
 
 class BlockTable(Given, tag_field="shape", tag="block"):
     """A solid polygon."""
 
     corners: Annotated[
-        tuple[Place, ...],
-        Meta(min_length=3, max_length=100, description="three places or more"),
-        says("length", "corners in order"),
-    ]
+        tuple[Place, ...], Meta(min_length=3, max_length=100, description="three places or more")
+    ] = entry("corners in order", quantity="length")
 
     @property
     def flat(self) -> bool:
@@ -110,65 +109,59 @@ class BlockTable(Given, tag_field="shape", tag="block"):
 class WallTable(Given, tag_field="shape", tag="wall"):
     """A straight wall without end: everything behind it is closed."""
 
-    point: Annotated[Place, says("length", "any point of the wall")]
-    angle: Annotated[Finite, says("angle", "direction of the normal, which points into the open")]
+    point: Place = entry("any point of the wall", quantity="length")
+    angle: float = number("angle", "direction of the normal, which points into the open")
 
 
 class CapsuleTable(Given, tag_field="shape", tag="capsule"):
     """A rod or a fence: all points within a radius of a straight segment."""
 
-    start: Annotated[Place, says("length", "first end of the segment")]
-    end: Annotated[Place, says("length", "second end of the segment")]
-    radius: Annotated[NonNegative, says("length", "half the thickness")] = 0.0
+    start: Place = entry("first end of the segment", quantity="length")
+    end: Place = entry("second end of the segment", quantity="length")
+    radius: float = number("length", "half the thickness", least=0, default=0.0)
 
 
 class NearTable(Given):
     """Largest distance and angle from a pose."""
 
-    place: Annotated[Positive, says("length", "largest distance")]
-    angle: Annotated[Positive, says("angle", "largest angle")]
+    place: float = positive("length", "largest distance")
+    angle: float = positive("angle", "largest angle")
 
 
 class CorridorTable(Given):
     """A line with a strip to both sides that no mass may leave."""
 
     line: Annotated[
-        tuple[Place, ...],
-        Meta(min_length=2, max_length=200, description="two places or more"),
-        says("length", "corners of the line in order"),
-    ]
-    width: Annotated[Positive, says("length", "largest distance from the line to either side")]
+        tuple[Place, ...], Meta(min_length=2, max_length=200, description="two places or more")
+    ] = entry("corners of the line in order", quantity="length")
+    width: float = positive("length", "largest distance from the line to either side")
 
 
 class CourseTable(Given):
     """Start, goal and limits of the path."""
 
-    start: Annotated[Pose, says("", "initial pose of the head: x, y, and angle of the first link")]
-    goal: Annotated[Pose, says("", "pose to reach; the angle is modulo 2π")]
-    tolerance: Annotated[NearTable, says("", "accepted distance of the end from the goal")]
-    via: Annotated[
-        tuple[Place, ...], says("length", "places that the head must pass, in this order")
-    ] = ()
-    via_radius: Annotated[Positive, says("length", "accepted distance from these places")] = 0.2
-    corridor: Annotated[CorridorTable | None, says("", "strip that no mass may leave")] = None
-    clearance: Annotated[NonNegative, says("length", "least distance from obstacles")] = 0.0
+    start: Pose = entry("initial pose of the head: x, y, and angle of the first link")
+    goal: Pose = entry("pose to reach; the angle is modulo 2π")
+    tolerance: NearTable = entry("accepted distance of the end from the goal")
+    via: tuple[Place, ...] = entry(
+        "places that the head must pass, in this order", quantity="length", default=()
+    )
+    via_radius: float = positive("length", "accepted distance from these places", default=0.2)
+    corridor: CorridorTable | None = entry("strip that no mass may leave", default=None)
+    clearance: float = number("length", "least distance from obstacles", least=0, default=0.0)
 
 
 class PathSearchTable(Given):
     """Options of the search."""
 
-    cost: Annotated[Literal["steps", "work", "time"], says("", "quantity to minimise")] = "time"
+    cost: Literal["steps", "work", "time"] = entry("quantity to minimise", default="time")
     capture: Annotated[
         NearTable, says("", "distance to the goal at which the library search ends")
     ] = field(default_factory=lambda: NearTable(place=0.35, angle=0.35))
     cell: Annotated[NearTable, says("", "cell of poses within which only the cheapest is kept")] = (
         field(default_factory=lambda: NearTable(place=0.1, angle=0.1))
     )
-    poses: Annotated[
-        int,
-        Meta(ge=1, le=10_000_000, description="a whole number from 1 to 10 million"),
-        says("count", "largest number of poses searched"),
-    ] = 100_000
+    poses: int = whole(1, 10000000, "largest number of poses searched", default=100_000)
 
 
 class PlanarPathScene(SceneTable):
@@ -215,33 +208,27 @@ class PlanarPathScene(SceneTable):
     }
 
     kind: Literal["planar-path"]
-    want: Annotated[
-        tuple[Literal["path", "animation"], ...],
-        says("", "`path`: bodies between steps and the area swept; `animation`: the moving body"),
-    ] = ()
-    body: Annotated[BodyTable, says("", "the worm")]
-    radius: Annotated[NonNegative, says("length", "half the thickness of the body")] = 0.0
-    rest: Annotated[
-        tuple[Finite, ...],
-        says("", "rest shape, between steps: lengths, if they vary, then joint angles"),
-    ]
-    rates: Annotated[
-        Positive | tuple[Positive, ...],
-        says("", "largest rates of the shape variables, one for all or one for each"),
-    ] = 1.0
-    ground: Annotated[GroundTable, says("", "friction of sliding masses")]
-    pin_load: Annotated[Positive | None, says("force", "largest load that a pin can hold")] = None
+    want: tuple[Literal["path", "animation"], ...] = entry(
+        "`path`: bodies between steps and the area swept; `animation`: the moving body", default=()
+    )
+    body: BodyTable = entry("the worm")
+    radius: float = number("length", "half the thickness of the body", least=0, default=0.0)
+    rest: tuple[Finite, ...] = entry(
+        "rest shape, between steps: lengths, if they vary, then joint angles"
+    )
+    rates: Positive | tuple[Positive, ...] = entry(
+        "largest rates of the shape variables, one for all or one for each", default=1.0
+    )
+    ground: GroundTable = entry("friction of sliding masses")
+    pin_load: float | None = positive("force", "largest load that a pin can hold", default=None)
     gaits: Annotated[
-        tuple[GaitTable, ...],
-        Meta(min_length=1, max_length=50, description="one gait or more"),
-        says("", "library of gaits"),
-    ]
-    obstacles: Annotated[
-        tuple[DiscTable | BlockTable | CapsuleTable | WallTable, ...],
-        says("", "obstacles that the body may not touch"),
-    ] = ()
-    course: Annotated[CourseTable, says("", "start, goal and limits of the path")]
-    search: Annotated[PathSearchTable, says("", "how")] = field(default_factory=PathSearchTable)
+        tuple[GaitTable, ...], Meta(min_length=1, max_length=50, description="one gait or more")
+    ] = entry("library of gaits")
+    obstacles: tuple[DiscTable | BlockTable | CapsuleTable | WallTable, ...] = entry(
+        "obstacles that the body may not touch", default=()
+    )
+    course: CourseTable = entry("start, goal and limits of the path")
+    search: PathSearchTable = entry("how", default=PathSearchTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""

@@ -9,13 +9,12 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, SceneTable
-from wormopt.study.given import says
+from wormopt.study.given import entry, number, whole
+from wormopt.study.types import Positive, SceneTable
 
 Amplitude = Annotated[
     float, Meta(gt=0, le=2.4, description="a number above 0, at most 2.4: J0 is 0 at 2.4048")
 ]
-Ratio = Annotated[float, Meta(gt=1, le=1e6, description="a number above 1, at most 1000000")]
 
 
 class PlanarSerpenoidScene(SceneTable):
@@ -46,25 +45,21 @@ class PlanarSerpenoidScene(SceneTable):
     }
 
     kind: Literal["planar-serpenoid"]
-    want: Annotated[
-        tuple[Literal["serpenoid"], ...],
-        says("", "`serpenoid`: speed over amplitude, and the wave in the plane"),
-    ] = ()
-    amplitude: Annotated[Amplitude, says("angle", "amplitude *α* of the tangent angle")]
-    ratio: Annotated[Ratio, says("1", "resistance across over along: *r*, or *ρ* on dry ground")]
-    ground: Annotated[
-        Literal["viscous", "elliptic", "unit"],
-        says("", "`viscous`, or dry: `elliptic` (maximal dissipation), `unit` (direction alone)"),
-    ] = "viscous"
-    waves: Annotated[
-        tuple[Positive, ...],
-        says("count", "numbers of waves on finite worms; viscous ground only"),
-    ] = ()
-    rods_per_wave: Annotated[
-        int,
-        Meta(ge=3, le=60, description="a whole number from 3 to 60"),
-        says("count", "number of rods per wave on finite worms"),
-    ] = 12
+    want: tuple[Literal["serpenoid"], ...] = entry(
+        "`serpenoid`: speed over amplitude, and the wave in the plane", default=()
+    )
+    amplitude: float = number("angle", "amplitude *α* of the tangent angle", above=0, most=2.4)
+    ratio: float = number(
+        "1", "resistance across over along: *r*, or *ρ* on dry ground", above=1, most=1000000.0
+    )
+    ground: Literal["viscous", "elliptic", "unit"] = entry(
+        "`viscous`, or dry: `elliptic` (maximal dissipation), `unit` (direction alone)",
+        default="viscous",
+    )
+    waves: tuple[Positive, ...] = entry(
+        "numbers of waves on finite worms; viscous ground only", quantity="count", default=()
+    )
+    rods_per_wave: int = whole(3, 60, "number of rods per wave on finite worms", default=12)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""

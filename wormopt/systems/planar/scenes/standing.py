@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from wormopt.scene.types import NonNegative
 from wormopt.study.given import says
+from wormopt.study.types import NonNegative
 from wormopt.systems.planar.scenes.path import DiscTable, WallTable
 
 _Friction = Annotated[NonNegative, says("1", "coefficient of dry friction, if contact is smooth")]

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import MeshTable
-from wormopt.scene.types import Finite, NonNegative, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, says, whole
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import Finite, SceneTable
 from wormopt.systems.planar.scenes.tables import BodyTable, StrokeTable
 
 Row = tuple[Finite, ...]
@@ -22,18 +22,18 @@ _UNEVEN = 1e4  # largest ratio of lengths; rotational drags grow with their cube
 class ViscousTable(Given):
     """Viscous ground: drag of rods per length and of masses, along and across them."""
 
-    along: Annotated[
-        NonNegative, says("viscosity", "*c*<sub>t</sub>, drag of rods per length, along them")
-    ] = 0.0
-    across: Annotated[
-        NonNegative, says("viscosity", "*c*<sub>n</sub>, drag of rods per length, across them")
-    ] = 0.0
-    mass_along: Annotated[
-        NonNegative, says("drag", "*k*<sub>t</sub>, drag of masses along the heading")
-    ] = 0.0
-    mass_across: Annotated[
-        NonNegative, says("drag", "*k*<sub>n</sub>, drag of masses across the heading")
-    ] = 0.0
+    along: float = number(
+        "viscosity", "*c*<sub>t</sub>, drag of rods per length, along them", least=0, default=0.0
+    )
+    across: float = number(
+        "viscosity", "*c*<sub>n</sub>, drag of rods per length, across them", least=0, default=0.0
+    )
+    mass_along: float = number(
+        "drag", "*k*<sub>t</sub>, drag of masses along the heading", least=0, default=0.0
+    )
+    mass_across: float = number(
+        "drag", "*k*<sub>n</sub>, drag of masses across the heading", least=0, default=0.0
+    )
 
     def faults(self, key: str) -> Iterator[Fault]:
         """Yield a fault if the ground does not resist both along and across."""
@@ -48,28 +48,30 @@ class ViscousTable(Given):
 class ShapeLimitsTable(Given):
     """Limits of the shape in the stroke."""
 
-    angle: Annotated[Row, says("angle", "[smallest, largest] angle of every joint, within ±π")] = (
-        -2.0,
-        2.0,
+    angle: Row = entry(
+        "[smallest, largest] angle of every joint, within ±π",
+        quantity="angle",
+        default=(
+            -2.0,
+            2.0,
+        ),
     )
-    length: Annotated[
-        Row | None,
-        says("length", "[shortest, longest] link; required if lengths are shape variables"),
-    ] = None
+    length: Row | None = entry(
+        "[shortest, longest] link; required if lengths are shape variables",
+        quantity="length",
+        default=None,
+    )
 
 
 class StrokeSearchTable(Given):
     """Objective and starting points of the search."""
 
-    maximise: Annotated[
-        Literal["efficiency", "distance"],
-        says("", "`efficiency` (at the optimal pace), or `distance` alone"),
-    ] = "efficiency"
-    starts: Annotated[
-        int,
-        Meta(ge=1, le=8, description="a whole number from 1 to 8"),
-        says("count", "initial ellipses, around the middle of the limits and other shapes"),
-    ] = 3
+    maximise: Literal["efficiency", "distance"] = entry(
+        "`efficiency` (at the optimal pace), or `distance` alone", default="efficiency"
+    )
+    starts: int = whole(
+        1, 8, "initial ellipses, around the middle of the limits and other shapes", default=3
+    )
 
 
 class PlanarSwimScene(SceneTable):
@@ -127,33 +129,25 @@ class PlanarSwimScene(SceneTable):
     }
 
     kind: Literal["planar-swim"]
-    want: Annotated[
-        tuple[Literal["swim", "heights", "animation"], ...],
-        says(
-            "",
-            "`swim`: the body over a stroke in the plane; `heights`: height functions with the "
-            "stroke (two shape variables); `animation`: the moving body",
-        ),
-    ] = ()
-    body: Annotated[BodyTable, says("", "the body")]
-    ground: Annotated[ViscousTable, says("", "the ground")]
-    stroke: Annotated[
-        StrokeTable | None, says("", "the stroke; if left out, the best stroke is searched")
-    ] = None
-    frame: Annotated[
-        Literal["head", "middle", "calm"],
-        says(
-            "",
-            "frame of the height functions: at the `head`, at the `middle` of the chain, or the "
-            "`calm` frame, which moves least while the shape changes",
-        ),
-    ] = "calm"
-    limits: Annotated[ShapeLimitsTable, says("", "limits of the stroke that is searched")] = field(
-        default_factory=ShapeLimitsTable
+    want: tuple[Literal["swim", "heights", "animation"], ...] = entry(
+        "`swim`: the body over a stroke in the plane; `heights`: height functions with the "
+        "stroke (two shape variables); `animation`: the moving body",
+        default=(),
     )
-    search: Annotated[StrokeSearchTable, says("", "options of the search")] = field(
-        default_factory=StrokeSearchTable
+    body: BodyTable = entry("the body")
+    ground: ViscousTable = entry("the ground")
+    stroke: StrokeTable | None = entry(
+        "the stroke; if left out, the best stroke is searched", default=None
     )
+    frame: Literal["head", "middle", "calm"] = entry(
+        "frame of the height functions: at the `head`, at the `middle` of the chain, or the "
+        "`calm` frame, which moves least while the shape changes",
+        default="calm",
+    )
+    limits: ShapeLimitsTable = entry(
+        "limits of the stroke that is searched", default=ShapeLimitsTable
+    )
+    search: StrokeSearchTable = entry("options of the search", default=StrokeSearchTable)
     mesh: Annotated[
         MeshTable, says("", "discretisation; 16 arcs of degree 6 at Legendre points if left out")
     ] = field(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive
-from wormopt.study.given import Given, says, wrong_count
+from wormopt.study.given import Given, entry, positive, whole, wrong_count
+from wormopt.study.types import Finite, Positive
 
 if TYPE_CHECKING:  # numerics are built in runs, so that checking a scene loads none
     from wormopt.model.planar_friction import PlanarLaw
@@ -24,15 +24,16 @@ Row = tuple[Finite, ...]
 class BodyTable(Given):
     """The body: a chain of links, head first, with a mass at each end of every link."""
 
-    links: Annotated[Links, says("count", "number of links *n*; masses 0 (the head) to *n*")]
-    lengths: Annotated[
-        Positive | tuple[Positive, ...] | None,
-        says("length", "link lengths, one for each or for all; shape variables if left out"),
-    ] = None
-    heading: Annotated[
-        Heading,
-        says("", "heading of an inner mass: `bisector`, or along the link in `front` or `rear`"),
-    ] = "bisector"
+    links: int = whole(1, 200, "number of links *n*; masses 0 (the head) to *n*")
+    lengths: Positive | tuple[Positive, ...] | None = entry(
+        "link lengths, one for each or for all; shape variables if left out",
+        quantity="length",
+        default=None,
+    )
+    heading: Heading = entry(
+        "heading of an inner mass: `bisector`, or along the link in `front` or `rear`",
+        default="bisector",
+    )
 
     def shape(self) -> Shape:
         """Return the places by the shape variables: lengths, if they vary, then joint angles."""
@@ -55,23 +56,22 @@ class BodyTable(Given):
 class GroundTable(Given):
     """Dry ground that resists forward, backward and sideways motion of a mass differently."""
 
-    law: Annotated[
-        Literal["elliptic", "unit"],
-        says(
-            "",
-            "`elliptic`: elliptic set of forces with maximal dissipation; `unit`: resistance by "
-            "the direction of motion alone, without a minimum principle",
-        ),
-    ] = "elliptic"
-    forward: Annotated[Positive, says("force", "*F*<sup>+</sup>, resistance to forward motion")]
-    backward: Annotated[
-        Positive | None,
-        says("force", "*F*<sup>−</sup>, resistance to backward motion; `forward` if left out"),
-    ] = None
-    sideways: Annotated[
-        Positive | None,
-        says("force", "*F*<sub>n</sub>, resistance to sideways motion; `forward` if left out"),
-    ] = None
+    law: Literal["elliptic", "unit"] = entry(
+        "`elliptic`: elliptic set of forces with maximal dissipation; `unit`: resistance by "
+        "the direction of motion alone, without a minimum principle",
+        default="elliptic",
+    )
+    forward: float = positive("force", "*F*<sup>+</sup>, resistance to forward motion")
+    backward: float | None = positive(
+        "force",
+        "*F*<sup>−</sup>, resistance to backward motion; `forward` if left out",
+        default=None,
+    )
+    sideways: float | None = positive(
+        "force",
+        "*F*<sub>n</sub>, resistance to sideways motion; `forward` if left out",
+        default=None,
+    )
 
     def friction(self) -> PlanarLaw:
         """Return the friction law of one mass."""
@@ -88,9 +88,9 @@ class GroundTable(Given):
 class HarmonicStroke(Given, tag_field="course", tag="harmonic"):
     """Harmonic shape variables: row *h* holds the coefficients of the *h*-th harmonic."""
 
-    mean: Annotated[Row, says("", "mean of each shape variable")]
-    cosine: Annotated[tuple[Row, ...], says("", "coefficients of cos(2π *h* τ)")]
-    sine: Annotated[tuple[Row, ...], says("", "coefficients of sin(2π *h* τ)")]
+    mean: Row = entry("mean of each shape variable")
+    cosine: tuple[Row, ...] = entry("coefficients of cos(2π *h* τ)")
+    sine: tuple[Row, ...] = entry("coefficients of sin(2π *h* τ)")
 
     def stroke(self) -> Stroke:
         """Return the stroke of this table."""
@@ -112,7 +112,7 @@ class HarmonicStroke(Given, tag_field="course", tag="harmonic"):
 class PolygonStroke(Given, tag_field="course", tag="polygon"):
     """Shape variables that change linearly from corner to corner and back to the first."""
 
-    corners: Annotated[tuple[Row, ...], says("", "shapes in order, one row each")]
+    corners: tuple[Row, ...] = entry("shapes in order, one row each")
 
     def stroke(self) -> Stroke:
         """Return the stroke of this table."""

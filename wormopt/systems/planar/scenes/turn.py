@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
-
-from msgspec import Meta
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Finite, Positive, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import SceneTable
 from wormopt.systems.planar.scenes.crawl import CRAWL_SCALARS, CRAWL_VARIABLES
 
 if TYPE_CHECKING:  # checking a scene loads no numerics
@@ -21,19 +19,19 @@ if TYPE_CHECKING:  # checking a scene loads no numerics
 class TurnerTable(Given):
     """A worm of two links that exchange lengths, on ground with equal resistance everywhere."""
 
-    end_friction: Annotated[Positive, says("force", "friction *F* of masses 0 and 2")]
-    middle_friction: Annotated[Positive, says("force", "friction *F*<sub>1</sub> of mass 1")]
-    short: Annotated[Positive, says("length", "length *l*<sub>2</sub> of the link that swings")]
-    long: Annotated[Positive, says("length", "length *l*<sub>1</sub> of the link that rests")]
-    straight: Annotated[Finite, says("rad", "joint angle at which the swing begins, within ±π")]
-    bent: Annotated[Finite, says("rad", "joint angle at which the swing ends, within ±π")]
+    end_friction: float = positive("force", "friction *F* of masses 0 and 2")
+    middle_friction: float = positive("force", "friction *F*<sub>1</sub> of mass 1")
+    short: float = positive("length", "length *l*<sub>2</sub> of the link that swings")
+    long: float = positive("length", "length *l*<sub>1</sub> of the link that rests")
+    straight: float = number("rad", "joint angle at which the swing begins, within ±π")
+    bent: float = number("rad", "joint angle at which the swing ends, within ±π")
 
 
 class PaceTable(Given):
     """Largest rates of the shape."""
 
-    joint: Annotated[Positive, says("angular_frequency", "largest rate of the joint angle")]
-    link: Annotated[Positive, says("speed", "largest rate of a link length")]
+    joint: float = positive("angular_frequency", "largest rate of the joint angle")
+    link: float = positive("speed", "largest rate of a link length")
 
 
 class PlanarTurnScene(SceneTable):
@@ -87,21 +85,14 @@ class PlanarTurnScene(SceneTable):
     }
 
     kind: Literal["planar-turn"]
-    want: Annotated[
-        tuple[Literal["crawl", "turning", "forces", "animation"], ...],
-        says(
-            "",
-            "`crawl`: the worm over `cycles` in the plane; `turning`: heading, bound and friction "
-            "needed; `forces`: forces of ground and actuators; `animation`: the moving worm",
-        ),
-    ] = ()
-    worm: Annotated[TurnerTable, says("", "the worm and its gait")]
-    pace: Annotated[PaceTable, says("", "largest rates of the shape")]
-    cycles: Annotated[
-        int,
-        Meta(ge=1, le=100, description="a whole number from 1 to 100"),
-        says("count", "number of gaits shown"),
-    ] = 2
+    want: tuple[Literal["crawl", "turning", "forces", "animation"], ...] = entry(
+        "`crawl`: the worm over `cycles` in the plane; `turning`: heading, bound and friction "
+        "needed; `forces`: forces of ground and actuators; `animation`: the moving worm",
+        default=(),
+    )
+    worm: TurnerTable = entry("the worm and its gait")
+    pace: PaceTable = entry("largest rates of the shape")
+    cycles: int = whole(1, 100, "number of gaits shown", default=2)
 
     @property
     def swing_time(self) -> float:

@@ -23,8 +23,8 @@ from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.recorded.found import label_of, told, unit_of_directions
 from wormopt.systems.recorded.recordings import model_of
 from wormopt.systems.recorded.scenes.experiment import (

@@ -23,8 +23,8 @@ from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.recorded.found import (
     Found,
     Number,

@@ -18,7 +18,7 @@ from wormopt.fitting.unknowns import Unknown
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check, Result
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.recorded.recordings import Run, runs_of
 from wormopt.systems.recorded.scenes.fit_design import (
     FORCES,

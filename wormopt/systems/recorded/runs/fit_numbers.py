@@ -15,8 +15,8 @@ from wormopt.fitting.uncertainty import covariance_of, held_at, offset_of, spect
 from wormopt.progress import Report
 from wormopt.quantities import unit_of
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.recorded.found import Found, Number, markdown
 from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
 from wormopt.systems.recorded.scenes.fit_numbers import FitNumbersScene, KeyUnknown

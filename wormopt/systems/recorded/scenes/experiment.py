@@ -10,8 +10,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, field
 
 from wormopt.errors import Fault, SceneError
-from wormopt.scene.numerics import Contacts, ExactContact
-from wormopt.scene.types import (
+from wormopt.study.given import Given, entry, positive, whole
+from wormopt.study.numerics import Contacts, ExactContact
+from wormopt.study.types import (
     Finite,
     Positive,
     PositiveOrPair,
@@ -20,7 +21,6 @@ from wormopt.scene.types import (
     Title,
     wrong_order,
 )
-from wormopt.study.given import Given, says
 from wormopt.systems.recorded.scenes.tables import (
     FiniteOrList,
     SceneTables,
@@ -32,7 +32,6 @@ from wormopt.systems.recorded.scenes.tables import (
 Name = Annotated[str, Meta(description="the name of a signal")]
 Count = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Pieces = Annotated[int, Meta(ge=1, le=200, description="a whole number from 1 to 200")]
-Harmonics = Annotated[int, Meta(ge=1, le=20, description="a whole number from 1 to 20")]
 Range = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [smallest, largest]"),
@@ -46,93 +45,80 @@ End = Annotated[
 class ExperimentUnknown(Given):
     """A parameter of the model that is unknown or not known well enough."""
 
-    name: Annotated[Title, says("", "name of the parameter in results")]
-    targets: Annotated[
-        Annotated[str | tuple[str, ...], Meta(description="the name of a signal, or a list")]
-        | None,
-        says("", "signals and entries that all equal this parameter; default: its name"),
-    ] = None
-    value: Annotated[
-        FiniteOrList | None,
-        says("", "best known value; default: that of `known`, or of `[model]`"),
-    ] = None
-    prior: Annotated[
-        Positive | None,
-        says("", "its standard error before the experiment; with `log`, that of its logarithm"),
-    ] = None
-    log: Annotated[bool, says("", "use errors of the logarithm, which are relative errors")] = False
-    wanted: Annotated[
-        bool, says("", "true: estimate it as well as possible; false: a nuisance parameter")
-    ] = True
+    name: Title = entry("name of the parameter in results")
+    targets: (
+        Annotated[str | tuple[str, ...], Meta(description="the name of a signal, or a list")] | None
+    ) = entry("signals and entries that all equal this parameter; default: its name", default=None)
+    value: FiniteOrList | None = entry(
+        "best known value; default: that of `known`, or of `[model]`", default=None
+    )
+    prior: float | None = positive(
+        "",
+        "its standard error before the experiment; with `log`, that of its logarithm",
+        default=None,
+    )
+    log: bool = entry("use errors of the logarithm, which are relative errors", default=False)
+    wanted: bool = entry(
+        "true: estimate it as well as possible; false: a nuisance parameter", default=True
+    )
 
 
 class Moved(Given, tag_field="shape"):
     """Keys common to all input signals that vary in time."""
 
-    signal: Annotated[Name, says("", "an input or a parameter, for example `rest_length`")]
-    change: Annotated[Positive, says("", "largest change from the initial value, up or down")]
-    rate: Annotated[Positive | None, says("", "largest rate of change; default: unlimited")] = None
+    signal: Name = entry("an input or a parameter, for example `rest_length`")
+    change: float = positive("", "largest change from the initial value, up or down")
+    rate: float | None = positive("", "largest rate of change; default: unlimited", default=None)
 
 
 class RampsTable(Moved, tag="ramps"):
     """An input that is linear between equidistant knots and starts at the model's value."""
 
-    pieces: Annotated[Pieces, says("count", "number of linear pieces over the whole run")]
+    pieces: int = whole(1, 200, "number of linear pieces over the whole run")
 
 
 class WavesTable(Moved, tag="waves"):
     """An input with a few harmonics that starts at the model's value."""
 
-    harmonics: Annotated[Harmonics, says("count", "number of harmonics")]
-    frequency: Annotated[
-        PositiveOrPair, says("rate", "frequency of the first harmonic; a range is optimised")
-    ]
+    harmonics: int = whole(1, 20, "number of harmonics")
+    frequency: PositiveOrPair = entry(
+        "frequency of the first harmonic; a range is optimised", quantity="rate"
+    )
 
 
 class HeldTable(Given, tag_field="shape", tag="held"):
     """A constant to choose, the same for all entries of the signal, for example a load."""
 
-    signal: Annotated[Name, says("", "an input or a parameter")]
-    range: Annotated[
-        Range,
-        says("", "range of the constant, [smallest, largest]"),
-    ]
+    signal: Name = entry("an input or a parameter")
+    range: Range = entry("range of the constant, [smallest, largest]")
 
 
 class ExperimentTime(Given):
     """Duration of the run and times of its measurements."""
 
-    end: Annotated[Positive, says("time", "end of the run, which starts at 0")]
-    samples: Annotated[
-        int,
-        Meta(ge=2, le=100_000, description="a whole number from 2 to 100000"),
-        says("count", "number of equidistant measurement times, the last at the end"),
-    ]
+    end: float = positive("time", "end of the run, which starts at 0")
+    samples: int = whole(2, 100000, "number of equidistant measurement times, the last at the end")
 
 
 class PredictionTable(Given):
     """A prediction that the parameters serve: the mean rate of a signal in another motion."""
 
     model: SceneTables
-    output: Annotated[
-        Name, says("", "state or output whose mean rate is predicted; for a position, its speed")
-    ] = "center_of_mass"
-    span: Annotated[
-        Span,
-        says("time", "start and end of the averaging in that motion"),
-    ]
+    output: Name = entry(
+        "state or output whose mean rate is predicted; for a position, its speed",
+        default="center_of_mass",
+    )
+    span: Span = entry("start and end of the averaging in that motion", quantity="time")
 
 
 class ExperimentSearch(Given):
     """Search for the best experiment."""
 
-    rivals: Annotated[
-        Count, says("count", "number of random experiments within the limits, for comparison")
-    ] = 20
-    starts: Annotated[
-        Count, says("count", "number of the best of them from which searches start")
-    ] = 3
-    seed: Annotated[Seed, says("count", "seed of the random numbers")] = 0
+    rivals: int = whole(
+        1, 1000, "number of random experiments within the limits, for comparison", default=20
+    )
+    starts: int = whole(1, 1000, "number of the best of them from which searches start", default=3)
+    seed: Seed = entry("seed of the random numbers", quantity="count", default=0)
 
 
 class ExperimentScene(SceneTable):
@@ -195,53 +181,37 @@ class ExperimentScene(SceneTable):
     }
 
     kind: Literal["experiment"]
-    want: Annotated[
-        tuple[Literal["course", "errors", "regions"], ...],
-        says(
-            "",
-            "`course`: inputs and motion; `errors`: standard errors before and after, with those "
-            "of random experiments; `regions`: confidence ellipses of pairs of wanted parameters",
-        ),
-    ] = ()
+    want: tuple[Literal["course", "errors", "regions"], ...] = entry(
+        "`course`: inputs and motion; `errors`: standard errors before and after, with those "
+        "of random experiments; `regions`: confidence ellipses of pairs of wanted parameters",
+        default=(),
+    )
     model: SceneTables
-    which: Annotated[str, says("", "label of the model, if the scene in `[model]` has several")] = (
-        ""
+    which: str = entry("label of the model, if the scene in `[model]` has several", default="")
+    known: str | None = entry(
+        "folder of a result of kind `fit`, relative to the scene's folder; its estimates and "
+        "their covariance are used for unknowns of the same names",
+        default=None,
     )
-    known: Annotated[
-        str | None,
-        says(
-            "",
-            "folder of a result of kind `fit`, relative to the scene's folder; its estimates and "
-            "their covariance are used for unknowns of the same names",
-        ),
-    ] = None
-    unknown: Annotated[tuple[ExperimentUnknown, ...], says("", "unknown parameters")]
-    measured: Annotated[
-        dict[str, Positive],
-        says("", "standard deviation of measurements of each signal, `{position = 0.001}`"),
-    ]
-    choose: Annotated[
-        tuple[RampsTable | WavesTable | HeldTable, ...],
-        says("", "inputs to choose; `shape` selects the other keys"),
-    ]
-    limits: Annotated[
-        dict[str, End],
-        says("", 'limits of states and outputs along the motion, `{length = [1.4, "free"]}`'),
-    ] = field(default_factory=dict)
-    time: Annotated[ExperimentTime, says("", "duration and measurement times")]
-    criterion: Annotated[
-        Literal["D", "A"],
-        says(
-            "",
-            "`D`: volume of the confidence region of the wanted parameters; `A`: sum of the "
-            "squares of their relative errors. A `[prediction]` replaces both",
-        ),
-    ] = "D"
-    prediction: Annotated[PredictionTable | None, says("", "prediction to improve")] = None
+    unknown: tuple[ExperimentUnknown, ...] = entry("unknown parameters")
+    measured: dict[str, Positive] = entry(
+        "standard deviation of measurements of each signal, `{position = 0.001}`"
+    )
+    choose: tuple[RampsTable | WavesTable | HeldTable, ...] = entry(
+        "inputs to choose; `shape` selects the other keys"
+    )
+    limits: dict[str, End] = entry(
+        'limits of states and outputs along the motion, `{length = [1.4, "free"]}`', default=dict
+    )
+    time: ExperimentTime = entry("duration and measurement times")
+    criterion: Literal["D", "A"] = entry(
+        "`D`: volume of the confidence region of the wanted parameters; `A`: sum of the "
+        "squares of their relative errors. A `[prediction]` replaces both",
+        default="D",
+    )
+    prediction: PredictionTable | None = entry("prediction to improve", default=None)
     contact: Contacts = field(default_factory=ExactContact)
-    search: Annotated[ExperimentSearch, says("", "the search")] = field(
-        default_factory=ExperimentSearch
-    )
+    search: ExperimentSearch = entry("the search", default=ExperimentSearch)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows; `folder` is the scene's."""

@@ -11,10 +11,10 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
-from wormopt.scene.numerics import Contacts, ExactContact
-from wormopt.scene.scene import packaged_folder
-from wormopt.scene.types import Positive, SceneTable, Title
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, whole
+from wormopt.study.numerics import Contacts, ExactContact
+from wormopt.study.scene import packaged_folder
+from wormopt.study.types import Positive, SceneTable, Title
 from wormopt.systems.recorded.columns import Columns, read_columns
 from wormopt.systems.recorded.scenes.tables import (
     FOUND,
@@ -47,56 +47,41 @@ class RecordingTable(Given):
     `result.nc` of a scene, has a dimension `time`.
     """
 
-    file: Annotated[
-        str,
-        says(
-            "", "CSV or NetCDF-3 file, relative to the scene's folder, or one packaged with wormopt"
-        ),
-    ]
-    name: Annotated[Title, says("", "name of the run in results; default: name of the file")] = ""
-    use: Annotated[
-        Literal["fit", "predict"],
-        says("", "`fit`: used in the fit; `predict`: held out and predicted by the fit"),
-    ] = "fit"
-    time: Annotated[str, says("", "name of the time column")] = "time"
-    columns: Annotated[
-        dict[str, str],
-        says(
-            "",
-            'signal of each column, `{x0 = "position[0]"}`. Columns named like a signal need no '
-            "entry; other columns are ignored. States and outputs are fitted; recorded inputs and "
-            "parameters drive the model",
-        ),
-    ] = field(default_factory=dict)
-    units: Annotated[
-        dict[str, str],
-        says(
-            "",
-            'unit of each column, `{x0 = "mm"}`, if the header line gives none, or the size of a '
-            'frame or pixel: `{frame = "20 ms", x0 = "-0.21 mm"}`, negative if an axis points '
-            "backwards",
-        ),
-    ] = field(default_factory=dict)
-    unwrap: Annotated[
-        tuple[str, ...],
-        says("", "columns or signals with angles recorded modulo one turn; they are unwrapped"),
-    ] = ()
-    window: Annotated[
-        Span | None,
-        says("", "time interval that is used, [first, last], in the file's times; default: all"),
-    ] = None
-    start: Annotated[
-        dict[str, FiniteOrList],
-        says("", "known initial states that differ from those of `[model]`"),
-    ] = field(default_factory=dict)
-    parameters: Annotated[
-        dict[str, FiniteOrList],
-        says("", "parameters and inputs of this run that differ from those of `[model]`"),
-    ] = field(default_factory=dict)
-    between: Annotated[
-        Literal["linear", "held"],
-        says("", "recorded inputs between readings: linear, or held until the next reading"),
-    ] = "linear"
+    file: str = entry(
+        "CSV or NetCDF-3 file, relative to the scene's folder, or one packaged with wormopt"
+    )
+    name: Title = entry("name of the run in results; default: name of the file", default="")
+    use: Literal["fit", "predict"] = entry(
+        "`fit`: used in the fit; `predict`: held out and predicted by the fit", default="fit"
+    )
+    time: str = entry("name of the time column", default="time")
+    columns: dict[str, str] = entry(
+        'signal of each column, `{x0 = "position[0]"}`. Columns named like a signal need no '
+        "entry; other columns are ignored. States and outputs are fitted; recorded inputs and "
+        "parameters drive the model",
+        default=dict,
+    )
+    units: dict[str, str] = entry(
+        'unit of each column, `{x0 = "mm"}`, if the header line gives none, or the size of a '
+        'frame or pixel: `{frame = "20 ms", x0 = "-0.21 mm"}`, negative if an axis points '
+        "backwards",
+        default=dict,
+    )
+    unwrap: tuple[str, ...] = entry(
+        "columns or signals with angles recorded modulo one turn; they are unwrapped", default=()
+    )
+    window: Span | None = entry(
+        "time interval that is used, [first, last], in the file's times; default: all", default=None
+    )
+    start: dict[str, FiniteOrList] = entry(
+        "known initial states that differ from those of `[model]`", default=dict
+    )
+    parameters: dict[str, FiniteOrList] = entry(
+        "parameters and inputs of this run that differ from those of `[model]`", default=dict
+    )
+    between: Literal["linear", "held"] = entry(
+        "recorded inputs between readings: linear, or held until the next reading", default="linear"
+    )
 
     @property
     def label(self) -> str:
@@ -192,13 +177,12 @@ class FitUnknown(UnknownTable):
     entries are estimated, or a single one, for example `stiffness[0]`.
     """
 
-    targets: Annotated[
-        Names | None,
-        says("", "signals and entries that all equal this parameter; default: its name"),
-    ] = None
-    per_run: Annotated[
-        bool, says("", "true: separate values for each run, as usual for initial states")
-    ] = False
+    targets: Names | None = entry(
+        "signals and entries that all equal this parameter; default: its name", default=None
+    )
+    per_run: bool = entry(
+        "true: separate values for each run, as usual for initial states", default=False
+    )
 
 
 class PosteriorTable(Given):
@@ -208,12 +192,8 @@ class PosteriorTable(Given):
     samples.
     """
 
-    draws: Annotated[Draws, says("count", "samples per chain after adaptation")] = 1000
-    chains: Annotated[
-        int,
-        Meta(ge=2, le=16, description="a whole number from 2 to 16"),
-        says("count", "number of chains"),
-    ] = 4
+    draws: int = whole(100, 100000, "samples per chain after adaptation", default=1000)
+    chains: int = whole(2, 16, "number of chains", default=4)
 
 
 class FitScene(SceneTable):
@@ -271,44 +251,35 @@ class FitScene(SceneTable):
     }
 
     kind: Literal["fit"]
-    want: Annotated[
-        tuple[
-            Literal["recordings", "parameters", "correlation", "profiles", "prediction"],
-            ...,
-        ],
-        says(
-            "",
-            "`recordings`: data, fit and residuals; `parameters`: estimates with intervals; "
-            "`correlation`: of the errors; `profiles`: needs `profiles = true`; `prediction`: "
-            "held-out runs",
-        ),
-    ] = ()
-    model: SceneTables
-    which: Annotated[str, says("", "label of the model, if the scene in `[model]` has several")] = (
-        ""
+    want: tuple[
+        Literal["recordings", "parameters", "correlation", "profiles", "prediction"],
+        ...,
+    ] = entry(
+        "`recordings`: data, fit and residuals; `parameters`: estimates with intervals; "
+        "`correlation`: of the errors; `profiles`: needs `profiles = true`; `prediction`: "
+        "held-out runs",
+        default=(),
     )
-    recording: Annotated[tuple[RecordingTable, ...], says("", "recorded runs of the worm")]
-    unknown: Annotated[tuple[FitUnknown, ...], says("", "parameters to estimate")]
-    noise: Annotated[
-        dict[str, Positive],
-        says(
-            "",
-            "known standard deviation of readings of each signal, `{position = 0.001}`; the "
-            "others are estimated",
-        ),
-    ] = field(default_factory=dict)
-    loss: Annotated[
-        Literal["linear", "soft_l1", "huber", "cauchy"],
-        says("", "`linear`: least squares; the others are robust to outliers"),
-    ] = "linear"
+    model: SceneTables
+    which: str = entry("label of the model, if the scene in `[model]` has several", default="")
+    recording: tuple[RecordingTable, ...] = entry("recorded runs of the worm")
+    unknown: tuple[FitUnknown, ...] = entry("parameters to estimate")
+    noise: dict[str, Positive] = entry(
+        "known standard deviation of readings of each signal, `{position = 0.001}`; the "
+        "others are estimated",
+        default=dict,
+    )
+    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = entry(
+        "`linear`: least squares; the others are robust to outliers", default="linear"
+    )
     contact: Contacts = field(default_factory=ExactContact)
-    search: Annotated[SearchTable, says("", "the search")] = field(default_factory=SearchTable)
-    level: Annotated[Level, says("share", "confidence of the intervals")] = 0.95
-    profiles: Annotated[
-        bool,
-        says("", "compute intervals by refits with each parameter held, not from the curvature"),
-    ] = False
-    posterior: Annotated[PosteriorTable | None, says("", "sample the posterior")] = None
+    search: SearchTable = entry("the search", default=SearchTable)
+    level: Level = entry("confidence of the intervals", quantity="share", default=0.95)
+    profiles: bool = entry(
+        "compute intervals by refits with each parameter held, not from the curvature",
+        default=False,
+    )
+    posterior: PosteriorTable | None = entry("sample the posterior", default=None)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows, and the files; `folder` is the scene's."""

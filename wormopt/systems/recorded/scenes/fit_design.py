@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
-
-from msgspec import Meta, field
+from typing import ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, PerMass, Positive, Seed
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number
+from wormopt.study.types import PerMass, Positive, Seed
 from wormopt.systems.recorded.scenes.fit import RecordingTable
 from wormopt.systems.recorded.scenes.tables import Seeds, named_twice
 from wormopt.systems.shared.declared import GAIT
@@ -23,9 +21,6 @@ from wormopt.systems.spiked import (
     Worm,
 )
 
-Confidence = Annotated[
-    float, Meta(ge=0.5, lt=1, description="a number from 0.5 to below 1, for example 0.9999")
-]
 Number = Literal["mass", "drag", "load"]
 
 FORCES = ("actuator_force", "spike_load")
@@ -46,36 +41,35 @@ class CrawlRecording(RecordingTable):
     `velocity`. With this gait the worm may glide; corners are refused.
     """
 
-    gait: Annotated[Shape, says("", "gait of the links; `shape` selects the other keys")]
+    gait: Shape = entry("gait of the links; `shape` selects the other keys")
 
 
 class FitTable(Given):
     """Settings of the fit."""
 
-    numbers: Annotated[
-        tuple[Number, ...],
-        says("", "parameters of `[worm]` to estimate; the others keep their values there"),
-    ] = ("mass", "drag", "load")
-    noise: Annotated[
-        dict[str, Positive],
-        says(
-            "",
-            "known standard deviation of readings of each signal, `{actuator_force = 0.2}`; the "
-            "others are estimated",
-        ),
-    ] = field(default_factory=dict)
-    seeds: Annotated[
-        Seeds, says("count", "number of starts: `[worm]`, and others spread within the bounds")
-    ] = 4
-    seed: Annotated[Seed, says("count", "seed of the random spread of the starts")] = 0
+    numbers: tuple[Number, ...] = entry(
+        "parameters of `[worm]` to estimate; the others keep their values there",
+        default=("mass", "drag", "load"),
+    )
+    noise: dict[str, Positive] = entry(
+        "known standard deviation of readings of each signal, `{actuator_force = 0.2}`; the "
+        "others are estimated",
+        default=dict,
+    )
+    seeds: Seeds = entry(
+        "number of starts: `[worm]`, and others spread within the bounds",
+        quantity="count",
+        default=4,
+    )
+    seed: Seed = entry("seed of the random spread of the starts", quantity="count", default=0)
 
 
 class PlantTable(Given):
     """The real worm to test the gait on; neither the fit nor the design uses it."""
 
-    mass: Annotated[PerMass, says("mass", "point masses; mass 0 is the head")]
-    drag: Annotated[NonNegative, says("drag", "viscous drag on each mass")] = 0.0
-    load: Annotated[NonNegative, says("force", "load on each mass")] = 0.0
+    mass: PerMass = entry("point masses; mass 0 is the head", quantity="mass")
+    drag: float = number("drag", "viscous drag on each mass", least=0, default=0.0)
+    load: float = number("force", "load on each mass", least=0, default=0.0)
 
 
 class FitDesignScene(DesignTable):
@@ -161,21 +155,22 @@ class FitDesignScene(DesignTable):
     }
 
     kind: Literal["fit-design"]
-    want: Annotated[
-        tuple[Literal["forces", "loads", "gait", "motion", "spikes"], ...],
-        says(
-            "",
-            "`forces`: readings, fit and residuals; `loads`: load of a resting spike, worst case "
-            "and on the plant; `gait`, `motion`, `spikes`: as for kind `gait`",
-        ),
-    ] = ()
-    recording: Annotated[tuple[CrawlRecording, ...], says("", "recorded runs of the worm")]
-    fit: Annotated[FitTable, says("", "the fit")] = field(default_factory=FitTable)
-    objective: Annotated[ObjectiveTable, says("", "the objective")]
-    confidence: Annotated[
-        Confidence, says("share", "confidence that the gait meets its limits at all times")
-    ] = 0.9999
-    plant: Annotated[PlantTable | None, says("", "the real worm, to test the gait on")] = None
+    want: tuple[Literal["forces", "loads", "gait", "motion", "spikes"], ...] = entry(
+        "`forces`: readings, fit and residuals; `loads`: load of a resting spike, worst case "
+        "and on the plant; `gait`, `motion`, `spikes`: as for kind `gait`",
+        default=(),
+    )
+    recording: tuple[CrawlRecording, ...] = entry("recorded runs of the worm")
+    fit: FitTable = entry("the fit", default=FitTable)
+    objective: ObjectiveTable = entry("the objective")
+    confidence: float = number(
+        "share",
+        "confidence that the gait meets its limits at all times",
+        least=0.5,
+        below=1,
+        default=0.9999,
+    )
+    plant: PlantTable | None = entry("the real worm, to test the gait on", default=None)
 
     @property
     def plant_worm(self) -> Worm | None:

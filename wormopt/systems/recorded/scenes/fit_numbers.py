@@ -10,9 +10,9 @@ from msgspec import Meta, field
 
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS
-from wormopt.scene.scene import Scene, load_scene
-from wormopt.scene.types import Finite, Positive, SceneTable, Title
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says, whole
+from wormopt.study.scene import Scene, load_scene
+from wormopt.study.types import SceneTable, Title
 from wormopt.systems.recorded.scenes.tables import (
     FOUND,
     Level,
@@ -27,8 +27,6 @@ Keys = Annotated[
     str | tuple[str, ...],
     Meta(description='a key of the scene, for example "worm.density", or a list of keys'),
 ]
-Looks = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
-Step = Annotated[float, Meta(gt=0, le=1, description="a number above 0, at most 1")]
 Changes = Annotated[
     dict[str, Any],
     says("", 'keys changed in the scene for this measurement, `{"switching.rate" = 100}`'),
@@ -38,30 +36,29 @@ Changes = Annotated[
 class MeasuredTable(Given):
     """A measured number, and the scalar of the scene that it measures."""
 
-    scalar: Annotated[str, says("", "scalar in the results of the scene in `[model]`")]
-    value: Annotated[Finite, says("", "measured value, in the unit of the scalar")]
-    deviation: Annotated[
-        Positive,
-        says("", "standard deviation, including that of the computed scalar if it has one"),
-    ]
+    scalar: str = entry("scalar in the results of the scene in `[model]`")
+    value: float = number("", "measured value, in the unit of the scalar")
+    deviation: float = positive(
+        "", "standard deviation, including that of the computed scalar if it has one"
+    )
     changes: Changes = field(default_factory=dict)
-    use: Annotated[
-        Literal["fit", "predict"],
-        says("", "`fit`: used in the fit; `predict`: held out and predicted by the fit"),
-    ] = "fit"
-    text: Annotated[Title, says("", "description or source of the measurement")] = ""
+    use: Literal["fit", "predict"] = entry(
+        "`fit`: used in the fit; `predict`: held out and predicted by the fit", default="fit"
+    )
+    text: Title = entry("description or source of the measurement", default="")
 
 
 class KeyUnknown(UnknownTable):
     """A parameter of the scene to estimate."""
 
-    key: Annotated[
-        Keys, says("", "key of the scene in `[model]`, or a list of keys that share this parameter")
-    ]
-    step: Annotated[
-        Step,
-        says("share", "relative step for derivatives; with `log`, the ratio"),
-    ] = 0.01
+    key: Keys = entry("key of the scene in `[model]`, or a list of keys that share this parameter")
+    step: float = number(
+        "share",
+        "relative step for derivatives; with `log`, the ratio",
+        above=0,
+        most=1,
+        default=0.01,
+    )
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -72,23 +69,18 @@ class KeyUnknown(UnknownTable):
 class NumberSearchTable(Given):
     """Search for the estimates."""
 
-    method: Annotated[
-        Literal["slopes", "compass"],
-        says(
-            "",
-            "`slopes`: Gauss-Newton steps; `compass`: move to the best neighbour at distance "
-            "`step`, then halve the distance, for results too irregular to have derivatives",
-        ),
-    ] = "slopes"
-    steps: Annotated[Looks, says("count", "largest number of steps")] = 20
-    accepted: Annotated[
-        Positive,
-        says(
-            "1",
-            "largest distance from the minimum accepted as converged, in standard errors; "
-            "`compass` has converged if no neighbour is better",
-        ),
-    ] = 0.1
+    method: Literal["slopes", "compass"] = entry(
+        "`slopes`: Gauss-Newton steps; `compass`: move to the best neighbour at distance "
+        "`step`, then halve the distance, for results too irregular to have derivatives",
+        default="slopes",
+    )
+    steps: int = whole(1, 1000, "largest number of steps", default=20)
+    accepted: float = positive(
+        "1",
+        "largest distance from the minimum accepted as converged, in standard errors; "
+        "`compass` has converged if no neighbour is better",
+        default=0.1,
+    )
 
 
 class FitNumbersScene(SceneTable):
@@ -129,21 +121,16 @@ class FitNumbersScene(SceneTable):
     }
 
     kind: Literal["fit-numbers"]
-    want: Annotated[
-        tuple[Literal["measurements", "parameters", "correlation"], ...],
-        says(
-            "",
-            "`measurements`: measured and computed values; `parameters`: estimates with "
-            "intervals; `correlation`: of the errors",
-        ),
-    ] = ()
-    model: SceneTables
-    measured: Annotated[tuple[MeasuredTable, ...], says("", "measurements")]
-    unknown: Annotated[tuple[KeyUnknown, ...], says("", "parameters to estimate")]
-    search: Annotated[NumberSearchTable, says("", "the search")] = field(
-        default_factory=NumberSearchTable
+    want: tuple[Literal["measurements", "parameters", "correlation"], ...] = entry(
+        "`measurements`: measured and computed values; `parameters`: estimates with "
+        "intervals; `correlation`: of the errors",
+        default=(),
     )
-    level: Annotated[Level, says("share", "confidence of the intervals")] = 0.95
+    model: SceneTables
+    measured: tuple[MeasuredTable, ...] = entry("measurements")
+    unknown: tuple[KeyUnknown, ...] = entry("parameters to estimate")
+    search: NumberSearchTable = entry("the search", default=NumberSearchTable)
+    level: Level = entry("confidence of the intervals", quantity="share", default=0.95)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check everything that no single key shows; `folder` is the scene's."""

@@ -11,9 +11,9 @@ from msgspec import Meta
 
 from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
-from wormopt.scene.scene import Scene, load_scene, scene_within
-from wormopt.scene.types import Finite, Seed, Title, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, says, whole
+from wormopt.study.scene import Scene, load_scene, scene_within
+from wormopt.study.types import Finite, Seed, Title, wrong_order
 
 Prior = Annotated[
     tuple[Finite, ...],
@@ -55,29 +55,24 @@ FOUND = {
 class UnknownTable(Given):
     """A parameter to estimate, and prior knowledge of it."""
 
-    name: Annotated[Title, says("", "name of the parameter in results")]
-    start: Annotated[
-        FiniteOrList | None,
-        says("", "initial value of the search; default: the value of the scene in `[model]`"),
-    ] = None
-    lower: Annotated[
-        FiniteOrList | None, says("", "lower bound; default: that of the model's signal")
-    ] = None
-    upper: Annotated[
-        FiniteOrList | None, says("", "upper bound; default: that of the model's signal")
-    ] = None
-    prior: Annotated[
-        Prior | None,
-        says(
-            "",
-            "prior knowledge: [mean, standard deviation] of a normal distribution; with `log`, of "
-            "the logarithm",
-        ),
-    ] = None
-    log: Annotated[
-        bool,
-        says("", "estimate the logarithm, for positive parameters of unknown magnitude"),
-    ] = False
+    name: Title = entry("name of the parameter in results")
+    start: FiniteOrList | None = entry(
+        "initial value of the search; default: the value of the scene in `[model]`", default=None
+    )
+    lower: FiniteOrList | None = entry(
+        "lower bound; default: that of the model's signal", default=None
+    )
+    upper: FiniteOrList | None = entry(
+        "upper bound; default: that of the model's signal", default=None
+    )
+    prior: Prior | None = entry(
+        "prior knowledge: [mean, standard deviation] of a normal distribution; with `log`, of "
+        "the logarithm",
+        default=None,
+    )
+    log: bool = entry(
+        "estimate the logarithm, for positive parameters of unknown magnitude", default=False
+    )
 
     def faults(self, key: str) -> Iterator[Fault]:
         """Yield the faults between the keys of this table at `key`."""
@@ -102,15 +97,14 @@ class UnknownTable(Given):
 class SearchTable(Given):
     """Starts of the search for the best fit."""
 
-    seeds: Annotated[
-        Seeds,
-        says(
-            "count",
-            "largest number of starts: the given one, and others spread around it within the "
-            "bounds; the search ends once three starts have ended at the best fit",
-        ),
-    ] = 6
-    seed: Annotated[Seed, says("count", "seed of the random spread of the starts")] = 0
+    seeds: int = whole(
+        1,
+        1000,
+        "largest number of starts: the given one, and others spread around it within the "
+        "bounds; the search ends once three starts have ended at the best fit",
+        default=6,
+    )
+    seed: Seed = entry("seed of the random spread of the starts", quantity="count", default=0)
 
 
 def named_twice(names: Iterable[str], key: str) -> Iterator[Fault]:

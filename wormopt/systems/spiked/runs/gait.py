@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from wormopt.progress import Report
 from wormopt.result import Result
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.runs.motion import (

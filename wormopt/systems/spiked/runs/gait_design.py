@@ -16,9 +16,9 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable, unit_of, unit_ratio
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
-from wormopt.scene.types import per
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
+from wormopt.study.types import per
 from wormopt.systems.shared.incline import weights
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl

@@ -14,8 +14,8 @@ from wormopt.errors import Interrupted, SolveError
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.shared.checkpoints import checkpoints
 from wormopt.systems.shared.sequences import Sequence_, canonical
 from wormopt.systems.spiked.design.design import Design, objective_of

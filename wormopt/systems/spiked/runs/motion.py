@@ -10,8 +10,8 @@ import numpy as np
 
 from wormopt.model.gait import Gait
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.shared.transport import cost_of_transport
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl

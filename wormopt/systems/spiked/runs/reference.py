@@ -7,7 +7,7 @@ from typing import Any
 
 from wormopt.errors import SceneError, UnknownNameError
 from wormopt.model.gait import Gait
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 from wormopt.systems.spiked.files import load_gait
 from wormopt.systems.spiked.scenes.shapes import (

@@ -13,8 +13,8 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.model.gait import Gait
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.runs.motion import agreement, cross_check, gait_arrays, motion_facts
 from wormopt.systems.spiked.runs.reference import gait_of_shape

@@ -9,23 +9,18 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, structs
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
-    NonNegative,
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import (
     PairPerLink,
     PerLink,
     PerMass,
-    Positive,
     PositiveOrPair,
     Seed,
 )
-from wormopt.study.given import Given, says
 from wormopt.systems.spiked.limits import Limits, Rates, Sharing
 from wormopt.systems.spiked.task import MOST_LINKS, Certify, Cost, Effort, Objective, Search
 
 Resting = Annotated[int, Meta(ge=1, le=MOST_LINKS, description="a whole number, 1 or above")]
-Phases = Annotated[int, Meta(ge=2, le=64, description="a whole number from 2 to 64")]
-Gap = Annotated[float, Meta(ge=1e-5, le=0.5, description="a number from 1e-5 to 0.5")]
-Workers = Annotated[int, Meta(ge=1, le=1024, description="a whole number from 1 to 1024")]
 Order = Annotated[
     tuple[tuple[Annotated[int, Meta(ge=0, le=MOST_LINKS)], ...], ...],
     Meta(description="a list of lists of mass indices, for example [[0], [2], [1]]"),
@@ -44,8 +39,8 @@ COST_WORDS = (
 class RateTable(Given):
     """Limits on the rate of a link, separate for both directions."""
 
-    contraction: Annotated[PerLink, says("speed", "largest −*l*′")]
-    extension: Annotated[PerLink, says("speed", "largest *l*′")]
+    contraction: PerLink = entry("largest −*l*′", quantity="speed")
+    extension: PerLink = entry("largest *l*′", quantity="speed")
 
 
 class LimitTable(Given):
@@ -60,76 +55,59 @@ class LimitTable(Given):
     impulse exceeds).
     """
 
-    period: Annotated[
-        PositiveOrPair,
-        says(
-            "time",
-            "the motion repeats after this time, one number or a range to choose from; the design "
-            "fills it with the optimal number of equal cycles",
-        ),
-    ]
-    length: Annotated[PairPerLink, says("length", "range of each link")]
-    resting: Annotated[
-        Resting, says("count", "smallest number of masses at rest at any time, at most *n*")
-    ] = 1
-    rate: Annotated[
-        PerLink | RateTable | None,
-        says(
-            "speed",
-            "largest |*l*′|, one number for all links or one per link; or a table with "
-            "`contraction` (largest −*l*′) and `extension` (largest *l*′), each a number or one "
-            "per link",
-        ),
-    ] = None
-    acceleration: Annotated[PerLink | None, says("acceleration", "largest |*l*″|")] = None
-    spike_load: Annotated[
-        PerMass | None,
-        says(
-            "force",
-            "largest load *λ*<sub>i</sub> on one spike; a single resting mass carries (*n* + 1) "
-            "*λ*",
-        ),
-    ] = None
-    actuator_force: Annotated[PerLink | None, says("force", "largest |*μ*<sub>j</sub>|")] = None
-    sigma_margin: Annotated[
-        NonNegative,
-        says("force", "lower bound on *σ* of eq. 7 of Zimmermann et al. 2007"),
-    ] = 0.0
-    sharing: Annotated[
-        Sharing,
-        says(
-            "",
-            "how several resting masses share the load, see "
-            "[theory](../theory-kinematic.md#87-sharing-in-a-design); with `least_actuation`, a "
-            "spike at its `spike_load` leaves the remaining load to the others",
-        ),
-    ] = "equal"
-    impulses: Annotated[
-        bool,
-        says(
-            "",
-            "velocities may jump; refused together with `acceleration`, `spike_load`, "
-            "`actuator_force` and all costs",
-        ),
-    ] = False
-    tick: Annotated[
-        Positive | None,
-        says(
-            "time",
-            "tick of a controller: a cycle is a whole number of ticks, so lengths exported at the "
-            "ticks repeat exactly ([export](../export.md#gaits-for-a-controller)); at most a "
-            "million ticks in the shortest period",
-        ),
-    ] = None
-    length_step: Annotated[
-        Positive | None,
-        says(
-            "length",
-            "with `tick`: lengths exported at the ticks are rounded to multiples of this step "
-            "within `length`. For a stepping motor the step is `lead`/(`steps_per_turn` · "
-            "`microsteps`). All other results belong to the gait before rounding",
-        ),
-    ] = None
+    period: PositiveOrPair = entry(
+        "the motion repeats after this time, one number or a range to choose from; the design "
+        "fills it with the optimal number of equal cycles",
+        quantity="time",
+    )
+    length: PairPerLink = entry("range of each link", quantity="length")
+    resting: Resting = entry(
+        "smallest number of masses at rest at any time, at most *n*", quantity="count", default=1
+    )
+    rate: PerLink | RateTable | None = entry(
+        "largest |*l*′|, one number for all links or one per link; or a table with "
+        "`contraction` (largest −*l*′) and `extension` (largest *l*′), each a number or one "
+        "per link",
+        quantity="speed",
+        default=None,
+    )
+    acceleration: PerLink | None = entry("largest |*l*″|", quantity="acceleration", default=None)
+    spike_load: PerMass | None = entry(
+        "largest load *λ*<sub>i</sub> on one spike; a single resting mass carries (*n* + 1) *λ*",
+        quantity="force",
+        default=None,
+    )
+    actuator_force: PerLink | None = entry(
+        "largest |*μ*<sub>j</sub>|", quantity="force", default=None
+    )
+    sigma_margin: float = number(
+        "force", "lower bound on *σ* of eq. 7 of Zimmermann et al. 2007", least=0, default=0.0
+    )
+    sharing: Sharing = entry(
+        "how several resting masses share the load, see "
+        "[theory](../theory-kinematic.md#87-sharing-in-a-design); with `least_actuation`, a "
+        "spike at its `spike_load` leaves the remaining load to the others",
+        default="equal",
+    )
+    impulses: bool = entry(
+        "velocities may jump; refused together with `acceleration`, `spike_load`, "
+        "`actuator_force` and all costs",
+        default=False,
+    )
+    tick: float | None = positive(
+        "time",
+        "tick of a controller: a cycle is a whole number of ticks, so lengths exported at the "
+        "ticks repeat exactly ([export](../export.md#gaits-for-a-controller)); at most a "
+        "million ticks in the shortest period",
+        default=None,
+    )
+    length_step: float | None = positive(
+        "length",
+        "with `tick`: lengths exported at the ticks are rounded to multiples of this step "
+        "within `length`. For a stepping motor the step is `lead`/(`steps_per_turn` · "
+        "`microsteps`). All other results belong to the gait before rounding",
+        default=None,
+    )
 
     @property
     def limits(self) -> Limits:
@@ -148,17 +126,15 @@ class ObjectiveTable(Given):
     because they depend on the load.
     """
 
-    maximise: Annotated[Literal["speed"] | None, says("", "maximise the mean speed")] = None
-    minimise: Annotated[
-        Cost | None, says("", f"minimise a cost at a required speed: {COST_WORDS}")
-    ] = None
-    speed: Annotated[
-        Positive | None,
-        says(
-            "speed",
-            "required mean speed, a lower bound; required with `minimise`, refused with `maximise`",
-        ),
-    ] = None
+    maximise: Literal["speed"] | None = entry("maximise the mean speed", default=None)
+    minimise: Cost | None = entry(
+        f"minimise a cost at a required speed: {COST_WORDS}", default=None
+    )
+    speed: float | None = positive(
+        "speed",
+        "required mean speed, a lower bound; required with `minimise`, refused with `maximise`",
+        default=None,
+    )
 
     @property
     def objective(self) -> Objective:
@@ -194,12 +170,16 @@ class CertifyTable(Given):
     without this table; kind `gait-pareto`.
     """
 
-    gap: Annotated[Gap, says("share", "end when no gait can be better by more than this share")] = (
-        Certify.gap
+    gap: float = number(
+        "share",
+        "end when no gait can be better by more than this share",
+        least=1e-05,
+        most=0.5,
+        default=Certify.gap,
     )
-    time_limit: Annotated[
-        Positive, says("s", "end after this time with the gap reached so far")
-    ] = Certify.time_limit
+    time_limit: float = positive(
+        "s", "end after this time with the gap reached so far", default=Certify.time_limit
+    )
 
 
 class SearchTable(Given):
@@ -225,43 +205,38 @@ class SearchTable(Given):
     because the worm could not advance.
     """  # noqa: E501
 
-    seed: Annotated[Seed, says("", "seed of the random starts")] = 0
-    effort: Annotated[Effort, says("", "extent of the search, see above")] = "normal"
-    phases: Annotated[Phases | None, says("count", "largest number of phases of a cycle")] = None
-    sequence: Annotated[
-        Order | None,
-        says("", "resting masses of each phase of a cycle; only this sequence is used"),
-    ] = None
-    time_limit: Annotated[
-        Positive | None,
-        says(
-            "s",
-            "the search ends after this time and returns the best gait so far, with a warning and "
-            "exit code 0. The time is checked between linear programs. Sequences already begun "
-            "are still fitted to the period, which can take longer than the limit itself if there "
-            "are many links",
-        ),
-    ] = None
-    workers: Annotated[
-        Workers | None,
-        says(
-            "count",
-            "processes of the search; default: 1 up to two links, else one per processor. The "
-            "result does not depend on it",
-        ),
-    ] = None
-    gap: Annotated[
-        Gap,
-        says(
-            "share",
-            "a search for speed ends when no gait can be faster by more than this, as proven "
-            "before it begins by linear programs that take tenths of a second",
-        ),
-    ] = Search.gap
-    certify: Annotated[
-        CertifyTable | None,
-        says("", "tighter bound on the objective of any gait, for peak loads too"),
-    ] = None
+    seed: Seed = entry("seed of the random starts", default=0)
+    effort: Effort = entry("extent of the search, see above", default="normal")
+    phases: int | None = whole(2, 64, "largest number of phases of a cycle", default=None)
+    sequence: Order | None = entry(
+        "resting masses of each phase of a cycle; only this sequence is used", default=None
+    )
+    time_limit: float | None = positive(
+        "s",
+        "the search ends after this time and returns the best gait so far, with a warning and "
+        "exit code 0. The time is checked between linear programs. Sequences already begun "
+        "are still fitted to the period, which can take longer than the limit itself if there "
+        "are many links",
+        default=None,
+    )
+    workers: int | None = whole(
+        1,
+        1024,
+        "processes of the search; default: 1 up to two links, else one per processor. The "
+        "result does not depend on it",
+        default=None,
+    )
+    gap: float = number(
+        "share",
+        "a search for speed ends when no gait can be faster by more than this, as proven "
+        "before it begins by linear programs that take tenths of a second",
+        least=1e-05,
+        most=0.5,
+        default=Search.gap,
+    )
+    certify: CertifyTable | None = entry(
+        "tighter bound on the objective of any gait, for peak loads too", default=None
+    )
 
     @property
     def search(self) -> Search:

@@ -9,18 +9,16 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import (
+from wormopt.study.given import Given, entry, number, positive, says
+from wormopt.study.types import (
     Loads,
-    NonNegative,
     NonNegativePair,
     Pair,
     PerMass,
-    Positive,
     SceneTable,
     per,
     wrong_order,
 )
-from wormopt.study.given import Given, says
 from wormopt.systems.shared.declared import COST_OF_TRANSPORT, GAIT
 from wormopt.systems.shared.incline import (
     Gravity,
@@ -148,19 +146,17 @@ class WormTable(Given):
     The link lengths are prescribed. Spikes on every mass let it slide forward but never backward.
     """
 
-    links: Annotated[Links, says("count", "number of links *n*")]
-    mass: Annotated[PerMass, says("mass", "point masses *m*<sub>i</sub>; mass 0 is the head")]
-    drag: Annotated[NonNegative, says("drag", "*k*: each mass has viscous drag −*k v*")] = 0.0
-    load: Annotated[
-        Loads,
-        says(
-            "force",
-            "*Γ*: force on each mass against the direction of motion (towed load, slope). A pair "
-            "is a range and is allowed in designs only: the designed gait meets its limits over "
-            "the whole range. Three or more numbers are the loads of the individual masses, head "
-            "first. Example: a cable at the tail of a worm with two links is [0, 0, 0.3]",
-        ),
-    ] = 0.0
+    links: Links = entry("number of links *n*", quantity="count")
+    mass: PerMass = entry("point masses *m*<sub>i</sub>; mass 0 is the head", quantity="mass")
+    drag: float = number("drag", "*k*: each mass has viscous drag −*k v*", least=0, default=0.0)
+    load: Loads = entry(
+        "*Γ*: force on each mass against the direction of motion (towed load, slope). A pair "
+        "is a range and is allowed in designs only: the designed gait meets its limits over "
+        "the whole range. Three or more numbers are the loads of the individual masses, head "
+        "first. Example: a cable at the tail of a worm with two links is [0, 0, 0.3]",
+        quantity="force",
+        default=0.0,
+    )
     slope: Uphill = 0.0
     gravity: Gravity = None
 
@@ -226,20 +222,18 @@ class GaitFile(FileShape):  # noqa: D101
 class RegionTable(Given):
     """Range of periods and loads on the map `region`."""
 
-    periods: Annotated[
-        Pair | None, says("time", "range of periods; null: half to twice the gait's period")
-    ] = None
-    loads: Annotated[
-        NonNegativePair | None,
-        says(
-            "force",
-            "range of *Γ*, including the weight along the slope; null: from 0 to twice the "
-            "scene's load or twice the smallest load without gliding, whichever is larger",
-        ),
-    ] = None
-    spike_load: Annotated[
-        Positive | None, says("force", "load at which a spike breaks; null: unknown")
-    ] = None
+    periods: Pair | None = entry(
+        "range of periods; null: half to twice the gait's period", quantity="time", default=None
+    )
+    loads: NonNegativePair | None = entry(
+        "range of *Γ*, including the weight along the slope; null: from 0 to twice the "
+        "scene's load or twice the smallest load without gliding, whichever is larger",
+        quantity="force",
+        default=None,
+    )
+    spike_load: float | None = positive(
+        "force", "load at which a spike breaks; null: unknown", default=None
+    )
 
     def faults(self) -> Iterator[Fault]:
         """Yield what is wrong between the keys."""
@@ -280,19 +274,16 @@ class GaitScene(SceneTable):
     variables: ClassVar = MOTION_VARIABLES | GAIT | REGION_VARIABLES
 
     kind: Literal["gait"]
-    want: Annotated[
-        tuple[Literal["gait", "motion", "spikes", "region", "animation"], ...],
-        says(
-            "",
-            "`gait`: lengths, rates and resting masses; `motion`: paths of the masses, time "
-            "upward; `spikes`: loads and forces; `region`: periods and loads at which kinematics "
-            "alone determines the motion, with the largest spike load; `animation`: two periods "
-            "as a GIF",
-        ),
-    ] = ()
-    worm: Annotated[WormTable, says("", "the worm")]
-    gait: Annotated[GivenGait, says("", "the gait; `shape` selects the other keys")]
-    region: Annotated[RegionTable | None, says("", "used if `want` contains `region`")] = None
+    want: tuple[Literal["gait", "motion", "spikes", "region", "animation"], ...] = entry(
+        "`gait`: lengths, rates and resting masses; `motion`: paths of the masses, time "
+        "upward; `spikes`: loads and forces; `region`: periods and loads at which kinematics "
+        "alone determines the motion, with the largest spike load; `animation`: two periods "
+        "as a GIF",
+        default=(),
+    )
+    worm: WormTable = entry("the worm")
+    gait: GivenGait = entry("the gait; `shape` selects the other keys")
+    region: RegionTable | None = entry("used if `want` contains `region`", default=None)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.model.given import per
-from wormopt.scene.types import SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, whole
+from wormopt.study.types import SceneTable
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.scenes.design_tables import (
@@ -88,20 +88,17 @@ DESIGN_SCALARS = MOTION_SCALARS | {
 class DesignTable(SceneTable):
     """Tables shared by all scenes that design gaits."""
 
-    worm: Annotated[WormTable, says("", "the worm")]
-    gait: Annotated[LimitTable, says("", "the limits")]
-    search: Annotated[SearchTable, says("", "how to search")] = field(default_factory=SearchTable)
-    motor: Annotated[
-        MotorTable | None,
-        says(
-            "",
-            "a stepping motor with a threaded rod on each link; none by default. |*l*′| ≤ `lead` "
-            "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold in addition to the limits "
-            "in `[gait]`, which then need no `rate` or `acceleration`. Other keys of this table "
-            "have no effect on the design; the limits also hold below `start_rate`. Refused: "
-            "`gait.impulses`",
-        ),
-    ] = None
+    worm: WormTable = entry("the worm")
+    gait: LimitTable = entry("the limits")
+    search: SearchTable = entry("how to search", default=SearchTable)
+    motor: MotorTable | None = entry(
+        "a stepping motor with a threaded rod on each link; none by default. |*l*′| ≤ `lead` "
+        "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold in addition to the limits "
+        "in `[gait]`, which then need no `rate` or `acceleration`. Other keys of this table "
+        "have no effect on the design; the limits also hold below `start_rate`. Refused: "
+        "`gait.impulses`",
+        default=None,
+    )
 
     @property
     def limits(self) -> Limits:
@@ -247,17 +244,16 @@ class GaitDesignScene(DesignTable):
     }
 
     kind: Literal["gait-design"]
-    want: Annotated[
-        tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...],
-        says(
-            "",
+    want: tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...] = (
+        entry(
             "`gait`, `motion`, `spikes`: as for kind [`gait`](gait.md), for one cycle; "
             "`animation`: two cycles; `limits`: relative sensitivity of the speed or cost to each "
             "limit (not for `energy_per_distance` and `acceleration_effort`); `certificate`: "
             "bound over time (needs a table `[search.certify]`)",
-        ),
-    ] = ()
-    objective: Annotated[ObjectiveTable, says("", "the objective")]
+            default=(),
+        )
+    )
+    objective: ObjectiveTable = entry("the objective")
 
     def _faults_of_loads(self) -> Iterator[Fault]:
         """Yield a fault if the spikes cannot carry all loads, their average over a cycle."""
@@ -299,14 +295,13 @@ class GaitDesignScene(DesignTable):
 class ParetoTable(Given):
     """The Pareto front to compute."""
 
-    against: Annotated[Cost, says("", f"the cost to trade against speed: {COST_WORDS}")]
-    points: Annotated[
-        Points,
-        says(
-            "count",
-            "number of designed gaits: the fastest, and the cheapest at equidistant lower speeds",
-        ),
-    ] = 9
+    against: Cost = entry(f"the cost to trade against speed: {COST_WORDS}")
+    points: int = whole(
+        3,
+        50,
+        "number of designed gaits: the fastest, and the cheapest at equidistant lower speeds",
+        default=9,
+    )
 
 
 class GaitParetoScene(DesignTable):
@@ -377,11 +372,10 @@ class GaitParetoScene(DesignTable):
     }
 
     kind: Literal["gait-pareto"]
-    want: Annotated[
-        tuple[Literal["front", "gait", "motion", "spikes"], ...],
-        says("", "`front`: the front; `gait`, `motion`, `spikes`: the gait at its knee"),
-    ] = ()
-    pareto: Annotated[ParetoTable, says("", "the front")]
+    want: tuple[Literal["front", "gait", "motion", "spikes"], ...] = entry(
+        "`front`: the front; `gait`, `motion`, `spikes`: the gait at its knee", default=()
+    )
+    pareto: ParetoTable = entry("the front")
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

@@ -10,12 +10,10 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import ArgumentError, Fault
-from wormopt.scene.types import Finite, Pair, Positive, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says
+from wormopt.study.types import Pair, Positive, wrong_order
 from wormopt.tables import SUFFIXES
 
-Elongation = Annotated[float, Meta(gt=0, lt=0.5, description="a number above 0 and below 0.5")]
-Ramp = Annotated[float, Meta(ge=0, le=0.5, description="a number from 0 to 0.5")]
 Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]
 Point = Annotated[int, Meta(ge=0, description="a whole number, 0 or above")]
 GaitPath = Annotated[str, Meta(min_length=1, description="the name of a .csv or .nc file")]
@@ -29,17 +27,19 @@ class FastShape(Given, tag_field="shape", tag="fast"):
     """
 
     period: Period
-    rest_length: Annotated[
-        Positive,
-        says(
-            "length",
-            "*l*<sub>0</sub> of eq. 15: link 0 moves between 1 and 1 + 2*e* times this length, "
-            "link 1 between 1 − 2*e* and 1 times it",
-        ),
-    ] = 2.0
-    elongation: Annotated[
-        Elongation, says("share", "*e*: the worm advances 4 *e l*<sub>0</sub> per period")
-    ] = 0.15
+    rest_length: float = positive(
+        "length",
+        "*l*<sub>0</sub> of eq. 15: link 0 moves between 1 and 1 + 2*e* times this length, "
+        "link 1 between 1 − 2*e* and 1 times it",
+        default=2.0,
+    )
+    elongation: float = number(
+        "share",
+        "*e*: the worm advances 4 *e l*<sub>0</sub> per period",
+        above=0,
+        below=0.5,
+        default=0.15,
+    )
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield what does not fit a worm with `links` links; `key` is this table's key path."""
@@ -51,26 +51,20 @@ class WaveShape(Given, tag_field="shape"):
     """Keys common to the constructed gaits: all links move between two lengths."""
 
     period: Period
-    length: Annotated[
-        Pair,
-        says("length", "range of every link; the difference is the stroke *D*"),
-    ]
-    profile: Annotated[
-        Literal["cosine", "quintic", "trapezoid"],
-        says(
-            "",
-            "profile of a length within a phase: `cosine` is once and `quintic` twice "
-            "continuously differentiable, `trapezoid` has a piecewise linear rate",
-        ),
-    ] = "cosine"
-    ramp: Annotated[
-        Ramp | None,
-        says(
-            "share",
-            "for `trapezoid`: share of the phase in which the rate rises, and again in which it "
-            "falls; 0 gives corners in the lengths",
-        ),
-    ] = None
+    length: Pair = entry("range of every link; the difference is the stroke *D*", quantity="length")
+    profile: Literal["cosine", "quintic", "trapezoid"] = entry(
+        "profile of a length within a phase: `cosine` is once and `quintic` twice "
+        "continuously differentiable, `trapezoid` has a piecewise linear rate",
+        default="cosine",
+    )
+    ramp: float | None = number(
+        "share",
+        "for `trapezoid`: share of the phase in which the rate rises, and again in which it "
+        "falls; 0 gives corners in the lengths",
+        least=0,
+        most=0.5,
+        default=None,
+    )
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield what is wrong between the keys; `key` is this table's key path."""
@@ -88,7 +82,7 @@ class BlockWaveShape(WaveShape, tag="block_wave"):
     `ramp`, `ramp` with another profile.
     """
 
-    resting: Annotated[Few, says("count", "masses in the block, up to *n*")] = 1
+    resting: Few = entry("masses in the block, up to *n*", quantity="count", default=1)
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield the faults between the keys, and what does not fit a worm with `links` links."""
@@ -116,16 +110,14 @@ class SineShape(Given, tag_field="shape", tag="sine"):
     """
 
     period: Period
-    rest_length: Annotated[Finite, says("length", "mean length of every link")] = 2.0
-    amplitude: Annotated[Positive, says("length", "amplitude of every link")] = 0.6
-    lag: Annotated[
-        Finite,
-        says(
-            "share",
-            "lag of each link behind the one ahead of it, as a share of a period; link 0 lags by "
-            "the same share",
-        ),
-    ] = 1 / 3
+    rest_length: float = number("length", "mean length of every link", default=2.0)
+    amplitude: float = positive("length", "amplitude of every link", default=0.6)
+    lag: float = number(
+        "share",
+        "lag of each link behind the one ahead of it, as a share of a period; link 0 lags by "
+        "the same share",
+        default=1 / 3,
+    )
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield nothing: a sine fits every worm."""
@@ -144,22 +136,16 @@ class FileShape(Given, tag_field="shape", tag="file"):
     the worm; units in a scene without units.
     """
 
-    file: Annotated[
-        GaitPath,
-        says(
-            "",
-            "table `t,l_0,l_1,...` (`.csv`, `.txt`, `.tsv`, `.dat`), or the `result.nc` of any "
-            "scene with a gait; relative to the scene's folder",
-        ),
-    ]
-    point: Annotated[
-        Point | None,
-        says("", "point of a front (kind `gait-pareto`), 0 is the slowest; default: its knee"),
-    ] = None
-    period: Annotated[
-        Positive | None,
-        says("time", "run the gait with this period instead of the file's own"),
-    ] = None
+    file: GaitPath = entry(
+        "table `t,l_0,l_1,...` (`.csv`, `.txt`, `.tsv`, `.dat`), or the `result.nc` of any "
+        "scene with a gait; relative to the scene's folder"
+    )
+    point: Point | None = entry(
+        "point of a front (kind `gait-pareto`), 0 is the slowest; default: its knee", default=None
+    )
+    period: float | None = positive(
+        "time", "run the gait with this period instead of the file's own", default=None
+    )
 
     def faults(self, links: int, folder: Path, key: str = "gait") -> Iterator[Fault]:
         """Yield a fault if the file has no known suffix or cannot be read.

@@ -4,43 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
-
-from msgspec import Meta, field
+from typing import ClassVar, Literal
 
 from wormopt.errors import Fault
-from wormopt.scene.types import NonNegative, Positive, SceneTable
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.types import SceneTable
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.scenes.gait import GivenGait, WormTable
-
-Count = Annotated[int, Meta(ge=1, le=100_000, description="a whole number from 1 to 100000")]
-Slack = Annotated[float, Meta(ge=0, le=0.4, description="a number from 0 to 0.4")]
-Tick = Annotated[float, Meta(ge=1e-9, le=1, description="a number of seconds from 1e-9 to 1")]
 
 
 class MotorTable(Given):
     """A stepping motor on a threaded rod; all links have the same motor."""
 
-    lead: Annotated[Positive, says("length", "travel along the rod per turn")]
-    steps_per_turn: Annotated[Count, says("count", "full steps per turn")] = 200
-    microsteps: Annotated[Count, says("count", "microsteps per full step")] = 1
-    rate_max: Annotated[Positive, says("rate", "largest rate, turns per time")]
-    acceleration_max: Annotated[
-        Positive, says("rate_change", "largest change of the rate, turns per time squared")
-    ]
-    start_rate: Annotated[
-        NonNegative,
-        says("rate", "rate up to which the motor starts, stops and reverses without a ramp"),
-    ] = 0.0
-    hysteresis: Annotated[
-        Slack,
-        says(
-            "share",
-            "hysteresis as a share of a microstep: distance by which a length must pass the "
-            "middle between two positions before the motor steps",
-        ),
-    ] = 0.05
+    lead: float = positive("length", "travel along the rod per turn")
+    steps_per_turn: int = whole(1, 100000, "full steps per turn", default=200)
+    microsteps: int = whole(1, 100000, "microsteps per full step", default=1)
+    rate_max: float = positive("rate", "largest rate, turns per time")
+    acceleration_max: float = positive(
+        "rate_change", "largest change of the rate, turns per time squared"
+    )
+    start_rate: float = number(
+        "rate",
+        "rate up to which the motor starts, stops and reverses without a ramp",
+        least=0,
+        default=0.0,
+    )
+    hysteresis: float = number(
+        "share",
+        "hysteresis as a share of a microstep: distance by which a length must pass the "
+        "middle between two positions before the motor steps",
+        least=0,
+        most=0.4,
+        default=0.05,
+    )
 
     @property
     def length_rate(self) -> float:
@@ -65,12 +61,12 @@ class MotorTable(Given):
 class BristleTable(Given):
     """The bristles under the masses."""
 
-    backslip: Annotated[
-        NonNegative, says("length", "distance a mass slips back before the bristles hold")
-    ] = 0.0
-    settle_time: Annotated[
-        NonNegative, says("time", "duration of a link's step at a constant rate; 0 is immediate")
-    ] = 0.0
+    backslip: float = number(
+        "length", "distance a mass slips back before the bristles hold", least=0, default=0.0
+    )
+    settle_time: float = number(
+        "time", "duration of a link's step at a constant rate; 0 is immediate", least=0, default=0.0
+    )
 
 
 class StepperScene(SceneTable):
@@ -148,23 +144,23 @@ class StepperScene(SceneTable):
     }
 
     kind: Literal["stepper"]
-    want: Annotated[
-        tuple[Literal["steps"], ...],
-        says(
-            "",
-            "`steps`: lengths, a close-up of one link at a reversal, motor rates, positions of "
-            "the masses",
-        ),
-    ] = ()
-    worm: Annotated[WormTable, says("", "the worm")]
-    gait: Annotated[GivenGait, says("", "the gait; `shape` selects the other keys")]
-    motor: Annotated[MotorTable, says("", "the motor of every link")]
-    bristles: Annotated[BristleTable, says("", "the bristles under the masses")] = field(
-        default_factory=BristleTable
+    want: tuple[Literal["steps"], ...] = entry(
+        "`steps`: lengths, a close-up of one link at a reversal, motor rates, positions of "
+        "the masses",
+        default=(),
     )
-    tick: Annotated[
-        Tick, says("time", "tick of the timer that runs `steps.c`", usual=(1e-9, 1.0))
-    ] = 1e-6
+    worm: WormTable = entry("the worm")
+    gait: GivenGait = entry("the gait; `shape` selects the other keys")
+    motor: MotorTable = entry("the motor of every link")
+    bristles: BristleTable = entry("the bristles under the masses", default=BristleTable)
+    tick: float = number(
+        "time",
+        "tick of the timer that runs `steps.c`",
+        least=1e-09,
+        most=1,
+        usual=(1e-09, 1.0),
+        default=1e-6,
+    )
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

@@ -14,10 +14,10 @@ from wormopt.errors import SceneError, SolveError
 from wormopt.model.model import Model
 from wormopt.progress import Report
 from wormopt.result import Check, Result
-from wormopt.scene.conclude import conclude
-from wormopt.scene.scene import Scene
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
+from wormopt.study.conclude import conclude
+from wormopt.study.scene import Scene
 from wormopt.systems.shared.proof import accepted_error, count_events, warnings_of_motion
 from wormopt.systems.shared.settings import tolerance_of
 from wormopt.systems.swinging.harmonic_masses import (

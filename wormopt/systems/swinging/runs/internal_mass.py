@@ -17,7 +17,7 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import optimise
 from wormopt.progress import Report
 from wormopt.result import Result
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 from wormopt.systems.shared.optimum import (
     conclude_optimum,
     cross_check,

@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import field
 
 from wormopt.errors import Fault
-from wormopt.scene.numerics import AveragingTable, Tolerances, ToleranceTable
-from wormopt.scene.types import (
-    Finite,
+from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
+from wormopt.study.numerics import AveragingTable, Tolerances, ToleranceTable
+from wormopt.study.types import (
     FinitePerMass,
     NonNegativePerMass,
     PerMass,
-    Positive,
     SceneTable,
     per,
 )
-from wormopt.study.given import Given, says, wrong_count
 from wormopt.systems.chain import (
     Friction,
     SpikeFriction,
@@ -43,11 +41,9 @@ class HarmonicTable(Given):
     The velocity is Σ<sub>k</sub> *A*<sub>ik</sub> cos(*k ω t* − *φ*<sub>ik</sub>).
     """
 
-    order: Annotated[
-        int, Meta(ge=1, le=12, description="a whole number from 1 to 12"), says("count", "*k*")
-    ] = 1
-    amplitude: Annotated[NonNegativePerMass, says("speed", "amplitudes *A*<sub>ik</sub>")]
-    phase: Annotated[FinitePerMass, says("", "phases *φ*<sub>ik</sub> in degrees")] = 0.0
+    order: int = whole(1, 12, "*k*", default=1)
+    amplitude: NonNegativePerMass = entry("amplitudes *A*<sub>ik</sub>", quantity="speed")
+    phase: FinitePerMass = entry("phases *φ*<sub>ik</sub> in degrees", default=0.0)
 
 
 class SwingingTable(Given):
@@ -57,22 +53,15 @@ class SwingingTable(Given):
     without oscillation, repeated orders, friction in one direction only.
     """
 
-    masses: Annotated[
-        int,
-        Meta(ge=2, le=12, description="a whole number from 2 to 12"),
-        says("count", "number of masses; times the highest `order` at most 16"),
-    ]
-    mass: Annotated[PerMass, says("mass", "point masses")] = 1.0
-    frequency: Annotated[
-        Positive, says("angular_frequency", "angular frequency *ω* of the first harmonic")
-    ] = 1.0
-    harmonic: Annotated[
-        tuple[HarmonicTable, ...], says("", "tables `[[worm.harmonic]]`, one for each harmonic")
-    ]
-    friction: Annotated[
-        Friction | tuple[Friction, ...],
-        says("", "friction law of the ground, one table for all masses or one per mass; no spikes"),
-    ]
+    masses: int = whole(2, 12, "number of masses; times the highest `order` at most 16")
+    mass: PerMass = entry("point masses", quantity="mass", default=1.0)
+    frequency: float = positive(
+        "angular_frequency", "angular frequency *ω* of the first harmonic", default=1.0
+    )
+    harmonic: tuple[HarmonicTable, ...] = entry("tables `[[worm.harmonic]]`, one for each harmonic")
+    friction: Friction | tuple[Friction, ...] = entry(
+        "friction law of the ground, one table for all masses or one per mass; no spikes"
+    )
 
     @property
     def ground(self) -> tuple[Friction, ...]:
@@ -170,17 +159,14 @@ class SwingingTable(Given):
 class CourseTable(Given):
     """A simulated motion for comparison."""
 
-    velocity: Annotated[Finite, says("speed", "initial velocity *V* of the centre")] = 0.0
-    periods: Annotated[
-        int,
-        Meta(ge=1, le=10_000, description="a whole number from 1 to 10000"),
-        says("count", "duration in periods"),
-    ] = 60
-    samples: Annotated[
-        int,
-        Meta(ge=2, le=1_000_000, description="a whole number from 2 to 1000000"),
-        says("count", "number of equidistant instants in the result, including both ends"),
-    ] = 2001
+    velocity: float = number("speed", "initial velocity *V* of the centre", default=0.0)
+    periods: int = whole(1, 10000, "duration in periods", default=60)
+    samples: int = whole(
+        2,
+        1000000,
+        "number of equidistant instants in the result, including both ends",
+        default=2001,
+    )
 
 
 class HarmonicMassesScene(SceneTable):
@@ -269,17 +255,12 @@ class HarmonicMassesScene(SceneTable):
     }
 
     kind: Literal["harmonic-masses"]
-    want: Annotated[
-        tuple[Literal["reversals"], ...],
-        says("", "`reversals`: velocities over a period with their reversals, *V* over time"),
-    ] = ()
-    worm: Annotated[SwingingTable, says("", "the masses")]
-    course: Annotated[CourseTable, says("", "a simulated motion for comparison")] = field(
-        default_factory=CourseTable
+    want: tuple[Literal["reversals"], ...] = entry(
+        "`reversals`: velocities over a period with their reversals, *V* over time", default=()
     )
-    averaging: Annotated[AveragingTable, says("", "computation of the averages")] = field(
-        default_factory=AveragingTable
-    )
+    worm: SwingingTable = entry("the masses")
+    course: CourseTable = entry("a simulated motion for comparison", default=CourseTable)
+    averaging: AveragingTable = entry("computation of the averages", default=AveragingTable)
     tolerance: Tolerances = field(default_factory=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:

@@ -6,31 +6,26 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta
-
 from wormopt.errors import Fault
-from wormopt.scene.types import Positive, PositiveOrPair, SceneTable, wrong_order
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry, number, positive, says
+from wormopt.study.types import PositiveOrPair, SceneTable, wrong_order
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
 
-Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
 Signals = Annotated[tuple[Literal["signals"], ...], says("", "`signals`: signals over time")]
 
 
 class PairTable(Given):
     """Two masses on rough ground."""
 
-    mass: Annotated[Positive, says("mass", "big mass")] = 1.0
-    ratio: Annotated[
-        PositiveOrPair, says("share", "small mass over big mass, below 1, fixed or a range")
-    ] = (0.01, 0.99)
-    friction: Annotated[
-        Positive, says("share", "coefficient of dry friction, equal in both directions")
-    ]
-    gravity: Annotated[Positive, says("acceleration", "gravitational acceleration")] = 1.0
-    stroke: Annotated[
-        Positive, says("length", "displacement of the small mass relative to the big one")
-    ]
+    mass: float = positive("mass", "big mass", default=1.0)
+    ratio: PositiveOrPair = entry(
+        "small mass over big mass, below 1, fixed or a range",
+        quantity="share",
+        default=(0.01, 0.99),
+    )
+    friction: float = positive("share", "coefficient of dry friction, equal in both directions")
+    gravity: float = positive("acceleration", "gravitational acceleration", default=1.0)
+    stroke: float = positive("length", "displacement of the small mass relative to the big one")
 
     @property
     def ratios(self) -> tuple[float, float]:
@@ -63,7 +58,7 @@ class TwoMassScene(SceneTable):
 
     kind: Literal["two-mass"]
     want: Signals = ()
-    pair: Annotated[PairTable, says("", "the masses")]
+    pair: PairTable = entry("the masses")
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
@@ -79,11 +74,11 @@ class TwoMassScene(SceneTable):
 class CapsuleTable(Given):
     """A capsule with a mass inside."""
 
-    share: Annotated[Share, says("share", "inner mass over total mass")]
-    friction: Annotated[
-        Positive, says("acceleration", "dry friction per total mass, equal in both directions")
-    ]
-    stroke: Annotated[Positive, says("length", "displacement of the inner mass")]
+    share: float = number("share", "inner mass over total mass", above=0, below=1)
+    friction: float = positive(
+        "acceleration", "dry friction per total mass, equal in both directions"
+    )
+    stroke: float = positive("length", "displacement of the inner mass")
 
 
 class CapsuleScene(SceneTable):
@@ -118,7 +113,7 @@ class CapsuleScene(SceneTable):
 
     kind: Literal["capsule"]
     want: Signals = ()
-    capsule: Annotated[CapsuleTable, says("", "the capsule")]
+    capsule: CapsuleTable = entry("the capsule")
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""

@@ -16,7 +16,7 @@ from msgspec import Meta
 
 from wormopt.errors import Fault
 from wormopt.model.given import per as per
-from wormopt.study.given import Given, key
+from wormopt.study.given import Given, entry
 
 FOLDER: ContextVar[Path] = ContextVar("folder")
 """Folder of the scene that is being read."""
@@ -104,13 +104,13 @@ class SceneTable(Given):
     headline: ClassVar[tuple[str, ...]] = ()
     """Scalars that answer what was asked, told first; the first five declared if empty."""
 
-    schema: Literal[1] = key("version of the scene form")
-    kind: str = key("what the scene computes")
-    title: Title = key("title of pictures and reports; its name if left out", default="")
-    units: Literal["dimensionless", "SI"] = key(
+    schema: Literal[1] = entry("version of the scene form")
+    kind: str = entry("what the scene computes")
+    title: Title = entry("title of pictures and reports; its name if left out", default="")
+    units: Literal["dimensionless", "SI"] = entry(
         "names of the units in the results; nothing is converted", default="dimensionless"
     )
-    want: tuple[str, ...] = key("pictures to draw, each once", default=())
+    want: tuple[str, ...] = entry("pictures to draw, each once", default=())
 
     @property
     def checks_itself(self) -> bool:

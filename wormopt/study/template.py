@@ -18,11 +18,10 @@ import msgspec
 
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
-from wormopt.scene.read import bare, describe, tables_in
-from wormopt.scene.reference import single
-from wormopt.scene.scene import packaged_scenes, times_of_scenes
-from wormopt.scene.toml import holds_tables, toml_value
-from wormopt.study.given import default_of, meaning
+from wormopt.study.given import bare, default_of, describe, meaning, tables_in
+from wormopt.study.reference import single
+from wormopt.study.scene import packaged_scenes, times_of_scenes
+from wormopt.study.toml import holds_tables, toml_value
 
 _WIDTH = 100
 _SWEEP = """

@@ -7,7 +7,7 @@ from typing import Any
 
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result, Status, Unchecked
-from wormopt.scene.scene import Scene
+from wormopt.study.scene import Scene
 
 
 def conclude(

@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.scene.types import Seed
-from wormopt.study.given import Given, says
+from wormopt.study.given import Given, entry
+from wormopt.study.types import Seed
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 RANGE = re.compile(
@@ -27,24 +27,17 @@ Points = Annotated[int, Meta(ge=1, le=_MOST, description=f"a whole number from 1
 class Swept(Given):
     """Keys that are varied when the scene is swept; `wormopt run` leaves them as they are."""
 
-    over: Annotated[
-        dict[str, Any],
-        says(
-            "",
-            'dotted key = values: a list, `"1:10:10"` (ten from 1 to 10), `"1:100:5:log"`, or '
-            '`"1:10"` where values are drawn; a unit may follow',
-        ),
-    ]
-    method: Annotated[
-        Method,
-        says(
-            "",
-            "`grid`: every combination; `zip`: first with first, second with second, ...; "
-            "`latin-hypercube`, `sobol`: drawn within the ranges",
-        ),
-    ] = "grid"
-    points: Annotated[Points | None, says("", "how many are drawn")] = None
-    seed: Annotated[Seed, says("", "of what is drawn")] = 0
+    over: dict[str, Any] = entry(
+        'dotted key = values: a list, `"1:10:10"` (ten from 1 to 10), `"1:100:5:log"`, or '
+        '`"1:10"` where values are drawn; a unit may follow'
+    )
+    method: Method = entry(
+        "`grid`: every combination; `zip`: first with first, second with second, ...; "
+        "`latin-hypercube`, `sobol`: drawn within the ranges",
+        default="grid",
+    )
+    points: Points | None = entry("how many are drawn", default=None)
+    seed: Seed = entry("of what is drawn", default=0)
 
     @property
     def drawn(self) -> bool:

@@ -15,10 +15,9 @@ import msgspec
 
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
-from wormopt.scene.read import bare, describe, tables_in
-from wormopt.scene.swept import Swept
-from wormopt.scene.types import SceneTable
-from wormopt.study.given import default_of, meaning
+from wormopt.study.given import bare, default_of, describe, meaning, tables_in
+from wormopt.study.swept import Swept
+from wormopt.study.types import SceneTable
 from wormopt.units import WITH_UNIT
 
 _COMMON = ("schema", "kind", "title", "units")

@@ -15,12 +15,12 @@ import msgspec
 
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS, near
-from wormopt.scene.overrides import Overrides, as_toml, override
-from wormopt.scene.plausible import surprises
-from wormopt.scene.read import read_table, read_value
-from wormopt.scene.swept import Swept
-from wormopt.scene.types import FOLDER, SceneTable
 from wormopt.shown import lines
+from wormopt.study.given import read_table, read_value
+from wormopt.study.overrides import Overrides, as_toml, override
+from wormopt.study.plausible import surprises
+from wormopt.study.swept import Swept
+from wormopt.study.types import FOLDER, SceneTable
 
 _NO_SCHEMA = "missing; write 1"
 TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
