@@ -1,9 +1,13 @@
-"""The site has a page for every kind of scene and every public name, and its code links to them."""
+"""The site has a page for every kind of scene and every public name, and its code links to them.
+
+Its gallery shows every packaged scene.
+"""
 
 import importlib.util
 import inspect
 import re
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -12,6 +16,7 @@ import pytest
 
 import wormopt as wo
 from wormopt.kinds import KINDS
+from wormopt.scene.scene import packaged_scenes
 
 pytest.importorskip("mkdocs", reason="the extra docs is not installed")
 pytest.importorskip("latex2mathml", reason="the extra docs is not installed")
@@ -61,6 +66,27 @@ def test_every_public_name_has_a_page(hook: ModuleType):
 def test_every_kind_has_a_page(hook: ModuleType):
     pages = leaves(list(hook.navigation_of_kinds()))
     assert sorted(pages) == sorted(f"scenes/{kind}.md" for kind in KINDS)
+
+
+def test_every_packaged_scene_is_in_the_gallery(hook: ModuleType):
+    cards = hook.page_of_gallery().split("\n-   ")[1:]
+    assert len(cards) == len(packaged_scenes())
+    for scene in packaged_scenes():
+        (card,) = [card for card in cards if f"(../problems/{scene}.toml)" in card]
+        raw = tomllib.loads((ROOT / "problems" / f"{scene}.toml").read_text(encoding="utf-8"))
+        assert card.startswith(f"![{raw['title']}](images/gallery/{scene}.webp)")
+        sentence = card.split("\n\n")[2].strip()
+        assert len(sentence) > 20, scene
+        assert sentence[-1] in ".?", scene
+        assert re.search(r" · \d+\u00a0(s|min) · \d+\u00a0MB$", card, re.MULTILINE)
+
+
+def test_the_sentence_of_a_scene_ends_where_it_ends(hook: ModuleType):
+    comment = (
+        "#:schema ./x.json\n# As in a.toml (eq. 15 of Behn et al. 2007): all\n# of it. More.\n#\n"
+    )
+    assert hook.first_sentence(comment) == "As in `a.toml` (eq. 15 of Behn et al. 2007): all of it."
+    assert hook.first_sentence("schema = 1\n# No.\n") == ""
 
 
 @pytest.mark.parametrize(
