@@ -38,6 +38,13 @@ from wormopt.scene.scene import times_of_scenes  # noqa: E402
 LOG = get_plugin_logger("wormopt")
 LINK = re.compile(r"\]\(([^)#\s:]+)((?:#[^)\s]*)?)\)")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+# how much the search prefers pages, by name, to all others (1): guides come before evidence
+BOOSTS = {
+    "(howto|tutorials)/.*|quickstart|index": 2.0,
+    "scenes|sweeps|results|pictures|export|report|python|certificates|simulation|fitting|linear|"
+    "optimal|prototype|faq|api/.*": 1.5,
+    "changelog|verification|benchmarks|errata|equations|readings|gallery": 0.1,
+}
 # what shall have no link, or code that begins with a public name or names the page of a kind
 NAMED = re.compile(
     r"<(a|h[1-6]|pre)\b.*?</\1>|<code>(?:wo\.([\w.]+)|wormopt help ([\w-]+))[^<]*</code>", re.DOTALL
@@ -258,8 +265,11 @@ def page_of(notebook: dict, name: str) -> tuple[str, dict[str, bytes]]:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Lead links out of docs/, and to notebooks, to where the site has them."""
+    """Lead links out of docs/, and to notebooks, to where the site has them; rank the page."""
     here = posixpath.dirname(page.file.src_uri)
+    name = page.file.src_uri.removesuffix(".md")
+    if boosts := [boost for pages, boost in BOOSTS.items() if re.fullmatch(pages, name)]:
+        page.meta["search"] = {"boost": boosts[0]}
 
     def lead(link: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join("docs", here, link[1]))
