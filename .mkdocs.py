@@ -43,7 +43,7 @@ BOOSTS = {
     "(howto|tutorials)/.*|quickstart|index": 2.0,
     "scenes|sweeps|results|pictures|export|report|python|certificates|simulation|fitting|linear|"
     "optimal|prototype|faq|api/.*": 1.5,
-    "changelog|verification|benchmarks|errata|equations|readings|gallery": 0.1,
+    "changelog|verification|benchmarks|errata|equations|readings|gallery": 0.5,
 }
 # what shall have no link, or code that begins with a public name or names the page of a kind
 NAMED = re.compile(

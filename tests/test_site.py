@@ -89,6 +89,12 @@ def test_the_sentence_of_a_scene_ends_where_it_ends(hook: ModuleType):
     assert hook.first_sentence("schema = 1\n# No.\n") == ""
 
 
+def test_the_search_ranks_pages_that_exist(hook: ModuleType):
+    folders = ("howto", "tutorials", "api", "scenes")
+    for name in {name for pages in hook.BOOSTS for name in re.findall(r"[\w-]+", pages)}:
+        assert name in (*folders, "gallery") or (ROOT / f"docs/{name}.md").exists(), name
+
+
 @pytest.mark.parametrize(
     ("code", "page"),
     [
