@@ -1,7 +1,7 @@
 """What the site of docs/ needs beyond MkDocs.
 
-It makes the pages of kinds of scene and of public names, shows notebooks as pages and formulas as
-MathML, and leads links to files beside docs/.
+It makes the gallery and the pages of kinds of scene and of public names, shows notebooks as pages
+and formulas as MathML, and leads links to files beside docs/.
 """
 
 import base64
@@ -12,6 +12,7 @@ import os
 import posixpath
 import re
 import sys
+import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,10 +33,18 @@ from wormopt.kinds import GROUPS as KINDS_BY_SYSTEM  # noqa: E402
 from wormopt.kinds import KINDS  # noqa: E402
 from wormopt.lazy import _american  # noqa: E402
 from wormopt.study.reference import page as page_of_kind  # noqa: E402
+from wormopt.study.scene import times_of_scenes  # noqa: E402
 
 LOG = get_plugin_logger("wormopt")
 LINK = re.compile(r"\]\(([^)#\s:]+)((?:#[^)\s]*)?)\)")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+# how much the search prefers pages, by name, to all others (1): guides come before evidence
+BOOSTS = {
+    "(howto|tutorials)/.*|quickstart|index": 2.0,
+    "scenes|sweeps|results|pictures|export|report|python|certificates|simulation|fitting|linear|"
+    "optimal|prototype|faq|api/.*": 1.5,
+    "changelog|verification|benchmarks|errata|equations|readings|gallery": 0.5,
+}
 # what shall have no link, or code that begins with a public name or names the page of a kind
 NAMED = re.compile(
     r"<(a|h[1-6]|pre)\b.*?</\1>|<code>(?:wo\.([\w.]+)|wormopt help ([\w-]+))[^<]*</code>", re.DOTALL
@@ -131,6 +140,52 @@ def table_of_names(group: Iterable[Public]) -> str:
     return "\n".join(["| name | description |", "|---|---|", *rows])
 
 
+# -- gallery ---------------------------------------------------------------------------------------
+
+
+def page_of_gallery() -> str:
+    """Overview of the packaged scenes, each with the picture that .ci/gallery drew."""
+    cards: dict[str, list[str]] = {title: [] for title in KINDS_BY_SYSTEM}
+    group_of = {kind: title for title, kinds in KINDS_BY_SYSTEM.items() for kind in kinds}
+    for scene in sorted((ROOT / "problems").glob("*.toml")):
+        text = scene.read_text(encoding="utf-8")
+        raw = tomllib.loads(text)
+        cards[group_of[raw["kind"]]].append(card_of_scene(scene.stem, raw, first_sentence(text)))
+    parts = [
+        "---\nhide: [navigation]\n---",
+        "# Gallery",
+        "All packaged scenes, with one picture each. `wormopt run NAME` computes a scene, in any "
+        "folder. Times are approximate; memory is the peak of one process.",
+    ]
+    for title, group in cards.items():
+        parts += [f"## {title}", '<div class="grid cards" markdown>', *group, "</div>"]
+    return "\n\n".join(parts) + "\n"
+
+
+def card_of_scene(name: str, raw: dict[str, Any], sentence: str) -> str:
+    """A scene in the gallery."""
+    title, kind, seconds = raw["title"], raw["kind"], times_of_scenes()[name]
+    time = f"{seconds}\u00a0s" if seconds < 60 else f"{round(seconds / 60)}\u00a0min"
+    return (
+        f"-   ![{title}](images/gallery/{name}.webp)\n\n"
+        f"    **{title}**\n\n"
+        f"    {sentence}\n\n"
+        f"    [`{name}`](../problems/{name}.toml) · [{kind}](scenes/{kind}.md)"
+        f" · {time} · {MEMORY[name]}\u00a0MB"
+    )
+
+
+def first_sentence(scene: str) -> str:
+    """First sentence of a scene's comment, with the names of files as code."""
+    comment = re.match(r"(?:#:.*\n)?((?:# ?.*\S.*\n)+)", scene)
+    words = " ".join(line.strip("# ") for line in comment[1].splitlines()) if comment else ""
+    sentence = re.split(r"(?<=[.?])\s(?=[A-Z`\"])", words)[0]
+    return re.sub(r"\b\w+\.(toml|py)\b", r"`\g<0>`", sentence)
+
+
+MEMORY: dict[str, int] = json.loads((ROOT / "problems/memory.json").read_text(encoding="utf-8"))
+
+
 # -- pages -----------------------------------------------------------------------------------------
 
 
@@ -165,12 +220,12 @@ def navigation_of_kinds() -> Iterator[dict[str, Any]]:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the packaged scenes, pages of kinds and public names, and a page for every notebook."""
+    """Add packaged scenes, the gallery, pages of kinds and public names, a page a notebook."""
     for scene in sorted((ROOT / "problems").glob("*.[tp]*")):  # my_worm.py too
         name = f"problems/{scene.name}"
         files.append(File.generated(config, name, abs_src_path=os.fspath(scene)))
     made = {f"scenes/{kind}.md": page_of_kind(kind) for kind in KINDS}
-    made |= {"api/index.md": page_of_all_names()}
+    made |= {"gallery.md": page_of_gallery(), "api/index.md": page_of_all_names()}
     made |= {public.page: page_of_name(public) for public in PUBLIC}
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
@@ -210,8 +265,11 @@ def page_of(notebook: dict, name: str) -> tuple[str, dict[str, bytes]]:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Lead links out of docs/, and to notebooks, to where the site has them."""
+    """Lead links out of docs/, and to notebooks, to where the site has them; rank the page."""
     here = posixpath.dirname(page.file.src_uri)
+    name = page.file.src_uri.removesuffix(".md")
+    if boosts := [boost for pages, boost in BOOSTS.items() if re.fullmatch(pages, name)]:
+        page.meta["search"] = {"boost": boosts[0]}
 
     def lead(link: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join("docs", here, link[1]))

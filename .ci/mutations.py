@@ -40,7 +40,7 @@ class Mutant(NamedTuple):
 
     @property
     def change(self) -> tuple[str, str, str]:
-        """By which the reasons in the docs know it."""
+        """By which `.ci/mutants.tsv` knows it."""
         return self.path.rpartition("/")[2], self.old, self.new
 
     @property

@@ -10,7 +10,7 @@ import pytest
 
 import wormopt.systems
 from wormopt.cli import main
-from wormopt.kinds import KINDS, Kind
+from wormopt.kinds import KINDS, studies_in
 from wormopt.study.reference import page
 
 PAGE = Path(__file__).parents[1] / "docs" / "architecture.md"
@@ -19,24 +19,18 @@ SCENE = 'schema = 1\nkind = "throw"\nmass = 2.0\nspeed = 3.0\nfriction = 0.5\nwa
 
 @pytest.fixture
 def throw(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A scene of the kind, whose folder and line of the registry are those of the page."""
+    """A scene of the kind, whose file is that of the page."""
     blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (block,) = [block for block in blocks if block.startswith("# wormopt/systems/throw/throw.py")]
     folder = tmp_path / "systems" / "throw"
     folder.mkdir(parents=True)
     (folder / "__init__.py").touch()
-    for block in blocks:
-        name = re.match(r"# wormopt/systems/throw/(\w+\.py)\n", block)
-        if name:
-            (folder / name[1]).write_text(block, encoding="utf-8")
-    assert {path.name for path in folder.iterdir()} == {
-        "__init__.py", "scenes.py", "run.py", "plot.py",
-    }  # fmt: skip
-    (line,) = [block for block in blocks if block.startswith('"throw": Kind(')]
+    (folder / "throw.py").write_text(block, encoding="utf-8")
     monkeypatch.setattr(
         wormopt.systems, "__path__", [*wormopt.systems.__path__, str(folder.parent)]
     )
-    (kind,) = eval(f"{{{line}}}", {"Kind": Kind}).values()
-    monkeypatch.setitem(KINDS, "throw", kind)
+    ((name, kind),) = studies_in(folder.parent)
+    monkeypatch.setitem(KINDS, name, kind)
     yield write(tmp_path)
     for name in [name for name in sys.modules if name.startswith("wormopt.systems.throw")]:
         del sys.modules[name]
@@ -53,7 +47,10 @@ def test_it_runs_and_is_checked_drawn_and_saved(throw: Path, capsys: pytest.Capt
     assert main(["check", str(throw)]) == 0
     assert main(["run", str(throw), "-o", str(folder), "--set", 'units="SI"', "--json"]) == 0
     told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert told["scalars"]["way"] == {"value": pytest.approx(2.0 * 9.0 / (2 * 0.5)), "unit": "m"}
+    assert told["scalars"]["distance"] == {
+        "value": pytest.approx(2.0 * 9.0 / (2 * 0.5)),
+        "unit": "m",
+    }
     assert told["trust"]["checks"]["energy over force"]["passed"]
     assert {path.name for path in folder.iterdir()} == {"result.nc", "summary.json", "path.png"}
 

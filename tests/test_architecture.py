@@ -220,7 +220,7 @@ def test_the_groups_name_every_room():
 
 
 FILES = """__init__ cli errors model/__init__ model/model ocp/__init__ ocp/nlp control/__init__
-    control/lqr scene/__init__ scene/types systems/__init__ systems/film/__init__ systems/film/run
+    control/lqr study/__init__ study/types systems/__init__ systems/film/__init__ systems/film/run
     systems/chain/__init__ systems/chain/model systems/block/__init__ systems/block/run
     plotting/__init__"""
 

@@ -15,8 +15,8 @@ from wormopt.cli import main
 from wormopt.kinds import KINDS
 from wormopt.quantities import unit_of
 from wormopt.study import packaged_scenes
+from wormopt.study.given import meaning
 from wormopt.study.reference import page, schema, tables_below
-from wormopt.study.types import meaning
 
 SCENES = Path(__file__).parents[1] / "docs" / "scenes.md"
 

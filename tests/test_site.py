@@ -1,14 +1,19 @@
-"""The site has a page for every kind of scene and every public name, and its code links to them."""
+"""The site has a page for every kind of scene and every public name, and its code links to them.
+
+Its gallery shows every packaged scene.
+"""
 
 import importlib.util
 import inspect
 import re
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
+from wormopt.scene.scene import packaged_scenes
 
 import wormopt as wo
 from wormopt.kinds import KINDS
@@ -61,6 +66,33 @@ def test_every_public_name_has_a_page(hook: ModuleType):
 def test_every_kind_has_a_page(hook: ModuleType):
     pages = leaves(list(hook.navigation_of_kinds()))
     assert sorted(pages) == sorted(f"scenes/{kind}.md" for kind in KINDS)
+
+
+def test_every_packaged_scene_is_in_the_gallery(hook: ModuleType):
+    cards = hook.page_of_gallery().split("\n-   ")[1:]
+    assert len(cards) == len(packaged_scenes())
+    for scene in packaged_scenes():
+        (card,) = [card for card in cards if f"(../problems/{scene}.toml)" in card]
+        raw = tomllib.loads((ROOT / "problems" / f"{scene}.toml").read_text(encoding="utf-8"))
+        assert card.startswith(f"![{raw['title']}](images/gallery/{scene}.webp)")
+        sentence = card.split("\n\n")[2].strip()
+        assert len(sentence) > 20, scene
+        assert sentence[-1] in ".?", scene
+        assert re.search(r" · \d+\u00a0(s|min) · \d+\u00a0MB$", card, re.MULTILINE)
+
+
+def test_the_sentence_of_a_scene_ends_where_it_ends(hook: ModuleType):
+    comment = (
+        "#:schema ./x.json\n# As in a.toml (eq. 15 of Behn et al. 2007): all\n# of it. More.\n#\n"
+    )
+    assert hook.first_sentence(comment) == "As in `a.toml` (eq. 15 of Behn et al. 2007): all of it."
+    assert hook.first_sentence("schema = 1\n# No.\n") == ""
+
+
+def test_the_search_ranks_pages_that_exist(hook: ModuleType):
+    folders = ("howto", "tutorials", "api", "scenes")
+    for name in {name for pages in hook.BOOSTS for name in re.findall(r"[\w-]+", pages)}:
+        assert name in (*folders, "gallery") or (ROOT / f"docs/{name}.md").exists(), name
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ def _drawn(module: str, *names: str) -> dict[str, str]:
     return {name: f"wormopt.systems.{module}:{name}" for name in names}
 
 
-def _studies() -> Iterator[tuple[str, StudyKind]]:
-    """Kinds by name: classes of `wormopt.systems` that say their kind, found without import."""
-    for path in sorted(_SYSTEMS.glob("*/*.py")):
+def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
+    """Yield kinds by name: classes in a folder of systems that say theirs, without importing it."""
+    for path in sorted(systems.glob("*/*.py")):
         for name, kind, first in _STUDY.findall(path.read_text(encoding="utf-8")):
             module = f"wormopt.systems.{path.parent.name}.{path.stem}"
             summary = f"{first[0].lower()}{first[1:]}".strip('."')
@@ -388,7 +388,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.channel.runs.segment_shapes",
         pictures=_drawn("channel.plots.channel", "segment_shapes"),
     ),
-} | dict(_studies())
+} | dict(studies_in(_SYSTEMS))
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Spiked worms and gaits": ("gait", "gait-design", "gait-pareto", "gait-shift", "stepper"),

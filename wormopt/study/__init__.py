@@ -1,6 +1,51 @@
 """What a user asks for, read into typed tables, and the studies that compute it."""
 
+from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.later import on_use
+from wormopt.study.members import (
+    array,
+    arrays,
+    attributes,
+    check,
+    checks,
+    facts,
+    parts,
+    scalar,
+    scalars,
+    signal,
+    stage,
+    value,
+    warning,
+    warnings,
+)
 from wormopt.study.scene import Scene, load_scene, packaged_scenes
+from wormopt.study.study import Study
 from wormopt.study.types import SceneTable
 
-__all__ = ["Scene", "SceneTable", "load_scene", "packaged_scenes"]
+__all__ = [
+    "Given",
+    "Scene",
+    "SceneTable",
+    "Study",
+    "array",
+    "arrays",
+    "attributes",
+    "check",
+    "checks",
+    "entry",
+    "facts",
+    "load_scene",
+    "number",
+    "on_use",
+    "packaged_scenes",
+    "parts",
+    "positive",
+    "scalar",
+    "scalars",
+    "signal",
+    "stage",
+    "value",
+    "warning",
+    "warnings",
+    "whole",
+]

@@ -219,6 +219,9 @@ class GivenMeta(StructMeta):
                 del space[field]
         if kind:  # of a study
             notes["kind"], space["kind"] = Literal[kind], kind
+            if "want" not in notes and (pictures := tuple(space.get("pictures", ()))):
+                wanted = Key("", "pictures to draw, each once", ())
+                notes["want"], space["want"] = wanted.typed(tuple[Literal[pictures], ...]), ()
         return super().__new__(
             mcs,
             name,
