@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from wormopt.scene.scene import packaged_scenes
+from wormopt.study.scene import packaged_scenes
 
 import wormopt as wo
 from wormopt.kinds import KINDS
