@@ -418,7 +418,7 @@ def test_ranges_without_a_resonance_are_read(change: str):
 
 def test_the_scene_runs_and_draws(tmp_path: Path):
     folder = tmp_path / "out"
-    assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=60"]) == 0
+    assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=30"]) == 0
     assert {path.name for path in folder.iterdir()} == {
         "result.nc",
         "summary.json",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from by_crawls import CIRCLE, SNAKE, THREE, circle_of_three_links
 from effort import examples
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -16,14 +17,11 @@ from wormopt.systems.planar.body.se2 import inverse
 from wormopt.systems.planar.turning import TurnInPlace, swing_hold
 
 P = wo.planar
-THREE = P.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-CIRCLE = P.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
-SNAKE = Elliptic(1.0, 1.0, sideways=3.0)
 
 
 @pytest.fixture(scope="module")
 def cycle():
-    return P.crawl(THREE, SNAKE, CIRCLE)
+    return circle_of_three_links()
 
 
 def test_three_links_go_as_far_as_other_programs_say(cycle):

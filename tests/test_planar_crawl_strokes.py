@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from by_crawls import SNAKE, THREE, circle_of_three_links
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,15 +19,12 @@ from wormopt.systems.planar.crawling.velocity import Crawler
 from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
 
 P = wo.planar
-THREE = P.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-CIRCLE = P.Harmonics(np.zeros(2), np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]]))
-SNAKE = Elliptic(1.0, 1.0, sideways=3.0)
 SEEDS = st.integers(0, 10**6)
 
 
 @pytest.fixture(scope="module")
 def cycle():
-    return P.crawl(THREE, SNAKE, CIRCLE)
+    return circle_of_three_links()
 
 
 def _worm(seed: int, *, straight: bool = False):

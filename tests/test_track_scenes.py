@@ -497,7 +497,7 @@ def test_members_that_are_given_up_make_the_result_fail(tmp_path: Path):
     change = [CHANCE, "ensemble.members=3", "time.samples=11", "tolerance.max_steps=20"]
     with pytest.raises(SolveError, match=r"no member was completed \(too_many_steps\)"):
         wo.run(load_scene(write(tmp_path, TRACK), change))
-    change += ["ensemble.members=40", "tolerance.max_steps=2000", "time.end=100"]
+    change += ["ensemble.members=40", "tolerance.max_steps=200", "time.end=100"]
     told = r"none of the first 3 members was completed \(too_many_steps\)"
     with pytest.raises(SolveError, match=told):
         wo.run(load_scene(write(tmp_path, TRACK), change))
