@@ -447,6 +447,7 @@ def test_second_order_of_several_harmonics_by_brute_force(shape: Any):
 
 
 @settings(max_examples=examples(40))
+@settings(max_examples=examples(40))
 @given(
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),

@@ -210,7 +210,7 @@ def test_a_push_that_grows_and_a_waveform_that_is_no_better_are_told(
 
     monkeypatch.setattr(waveform, "push_left", lambda *given: 1.2)
     monkeypatch.setattr(pair_waveform, "best_harmonic", faster)
-    result = solved("mesh.arcs=60")
+    result = solved("mesh.arcs=30")
     assert any("a small push does not decay" in text for text in result.trust["warnings"])
     assert value(result, "gain") < 1
     assert any("is not faster than the harmonic" in text for text in result.trust["warnings"])

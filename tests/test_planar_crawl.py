@@ -73,7 +73,7 @@ def _power(shape, laws, s, ds, twist):
     return sum(np.hypot(f * v_t, law.sideways * v_n) for f, law, (v_t, v_n) in rows)
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(st.integers(0, 10**6))
 def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
     shape, laws, s, ds = _worm(seed, one_sided=True)
@@ -89,7 +89,7 @@ def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(st.integers(0, 10**6))
 def test_a_stroke_backward_undoes_itself(seed):
     shape, laws, mean, amplitude = _worm(seed)
