@@ -283,18 +283,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.coils.runs.coil_row",
         pictures=_drawn("coils.plots.coils", "travelling_field"),
     ),
-    "coil-film": Kind(
-        summary="simulate a magnetic fluid film over a row of coils switched one after another",
-        table="wormopt.systems.coils.scenes.coil_film:CoilFilmScene",
-        study="wormopt.systems.coils.runs.coil_film",
-        pictures=_drawn("coils.plots.film", "coil_film", "cargo"),
-    ),
-    "coil-design": Kind(
-        summary="optimise the currents of a row of coils that transports a float on a film",
-        table="wormopt.systems.coils.scenes.coil_design:CoilDesignScene",
-        study="wormopt.systems.coils.runs.coil_design",
-        pictures=_drawn("coils.plots.design", "coil_design"),
-    ),
     "coil-inverse": Kind(
         summary="find the currents of a row of coils whose field best matches that of a film wave",
         table="wormopt.systems.coils.scenes.coil_rows:CoilInverseScene",
