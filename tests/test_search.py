@@ -13,6 +13,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from designs import kept
 from effort import examples
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
@@ -52,10 +53,9 @@ from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Wo
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
 
 
-@cache
 def least_peak(speed: float) -> Design:
     """The gait of this speed whose spikes bear least, in G1's order."""
-    return design(G1_WORM, G1_LIMITS, "peak_spike_load", speed, search=OWN)
+    return kept(G1_WORM, G1_LIMITS, "peak_spike_load", speed, search=OWN)
 
 
 # -- cycles a period -----------------------------------------------------------------------------
@@ -255,7 +255,7 @@ def test_a_long_worm_is_as_fast_as_the_best_known():
 
 def test_an_order_and_its_rotations_are_one():
     speeds = [
-        design(G1_WORM, G1_LIMITS, search=replace(OWN, sequence=G1_ORDER[k:] + G1_ORDER[:k])).speed
+        kept(G1_WORM, G1_LIMITS, search=replace(OWN, sequence=G1_ORDER[k:] + G1_ORDER[:k])).speed
         for k in range(3)
     ]
     assert speeds == pytest.approx([G1] * 3, abs=1e-12)
@@ -314,10 +314,10 @@ def test_a_limit_that_never_binds_is_as_good_as_none(limit: str):
     own = replace(OWN, sequence=((0,), (2,))) if limit == "acceleration" else OWN
     found = [
         design(G1_WORM, replace(G1_LIMITS, **{limit: size}), search=own).speed
-        for size in (1e6, 1e12, 1e30)
+        for size in (1e6, 1e30)
     ]
-    assert found == pytest.approx([found[0]] * 3, rel=3e-6)
-    assert found[0] > design(G1_WORM, G1_LIMITS, search=own).speed * (1 - 1e-9)
+    assert found[1] == pytest.approx(found[0], rel=3e-6)
+    assert found[0] > kept(G1_WORM, G1_LIMITS, search=own).speed * (1 - 1e-9)
 
 
 # -- loads ---------------------------------------------------------------------------------------
@@ -387,7 +387,7 @@ def test_a_gait_for_a_range_of_loads_holds_under_all_of_them():
         assert again.lambda_min >= -1e-9
         speeds.append(again.speed)
     assert speeds == pytest.approx([found.speed] * 3, abs=1e-9)
-    light = design(replace(G1_WORM, load=2.0), G1_LIMITS, search=OWN)
+    light = kept(replace(G1_WORM, load=2.0), G1_LIMITS, search=OWN)
     assert found.speed == pytest.approx(light.speed, abs=1e-9)
     assert found.speed < G1 - 0.1
 
@@ -417,7 +417,8 @@ def test_a_smooth_cost_needs_one_load(cost):
 def test_a_search_ends_where_no_gait_can_be_better_by_more_than_is_wanted():
     limits = replace(G1_LIMITS, period=(0.1, 20.0))
     best = 0.869449  # by an independent search
-    found = {gap: design(G1_WORM, limits, search=Search(gap=gap)) for gap in (1e-2, 1e-3)}
+    found = {gap: design(G1_WORM, limits, search=Search(gap=gap, effort="quick"))
+             for gap in (1e-2, 1e-3)}  # fmt: skip
     coarse, fine = found.values()
     assert (coarse.ended, fine.ended) == ("proven", "searched")
     assert coarse.survey.tried < fine.survey.tried
@@ -506,7 +507,7 @@ def test_a_design_is_interrupted_while_processes_work(monkeypatch):
 
 
 def test_an_interrupted_sharpening_leaves_what_was_searched(monkeypatch):
-    whole = design(G1_WORM, G1_LIMITS, search=OWN)
+    whole = kept(G1_WORM, G1_LIMITS, search=OWN)
     # two climbs of the first look, two of finer looks, the fifth is the first that sharpens
     interrupt_after(monkeypatch, 5)
     found = design(G1_WORM, G1_LIMITS, search=OWN)
