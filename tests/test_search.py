@@ -84,7 +84,7 @@ BEST_PERIOD, BEST_SPEED = 1.33923804728, 0.86944916
 """Of the cycle of G1's worm in G1's order, were the period free."""
 
 
-@pytest.mark.parametrize("cycles", [75, 7467])
+@pytest.mark.parametrize("cycles", [75, pytest.param(7467, marks=pytest.mark.slow)])
 def test_the_number_of_cycles_is_the_best_in_the_end(cycles: int):
     """It was taken from a cycle of few arcs, and 76 filled a period of 100."""
     found = design(G1_WORM, replace(G1_LIMITS, period=cycles * BEST_PERIOD), search=OWN)
@@ -92,7 +92,7 @@ def test_the_number_of_cycles_is_the_best_in_the_end(cycles: int):
     assert found.speed == pytest.approx(BEST_SPEED, rel=1e-7)
 
 
-@pytest.mark.parametrize("longest", [1e4, 1e9, 1e30])
+@pytest.mark.parametrize("longest", [1e4, pytest.param(1e9, marks=pytest.mark.slow), 1e30])
 def test_a_period_may_be_as_long_as_it_likes(longest: float):
     found = design(G1_WORM, replace(G1_LIMITS, period=(1.0, longest)), search=OWN)
     assert found.speed == pytest.approx(BEST_SPEED, rel=1e-7)
@@ -577,9 +577,7 @@ def test_the_gait_of_a_least_peak_keeps_its_limits(speed: float):
 
 
 def test_peaks_rise_with_the_speed_that_is_asked_for():
-    loads = [
-        least_peak(speed).motion.extremes("reaction")[1].max() for speed in (0.6, 0.69, 0.75, 0.8)
-    ]
+    loads = [least_peak(speed).motion.extremes("reaction")[1].max() for speed in (0.69, 0.75, 0.8)]
     assert all(a < b for a, b in pairwise(loads))
 
 
@@ -640,7 +638,7 @@ def test_a_run_with_a_time_limit_says_that_it_was_cut_short(tmp_path: Path, caps
 def test_a_gait_of_several_cycles_is_not_above_its_bound():
     import wormopt as wo
 
-    changes = ["gait.period=4.0", "search.sequence=[[0],[1],[2]]", "search.certify.time_limit=1.0"]
+    changes = ["gait.period=4.0", "search.sequence=[[0],[1],[2]]", "search.certify.time_limit=0.2"]
     result = wo.run(wo.load_scene("certified_gait", changes))
     assert result.status == "ok", result.reason
     assert result.scalars["bound"].value >= result.scalars["speed"].value * (1 - 1e-12)
@@ -736,7 +734,7 @@ def test_costs_that_impulses_make_infinite_are_refused(cost: Cost):
 
 
 def test_an_objective_may_be_given_as_one():
-    found = design(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), search=OWN)
+    found = kept(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), search=OWN)
     assert found.task.objective == Objective("peak_spike_load", 0.75)
     assert found.value == pytest.approx(585 / 23, abs=1e-9)
     assert Objective.of(Objective()) == Objective.of("speed")
