@@ -63,6 +63,7 @@ def lengths(found: Design) -> np.ndarray:
 def test_rounding_does_not_choose_the_gait(name: str, times: int, accepted: float):
     task, search = problem(name)
     first = designed(task, search, lambda *_: None)
+    assert first.trial is not None
     assert first.speed == pytest.approx(first.trial.value, rel=1e-9)
     assert max(first.violations.values()) < 1e-9
     rng = np.random.default_rng(5)
