@@ -11,6 +11,7 @@ from wormopt.systems.spiked.design import design as designs
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.task import GaitProblem, Search, Worm
 
 ROBOT = {
@@ -88,6 +89,9 @@ def test_a_cycle_begins_with_the_smallest_order():
 def test_an_order_that_is_asked_for_is_kept(order):
     found = design(WORM, LIMITS, search=replace(QUICK, sequence=order))
     assert found.sequence == order
+    assert found.trial is not None
+    turned, _ = designs.chosen(Trier(found.task), found.trial, turn=True)
+    assert turned.sequence == ((0,), (1,), (2,))
     free = kept(WORM, LIMITS, search=QUICK)
     assert found.speed == pytest.approx(free.speed, rel=1e-9)
 
