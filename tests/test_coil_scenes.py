@@ -19,8 +19,7 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.plotting import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
-from wormopt.systems.coils import row_currents
-from wormopt.systems.coils.runs import coil_inverse, coil_row
+from wormopt.systems.coils import coil_inverse, coil_row, row_currents
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.courses import carried_film
 
@@ -318,7 +317,7 @@ def test_coils_inside_the_fluid_are_those_that_the_line_meets(
     text = "coils={" + coils.replace("'", '"') + "}"
     changes = [text, f"line.height={height}"]
     if fine:
-        made = coil_row.row_of(load_scene(ROW, changes).table.coils)
+        made = load_scene(ROW, changes).table.coils.row
         assert made.clearance(np.linspace(-10e-3, 200e-3, 5001), height).min() > 0
         return
     with pytest.raises(SceneError, match="a coil inside the fluid"):
