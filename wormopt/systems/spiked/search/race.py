@@ -161,7 +161,8 @@ class Race:
         """
         enough = self.value - share * abs(self.value)
         best = [t for t in self.ranking[:width] if t.value >= enough]
-        again = partial(_again, seed=random, enough=self._close(0))
+        reached = -np.inf if self._energy else self._close(0)  # few arcs tell little of energy
+        again = partial(_again, seed=random, enough=reached)
         for trial, other in zip(best, self._each(again, best), strict=True):
             if other is not None:
                 self.keep(other)
