@@ -104,7 +104,7 @@ class Survey:
     programs: int  # linear programs solved
     ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
-    bounded: Bounded | None = None  # what no gait is faster than, of a speed
+    bounded: Bounded | None = None  # what no gait is faster than, if the search made use of it
 
 
 def search(
@@ -127,8 +127,8 @@ def search(
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
     race = Race(task, trier, workers, report, better, _PLACES * effort_of(settings).width)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
-    bounded = at_once(task)
-    if bounded is not None and settings.sequence is None:
+    bounded = at_once(task) if settings.sequence is None else None
+    if bounded is not None:
         race.enough = bounded.bound / (1.0 + settings.gap)
     try:
         for stage in _steps(race, settings, hints):
