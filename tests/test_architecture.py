@@ -81,7 +81,16 @@ def module_name(path: Path, root: Path) -> str:
 @cache
 def _imports(text: str) -> list[ast.Import | ast.ImportFrom]:
     """All imports of a file, of which the trees are not kept."""
-    return [n for n in ast.walk(ast.parse(text)) if isinstance(n, (ast.Import, ast.ImportFrom))]
+    return [n for n in _statements(ast.parse(text)) if isinstance(n, (ast.Import, ast.ImportFrom))]
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Statements within a node at any depth, without the expressions, which hold none."""
+    for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+        inside = getattr(node, block, ())
+        for one in inside if isinstance(inside, list) else ():
+            yield one
+            yield from _statements(one)
 
 
 def imports_of(path: Path, modules: Iterable[str]) -> Iterator[str]:

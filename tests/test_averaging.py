@@ -446,7 +446,7 @@ def test_second_order_of_several_harmonics_by_brute_force(shape: Any):
         assert found == pytest.approx(expected, rel=0, abs=2e-5 * np.abs(expected).max())
 
 
-@settings(max_examples=examples(40))
+@settings(max_examples=examples(24))
 @given(
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),
     st.lists(st.floats(-1, 1), min_size=2, max_size=4),

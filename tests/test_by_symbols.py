@@ -7,6 +7,7 @@ import casadi as ca
 import pytest
 import sympy as sp
 from by_symbols import Symbols, Undecided, number, unchecked, zero
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -49,7 +50,7 @@ def test_a_branch_is_taken_only_where_its_sign_is_told():
     assert Symbols({"x": X}, ["x"]).one(ca.fabs(X)).is_positive
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(top=st.integers(-500, 500).filter(bool), bottom=st.integers(1, 500))
 def test_doubles_are_read_as_what_they_stand_for(top: int, bottom: int):
     share = sp.Rational(top, bottom)

@@ -101,7 +101,11 @@ def test_an_interrupted_proof_leaves_the_gait_and_its_bound(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "objective", ['{maximise="speed"}', '{minimise="peak_spike_load", speed=0.5}']
+    "objective",
+    [
+        '{maximise="speed"}',
+        pytest.param('{minimise="peak_spike_load", speed=0.5}', marks=pytest.mark.slow),
+    ],
 )
 def test_a_proof_without_time_still_gives_a_result_with_its_picture(
     objective: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

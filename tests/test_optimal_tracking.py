@@ -212,10 +212,20 @@ def in_units(mass: float, length: float, least: str) -> Result:
     return wo.run(load_scene("track_optimal", changes))
 
 
-@pytest.mark.parametrize("least", ["input", "error"])
 @pytest.mark.parametrize(
-    ("mass", "length"), [(1e3, 1.0), pytest.param(1e-3, 1.0, marks=pytest.mark.slow), (1e-6, 1e3)]
-)
+    ("mass", "length", "least"),
+    [
+        (1e3, 1.0, "input"),
+        (1e-6, 1e3, "error"),
+        *(
+            pytest.param(*given, marks=pytest.mark.slow)
+            for given in (
+                (1e3, 1.0, "error"), (1e-6, 1e3, "input"),
+                (1e-3, 1.0, "input"), (1e-3, 1.0, "error"),
+            )
+        ),
+    ],
+)  # fmt: skip
 def test_the_optimum_is_the_same_in_all_units(mass: float, length: float, least: str):
     other = in_units(mass, length, least)
     unit = length**2 if least == "error" else (mass * length) ** 2
@@ -228,7 +238,7 @@ def test_the_optimum_is_the_same_in_all_units(mass: float, length: float, least:
 def test_what_an_impossible_tube_lacks_is_the_same_in_all_units():
     sizes = []
     for mass in (1.0, 1e6):
-        change = [*in_other_units(mass, 1.0, "input"), "tube.capture=0.01", "time.end=0.5"]
+        change = [*in_other_units(mass, 1.0, "input"), "tube.capture=0.01", "time.end=0.1"]
         with pytest.raises(SolveError, match=r"give way is tube by about 0\.\d\d;") as caught:
             wo.run(load_scene("track_optimal", change))
         sizes.append(float(str(caught.value).split("by about ")[1].split(";")[0]))

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from effort import examples
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
@@ -81,6 +82,7 @@ def test_what_is_no_override_is_refused(wrong: Any):
         wo.load_scene("fast_gait", wrong)
 
 
+@settings(max_examples=examples(40))
 @given(st.dictionaries(st.text(max_size=6), st.none() | st.integers() | st.text(max_size=3)))
 def test_any_dict_changes_a_scene_or_is_refused(changes: dict[str, Any]):
     try:

@@ -210,7 +210,7 @@ def test_a_push_that_grows_and_a_waveform_that_is_no_better_are_told(
 
     monkeypatch.setattr(waveform, "push_left", lambda *given: 1.2)
     monkeypatch.setattr(pair_waveform, "best_harmonic", faster)
-    result = solved("mesh.arcs=60")
+    result = solved("mesh.arcs=30")
     assert any("a small push does not decay" in text for text in result.trust["warnings"])
     assert value(result, "gain") < 1
     assert any("is not faster than the harmonic" in text for text in result.trust["warnings"])
@@ -418,7 +418,7 @@ def test_ranges_without_a_resonance_are_read(change: str):
 
 def test_the_scene_runs_and_draws(tmp_path: Path):
     folder = tmp_path / "out"
-    assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=60"]) == 0
+    assert main(["run", NAME, "-o", str(folder), "--quiet", "--set", "mesh.arcs=30"]) == 0
     assert {path.name for path in folder.iterdir()} == {
         "result.nc",
         "summary.json",

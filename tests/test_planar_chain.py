@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -99,7 +100,7 @@ def by_hand(n: int, numbers: dict[str, np.ndarray], u: Any, w: Any) -> Any:
     return rate
 
 
-@settings(max_examples=8)
+@settings(max_examples=examples(8))
 @given(st.integers(1, 4), SEEDS)
 def test_a_viscous_chain_moves_as_forces_written_by_hand_make_it(n: int, seed: int) -> None:
     """Random chains, other integrator, other formulas."""
@@ -137,7 +138,7 @@ def test_a_viscous_chain_moves_as_forces_written_by_hand_make_it(n: int, seed: i
 # -- held limits -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=8)
+@settings(max_examples=examples(8))
 @given(st.integers(1, 4), SEEDS)
 def test_a_straight_chain_feels_what_the_chain_on_a_line_does(n: int, seed: int) -> None:
     """To round-off, at any state on the line, whatever its contacts do."""
@@ -252,7 +253,7 @@ def test_energy_and_momentum_are_accounted_for(name: str) -> None:
 # -- rods ------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(SEEDS)
 def test_rods_have_the_kinetic_energy_of_all_their_points(seed: int) -> None:
     """By quadrature along each rod, which stretches evenly."""
@@ -448,7 +449,7 @@ def _stops(law: Elliptic, velocity: Any, pull: Any, time: float, place: Any) -> 
     assert np.all(motion["center_velocity"][:, -1] == 0)
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(SEEDS)
 def test_blocks_stop_where_a_time_without_end_says(seed: int) -> None:
     """Random ground, throw, heading and pull: events against a transformed time."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from by_crawls import CIRCLE, SNAKE, THREE, circle_of_three_links
 from effort import examples
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -16,14 +17,11 @@ from wormopt.systems.planar.body.se2 import inverse
 from wormopt.systems.planar.turning import TurnInPlace, swing_hold
 
 P = wo.planar
-THREE = P.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-CIRCLE = P.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
-SNAKE = Elliptic(1.0, 1.0, sideways=3.0)
 
 
 @pytest.fixture(scope="module")
 def cycle():
-    return P.crawl(THREE, SNAKE, CIRCLE)
+    return circle_of_three_links()
 
 
 def test_three_links_go_as_far_as_other_programs_say(cycle):
@@ -75,7 +73,7 @@ def _power(shape, laws, s, ds, twist):
     return sum(np.hypot(f * v_t, law.sideways * v_n) for f, law, (v_t, v_n) in rows)
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(st.integers(0, 10**6))
 def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
     shape, laws, s, ds = _worm(seed, one_sided=True)
@@ -91,7 +89,7 @@ def test_forces_and_moment_balance_and_no_other_twist_takes_less_power(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(st.integers(0, 10**6))
 def test_a_stroke_backward_undoes_itself(seed):
     shape, laws, mean, amplitude = _worm(seed)

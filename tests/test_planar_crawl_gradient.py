@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from by_crawls import circle_of_three_links
 
 import wormopt as wo
 from wormopt.errors import ArgumentError, SolveError
@@ -11,16 +12,13 @@ from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.turning import TurnInPlace
 
 P = wo.planar
-THREE = P.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-SNAKE = Elliptic(1.0, 1.0, sideways=3.0)
 ROUGH = [Elliptic(f, f, f) for f in (1.0, 2.0, 1.0)]
 TURN = TurnInPlace(1.0, 2.0, short=0.5, long=1.0, straight=0.2, bent=1.2)
 
 
 @pytest.fixture(scope="module")
 def cycle():
-    circle = P.Harmonics([0.0, 0.0], cosine=[[1.0, 0.0]], sine=[[0.0, 1.0]])
-    return P.crawl(THREE, SNAKE, circle)
+    return circle_of_three_links()
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -34,7 +35,7 @@ def _worm(seed: int):
     return crawler.bodies(s, ds).body
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(st.integers(0, 10**6))
 def test_what_is_found_takes_the_least_power_and_the_ground_can_hold_it(seed):
     body = _worm(seed)
@@ -49,7 +50,7 @@ def test_what_is_found_takes_the_least_power_and_the_ground_can_hold_it(seed):
         assert (value <= body.smooth_value(aside, 0.0) + 1e-12).all()
 
 
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(st.integers(0, 10**6))
 def test_wrong_guesses_lead_to_the_same_power(seed):
     body = _worm(seed)
@@ -67,7 +68,7 @@ def test_a_joint_that_hardly_turns_is_no_trouble():
     assert np.abs(motion.twist).max() < 1e-6
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(st.integers(0, 10**6))
 def test_the_least_on_a_line_is_that_of_its_slopes(seed):
     rng = np.random.default_rng(seed)

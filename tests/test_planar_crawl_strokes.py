@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from by_crawls import SNAKE, THREE, circle_of_three_links
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,15 +20,12 @@ from wormopt.systems.planar.crawling.velocity import Crawler
 from wormopt.systems.planar.turning import TurnInPlace, heading_rate_bound
 
 P = wo.planar
-THREE = P.chain_shape(3, lengths=(1.0, 1.0, 1.0))
-CIRCLE = P.Harmonics(np.zeros(2), np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]]))
-SNAKE = Elliptic(1.0, 1.0, sideways=3.0)
 SEEDS = st.integers(0, 10**6)
 
 
 @pytest.fixture(scope="module")
 def cycle():
-    return P.crawl(THREE, SNAKE, CIRCLE)
+    return circle_of_three_links()
 
 
 def _worm(seed: int, *, straight: bool = False):
@@ -41,7 +40,7 @@ def _worm(seed: int, *, straight: bool = False):
 
 
 @pytest.mark.slow
-@settings(max_examples=2)
+@settings(max_examples=examples(2))
 @given(SEEDS)
 def test_bent_the_other_way_it_goes_the_mirrored_way(seed):
     shape, laws, stroke = _worm(seed)
@@ -53,7 +52,7 @@ def test_bent_the_other_way_it_goes_the_mirrored_way(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=2)
+@settings(max_examples=examples(2))
 @given(SEEDS)
 def test_begun_later_a_stroke_is_the_same_one_seen_from_there(seed):
     shape, laws, stroke = _worm(seed)
@@ -66,7 +65,7 @@ def test_begun_later_a_stroke_is_the_same_one_seen_from_there(seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=2)
+@settings(max_examples=examples(2))
 @given(SEEDS)
 def test_no_straight_stroke_is_cheaper_than_its_floor(seed):
     shape, laws, stroke = _worm(seed, straight=True)
@@ -86,7 +85,7 @@ def test_corners_on_a_side_change_the_pace_alone():
     assert paced.work == pytest.approx(plain.work, rel=1e-11)
 
 
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 @given(SEEDS)
 def test_straight_chains_move_as_in_one_dimension(seed):
     rng = np.random.default_rng(seed)
@@ -105,7 +104,7 @@ def test_straight_chains_move_as_in_one_dimension(seed):
     assert motion.twist[0] == pytest.approx([head, 0.0, 0.0], abs=1e-9)
 
 
-@settings(max_examples=7)
+@settings(max_examples=examples(7))
 @given(SEEDS)
 def test_forces_of_most_resistance_are_those_of_least_power(seed):
     rng = np.random.default_rng(seed)
@@ -141,7 +140,7 @@ def test_loads_of_the_actuators_are_those_of_virtual_work(cycle):
 
 
 @pytest.mark.slow
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(SEEDS)
 def test_no_gait_with_a_link_at_rest_turns_faster_than_the_bound(seed):
     rng = np.random.default_rng(seed)

@@ -70,7 +70,7 @@ def test_the_scene_of_a_single_joint_is_accepted():
     assert result["actuator_work"].value == pytest.approx(LONE_WORK, rel=1e-8)
 
 
-@settings(max_examples=examples(9))
+@settings(max_examples=examples(6))
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 def test_work_of_two_equal_links_is_that_of_the_angles_they_turn_at(seed: int, orders: int):
     rng = np.random.default_rng(seed)

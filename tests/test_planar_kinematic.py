@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -78,7 +79,7 @@ def test_turn_of_a_worm_with_pinned_tail_and_a_skid_at_the_head(stroke: Polygon,
     assert np.abs(moved - tail).max() < 1e-13
 
 
-@settings(max_examples=12)
+@settings(max_examples=examples(12))
 @given(SEEDS, st.integers(2, 4))
 def test_cartesian_integration_ends_in_the_same_pose(seed: int, links: int):
     noise = np.random.default_rng(seed)
@@ -101,7 +102,7 @@ def test_cartesian_integration_ends_in_the_same_pose(seed: int, links: int):
     assert np.abs(off).max() < 1e-7
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(SEEDS)
 def test_pace_mirror_and_reversal(seed: int):
     stroke = random_stroke(seed, 2)
@@ -143,7 +144,7 @@ def test_a_pinned_middle_turns_on_the_spot_by_the_bend():
     assert np.abs(there - middle).max() < 1e-14
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(SEEDS, st.integers(2, 5))
 def test_velocity_of_random_constraints_is_that_of_least_squares(seed: int, links: int):
     """Against least squares over all Cartesian velocities, by finite differences of places."""
@@ -175,7 +176,7 @@ def test_velocity_of_random_constraints_is_that_of_least_squares(seed: int, link
 # -- singular shapes -------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(SEEDS)
 def test_pin_and_skid_are_singular_where_the_heading_is_perpendicular(seed: int):
     """A bent worm whose condition is bad exactly where the theory says it is."""
@@ -251,7 +252,7 @@ def test_two_pins_need_their_distance():
 # -- loads -----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(SEEDS, st.sampled_from([LAW, Drag()]))
 def test_forces_and_moments_balance_and_the_work_is_that_of_friction(seed: int, law: object):
     stroke = random_stroke(seed, 2)

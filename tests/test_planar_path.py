@@ -94,7 +94,7 @@ def random_obstacle(noise: np.random.Generator, kind: int) -> Obstacle:
 # -- distances -------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(SEEDS)
 def test_distance_of_segments_is_that_of_dense_points(seed: int):
     p, q, a, b = np.random.default_rng(seed).uniform(-1, 1, (4, 2))
@@ -107,7 +107,7 @@ def test_distance_of_segments_is_that_of_dense_points(seed: int):
     assert dense <= found + spacing
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(SEEDS, st.integers(0, 2))
 def test_distance_to_obstacles_is_that_of_points_along_links(seed: int, kind: int):
     noise = np.random.default_rng(seed)
@@ -127,7 +127,7 @@ def test_distance_to_obstacles_is_that_of_points_along_links(seed: int, kind: in
     )
 
 
-@settings(max_examples=8)
+@settings(max_examples=examples(8))
 @given(SEEDS, st.integers(0, 7))
 def test_room_of_a_step_is_never_more_than_that_of_any_instant(seed: int, number: int):
     noise = np.random.default_rng(seed)
@@ -168,7 +168,7 @@ def test_masses_stay_within_the_slack_of_the_instants_kept():
         assert step.slack.max() < 0.02
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(SEEDS)
 def test_bound_of_speeds_is_one_and_not_far_off(seed: int):
     noise = np.random.default_rng(seed)
@@ -208,7 +208,7 @@ def by_brute_force(
     return best
 
 
-@settings(max_examples=4)
+@settings(max_examples=examples(4))
 @given(SEEDS, st.sampled_from(["steps", "work", "time"]))
 def test_search_finds_what_brute_force_finds(seed: int, cost: Cost):
     noise = np.random.default_rng(seed)
@@ -268,7 +268,7 @@ def test_turned_and_mirrored_tasks_have_the_same_routes(seed: int):
 
 
 @pytest.mark.slow
-@settings(max_examples=3)
+@settings(max_examples=examples(3))
 @given(SEEDS)
 def test_the_path_does_not_hang_on_where_it_begins(seed: int):
     noise = np.random.default_rng(seed)

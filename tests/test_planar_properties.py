@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
@@ -125,7 +126,7 @@ def followed(model: Model, **options: Any) -> Trajectory:
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(worms(), st.floats(-3.1, 3.1), st.tuples(st.floats(-9, 9), st.floats(-9, 9)))
 def test_nothing_knows_where_x_points(worm: Worm, angle: float, shift: Any) -> None:
     """A worm that starts elsewhere and turned goes the same way, by the same events."""
@@ -137,7 +138,7 @@ def test_nothing_knows_where_x_points(worm: Worm, angle: float, shift: Any) -> N
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(worms())
 def test_left_and_right_are_alike(worm: Worm) -> None:
     """The mirrored worm goes the mirrored way."""
@@ -149,7 +150,7 @@ def test_left_and_right_are_alike(worm: Worm) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(worms(straight=True))
 def test_a_straight_worm_is_the_worm_on_a_line(worm: Worm) -> None:
     """Places to round-off of the integrator, and every event."""
@@ -175,7 +176,7 @@ def test_a_straight_worm_is_the_worm_on_a_line(worm: Worm) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(worms(), st.booleans())
 def test_energy_and_momentum_balance(worm: Worm, rods: bool) -> None:
     """Works are energy gained; the ground and nothing else moves the centre and turns the worm."""
@@ -200,7 +201,7 @@ def test_energy_and_momentum_balance(worm: Worm, rods: bool) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(st.integers(1, 4), st.sampled_from(["elliptic", "box"]), st.integers(0, 10**6))
 def test_steps_that_know_no_events_come_nearer_at_first_order(
     n: int, ground: str, seed: int

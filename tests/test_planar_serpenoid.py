@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import j0
@@ -40,7 +41,7 @@ def test_infinite(alpha: float, ratio: float, ground: str, speed: float) -> None
 
 
 @pytest.mark.parametrize("ground", ["viscous", "elliptic", "unit"])
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=examples(4), deadline=None)
 @given(size=st.floats(-12, 0.36), ratio=st.floats(0.01, 6).map(lambda size: 10**size))
 def test_by_another_way(ground: str, size: float, ratio: float) -> None:
     """By other quadratures, relative to the amplitude's square, which small speeds go by."""
@@ -67,7 +68,7 @@ def test_small_waves_on_steep_ground_are_rechecked(ground: str) -> None:
 
 
 @given(alpha=st.floats(0.1, 2.3))
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 def test_isotropic_ground(alpha: float) -> None:
     """Viscous, no wave gets anywhere; dry, both laws are one."""
     assert abs(serpenoid_speed(alpha, 1.0)) < 1e-15

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from by_rods import followed
+from effort import examples
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
@@ -129,7 +130,7 @@ def test_curvature_is_the_displacement_of_small_loops(frame: str) -> None:
     assert 1.7 < off[0] / off[1] < 4.5
 
 
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(swimmers_and_strokes())
 def test_reversal_inverts(case: tuple[Swimmer, Harmonics]) -> None:
     swimmer, stroke = case
@@ -140,7 +141,7 @@ def test_reversal_inverts(case: tuple[Swimmer, Harmonics]) -> None:
     assert back.length == pytest.approx(there.length, rel=1e-12)
 
 
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(swimmers_and_strokes())
 def test_reciprocal_strokes_go_nowhere(case: tuple[Swimmer, Harmonics]) -> None:
     swimmer, stroke = case
@@ -148,7 +149,7 @@ def test_reciprocal_strokes_go_nowhere(case: tuple[Swimmer, Harmonics]) -> None:
     np.testing.assert_allclose(swim(swimmer, there_and_back).displacement, 0, atol=1e-12)
 
 
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(swimmers_and_strokes())
 def test_pace_mirror_and_frame(case: tuple[Swimmer, Harmonics]) -> None:
     swimmer, stroke = case
@@ -163,7 +164,7 @@ def test_pace_mirror_and_frame(case: tuple[Swimmer, Harmonics]) -> None:
     assert seen.length == pytest.approx(done.length, rel=1e-12)
 
 
-@settings(max_examples=6)
+@settings(max_examples=examples(6))
 @given(swimmers_and_strokes(), st.floats(0, 1))
 def test_balance_of_forces_gives_the_same_twist_and_power(
     case: tuple[Swimmer, Harmonics], tau: float

@@ -194,7 +194,9 @@ def test_every_picture_is_written(picture: str, tmp_path: Path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-@pytest.mark.parametrize("objective", ["speed", "peak_spike_load"])
+@pytest.mark.parametrize(
+    "objective", ["speed", pytest.param("peak_spike_load", marks=pytest.mark.slow)]
+)
 def test_bars_of_limits_tell_which_way_helps(objective: str):
     cost = f"objective={{minimise={objective!r}, speed=0.5}}"
     result = real("design_fast_gait", SI, *QUICK, *([cost] if objective != "speed" else []))
@@ -603,9 +605,21 @@ def boxes(drawn: Figure) -> list[tuple[str, float, np.ndarray]]:
     ]
 
 
+# Of every way to draw the one with the most texts.
+CROWDED = {
+    "bands", "bode", "cargo", "carried", "coil_design", "coil_pressure", "course", "draws",
+    "estimates", "film", "film_wave", "forward", "gait", "limits", "loads", "planar_gait",
+    "block", "turning", "heights", "readings", "recordings", "reversals", "ride", "rod_frequency",
+    "segment_shapes", "shift", "steps", "switching", "travelling_field", "trackers", "waveform",
+}  # fmt: skip
+
+
 # narrow is the harder
 @pytest.mark.parametrize("width", [85, pytest.param(180, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.parametrize(
+    "picture",
+    [pytest.param(p, marks=() if p in CROWDED else pytest.mark.slow) for p in PICTURES],
+)
 def test_text_is_legible_and_covers_no_other(picture: str, width: int):
     drawn = standard(picture) if width == 85 else figure(sample(picture), picture, width=width)
     assert drawn.get_figwidth() == pytest.approx(width / 25.4)

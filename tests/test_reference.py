@@ -59,8 +59,9 @@ def test_every_quantity_of_a_result_has_a_unit_and_a_meaning(kind: str):
 
 @cache
 def validator(kind: str) -> jsonschema.Draft202012Validator:
-    jsonschema.Draft202012Validator.check_schema(schema(kind))
-    return jsonschema.Draft202012Validator(schema(kind))
+    found = schema(kind)
+    jsonschema.Draft202012Validator.check_schema(found)
+    return jsonschema.Draft202012Validator(found)
 
 
 @pytest.mark.parametrize("name", packaged_scenes())

@@ -947,7 +947,7 @@ def random_chain(seed: int) -> Model:
 # Numbers are drawn from a seed: hypothesis likes round ones, with which forces touch their bounds
 # without crossing them, and there times of events are ill-conditioned.
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=examples(30))
+@settings(max_examples=examples(15))
 def test_random_chains_move_alike(seed: int):
     model = random_chain(seed)
     t = np.linspace(0, 6, 601)

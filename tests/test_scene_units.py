@@ -11,7 +11,8 @@ import jsonschema
 import numpy as np
 import pint
 import pytest
-from hypothesis import given
+from effort import examples
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wormopt as wo
@@ -71,6 +72,7 @@ def by_hand(unit: str) -> str:
 
 
 @pytest.mark.parametrize("quantity", [name for name in UNITS if UNITS[name] != "1"])
+@settings(max_examples=examples(15))
 @given(number=NUMBERS)
 def test_a_quantity_takes_its_own_unit(quantity: str, number: str):
     assert to_number(f"{number} {UNITS[quantity]}", quantity, "SI") == float(number)

@@ -105,7 +105,7 @@ def test_units_scale_the_answer():
     assert result.scalars["input_peak"].unit == "N"
 
 
-@pytest.mark.parametrize("size", [1e-3, 1e3])
+@pytest.mark.parametrize("size", [1e-3, pytest.param(1e3, marks=pytest.mark.slow)])
 def test_the_least_effort_is_as_exact_in_other_units(size: float):
     forces = {"block.mass": 1, "block.force": 3, "block.friction.forward": 1}
     forces |= {"block.friction.backward": 2}
@@ -309,7 +309,9 @@ def within(excess: float) -> float:
     return max(1e-10, 8 * np.finfo(float).eps / excess)
 
 
-@pytest.mark.parametrize("digits", range(2, 10))
+@pytest.mark.parametrize(
+    "digits", [2, 6, 9, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4, 5, 7, 8))]
+)
 def test_a_drive_just_above_friction_slides_as_fast_as_it_can(digits: int):
     drive = 1 + 10.0**-digits
     net = drive - 1
@@ -350,7 +352,13 @@ def test_the_fastest_smooth_slide_is_that_of_theory(drive: float):
     assert known.guess.duration == pytest.approx(exact, rel=1e-7)
 
 
-@pytest.mark.parametrize("changes", [(VISCOUS, "block.force=0.02"), (SMOOTH, "block.force=1.02")])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        pytest.param((VISCOUS, "block.force=0.02"), marks=pytest.mark.slow),
+        (SMOOTH, "block.force=1.02"),
+    ],
+)
 def test_weak_drives_against_smooth_friction_are_solved(changes: tuple[str, ...]):
     result = solved("slide", "mesh.tolerance=1e-5", *changes)
     known = phases_of(load_scene("slide", changes).table)
@@ -364,7 +372,7 @@ def test_a_speed_beyond_that_of_the_drive_is_never_reached():
     assert phases_of(scene.table) is None
 
 
-@pytest.mark.parametrize("digits", [3, 6, 9])
+@pytest.mark.parametrize("digits", [3, 9, pytest.param(6, marks=pytest.mark.slow)])
 def test_a_drive_just_above_friction_slides_back(digits: int):
     # brake with drive + 1 from speed 1, go back with drive - 2, brake with drive + 2
     drive = 2 + 10.0**-digits
@@ -387,7 +395,9 @@ def test_a_drive_just_above_friction_leaves_backwards():
     assert value(result, "time") == pytest.approx(exact, rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    "seed", [0, 2, 5, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 3, 4))]
+)
 def test_weak_drives_of_any_size_are_as_fast_as_theory(seed: int):
     random = np.random.default_rng(seed)
     mass, friction, way = 10 ** random.uniform(-3, 3, 3)
@@ -405,7 +415,9 @@ def test_weak_drives_of_any_size_are_as_fast_as_theory(seed: int):
     assert value(result, "time") == pytest.approx(exact, rel=within(share))
 
 
-@pytest.mark.parametrize("net", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize(
+    "net", [1e-4, *(pytest.param(net, marks=pytest.mark.slow) for net in (1e-2, 1e-3))]
+)
 def test_the_least_effort_of_a_weak_drive(net: float):
     # at its limit over t, then falling straight to 0 over s; then it rests
     drive = 1 + net
@@ -422,7 +434,7 @@ def test_the_least_effort_of_a_weak_drive(net: float):
     ("change", "time"),
     [
         (["end.velocity=-1"], 2.5),
-        (["end.velocity=-0.5"], 1.799038105676658),
+        pytest.param(["end.velocity=-0.5"], 1.799038105676658, marks=pytest.mark.slow),
         (["end.position=5", "end.velocity=-1"], 3.872281323269015),
     ],
 )

@@ -285,9 +285,7 @@ CHEAP = [
     ("gaits", "crawls: smooth 0"),
     ("gaits", "crawls: corners 5"),
     ("gaits", "extreme crawls: waves 9"),
-    ("gaits", "one link: mass ratios 0"),
     ("gaits", "designs: impossible 0"),
-    ("gaits", "designs: impossible 1"),
     ("gaits", "certificates: plain, one link 0"),
     ("optima", "optima: forward 0"),
     ("optima", "optima: back 0"),
@@ -295,6 +293,10 @@ CHEAP = [
     ("averages", "averages: smooth, order 2 0"),
     ("averages", "averages: friction, order 1 0"),
     ("averages", "averages: friction, order 2 0"),
+    *(
+        pytest.param("gaits", name, marks=pytest.mark.slow)
+        for name in ("one link: mass ratios 0", "designs: impossible 1")
+    ),
 ]
 
 

@@ -459,11 +459,11 @@ def test_the_first_member_is_the_worm_without_an_ensemble(tmp_path: Path):
     path = write(tmp_path, TRACK)
     change = [CHANCE, "tolerance.recheck=false"]
     alone = wo.run(load_scene(path, change))
-    herd = wo.run(load_scene(path, [*change, "ensemble.members=5", "time.samples=41"]))
-    more = wo.run(load_scene(path, [*change, "ensemble.members=8", "time.samples=41"]))
+    herd = wo.run(load_scene(path, [*change, "ensemble.members=3", "time.samples=41"]))
+    more = wo.run(load_scene(path, [*change, "ensemble.members=4", "time.samples=41"]))
     assert herd["member_distance"].values[0, 0] == pytest.approx(value(alone, "distance"), abs=1e-9)
-    assert herd["member_k_end"].values == pytest.approx(more["member_k_end"].values[:, :5])
-    other = wo.run(load_scene(path, [*change, "ensemble.members=5", "worm.random.seed=4"]))
+    assert herd["member_k_end"].values == pytest.approx(more["member_k_end"].values[:, :3])
+    other = wo.run(load_scene(path, [*change, "ensemble.members=3", "worm.random.seed=4"]))
     assert not np.any(other["member_k_end"].values == herd["member_k_end"].values)
 
 
@@ -497,7 +497,7 @@ def test_members_that_are_given_up_make_the_result_fail(tmp_path: Path):
     change = [CHANCE, "ensemble.members=3", "time.samples=11", "tolerance.max_steps=20"]
     with pytest.raises(SolveError, match=r"no member was completed \(too_many_steps\)"):
         wo.run(load_scene(write(tmp_path, TRACK), change))
-    change += ["ensemble.members=40", "tolerance.max_steps=2000", "time.end=100"]
+    change += ["ensemble.members=40", "tolerance.max_steps=200", "time.end=100"]
     told = r"none of the first 3 members was completed \(too_many_steps\)"
     with pytest.raises(SolveError, match=told):
         wo.run(load_scene(write(tmp_path, TRACK), change))

@@ -9,7 +9,10 @@ QUICK = ["search.sequence=[[0],[1],[2]]", "search.workers=1"]
 
 @pytest.mark.parametrize(
     ("name", "changes", "mass"),
-    [("uphill_gait", [], 3.0), ("design_fast_gait", QUICK, 3.0)],
+    [
+        ("uphill_gait", [], 3.0),
+        pytest.param("design_fast_gait", QUICK, 3.0, marks=pytest.mark.slow),
+    ],
 )
 def test_energy_by_weight_and_distance(name: str, changes: list[str], mass: float):
     result = wo.run(wo.load_scene(name, [*changes, 'units="SI"']))
@@ -20,7 +23,10 @@ def test_energy_by_weight_and_distance(name: str, changes: list[str], mass: floa
     assert "9.80665 m/s2" in result.trust["assumptions"]["gravity"]
 
 
-@pytest.mark.parametrize(("name", "changes"), [("uphill_gait", []), ("design_fast_gait", QUICK)])
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [("uphill_gait", []), pytest.param("design_fast_gait", QUICK, marks=pytest.mark.slow)],
+)
 def test_without_gravity_there_is_no_weight(name: str, changes: list[str]):
     result = wo.run(wo.load_scene(name, changes))
     assert "cost_of_transport" not in result.scalars

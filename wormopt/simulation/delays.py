@@ -89,8 +89,14 @@ class _Past:
             at = np.full_like(t, start) if before is None else t
             return self._values(function, at, np.repeat(x0, len(t), axis=1))
 
-        allowed = self._allowed(np.linspace(begin, start, 33), lambda t: x0 + 0 * t)
-        knots = np.zeros(0) if before is None else self._instants(before, begin, start)
+        if before is None:
+            allowed = self._allowed(np.array([start]), lambda t: x0 + 0 * t)
+            return fitted(course, begin, start, np.zeros(0), allowed, 0, GENERATIONS)
+        knots = self._instants(before, begin, start)
+        # The signal after the start, which may be 0 there, says nothing of the size before it.
+        edges = np.union1d(np.linspace(begin, start, 33), knots)
+        seen = course(np.concatenate([edges, (edges[:-1] + edges[1:]) / 2]))
+        allowed = self._share * float(np.abs(seen).max())
         return fitted(course, begin, start, knots, allowed, 0, GENERATIONS)
 
     def _instants(self, before: ca.SX, begin: float, end: float) -> np.ndarray:
@@ -126,7 +132,12 @@ class _Past:
 
     def _allowed(self, t: np.ndarray, states: Course) -> float:
         size = float(self._values(self._parts, t, states(t)).max(initial=0.0))
-        return max(_SHARE * self._task.tolerance.relative, _LEAST) * size
+        return self._share * size
+
+    @property
+    def _share(self) -> float:
+        """How much of its size a signal may be off."""
+        return max(_SHARE * self._task.tolerance.relative, _LEAST)
 
     def schedule(self, begin: float, end: float) -> Schedule:
         """The signal as it acts from `begin` to `end`."""

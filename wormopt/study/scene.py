@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -176,7 +177,8 @@ def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
 
 def packaged_scenes() -> dict[str, Path]:
     """Name and file of each scene that comes with the package."""
-    return {path.stem: path for path in sorted(packaged_folder().glob("*.toml"))}
+    files = sorted(packaged_folder().glob("*.toml"), key=attrgetter("name"))
+    return {path.stem: path for path in files}
 
 
 def times_of_scenes() -> dict[str, float]:
@@ -208,10 +210,11 @@ def _raw(
 
 
 def _find(file: str) -> Path:
-    path, packaged = Path(file), packaged_scenes()
+    path = Path(file)
     try:
         if path.is_file():
             return path
+        packaged = packaged_scenes()
         if file in packaged:
             return packaged[file]
         if path.exists():
