@@ -71,24 +71,31 @@ class Linearised:
         self._constant = np.bincount(of_linear, constant, len(places))
         entries = (np.tile(weight, 2), (of_products, np.concatenate([second, first])))
         self._slopes = sparse.csr_array(entries, (len(places), n))
+        self._row = np.repeat(np.arange(rows.count), np.diff(self._starts))
         excess = self._excess
         self._excess_entries = np.searchsorted(places, excess.rows * n + excess.columns)
 
     def jacobian(self, x: np.ndarray) -> sparse.csr_array:
         """Derivatives of all rows, shape (rows, columns)."""
-        return self._matrix(self._constant + self._slopes @ x)
-
-    def _matrix(self, data: np.ndarray) -> sparse.csr_array:
         shape = (len(self._starts) - 1, len(self.upper))
-        return sparse.csr_array((data, self._indices, self._starts), shape)
+        return sparse.csr_array((self._entries(x), self._indices, self._starts), shape)
+
+    def _entries(self, x: np.ndarray) -> np.ndarray:
+        """Entries of the Jacobian, without the matrix, which takes longer to set up than to use."""
+        return self._constant + self._slopes @ x
+
+    def _times(self, entries: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return np.bincount(self._row, entries * x[self._indices], len(self.row_lower))
 
     def values(self, x: np.ndarray) -> np.ndarray:
         """Values of all rows at `x` (columns,)."""
-        return self._matrix(self._constant + 0.5 * (self._slopes @ x)) @ x
+        return self._times(self._constant + 0.5 * (self._slopes @ x), x)
 
     def value(self, x: np.ndarray) -> float:
         """Objective at `x` (columns,)."""
-        values = self.values(x)
+        return self._value(self.values(x))
+
+    def _value(self, values: np.ndarray) -> float:
         return float(values[self._gain] / (1.0 if self._per is None else values[self._per]))
 
     def violation(self, x: np.ndarray) -> float:
@@ -97,18 +104,21 @@ class Linearised:
         rows = np.maximum(self.row_lower - values, values - self.row_upper)
         return float(max(rows.max(), np.maximum(self.lower - x, x - self.upper).max(), 0.0))
 
-    def slope(self, x: np.ndarray, jacobian: sparse.csr_array) -> np.ndarray:
-        """Gradient of the objective at `x`, from the derivatives of all rows there."""
-        gain = self._dense(jacobian, self._gain)
+    def slope(self, x: np.ndarray) -> np.ndarray:
+        """Gradient of the objective at `x`."""
+        return self._slope(self._entries(x), self.values(x))
+
+    def _slope(self, entries: np.ndarray, values: np.ndarray) -> np.ndarray:
+        gain = self._dense(entries, self._gain)
         if self._per is None:
             return gain
-        time = self._dense(jacobian, self._per)
-        return (gain - self.value(x) * time) / float(self.values(x)[self._per])
+        time = self._dense(entries, self._per)
+        return (gain - self._value(values) * time) / float(values[self._per])
 
-    def _dense(self, jacobian: sparse.csr_array, row: int) -> np.ndarray:
-        entries = slice(self._starts[row], self._starts[row + 1])
+    def _dense(self, entries: np.ndarray, row: int) -> np.ndarray:
+        own = slice(self._starts[row], self._starts[row + 1])
         dense = np.zeros(len(self.upper))
-        dense[self._indices[entries]] = jacobian.data[entries]
+        dense[self._indices[own]] = entries[own]
         return dense
 
     def repaired(self, x: np.ndarray) -> np.ndarray:
@@ -118,7 +128,7 @@ class Linearised:
             return x
         x = x.copy()
         x[columns] = 0.0
-        slopes = (self._constant + self._slopes @ x)[self._excess_entries]
+        slopes = self._entries(x)[self._excess_entries]
         missing = np.maximum(-self.values(x)[rows], 0.0)
         # arcs without duration have neither a slope nor anything missing but rounding
         x[columns] = np.where(slopes > _NO_SLOPE, missing / np.maximum(slopes, _NO_SLOPE), 0.0)
@@ -129,8 +139,9 @@ class Linearised:
 
         The factors of an excess stay within a share of their bounds.
         """
-        jacobian, highs = self.jacobian(x), _solver()
-        model = self._model(jacobian, self.slope(x, jacobian), jacobian @ x - self.values(x))
+        entries, values, highs = self._entries(x), self.values(x), _solver()
+        shift = self._times(entries, x) - values
+        model = self._model(entries, self._slope(entries, values), shift)
         highs.passModel(model)
         size = model.num_row_ + model.num_col_
         highs.setOptionValue("primal_feasibility_tolerance", self._tolerance)
@@ -151,7 +162,7 @@ class Linearised:
         self._basis = highs.getBasis()
         return highs.getSolution()
 
-    def _model(self, matrix: sparse.csr_array, cost: np.ndarray, shift: np.ndarray) -> Any:
+    def _model(self, entries: np.ndarray, cost: np.ndarray, shift: np.ndarray) -> Any:
         model: Any = highspy.HighsLp()
         model.num_row_, model.num_col_ = len(self.row_lower), len(self.upper)
         model.sense_ = highspy.ObjSense.kMaximize
@@ -161,7 +172,7 @@ class Linearised:
         model.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
         model.a_matrix_.start_ = self._starts
         model.a_matrix_.index_ = self._indices
-        model.a_matrix_.value_ = matrix.data
+        model.a_matrix_.value_ = entries
         return model
 
     def restore(self, x: np.ndarray, factors: float = np.inf) -> Point | None:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal
 
 from wormopt.model.given import per
@@ -49,6 +50,7 @@ class Bounded:
     ending: Ending = "finest program"
 
 
+@lru_cache(maxsize=8)
 def at_once(task: GaitProblem) -> Bounded | None:
     """Bound the speed by small programs, with the same result on all machines; None for a cost."""
     if task.objective.minimise is not None:
@@ -97,6 +99,8 @@ def _of_speed(task: GaitProblem, until: float, most: float = _LARGE) -> Iterator
         proof = outer.proof(outer.mesh)
         best = _certified(statement, bound, proof, "by the mean rates of links")
         yield best
+    if outer.is_single:
+        return
     for level in _levels(outer, until, most):
         if level is None:
             yield replace(best, ending="time limit")

@@ -126,6 +126,14 @@ class Outer:
             list(way[0]) == list(way[1])[::-1] for way in ways
         )
 
+    @property
+    def is_single(self) -> bool:
+        """Whether there is one link without drag, so that its mean rate is the least bound.
+
+        Some motion within the same limits on rates and accelerations has this mean rate.
+        """
+        return self.statement.links == 1 and not self.statement.drag
+
     def shorten(self, seconds: float) -> None:
         """Shorten strokes: in a period a link goes its stroke twice, at its mean rate at most.
 

@@ -75,8 +75,8 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         reason = "interrupted: this is the best gait so far; the search did not finish"
         raise Interrupted(known.result(scene).failed(reason))
     known |= _of_limits(table, found)
-    bounded = found.survey.bounded or table.search.proof
-    if bounded is None or not known.holds:
+    is_cost = found.task.objective.minimise is not None
+    if (is_cost and table.search.proof is None) or not known.holds:
         return known.result(scene)
     from wormopt.systems.spiked.runs.gait_certificate import of_certificate
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from wormopt.model.gait import Gait
 from wormopt.numerics.bilinear import BilinearProgram, Climb, Point
 from wormopt.systems.shared.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns
@@ -36,6 +37,11 @@ class Trial:
     def value(self) -> float:
         """What is made large: the speed, or a cost with its sign changed."""
         return self.program.objective(self.point)
+
+    @cached_property
+    def gait(self) -> Gait:
+        """Link lengths over a cycle."""
+        return self.program.gait(self.point)
 
     @property
     def cost(self) -> float:
