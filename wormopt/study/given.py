@@ -212,9 +212,9 @@ class GivenMeta(StructMeta):
                 if hasattr(base, field) and field not in getattr(base, "__struct_fields__", ()):
                     raise TypeError(f"{name}.{field} is a name of {base.__name__}; choose another")
         notes = space.get("__annotations__", {})
-        for field in notes.keys() - declared.keys():
-            if "ClassVar" not in str(notes[field]):
-                raise TypeError(f"{name}.{field}: declare it by number(), whole() or entry()")
+        for field in notes:
+            if hasattr(space.get(field), "__set_name__"):
+                raise TypeError(f"{name}.{field} is a key and a member")
         own = SimpleNamespace(__annotations__={field: notes[field] for field in declared})
         scope = {**vars(sys.modules[space["__module__"]])}
         types = get_type_hints(own, scope, include_extras=True)
