@@ -236,12 +236,16 @@ class Study(SceneTable):
         The status is "unchecked", and the trust report lists the checks that were left out.
         Raises UnknownNameError for names that results of the kind never have, else as `result`.
         """
+        return self._reported(self.check_names(names), report)
+
+    def check_names(self, names: Names) -> Names:
+        """Return names of results as members know them; UnknownNameError for others."""
         asked = [name.replace(" ", "_") for name in names]  # names of checks have spaces
         members = self.members.values()
         if unknown := [name for name in asked if not any(m.asked_by([name]) for m in members)]:
             known = [name for member in members for name in member.names]
             raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known)
-        return self._reported(asked, report)
+        return asked
 
     def __getitem__(self, name: str) -> Any:
         """Value of a scalar or variable by its name in results."""
