@@ -277,30 +277,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("planar.plots.path", "path")
         | {"animation": "wormopt.systems.planar.plots.path:first_frame"},
     ),
-    "coil-row": Kind(
-        summary="compute the travelling magnetic field of a row of coils switched in turn",
-        table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",
-        study="wormopt.systems.coils.runs.coil_row",
-        pictures=_drawn("coils.plots.coils", "travelling_field"),
-    ),
-    "coil-film": Kind(
-        summary="simulate a magnetic fluid film over a row of coils switched one after another",
-        table="wormopt.systems.coils.scenes.coil_film:CoilFilmScene",
-        study="wormopt.systems.coils.runs.coil_film",
-        pictures=_drawn("coils.plots.film", "coil_film", "cargo"),
-    ),
-    "coil-design": Kind(
-        summary="optimise the currents of a row of coils that transports a float on a film",
-        table="wormopt.systems.coils.scenes.coil_design:CoilDesignScene",
-        study="wormopt.systems.coils.runs.coil_design",
-        pictures=_drawn("coils.plots.design", "coil_design"),
-    ),
-    "coil-inverse": Kind(
-        summary="find the currents of a row of coils whose field best matches that of a film wave",
-        table="wormopt.systems.coils.scenes.coil_rows:CoilInverseScene",
-        study="wormopt.systems.coils.runs.coil_inverse",
-        pictures=_drawn("coils.plots.coils", "row_currents"),
-    ),
     "film-forward": Kind(
         summary="compute the wave of a magnetic fluid film under a given field, and its stability",
         table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
