@@ -148,7 +148,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         summary="optimise the periodic field that drives a magneto-elastic pair",
         table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
         study="wormopt.systems.pair.runs.pair_waveform",
-        pictures=_drawn("pair.plots.waveform", "waveform"),
+        pictures=_drawn("pair.pictures", "waveform"),
     ),
     "harmonic-masses": Kind(
         summary="compute the speed of masses with prescribed oscillations, averaged and exact",
@@ -166,13 +166,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         summary="simulate two masses on a magneto-elastic link in a pulsating field",
         table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
         study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=_drawn("coils.plots.magnetics", "velocity"),
-    ),
-    "resonance": Kind(
-        summary="compute the frequency response of a magneto-elastic pair: steady motions",
-        table="wormopt.systems.pair.scenes.magnetic_pair:ResonanceScene",
-        study="wormopt.systems.pair.runs.resonance",
-        pictures=_drawn("coils.plots.magnetics", "resonance"),
+        pictures=_drawn("pair.pictures", "velocity"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
