@@ -237,13 +237,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         | _drawn("planar.plots.crawl", "forces")
         | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
     ),
-    "planar-swim": Kind(
-        summary="simulate or optimise a stroke on viscous ground: displacement and work",
-        table="wormopt.systems.planar.scenes.swim:PlanarSwimScene",
-        study="wormopt.systems.planar.runs.swim",
-        pictures=_drawn("planar.plots.swim", "swim", "heights")
-        | {"animation": "wormopt.systems.planar.plots.swim:first_frame"},
-    ),
     "planar-design": Kind(
         summary="design a planar gait: fastest, turning, or cheapest to a pose",
         table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
