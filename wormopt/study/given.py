@@ -142,9 +142,9 @@ def number(
     bounds |= {"lt": below} if below is not None else {"le": _LARGEST if most is None else most}
     words = _words(above, least, below, most)
     if per:
-        ends = per == "ends"
-        listed = "a range [smallest, largest]" if ends else f"a list of such numbers, one per {per}"
-        words += f", or {listed.removesuffix('s')}"
+        part = "mass" if per == "masses" else per.removesuffix("s")
+        listed = f"a list of such numbers, one per {part}"
+        words += f", or {'a range [smallest, largest]' if per == 'ends' else listed}"
     return Key(quantity, meaning, default, bounds, words, per, usual)
 
 
