@@ -58,6 +58,20 @@ def inverse() -> Result:
 # -- the field of a switched row -------------------------------------------------------------------
 
 
+def test_a_row_of_another_size_has_the_same_ripple(row: Result):
+    """Many instants of the analysis are those of switches, which rounding must not divide."""
+    small = ("pitch=1e-8", "inner=2e-9", "outer=4.5e-9", "length=20e-9")
+    sizes = [f"coils.{size}" for size in small]
+    height, gap = (row.scalars[name].value for name in ("line_height", "coil_gap"))
+    sizes += [f"line.height={1e-6 * height}", *([] if gap is None else [f"coils.gap={1e-6 * gap}"])]
+    assert value(solved(ROW, *sizes), "ripple") == pytest.approx(value(row, "ripple"), rel=1e-9)
+
+
+def test_a_single_coil_is_no_row():
+    with pytest.raises(SceneError, match=r"coils\.count.*2 or more"):
+        load_scene(ROW, ["coils.count=1", "line.margin=0", "switching.on=1"])
+
+
 def test_the_travelling_field(row: Result):
     assert row.status == "ok"
     assert value(row, "wave_speed") == pytest.approx(10e-3 * 50)

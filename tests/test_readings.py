@@ -26,6 +26,7 @@ from wormopt.result import Result
 from wormopt.simulation.ensemble import simulate_ensemble
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.study import load_scene
+from wormopt.systems.chain.loops import build_loop, draw_links
 from wormopt.systems.chain.readings import (
     SENTENCES,
     Course,
@@ -40,7 +41,6 @@ from wormopt.systems.chain.readings import (
     structure_of,
     supported,
 )
-from wormopt.systems.chain.runs.chains import build_loop, draw_links
 from wormopt.systems.spiked.construct import accordion, fast_gait
 
 EXAMPLE = Example(

@@ -19,8 +19,8 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study import load_scene
 from wormopt.systems.chain import measured
+from wormopt.systems.chain.loops import build_loop, draw_links
 from wormopt.systems.chain.runs import track
-from wormopt.systems.chain.runs.chains import build_loop, draw_links
 from wormopt.systems.spiked.construct import fast_gait
 
 # -- the chapter's benchmark ---------------------------------------------------------------------

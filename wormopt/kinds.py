@@ -148,7 +148,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         summary="optimise the periodic field that drives a magneto-elastic pair",
         table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
         study="wormopt.systems.pair.runs.pair_waveform",
-        pictures=_drawn("pair.plots.waveform", "waveform"),
+        pictures=_drawn("pair.pictures", "waveform"),
     ),
     "harmonic-masses": Kind(
         summary="compute the speed of masses with prescribed oscillations, averaged and exact",
@@ -166,13 +166,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         summary="simulate two masses on a magneto-elastic link in a pulsating field",
         table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
         study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=_drawn("coils.plots.magnetics", "velocity"),
-    ),
-    "resonance": Kind(
-        summary="compute the frequency response of a magneto-elastic pair: steady motions",
-        table="wormopt.systems.pair.scenes.magnetic_pair:ResonanceScene",
-        study="wormopt.systems.pair.runs.resonance",
-        pictures=_drawn("coils.plots.magnetics", "resonance"),
+        pictures=_drawn("pair.pictures", "velocity"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
@@ -237,13 +231,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         | _drawn("planar.plots.crawl", "forces")
         | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
     ),
-    "planar-swim": Kind(
-        summary="simulate or optimise a stroke on viscous ground: displacement and work",
-        table="wormopt.systems.planar.scenes.swim:PlanarSwimScene",
-        study="wormopt.systems.planar.runs.swim",
-        pictures=_drawn("planar.plots.swim", "swim", "heights")
-        | {"animation": "wormopt.systems.planar.plots.swim:first_frame"},
-    ),
     "planar-design": Kind(
         summary="design a planar gait: fastest, turning, or cheapest to a pose",
         table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
@@ -251,24 +238,12 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("planar.plots.design", "planar_gait")
         | {"animation": "wormopt.systems.planar.plots.design:first_frame"},
     ),
-    "planar-serpenoid": Kind(
-        summary="compute the speed of a serpenoid wave on viscous or dry ground",
-        table="wormopt.systems.planar.scenes.serpenoid:PlanarSerpenoidScene",
-        study="wormopt.systems.planar.runs.serpenoid",
-        pictures=_drawn("planar.plots.serpenoid", "serpenoid"),
-    ),
     "planar-motion": Kind(
         summary="simulate a planar chain of masses and springs with bending joints",
         table="wormopt.systems.planar.scenes.motion:PlanarMotionScene",
         study="wormopt.systems.planar.runs.motion",
         pictures=_drawn("planar.plots.plane", "plane", "forces")
         | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-block": Kind(
-        summary="compute how a block stops on anisotropic dry friction",
-        table="wormopt.systems.planar.scenes.block:PlanarBlockScene",
-        study="wormopt.systems.planar.runs.block",
-        pictures=_drawn("planar.plots.block", "block"),
     ),
     "planar-path": Kind(
         summary="plan a path to a pose past obstacles from the steps of a few gaits",

@@ -18,9 +18,10 @@ from wormopt.result import Check
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.runs.chains import tube_radius
-from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, TrackScene
+from wormopt.systems.chain.loops import tube_radius
+from wormopt.systems.chain.scenes.track import TrackScene
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.chain.tables import FunnelTracker, Tracker
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
 from wormopt.systems.shared.signals import (
@@ -122,9 +123,7 @@ def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
 
 def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
     names, function = _observer(motion.system)
-    p = motion.system.scheduled(motion.p, motion.schedules, motion.time)
-    rows = np.array(function(motion.time[None], motion.states, p, motion.modes_at(motion.time)))
-    return dict(zip(names, rows, strict=True))
+    return dict(zip(names, motion.values(function), strict=True))
 
 
 def chain_numbers(motion: Trajectory) -> dict[str, Any]:

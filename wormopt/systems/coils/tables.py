@@ -181,11 +181,16 @@ class Line(Given):
                 f"{self.height:g} puts a coil inside the fluid: the line meets windings, which "
                 f"reach from {low:g} to {high:g}; write a height beyond ±{high:g}{inside}",
             )
-        if 2 * self.margin >= coils.count - 1:
+        if coils.count < 2:
+            yield (
+                "coils.count",
+                "a single coil is no row along which a wave travels; write 2 or more",
+            )
+        elif 2 * self.margin >= coils.count - 1:
             yield (
                 "line.margin",
                 f"{self.margin} coils at each end leave nothing of {coils.count}; write at most "
-                f"{max((coils.count - 2) // 2, 0)}",
+                f"{(coils.count - 2) // 2}",
             )
 
 

@@ -45,7 +45,7 @@ from wormopt.systems.chain.readings import (
 )
 from wormopt.systems.chain.runs.readings_table import csv_of, table_of
 from wormopt.systems.chain.scenes.readings import ReadingsScene
-from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker
+from wormopt.systems.chain.tables import DerivativeTracker, FilterTracker
 from wormopt.systems.shared.proof import (
     CrossCheck,
     accepted_error,

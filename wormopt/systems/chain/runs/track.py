@@ -15,6 +15,12 @@ from wormopt.progress import Report
 from wormopt.result import Check, Result
 from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
+from wormopt.systems.chain.loops import (
+    build_loop,
+    draw_links,
+    labels,
+    laws_of,
+)
 from wormopt.systems.chain.measured import (
     ENTERS,
     Tracked,
@@ -27,13 +33,8 @@ from wormopt.systems.chain.measured import (
     time_in_tube,
     watched,
 )
-from wormopt.systems.chain.runs.chains import (
-    build_loop,
-    draw_links,
-    labels,
-    laws_of,
-)
-from wormopt.systems.chain.scenes.track import FunnelTracker, TrackScene
+from wormopt.systems.chain.scenes.track import TrackScene
+from wormopt.systems.chain.tables import FunnelTracker
 from wormopt.systems.shared.proof import (
     CrossCheck,
     cross_check,

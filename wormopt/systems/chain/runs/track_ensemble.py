@@ -17,6 +17,12 @@ from wormopt.result import Check, Result
 from wormopt.simulation.ensemble import Ensemble, Scenario, simulate_ensemble
 from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
+from wormopt.systems.chain.loops import (
+    build_loop,
+    draw_links,
+    labels,
+    laws_of,
+)
 from wormopt.systems.chain.measured import (
     Tracked,
     balance,
@@ -27,13 +33,8 @@ from wormopt.systems.chain.measured import (
     loop_numbers,
     watched,
 )
-from wormopt.systems.chain.runs.chains import (
-    build_loop,
-    draw_links,
-    labels,
-    laws_of,
-)
-from wormopt.systems.chain.scenes.track import Tracker, TrackScene
+from wormopt.systems.chain.scenes.track import TrackScene
+from wormopt.systems.chain.tables import Tracker
 from wormopt.systems.shared.proof import (
     CrossCheck,
     cross_check,

@@ -29,10 +29,10 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
     wanted, task = table.search.proof, found.task
     clock = time.perf_counter()
     if wanted is not None:
-        proven = bounded(task, found.value, wanted, report)
+        proven = bounded(task, found.value, wanted, report, found.survey.bounded)
     else:
-        assert found.survey.bounded is not None
-        proven = found.survey.bounded
+        assert found.bounded is not None
+        proven = found.bounded
     proved = time.perf_counter()
     cost = task.objective.minimise is not None
     gap = gap_of(found.value, proven.bound, cost)

@@ -75,8 +75,7 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         reason = "interrupted: this is the best gait so far; the search did not finish"
         raise Interrupted(known.result(scene).failed(reason))
     known |= _of_limits(table, found)
-    is_cost = found.task.objective.minimise is not None
-    if (is_cost and table.search.proof is None) or not known.holds:
+    if not known.holds or (found.bounded is None and table.search.proof is None):
         return known.result(scene)
     from wormopt.systems.spiked.runs.gait_certificate import of_certificate
 

@@ -30,29 +30,27 @@ from wormopt.study.numerics import Start
 from wormopt.study.scene import Scene
 from wormopt.study.types import per
 from wormopt.systems.chain.build import chain
-from wormopt.systems.chain.scenes.chain import (
+from wormopt.systems.chain.scenes.track import TrackScene
+from wormopt.systems.chain.tables import (
+    BacksteppingTracker,
     ChainTable,
     CoulombFriction,
-    FixedDraw,
-    Friction,
-    Process,
-    SpikeFriction,
-    Steps,
-    StribeckFriction,
-)
-from wormopt.systems.chain.scenes.track import (
-    BacksteppingTracker,
     DecayLaw,
     DerivativeTracker,
     DifferenceTracker,
     ExponentLaw,
     FilterTracker,
+    FixedDraw,
+    Friction,
     FunnelTable,
     FunnelTracker,
     LambdaTracker,
+    Process,
+    SpikeFriction,
+    Steps,
+    StribeckFriction,
     SwitchingTracker,
     Tracker,
-    TrackScene,
 )
 
 _RANDOM = ("stiffness", "damping", "rest_length")
