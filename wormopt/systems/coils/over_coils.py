@@ -184,24 +184,16 @@ class Cells(Given):
 class FloatNumbers:
     """Numbers of the motion of a float."""
 
-    draught: float = value(
-        "length", "static draught of the float: mass over density and length", when="cargo"
-    )
-    float_travel: float = value("length", "displacement of the float", when="cargo")
-    float_bend: float = value(
-        "length", "largest deviation of its underside from a straight line", when="cargo"
-    )
-    float_clearance: float = value(
-        "length", "least thickness of the film below the float", when="cargo"
-    )
+    draught: float = value("length", "static draught of the float: mass over density and length")
+    float_travel: float = value("length", "displacement of the float")
+    float_bend: float = value("length", "largest deviation of its underside from a straight line")
+    float_clearance: float = value("length", "least thickness of the film below the float")
     float_grid_error: float = value(
-        "length", "error of its end place, estimated from half the cells", when="cargo"
+        "length", "error of its end place, estimated from half the cells"
     )
-    energy_error: float = value(
-        "share", "error of the work balance, relative to the dissipation", when="cargo"
-    )
+    energy_error: float = value("share", "error of the work balance, relative to the dissipation")
     momentum_error: float = value(
-        "share", "error of the push, relative to the float's largest forces", when="cargo"
+        "share", "error of the push, relative to the float's largest forces"
     )
 
 
@@ -334,8 +326,13 @@ class OverCoils(SIStudy):
     def volume(self) -> float:
         return float(np.abs(self.thickness.mean(axis=1) / self.layer.depth - 1).max())
 
+    @property
+    def highest(self) -> float:
+        """Largest thickness accepted, in m."""
+        return self.film.highest
+
     @check(
-        "film.highest",
+        "highest",
         "the film reaches a thickness of {value:.3g}, above film.top times film.depth = "
         "{limit:.3g}, up to which the field is resolved; raise film.top",
         "length",
@@ -359,7 +356,7 @@ class OverCoils(SIStudy):
         assert self.cargo
         return self.cargo.on(self.layer)
 
-    @parts(FloatNumbers)
+    @parts(FloatNumbers, when="cargo")
     def float_numbers(self) -> FloatNumbers:
         return float_numbers(self.layer, self.body, self.motion, self.half_the_cells)
 
