@@ -156,12 +156,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.swinging.runs.harmonic_masses",
         pictures=_drawn("pair.plots.averaging", "reversals"),
     ),
-    "material": Kind(
-        summary="compute or identify the strain and modulus of a magneto-elastic composite",
-        table="wormopt.systems.coils.scenes.material:MaterialScene",
-        study="wormopt.systems.coils.runs.material",
-        pictures=_drawn("coils.plots.magnetics", "stress_strain"),
-    ),
     "magnetic-pair": Kind(
         summary="simulate two masses on a magneto-elastic link in a pulsating field",
         table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",

@@ -23,7 +23,7 @@ from wormopt.study import (
     whole,
 )
 from wormopt.study.types import Seed
-from wormopt.systems.coils.tables import AlongRow
+from wormopt.systems.coils.coil_row import AlongRow
 
 with on_use():
     import numpy as np

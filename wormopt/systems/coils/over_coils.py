@@ -25,7 +25,8 @@ from wormopt.study import (
     value,
     whole,
 )
-from wormopt.systems.coils.tables import Coils, MagneticFluid, SIStudy
+from wormopt.systems.coils.tables import Coils, MagneticFluid
+from wormopt.systems.shared.si import SIStudy
 
 with on_use():
     import numpy as np

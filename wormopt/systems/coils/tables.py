@@ -4,33 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import Literal
 
 from wormopt.errors import Fault
-from wormopt.study import (
-    Given,
-    Study,
-    entry,
-    number,
-    on_use,
-    parts,
-    positive,
-    scalar,
-    scalars,
-    signal,
-    stage,
-    whole,
-)
+from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.types import Seed
 
 with on_use():
-    import numpy as np
-
     from wormopt.magnetics.coils import Coil, CoilRow
     from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear
-    from wormopt.magnetics.travelling import MovingProfile, switched_course
+    from wormopt.magnetics.travelling import switched_course
     from wormopt.model.gait import Gait
     from wormopt.systems.coils.design.pattern import Pattern
 
@@ -38,31 +22,6 @@ with on_use():
 _DENSITY = 5e6
 # Least gap of facing coils over their length; smaller gaps are lost in round-off.
 _LEAST_GAP = 1e-12
-_SQUARE = "magnetic_field_squared"
-_SIZES = {
-    "coils": ("count", "number of places along the row, as the next six an assumption"),
-    "pitch": ("length", "distance of neighbours"),
-    "coil_inner": ("length", "inner radius"),
-    "coil_outer": ("length", "outer radius"),
-    "coil_length": ("length", "length along the axis"),
-    "coil_gap": ("length", "gap between the two coils of a place; unknown for a single coil"),
-    "line_height": ("length", "height of the line"),
-    "currents_limit": ("ampere_turns", "largest ampere-turns of a coil"),
-    "current_density_limit": ("current_density", "`currents_limit` over the winding's section"),
-}
-
-
-class SIStudy(Study):
-    """A study whose values are in SI units."""
-
-    why_si: ClassVar[str] = (
-        'the permeability of vacuum has units; write units = "SI", with A/m, Pa and m'
-    )
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
-        if self.units != "SI":
-            yield "units", self.why_si
 
 
 class Coils(Given):
@@ -150,114 +109,6 @@ class Coils(Given):
                 f"{density / 1e6:.3g} A/mm² over the whole section of the winding; without cooling "
                 f"copper carries about {_DENSITY / 1e6:g} for long"
             )
-
-
-class Line(Given):
-    """The line of the fluid, along *x*.
-
-    A line through windings ("a coil inside the fluid") is refused, as is a margin that leaves
-    nothing of the row.
-    """
-
-    height: float = number(
-        "length",
-        "height of the fluid's line above the middle of the coils, or of the gap; negative "
-        "below it",
-    )
-    margin: int = whole(
-        0,
-        100,
-        "number of coils at each end that the analysis in the wave's frame leaves out",
-        default=3,
-    )
-
-    def faults_in(self, coils: Coils) -> Iterator[Fault]:
-        """Yield a fault if the line meets a winding, or nothing is left of the row."""
-        low, high = coils.taken
-        if low <= abs(self.height) <= high:
-            inside = f", or within {low:g}" if low else ""
-            yield (
-                "line.height",
-                f"{self.height:g} puts a coil inside the fluid: the line meets windings, which "
-                f"reach from {low:g} to {high:g}; write a height beyond ±{high:g}{inside}",
-            )
-        if coils.count < 2:
-            yield (
-                "coils.count",
-                "a single coil is no row along which a wave travels; write 2 or more",
-            )
-        elif 2 * self.margin >= coils.count - 1:
-            yield (
-                "line.margin",
-                f"{self.margin} coils at each end leave nothing of {coils.count}; write at most "
-                f"{(coils.count - 2) // 2}",
-            )
-
-
-@dataclass(frozen=True)
-class WaveFrame:
-    """The field in the frame of the wave: H² over its phase, along the interior of the row."""
-
-    phase: np.ndarray = signal("rad", "phase", "phase of the wave")
-    square_mean: np.ndarray = signal(_SQUARE, "phase", "H² in the frame of the wave, mean")
-    square_low: np.ndarray = signal(_SQUARE, "phase", "H² in the frame of the wave, low")
-    square_high: np.ndarray = signal(_SQUARE, "phase", "H² in the frame of the wave, high")
-
-
-class AlongRow(SIStudy):
-    """The field of a row of coils along a line of fluid."""
-
-    coils: Coils = entry("the row", default=Coils)
-    line: Line = entry("line of the fluid")
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
-        yield from super().faults_of_keys()
-        yield from self.line.faults_in(self.coils)
-
-    def interior(self, per_pitch: int) -> np.ndarray:
-        """Return positions along the row, in m, far from its ends and evenly over whole pitches.
-
-        There is one position more than `per_pitch` gives, so that no two have the same place
-        relative to their nearest coil, and all together are evenly spaced over a pitch too.
-        """
-        pitches = self.coils.count - 1 - 2 * self.line.margin
-        count = pitches * per_pitch + 1
-        return self.coils.pitch * (self.line.margin + pitches * (np.arange(count) + 0.5) / count)
-
-    @stage
-    def profile(self) -> MovingProfile:
-        raise NotImplementedError
-
-    @parts(WaveFrame)
-    def wave_frame(self) -> WaveFrame:
-        profile = self.profile
-        low, high = profile.square.min(axis=0), profile.square.max(axis=0)
-        return WaveFrame(profile.xi, profile.mean, low, high)
-
-    @scalar(
-        "share",
-        "root mean square of *H*² less its mean at each phase of the wave, over that of the mean's "
-        "variation; unknown if nothing varies",
-    )
-    def ripple(self) -> float | None:
-        return self.profile.ripple
-
-    @scalars(_SIZES)
-    def sizes(self) -> dict[str, Any]:
-        """Sizes of the row, most of them assumptions."""
-        coils = self.coils
-        return {
-            "coils": coils.count,
-            "pitch": coils.pitch,
-            "coil_inner": coils.inner,
-            "coil_outer": coils.outer,
-            "coil_length": coils.length,
-            "coil_gap": coils.gap,
-            "line_height": self.line.height,
-            "currents_limit": coils.ampere_turns,
-            "current_density_limit": coils.ampere_turns / coils.section,
-        }
 
 
 class Switching(Given):
