@@ -126,12 +126,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "slide": Kind(
-        summary="move a block on dry friction in minimum time or with minimum effort",
-        table="wormopt.systems.block.scenes:SlideScene",
-        study="wormopt.systems.block.run",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
     "two-mass": Kind(
         summary="optimise two masses on rough ground: slow stroke, fast return, best mass ratio",
         table="wormopt.systems.swinging.scenes.internal_mass:TwoMassScene",
