@@ -29,15 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "gait": Kind(
-        summary="simulate a given gait: speed, anchored masses, spike loads, forces, energy",
-        table="wormopt.systems.spiked.scenes.gait:GaitScene",
-        study="wormopt.systems.spiked.runs.gait",
-        pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes")
-        | _drawn("spiked.plots.region", "region")
-        | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("gait", "motion", "spikes", "region", "animation"),
-    ),
     "gait-design": Kind(
         summary="design the fastest gait within limits on links, spikes and actuators",
         table="wormopt.systems.spiked.scenes.gait_design:GaitDesignScene",

@@ -14,7 +14,7 @@ from wormopt.result import Check
 from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.runs.motion import Findings
+from wormopt.systems.spiked.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
 
 # Rounding of the gait's own value, relative.
