@@ -240,6 +240,6 @@ def test_derivatives_are_those_of_the_values(seed):
     difference = (program.values(x + step) - program.values(x - step)) / 2
     jacobian = program.jacobian(x)
     assert jacobian @ step == pytest.approx(difference, abs=1e-12)
-    slope = program.slope(x, jacobian) @ step
+    slope = program.slope(x) @ step
     both = (program.value(x + step) - program.value(x - step)) / 2
     assert slope == pytest.approx(both, abs=1e-12)

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from designs import kept
 
 import wormopt as wo
 from wormopt.systems.spiked.design import design as designs
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.search.trial import Trier
 from wormopt.systems.spiked.task import GaitProblem, Search, Worm
 
 ROBOT = {
@@ -62,6 +64,7 @@ def lengths(found: Design) -> np.ndarray:
 def test_rounding_does_not_choose_the_gait(name: str, times: int, accepted: float):
     task, search = problem(name)
     first = designed(task, search, lambda *_: None)
+    assert first.trial is not None
     assert first.speed == pytest.approx(first.trial.value, rel=1e-9)
     assert max(first.violations.values()) < 1e-9
     rng = np.random.default_rng(5)
@@ -73,25 +76,29 @@ def test_rounding_does_not_choose_the_gait(name: str, times: int, accepted: floa
 
 
 WORM, LIMITS = Worm(2, load=5.0), Limits(1.0, (0.7, 1.3), rate=1.0, acceleration=20.0)
+QUICK = Search(effort="quick", workers=1)
 
 
 def test_a_cycle_begins_with_the_smallest_order():
     """Mirror images and rotations are as fast; the design is the same one."""
-    found = design(WORM, LIMITS, search=Search(effort="quick"))
+    found = kept(WORM, LIMITS, search=QUICK)
     assert found.sequence == ((0,), (1,), (2,))
 
 
 @pytest.mark.parametrize("order", [((1,), (2,), (0,)), ((2,), (1,), (0,))])
 def test_an_order_that_is_asked_for_is_kept(order):
-    found = design(WORM, LIMITS, search=Search(sequence=order))
+    found = design(WORM, LIMITS, search=replace(QUICK, sequence=order))
     assert found.sequence == order
-    free = design(WORM, LIMITS, search=Search(effort="quick"))
+    assert found.trial is not None
+    turned, _ = designs.chosen(Trier(found.task), found.trial, turn=True)
+    assert turned.sequence == ((0,), (1,), (2,))
+    free = kept(WORM, LIMITS, search=QUICK)
     assert found.speed == pytest.approx(free.speed, rel=1e-9)
 
 
 def test_links_are_as_long_as_they_can_be():
     """Shorter links are as fast; the mean length is above that of the gait that is mirrored."""
-    found = design(WORM, LIMITS, search=Search(effort="quick"))
+    found = kept(WORM, LIMITS, search=QUICK)
     weights = 1.0 - np.arange(2) / 4
     mean = lengths(found)[:-1].mean(axis=0) @ weights
     mirrored = (2.0 - lengths(found)[:-1, ::-1]).mean(axis=0) @ weights
@@ -111,10 +118,9 @@ def test_links_are_as_long_as_they_can_be():
 )
 def test_the_choice_costs_nothing(worm: Worm, limits: Limits, monkeypatch: pytest.MonkeyPatch):
     """Neither speed nor limits, against the gait that the search found."""
-    search = Search(effort="quick", workers=1)
-    found = design(worm, limits, search=search)
+    found = kept(worm, limits, search=QUICK)
     monkeypatch.setattr(designs, "chosen", lambda trier, trial, *, turn: (trial, trial))
-    first = design(worm, limits, search=search)
+    first = design(worm, limits, search=QUICK)
     assert found.speed >= first.speed * (1 - 1e-11)
     assert max(found.violations.values()) <= max(1e-11, *first.violations.values())
 
@@ -124,6 +130,6 @@ def test_an_interrupted_choice_keeps_the_gait_that_was_found(monkeypatch: pytest
         raise KeyboardInterrupt
 
     monkeypatch.setattr(designs, "chosen", interrupted)
-    found = design(WORM, LIMITS, search=Search(effort="quick", workers=1))
+    found = design(WORM, LIMITS, search=QUICK)
     assert found.ended == "interrupted"
     assert found.speed == pytest.approx(14 * 1394**0.5 / 125 - 839 / 250, rel=1e-9)

@@ -327,6 +327,15 @@ def test_one_link_by_hand():
         assert best <= found.certificate.bound <= best * (1 + Fraction(1, 10**8))
 
 
+@pytest.mark.parametrize("task", [g1(1), g1(1, period=1.0, mass=(1.0, 2.0), spike_load=25.0)])
+def test_no_program_bounds_one_link_below_its_mean_rate(task: GaitProblem):
+    """Some motion within its limits has this mean rate, so that programs are left out."""
+    outer = Outer(Statement.of(task))
+    mean = outer.statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
+    assert min(solved(task, 1, 1, 3), solved(task, 2, 3, 3)) >= mean * (1 - 1e-7)
+    assert bound_of(task, 0.9 * mean, 1e-5).source == "by the mean rates of links"
+
+
 def test_one_link_that_coasts_to_rest():
     """Brakes count as strong as at full speed, where drag helps most."""
     task, best = coasting()

@@ -171,3 +171,12 @@ def test_what_has_settled_follows_its_forcing_however_fast_it_would_decay(rate: 
     found = relaxed(lambda s: s[None], rate, -1 / rate**2, 0.0, 2.0)
     s = np.linspace(0, 2, 41)
     assert np.abs(found(s)[0] - (s - 1 / rate) / rate).max() < 1e-13 / rate
+
+
+def test_a_small_swing_about_a_large_mean_has_its_extremes():
+    """Only rows that are constant but for rounding have none inside."""
+    low, high = resolve(lambda s: 1e3 + 1e-6 * np.cos(3 * s)[None], 0.5, 4.0).extremes()
+    assert (low - 1e3, high - 1e3) == (
+        pytest.approx(-1e-6, abs=1e-11),
+        pytest.approx(1e-6, abs=1e-11),
+    )

@@ -14,13 +14,11 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.magnetics.ripples import growth_rate
 from wormopt.model.model import Model, Signal
-from wormopt.progress import silent
 from wormopt.simulation.options import Tolerance
 from wormopt.study.scene import load_scene
 from wormopt.systems.coils.film import coil_film, surface_film
 from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.profile import settle
-from wormopt.systems.coils.runs import coil_film as study
 from wormopt.systems.coils.runs import coil_pressure
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
@@ -180,8 +178,9 @@ def test_without_weight_and_ripple_it_is_the_film_of_the_given_field() -> None:
 
 
 def switched(tolerance: float, cells: int = 8) -> np.ndarray:
-    setup = study.setup_of(load_scene("fig24_travelling_wave", [*SHORT, f"grid.cells={cells}"]))
-    return setup.follow(tolerance, silent)["thickness"][:, -1] / setup.layer.depth
+    film = load_scene("fig24_travelling_wave", [*SHORT, f"grid.cells={cells}"]).table
+    motion = film.follow(film.currents, film.layer, tolerance)
+    return motion["thickness"][:, -1] / film.layer.depth
 
 
 @pytest.mark.slow
@@ -232,18 +231,18 @@ def test_the_scene_is_trusted_and_agrees_with_scipys_radau() -> None:
     result = wo.run(scene)
     assert result.status == "ok"
     h = result["thickness"].values
-    setup = study.setup_of(scene)
-    film = coil_film(setup.layer, setup.row, ground=setup.ground, top=setup.top)
-    state = np.zeros(setup.layer.cells - 1)
+    layer, currents = scene.table.layer, scene.table.currents
+    film = scene.table.setup(layer).model()
+    state = np.zeros(layer.cells - 1)
     for k in range(5):
-        f, jacobian = rates_of(film, setup.course.on_piece(k % 4, np.zeros(1))[:, 0])
+        f, jacobian = rates_of(film, currents.on_piece(k % 4, np.zeros(1))[:, 0])
         state = solve_ivp(
             lambda t, y, f=f: np.array(f(y)).ravel(), (0.0, 0.25), state, "Radau",
             jac=lambda t, y, J=jacobian: J(y).sparse(), rtol=1e-8, atol=1e-15,
         ).y[:, -1]  # fmt: skip
-    known = setup.layer.depth + np.diff(np.concatenate([[0], state, [0]])) / setup.layer.step
-    assert np.abs(h[-1] - known).max() < 1e-5 * setup.layer.depth
-    assert h.max() - setup.layer.depth > 0.1 * setup.layer.depth
+    known = layer.depth + np.diff(np.concatenate([[0], state, [0]])) / layer.step
+    assert np.abs(h[-1] - known).max() < 1e-5 * layer.depth
+    assert h.max() - layer.depth > 0.1 * layer.depth
 
 
 @pytest.mark.slow

@@ -128,7 +128,7 @@ def test_the_gait_drawn_beside_is_named_as_the_knees(folder: Path):
 
 
 def test_a_quick_search_says_so():
-    own = ["search.sequence=[[0],[1],[2]]", "search.workers=1"]
+    own = ["worm.links=1", "search.sequence=[[0],[1]]"]
     quick = wo.run(wo.load_scene("design_fast_gait", [*own, 'search.effort="quick"']))
     normal = wo.run(wo.load_scene("design_fast_gait", own))
     (told,) = quick.trust["warnings"]

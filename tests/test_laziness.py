@@ -202,6 +202,7 @@ def test_a_run_without_plots_loads_no_matplotlib():
     assert "rich" not in loaded
 
 
+@cache
 def loaded_with_pictures() -> set[str]:
     """Modules loaded by a design of all orders that draws."""
     quick = ('search.effort="quick"', 'want=["motion"]')

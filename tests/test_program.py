@@ -91,7 +91,7 @@ def test_one_link_is_designed_to_its_closed_form(given_: dict[str, Any]):
         sigma_margin=load * given_["margin"],
     )
     worm = Worm(links=1, mass=given_["masses"], load=load)
-    found = design(worm, limits, search=Search(sequence=((0,), (1,)), workers=1))
+    found = design(worm, limits, search=Search(sequence=((0,), (1,)), effort="quick"))
     best = max(
         one_link_speed(worm, replace(limits, period=given_["period"] / k)) for k in range(1, 30)
     )
@@ -117,7 +117,7 @@ def test_the_speed_of_one_link_by_hand():
 
 
 def test_g1_is_the_optimum_of_its_program_to_rounding():
-    found = design(G1_WORM, G1_LIMITS, search=Search(sequence=G1_ORDER))
+    found = design(G1_WORM, G1_LIMITS, search=Search(sequence=G1_ORDER, effort="quick"))
     assert found.speed == pytest.approx(G1, abs=1e-12)
     assert found.solver["violation"] <= 1e-12
     assert max(found.violations.values()) <= 1e-12
@@ -233,8 +233,9 @@ def test_every_gait_keeps_its_limits(seed):
     worm, limits = parts_of(case)
     if worm.links > 3 or worm.drag or limits.resting > 1:
         reject()
+    search = Search(sequence=((0,), (worm.links,)), effort="quick", workers=1)
     try:
-        found = design(worm, limits, search=Search(sequence=((0,), (worm.links,)), workers=1))
+        found = design(worm, limits, search=search)
     except SolveError:
         reject()
     check(found)

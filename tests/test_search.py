@@ -13,6 +13,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from designs import kept
 from effort import examples
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
@@ -52,10 +53,9 @@ from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Wo
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
 
 
-@cache
 def least_peak(speed: float) -> Design:
     """The gait of this speed whose spikes bear least, in G1's order."""
-    return design(G1_WORM, G1_LIMITS, "peak_spike_load", speed, search=OWN)
+    return kept(G1_WORM, G1_LIMITS, "peak_spike_load", speed, search=OWN)
 
 
 # -- cycles a period -----------------------------------------------------------------------------
@@ -84,7 +84,7 @@ BEST_PERIOD, BEST_SPEED = 1.33923804728, 0.86944916
 """Of the cycle of G1's worm in G1's order, were the period free."""
 
 
-@pytest.mark.parametrize("cycles", [75, 7467])
+@pytest.mark.parametrize("cycles", [75, pytest.param(7467, marks=pytest.mark.slow)])
 def test_the_number_of_cycles_is_the_best_in_the_end(cycles: int):
     """It was taken from a cycle of few arcs, and 76 filled a period of 100."""
     found = design(G1_WORM, replace(G1_LIMITS, period=cycles * BEST_PERIOD), search=OWN)
@@ -92,7 +92,7 @@ def test_the_number_of_cycles_is_the_best_in_the_end(cycles: int):
     assert found.speed == pytest.approx(BEST_SPEED, rel=1e-7)
 
 
-@pytest.mark.parametrize("longest", [1e4, 1e9, 1e30])
+@pytest.mark.parametrize("longest", [1e4, pytest.param(1e9, marks=pytest.mark.slow), 1e30])
 def test_a_period_may_be_as_long_as_it_likes(longest: float):
     found = design(G1_WORM, replace(G1_LIMITS, period=(1.0, longest)), search=OWN)
     assert found.speed == pytest.approx(BEST_SPEED, rel=1e-7)
@@ -255,7 +255,7 @@ def test_a_long_worm_is_as_fast_as_the_best_known():
 
 def test_an_order_and_its_rotations_are_one():
     speeds = [
-        design(G1_WORM, G1_LIMITS, search=replace(OWN, sequence=G1_ORDER[k:] + G1_ORDER[:k])).speed
+        kept(G1_WORM, G1_LIMITS, search=replace(OWN, sequence=G1_ORDER[k:] + G1_ORDER[:k])).speed
         for k in range(3)
     ]
     assert speeds == pytest.approx([G1] * 3, abs=1e-12)
@@ -314,10 +314,10 @@ def test_a_limit_that_never_binds_is_as_good_as_none(limit: str):
     own = replace(OWN, sequence=((0,), (2,))) if limit == "acceleration" else OWN
     found = [
         design(G1_WORM, replace(G1_LIMITS, **{limit: size}), search=own).speed
-        for size in (1e6, 1e12, 1e30)
+        for size in (1e6, 1e30)
     ]
-    assert found == pytest.approx([found[0]] * 3, rel=3e-6)
-    assert found[0] > design(G1_WORM, G1_LIMITS, search=own).speed * (1 - 1e-9)
+    assert found[1] == pytest.approx(found[0], rel=3e-6)
+    assert found[0] > kept(G1_WORM, G1_LIMITS, search=own).speed * (1 - 1e-9)
 
 
 # -- loads ---------------------------------------------------------------------------------------
@@ -387,7 +387,7 @@ def test_a_gait_for_a_range_of_loads_holds_under_all_of_them():
         assert again.lambda_min >= -1e-9
         speeds.append(again.speed)
     assert speeds == pytest.approx([found.speed] * 3, abs=1e-9)
-    light = design(replace(G1_WORM, load=2.0), G1_LIMITS, search=OWN)
+    light = kept(replace(G1_WORM, load=2.0), G1_LIMITS, search=OWN)
     assert found.speed == pytest.approx(light.speed, abs=1e-9)
     assert found.speed < G1 - 0.1
 
@@ -417,7 +417,8 @@ def test_a_smooth_cost_needs_one_load(cost):
 def test_a_search_ends_where_no_gait_can_be_better_by_more_than_is_wanted():
     limits = replace(G1_LIMITS, period=(0.1, 20.0))
     best = 0.869449  # by an independent search
-    found = {gap: design(G1_WORM, limits, search=Search(gap=gap)) for gap in (1e-2, 1e-3)}
+    found = {gap: design(G1_WORM, limits, search=Search(gap=gap, effort="quick"))
+             for gap in (1e-2, 1e-3)}  # fmt: skip
     coarse, fine = found.values()
     assert (coarse.ended, fine.ended) == ("proven", "searched")
     assert coarse.survey.tried < fine.survey.tried
@@ -506,7 +507,7 @@ def test_a_design_is_interrupted_while_processes_work(monkeypatch):
 
 
 def test_an_interrupted_sharpening_leaves_what_was_searched(monkeypatch):
-    whole = design(G1_WORM, G1_LIMITS, search=OWN)
+    whole = kept(G1_WORM, G1_LIMITS, search=OWN)
     # two climbs of the first look, two of finer looks, the fifth is the first that sharpens
     interrupt_after(monkeypatch, 5)
     found = design(G1_WORM, G1_LIMITS, search=OWN)
@@ -576,9 +577,7 @@ def test_the_gait_of_a_least_peak_keeps_its_limits(speed: float):
 
 
 def test_peaks_rise_with_the_speed_that_is_asked_for():
-    loads = [
-        least_peak(speed).motion.extremes("reaction")[1].max() for speed in (0.6, 0.69, 0.75, 0.8)
-    ]
+    loads = [least_peak(speed).motion.extremes("reaction")[1].max() for speed in (0.69, 0.75, 0.8)]
     assert all(a < b for a, b in pairwise(loads))
 
 
@@ -639,7 +638,7 @@ def test_a_run_with_a_time_limit_says_that_it_was_cut_short(tmp_path: Path, caps
 def test_a_gait_of_several_cycles_is_not_above_its_bound():
     import wormopt as wo
 
-    changes = ["gait.period=4.0", "search.sequence=[[0],[1],[2]]", "search.certify.time_limit=1.0"]
+    changes = ["gait.period=4.0", "search.sequence=[[0],[1],[2]]", "search.certify.time_limit=0.2"]
     result = wo.run(wo.load_scene("certified_gait", changes))
     assert result.status == "ok", result.reason
     assert result.scalars["bound"].value >= result.scalars["speed"].value * (1 - 1e-12)
@@ -735,7 +734,7 @@ def test_costs_that_impulses_make_infinite_are_refused(cost: Cost):
 
 
 def test_an_objective_may_be_given_as_one():
-    found = design(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), search=OWN)
+    found = kept(G1_WORM, G1_LIMITS, Objective("peak_spike_load", 0.75), search=OWN)
     assert found.task.objective == Objective("peak_spike_load", 0.75)
     assert found.value == pytest.approx(585 / 23, abs=1e-9)
     assert Objective.of(Objective()) == Objective.of("speed")

@@ -87,7 +87,7 @@ def test_two_masses_have_a_formula(rate, acceleration, load, mass, period):
     found = design(
         Worm(1, mass, load=load),
         Limits(period, (0.5, 2.0), rate=rate, acceleration=acceleration),
-        search=Search(sequence=((0,), (1,))),
+        search=Search(sequence=((0,), (1,)), effort="quick"),
     )
     speed = rate / 2 - rate**2 / (2 * period) * ramps
     assert found.trial is not None
@@ -109,7 +109,7 @@ def test_two_masses_have_a_formula(rate, acceleration, load, mass, period):
 def test_where_more_limits_meet_than_need_to_no_single_one_helps():
     """The stroke of a link is just what its rate allows: speed is 0.425 by either."""
     limits = replace(LIMITS, length=(0.7, 0.7 + 0.425))
-    found = design(Worm(1, load=5.0), limits, search=Search(sequence=((0,), (1,))))
+    found = design(Worm(1, load=5.0), limits, search=Search(sequence=((0,), (1,)), effort="quick"))
     assert found.speed == pytest.approx(0.425, abs=1e-9)
     known = by_name(sensitivities(found))
     assert all(known[name].one_sided for name in ("limits.rate", "limits.length.longest"))
@@ -142,7 +142,7 @@ def test_spike_limit_solved_again():
 
 def test_cost_solved_again():
     """Of a cost, which ways are better is turned round; so is the required speed."""
-    search = Search(sequence=((0,), (1,), (0, 1), (1,), (2,)))
+    search = Search(sequence=((0,), (1,), (0, 1), (1,), (2,)), effort="quick")
     found = design(G1, LIMITS, "peak_spike_load", 0.75, search)
     assert found.trial is not None
     assert -found.trial.value == pytest.approx(25.434782608695, abs=1e-7)
@@ -153,7 +153,7 @@ def test_cost_solved_again():
 
 def test_lists_add_up_to_the_one_number():
     """Also where a family of gaits is the best, as here: single multipliers differ by half."""
-    search = Search(sequence=ORDER)
+    search = Search(sequence=ORDER, effort="quick")
     one = by_name(sensitivities(design(G1, LIMITS, search=search)))
     each = replace(LIMITS, rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
     worm = replace(G1, mass=(1.0, 1.0, 1.0))
@@ -208,7 +208,8 @@ def test_names_are_those_of_the_scene_and_each_moves_its_own_number():
 
 
 def test_scene_tells_what_binds(tmp_path: Path):
-    change = ['units="SI"', "gait.acceleration=[20, 20]", "search.sequence=[[0], [1], [2]]"]
+    change = ['units="SI"', "gait.acceleration=[20, 20]", "search.sequence=[[0], [1], [2]]",
+              'search.effort="quick"']  # fmt: skip
     scene = wo.load_scene("design_fast_gait", change)
     result = wo.run(scene)
     rate = result.scalars["sensitivity.rate"]
@@ -225,7 +226,8 @@ def test_scene_tells_what_binds(tmp_path: Path):
 
 def test_a_picture_of_what_smooth_costs_do_not_have_is_left_out(tmp_path, capsys):
     cost = 'objective={minimise="energy_per_distance", speed=0.3}'
-    own = ["--set", cost, "--set", "search.sequence=[[0],[2]]", "--set", 'want=["limits"]']
+    own = ["--set", cost, "--set", "search.sequence=[[0],[2]]", "--set", 'want=["limits"]',
+           "--set", 'search.effort="quick"']  # fmt: skip
     assert main(["run", "design_fast_gait", "-o", str(tmp_path / "o"), *own]) == 0
     assert (
         "limits.png left out: the result has no scalar or variable 'limit_elasticity', see"

@@ -16,7 +16,7 @@ from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.sharing import share_load
-from wormopt.systems.spiked.task import Cost, Worm
+from wormopt.systems.spiked.task import Cost, Search, Worm
 
 Split = tuple[np.ndarray, float, list[int], np.ndarray, np.ndarray]
 
@@ -118,7 +118,7 @@ def test_design_may_leave_a_resting_spike_little_load():
         spike_load=27.0,
         sharing="least_actuation",
     )
-    found = design(Worm(2, load=5.0), limits)
+    found = design(Worm(2, load=5.0), limits, search=Search(effort="quick"))
     assert found.speed == pytest.approx(0.275, abs=1e-9)
     assert max(found.violations.values()) < 1e-9
     assert found.motion.extremes("reaction")[1].max() <= 27.0 * (1 + 1e-12)

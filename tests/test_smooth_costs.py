@@ -24,7 +24,7 @@ def energy_of(found) -> float:
 
 def motion_of(trial: Trial):
     worm, limits = trial.program.task.worm, trial.program.task.limits
-    gait = trial.program.gait(trial.point)
+    gait = trial.gait
     return crawl(gait, worm.masses, worm.drag, worm.load_range[1], limits.sharing)
 
 

@@ -134,7 +134,7 @@ def pulled(elements: int) -> tuple[Rod, Model, ca.Function, Schedule]:
     row = CoilRow(Coil(2e-3, 9e-3, 20e-3), 1, pitch=10e-3, gap=13e-3, sides="alternating")
     field = block_field(row, 1.03 * 3.5e-3, on=3, every=7, tolerance=1e-3)
     strength = magnetic_strength(rod, susceptibility=1.0, ampere_turns=3000.0)
-    schedule = block_schedule(switched_blocks(7, rate=10.0), 10e-3, strength)
+    schedule = block_schedule(switched_blocks(7, rate=60.0), 10e-3, strength)
     return rod, channel_rod(rod, 11e-3, friction=0.5), block_load(rod, [field]), schedule
 
 
@@ -150,17 +150,17 @@ def test_a_rod_in_a_travelling_field_moves_alike():
     """Over a switch; centre and shape tend to those of Moreau's steps as walls and friction harden.
 
     Between levels the relaxation and the width of friction are divided by about 3, the stiffness is
-    multiplied by 10: k tau² stays 100 masses of a node. The shortest relaxation is half the period
-    of the fastest vibration over 2 pi.
+    multiplied by 10: k tau² stays 100 masses of a node. The shortest relaxation is below the
+    period of the fastest vibration over 2 pi. The field goes on at 1/60.
     """
     rod, model, load, schedule = pulled(elements=8)
-    start, end = straight(rod, along=30e-3), 0.15
+    start, end = straight(rod, along=30e-3), 0.024
     x0 = np.concatenate([start[signal.name] for signal in model.x])
     sharp = MoreauJean(model, inputs=load).march(end, x0, schedule=schedule, step=1e-6)
     fed, n = with_pull(model, load, schedule), rod.count
     centre, across = rod.weights @ sharp.states[:n] / rod.length, sharp.states[n : 2 * n]
     apart = []
-    for tau in (3e-4, 1e-4, 3e-5):
+    for tau in (4e-4, 1.2e-4, 4e-5):
         soft = smooth_walls(fed, 8e-3 / tau**2, smoothing=1e-13, relaxation=tau)
         times = np.linspace(0, end, 101)
         motion = simulate(
@@ -172,8 +172,7 @@ def test_a_rod_in_a_travelling_field_moves_alike():
         off = own - np.interp(times, sharp.time, centre), motion.states[n : 2 * n] - shape
         apart.append([float(np.sqrt(np.mean(part**2))) for part in off])
     ratios = np.array(apart[:-1]) / np.array(apart[1:])
-    assert ratios[:, 0].min() > 1.2, apart  # of the centre
-    assert ratios[:, 1].min() > 1.8, apart  # of the shape
+    assert ratios.min() > 2.5, apart  # of the centre and of the shape
     assert apart[-1][0] < 0.02 * np.ptp(centre)
     assert apart[-1][1] < 0.003 * np.ptp(across)
 

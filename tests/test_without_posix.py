@@ -38,7 +38,8 @@ def python(folder: Path, *arguments: str) -> str:
 
 
 def test_a_gait_is_designed_and_drawn(tmp_path: Path):
-    told = python(tmp_path, "-m", "wormopt", "run", "design_fast_gait", "--set", "want=['gait']")
+    told = python(tmp_path, "-m", "wormopt", "run", "design_fast_gait", "--set", "want=['gait']",
+                  "--set", "search.effort='quick'")  # fmt: skip
     assert "speed          0.825667" in told
     (folder,) = (tmp_path / "results").iterdir()
     assert wo.Result.load(folder).scalars["speed"].value == pytest.approx(FASTEST, rel=1e-9)

@@ -61,7 +61,7 @@ class BilinearProgram(Linearised):
             promised, better = 0.0, None
             if found is not None:
                 x = np.array(found.col_value)
-                slope = self.slope(best.x, self.jacobian(best.x))
+                slope = self.slope(best.x)
                 promised = float(slope @ (x - best.x))
                 if promised <= until.tolerance * abs(best.value):
                     break

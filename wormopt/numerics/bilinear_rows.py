@@ -36,7 +36,8 @@ class BilinearRows(Columns):
         broadcast; those with a column -1 are zero and left out. Sides may be infinite.
         """
         terms = (*linear, *products)
-        size = max((np.size(factor) for term in terms for factor in term[:-1]), default=1)
+        factors = (factor for term in terms for factor in term[:-1])
+        size = max((f.size for f in factors if isinstance(f, np.ndarray)), default=1)
         rows = np.arange(self.count, self.count + size)
         self._linear += [(rows, *term) for term in linear]
         self._products += [(rows, *term) for term in products]

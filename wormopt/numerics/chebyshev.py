@@ -12,6 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev
 
+# Share of a function by which its slope, over the whole interval, is nothing but rounding.
+_CONSTANT = 1e-14
+
 Vectorised = Callable[[np.ndarray], np.ndarray]
 
 
@@ -78,7 +81,11 @@ class Series:
         low, high = ends.min(axis=1), ends.max(axis=1)
         slope = self.derivative()
         size = np.abs(slope.coefficients)
-        for row in np.flatnonzero(size[:, 0] <= size[:, 1:].sum(axis=1)).tolist():  # see roots
+        # see roots; a row that is constant but for rounding has its ends
+        turns = size[:, 0] <= size[:, 1:].sum(axis=1)
+        most = size.max(axis=1, initial=0.0) * (self.b - self.a)
+        turns &= most > _CONSTANT * np.abs(self.coefficients).max(axis=1)
+        for row in np.flatnonzero(turns).tolist():
             inside = Series(self.a, self.b, self.coefficients[row : row + 1])(slope.roots(row))
             low[row] = inside.min(initial=low[row])
             high[row] = inside.max(initial=high[row])

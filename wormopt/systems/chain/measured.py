@@ -117,9 +117,7 @@ def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
 
 def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
     names, function = _observer(motion.system)
-    p = motion.system.scheduled(motion.p, motion.schedules, motion.time)
-    rows = np.array(function(motion.time[None], motion.states, p, motion.modes_at(motion.time)))
-    return dict(zip(names, rows, strict=True))
+    return dict(zip(names, motion.values(function), strict=True))
 
 
 @np.errstate(all="ignore")  # values that are not finite are noticed where they matter

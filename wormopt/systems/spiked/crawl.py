@@ -186,8 +186,15 @@ class Crawl(SampledMotion):
         low, high : numpy.ndarray, shape (rows,)
             Extremes of the functions of time, not of samples.
         """
-        ends = np.array([series.extremes() for series in self._series(signal)])
-        return ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
+        if signal not in self._extremes:
+            ends = np.array([series.extremes() for series in self._series(signal)])
+            self._extremes[signal] = ends[:, 0].min(axis=0), ends[:, 1].max(axis=0)
+        low, high = self._extremes[signal]
+        return low.copy(), high.copy()
+
+    @cached_property
+    def _extremes(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        return {}
 
     def _series(self, signal: str) -> Iterator[Series]:
         rows = self._rows()[signal]

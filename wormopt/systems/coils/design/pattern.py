@@ -1,4 +1,4 @@
-"""Patterns of currents that travel along a row of coils, and their power.
+"""Patterns of currents that travel along a row of coils.
 
 All coils have one waveform, delayed by one step from coil to coil: the pattern moves by a coil per
 step. It has `per_step` values per step, which hold, or are corners of a polyline. A current between
@@ -14,7 +14,6 @@ from typing import Literal
 
 import numpy as np
 
-from wormopt.magnetics.coils import CoilRow
 from wormopt.model.gait import Gait
 
 Form = Literal["ramps", "steps"]
@@ -101,25 +100,3 @@ def block(on: int, amount: float, rate: float, repeat: int, per_step: int, form:
     behind = -np.arange(repeat * per_step) % (repeat * per_step)
     lit = behind < on * per_step if form == "ramps" else (-(-behind // per_step)) % repeat < on
     return Pattern(np.where(lit, amount, 0.0), rate, per_step, form)
-
-
-@dataclass(frozen=True)
-class Copper:
-    """Material of a winding, which determines its power."""
-
-    resistivity: float = 1.72e-8  # ohm m; copper at 20 degrees
-    fill: float = 0.6  # share of the winding's section that is conductor
-
-    def resistance(self, row: CoilRow) -> float:
-        """Return the resistance of a place of the row over the squared turns, in ohm.
-
-        The mean length of a turn is pi (inner + outer), because the current fills the section
-        uniformly.
-        """
-        coil, sides = row.coil, 1 if row.gap is None else 2
-        section = (coil.outer - coil.inner) * coil.length
-        return sides * self.resistivity * np.pi * (coil.inner + coil.outer) / (self.fill * section)
-
-    def power(self, row: CoilRow, pattern: Pattern) -> float:
-        """Return the mean power of all coils over a period, in W."""
-        return self.resistance(row) * row.count * pattern.square

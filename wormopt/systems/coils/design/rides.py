@@ -1,4 +1,4 @@
-"""Speed of a float under patterns of currents: the full film and float, for many patterns.
+"""Speed of a float under patterns of currents, for many patterns, and by a second integrator.
 
 The Model of `film.py` over one piece of a pattern, its length and currents as parameters: one
 integrator serves all pieces of all patterns.
@@ -13,26 +13,19 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import interruptible
-from wormopt.magnetics.coils import CoilRow
 from wormopt.systems.coils.cargo import Float
 from wormopt.systems.coils.design.pattern import Pattern
-from wormopt.systems.coils.film import coil_film
-from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.film import FilmSetup
 
 _STEPS = 1000
+_RADAU = 1e-5
 
 
 @dataclass(frozen=True)
-class Rides:
+class Rides(FilmSetup):
     """A float on a film over a row, for a given time from a flat film, under patterns."""
 
-    layer: Layer
-    row: CoilRow
-    ground: float  # m
-    top: float  # m
-    own_field: bool
     cargo: Float
-    start: float  # of the float, m
     time: float  # s
     tolerance: float = 1e-3
 
@@ -59,10 +52,7 @@ class Rides:
 @lru_cache(maxsize=2)
 def _solver(rides: Rides) -> ca.Function:
     """Return the integrator over a piece, from 0 to 1; states of nominal size 1."""
-    film = coil_film(
-        rides.layer, rides.row, ground=rides.ground, top=rides.top, own_field=rides.own_field,
-        cargo=rides.cargo,
-    )  # fmt: skip
+    film = rides.model()
     moved = film.x[:3]  # volume, position, velocity; further states are not needed
     states = ca.vertcat(*(one.symbol for one in moved))
     scale = np.concatenate([np.full(one.size, one.nominal) for one in moved])
@@ -77,3 +67,36 @@ def _solver(rides: Rides) -> ca.Function:
         "min_step_size": 1e-12, "disable_internal_warnings": True, "show_eval_warnings": False,
     }  # fmt: skip
     return ca.integrator("ride", "cvodes", system, 0.0, 1.0, options)
+
+
+def travel_by_radau(rides: Rides, pattern: Pattern) -> float:
+    """Return the float's displacement in m by SciPy's Radau, from corner to corner.
+
+    The Model's equations are in SI, with time in s.
+    """
+    from scipy.integrate import solve_ivp  # needed by checks only
+    from scipy.sparse import csc_array
+
+    film = rides.model()
+    x = ca.vertcat(*(one.symbol for one in film.x[:3]))
+    scale = np.concatenate([np.full(one.size, one.nominal) for one in film.x[:3]])
+    given = [x, film.u[0].symbol]
+    ode = film.ode[: len(scale)]
+    rate, slopes = (ca.Function("f", given, [part]) for part in (ode, ca.jacobian(ode, x)))
+    state = np.zeros(len(scale))
+    state[-2] = rides.start
+    pieces = (part.T for part in pattern.pieces(rides.row.count, rides.time))
+    for begin, slope, length in zip(*pieces, strict=True):
+
+        def current(t: float, begin: np.ndarray = begin, slope: np.ndarray = slope) -> np.ndarray:
+            return begin + slope * t
+
+        found = solve_ivp(
+            lambda t, x, now=current: np.array(rate(x, now(t))).ravel(), (0.0, length), state,
+            method="Radau", rtol=_RADAU, atol=_RADAU * scale,
+            jac=lambda t, x, now=current: csc_array(slopes(x, now(t)).sparse()),
+        )  # fmt: skip
+        if not found.success:
+            return float("nan")
+        state = found.y[:, -1]
+    return float(state[-2] - rides.start)

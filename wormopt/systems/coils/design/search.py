@@ -17,20 +17,11 @@ from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
 from wormopt.systems.coils.design.pattern import Pattern
 from wormopt.systems.coils.design.task import Judged, Task
+from wormopt.systems.coils.tables import DesignSearch
 
 # Values are relative to the limit; a unit of the rate's variable is two of its logarithm.
 _RATE_UNIT, _FIRST_STEP = 2.0, 0.2
 _COMPASS_STEP, _ROUNDS = 0.05, 2
-
-
-@dataclass(frozen=True)
-class Budget:
-    """Effort of the search."""
-
-    starts: int = 2
-    generations: int = 25
-    size: int = 12  # of a generation
-    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +41,17 @@ def starts_of(rivals: Sequence[Judged], count: int) -> list[Judged]:
 
 
 def search(
-    task: Task, starts: Sequence[Judged], budget: Budget, workers: Workers, report: Report
+    task: Task, starts: Sequence[Judged], effort: DesignSearch, workers: Workers, report: Report
 ) -> list[Found]:
     """Return the searches from every start, best first."""
     found = []
     for k, start in enumerate(starts):
         report(f"search {k + 1} of {len(starts)}, from the best {start.name}", k / len(starts))
-        found.append(_from(task, start, replace(budget, seed=budget.seed + k), workers))
+        found.append(_from(task, start, effort, effort.seed + k, workers))
     return sorted(found, key=lambda one: -one.end.value)
 
 
-def _from(task: Task, start: Judged, budget: Budget, workers: Workers) -> Found:
+def _from(task: Task, start: Judged, effort: DesignSearch, seed: int, workers: Workers) -> Found:
     seen: dict[bytes, Judged] = {}
 
     def judge(points: np.ndarray) -> list[Judged]:
@@ -75,7 +66,7 @@ def _from(task: Task, start: Judged, budget: Budget, workers: Workers) -> Found:
     low[-1], high[-1] = np.log(task.rates) / _RATE_UNIT
     evolved = evolve(
         lambda points: np.array([one.value for one in judge(points)]), first, _FIRST_STEP,
-        (low, high), budget.generations, size=budget.size, seed=budget.seed,
+        (low, high), effort.generations, size=effort.size, seed=seed,
     )  # fmt: skip
     names = [str(k) for k in range(free + 1)]
 

@@ -8,8 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from wormopt.systems.coils.design.pattern import Copper, Form, Pattern
+from wormopt.systems.coils.design.pattern import Form, Pattern
 from wormopt.systems.coils.design.rides import Rides
+from wormopt.systems.coils.tables import Copper
 
 Seek = Literal["speed", "power"]
 # Penalty: a relative shortfall of the speed counts as this multiple of it in power of all coils.

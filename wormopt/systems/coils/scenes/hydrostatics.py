@@ -11,7 +11,7 @@ from msgspec import Meta
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, whole
 from wormopt.study.types import Pair, wrong_order
-from wormopt.systems.coils.scenes.material import SIScene
+from wormopt.systems.shared.si import SIScene
 
 Resolution = Annotated[float, Meta(ge=1e-10, le=1e-3, description="a number from 1e-10 to 1e-3")]
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]

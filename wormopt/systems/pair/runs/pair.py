@@ -20,6 +20,8 @@ from wormopt.systems.pair.steady import Pair
 
 # Push over stiffness times length from which the parameter is not small.
 _SMALL = 0.1
+# Velocity over the amplitude of the stretch up to which it is nothing but rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -68,5 +70,5 @@ def warnings_of_pair(pair: Pair, state: SteadyState | None) -> Iterator[str]:
             f"the amplitude of the stretch is {strain:.3g} of the length, but the law of the "
             f"material assumes small strains, up to about {SMALL_STRAIN:g}",
         )
-    if float(state.states["center_velocity"][0]) < 0:
+    if float(state.states["center_velocity"][0]) < -_ROUNDING * strain:
         yield "the pair moves backward, since friction is weaker in that direction"

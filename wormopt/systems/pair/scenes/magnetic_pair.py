@@ -1,4 +1,4 @@
-"""Tables of scenes of kinds "magnetic-pair" and "resonance": a magneto-elastic pair."""
+"""Tables of scenes of kind "magnetic-pair": a magneto-elastic pair."""
 
 from __future__ import annotations
 
@@ -12,23 +12,19 @@ from msgspec import Meta, field
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, says, whole
 from wormopt.study.numerics import AveragingTable, ToleranceTable
-from wormopt.study.types import Finite, SceneTable, per, wrong_order
+from wormopt.study.types import Finite, SceneTable, per
 from wormopt.systems.chain import (
     Friction,
     SpikeFriction,
     ViscousFriction,
     faults_of_law,
 )
-from wormopt.systems.pair.scenes.pair_waveform import NATURAL
+from wormopt.systems.pair.tables import NATURAL
 
 Strain = Annotated[float, Meta(gt=0, lt=1, description="a number between 0 and 1")]
 Cosines = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=13, description="2 to 13 finite numbers, the mean first"),
-]
-FinitePair = Annotated[
-    tuple[Finite, ...],
-    Meta(min_length=2, max_length=2, description="two finite numbers, [least, largest]"),
 ]
 
 
@@ -233,103 +229,3 @@ class MagneticPairScene(SceneTable):
                     f"is shorter than twice course.periods; write at least {least:.5g}, or fewer "
                     "periods",
                 )
-
-
-class FrequenciesTable(Given):
-    """Frequencies of the continuation of steady motions."""
-
-    detuning: FinitePair = entry(
-        "least and largest detuning *Δ*", quantity="1", default=(-2.0, 2.0)
-    )
-    points: int = whole(2, 10000, "number of equidistant detunings in the result", default=400)
-    largest: float = positive(
-        "1",
-        "amplitude, in lengths of the link, above which a branch counts as unbounded",
-        default=100.0,
-    )
-
-
-class ConfirmTable(Given):
-    """Exact simulations from every stable steady state; default: none."""
-
-    time: float = positive(
-        "1", "duration of each, in natural times √(*m*/*c*), in SI scenes too", default=2000.0
-    )
-    periods: int = whole(
-        1, 1000, "number of last field periods that are averaged, and as many before", default=50
-    )
-
-
-class ResonanceScene(SceneTable):
-    """Steady motions of the pair over the frequency of its field.
-
-    The result contains all branches of the averaged motion, folds, stability, and an exact motion
-    from every stable point. Variables over `curve` are the continued branches. Detunings without a
-    steady motion have no state. Theory: [theory-magnetics.md](../theory-magnetics.md#2-the-pair).
-    """
-
-    headline: ClassVar = ("velocity_largest", "steady_motions", "stable", "delta_fold", "confirmed")
-    scalars: ClassVar = {
-        "eps": ("1", "*ε*, the small parameter"),
-        "delta_fold": (
-            "1",
-            "detunings of the folds, ascending; empty without folds",
-        ),
-        "branches": ("count", "branches"),
-        "steady_motions": ("count", "number of steady states"),
-        "stable": ("count", "number of stable steady states"),
-        "velocity_largest": ("speed", "largest \\|*V*\\| of the steady states"),
-        "confirmed": ("count", "number of exact motions that converged"),
-        "averaging_error": ("1", "largest difference of *V* between exact motions and first order"),
-        "averaging_error_second": (
-            "1",
-            "largest difference of *V* between exact motions and second order",
-        ),
-        "u0": ("1", "strain *u*<sub>0</sub> of the sample"),
-    }
-    variables: ClassVar = {
-        "detuning": ("1", ("point",), "detuning of the field"),
-        "velocity_steady": ("speed", ("point",), "velocity of the centre"),
-        "amplitude_steady": ("length", ("point",), "amplitude of half the stretch"),
-        "stable_point": ("1", ("point",), "whether it is stable"),
-        "branch": ("1", ("point",), "index of its branch"),
-        "velocity_second": ("speed", ("point",), "velocity of the centre, second order"),
-        "velocity_exact": ("speed", ("point",), "velocity of the centre, exact mean"),
-        "curve_detuning": ("1", ("curve",), "detuning of the field"),
-        "curve_velocity": ("speed", ("curve",), "velocity of the centre"),
-        "curve_amplitude": ("length", ("curve",), "amplitude of half the stretch"),
-        "curve_stable": ("1", ("curve",), "whether it is stable"),
-        "curve_branch": ("1", ("curve",), "index of the branch"),
-    }
-
-    kind: Literal["resonance"]
-    want: tuple[Literal["resonance"], ...] = entry(
-        "`resonance`: velocity and amplitude over the detuning", default=()
-    )
-    pair: ThePair
-    frequencies: FrequenciesTable = entry("range of frequencies", default=FrequenciesTable)
-    confirm: ConfirmTable | None = entry("exact motions for comparison", default=None)
-    averaging: Averaging = field(default_factory=AveragingTable)
-    tolerance: ToleranceOf = field(default_factory=ToleranceTable)
-
-    def faults(self, folder: Path) -> Iterator[Fault]:
-        """Check what no single key shows."""
-        yield from super().faults(folder)
-        yield from self.pair.faults(self.units)
-        yield from wrong_order(
-            "frequencies.detuning", self.frequencies.detuning, may_be_equal=False
-        )
-        if self.confirm is not None:
-            lowest = max(NATURAL + self.pair.smallness * self.frequencies.detuning[0], 0.1)
-            least = 2 * self.confirm.periods * 2 * math.pi / lowest
-            if self.confirm.time < least:
-                yield (
-                    "confirm.time",
-                    f"is shorter than twice confirm.periods; write at least {least:.5g}, or fewer "
-                    "periods",
-                )
-        if NATURAL + self.pair.smallness * self.frequencies.detuning[0] <= 0.1:
-            yield (
-                "frequencies.detuning",
-                "gives no positive frequency; write a least detuning closer to 0",
-            )

@@ -11,8 +11,8 @@ from msgspec import Meta
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, whole, wrong_count
 from wormopt.study.types import Finite, Pair, Positive, SceneTable, Seed, wrong_order
-from wormopt.systems.planar.scenes.swim import ViscousTable
 from wormopt.systems.planar.scenes.tables import BodyTable, GroundTable
+from wormopt.systems.planar.tables import Drags as ViscousTable
 
 if TYPE_CHECKING:  # numerics are built in runs, so that listing scenes loads none
     from wormopt.systems.planar.body.shape import Shape
@@ -211,10 +211,8 @@ class PlanarDesignScene(SceneTable):
                 "ground.law",
                 'only elliptic friction has a motion of least power; write "elliptic"',
             )
-        if self.viscous is not None:
-            yield from self.viscous.faults("viscous")
-            if self.grips is not None:
-                yield "grips", "applies to dry ground only; leave it out"
+        if self.viscous is not None and self.grips is not None:
+            yield "grips", "applies to dry ground only; leave it out"
         yield from wrong_count("grips", self.grips, self.body.links + 1, "masses")
         if self.aim.pose is not None and len(self.aim.pose) != 3:
             yield "aim.pose", "missing; write [x, y, angle]"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from wormopt.model.given import check_choice
 from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, repetition
+from wormopt.systems.spiked.certify.bound import Bounded, at_once
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
@@ -121,7 +122,12 @@ class Design:
     @property
     def bound(self) -> float:
         """Upper bound on the speed, proven by small linear programs; for a cost, the `ceiling`."""
-        return self.ceiling if self.survey.bounded is None else self.survey.bounded.bound
+        return self.ceiling if self.bounded is None else self.bounded.bound
+
+    @cached_property
+    def bounded(self) -> Bounded | None:
+        """The bound on the speed with its proof; None for a cost."""
+        return self.survey.bounded or at_once(self.task)
 
     def _repr_html_(self) -> str:
         phases = [
@@ -240,7 +246,7 @@ class Design:
 
         The worst over the ends and the middle of a range of loads.
         """
-        return _violations(self.task, self.gait)
+        return dict(_violations(self.task, self.gait))
 
 
 def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
@@ -248,8 +254,12 @@ def _motion_under(load: float, task: GaitProblem, gait: Gait) -> Crawl:
     return crawl(gait, worm.masses, worm.drag, worm.loads(load), limits.sharing, limits.spike_load)
 
 
+@lru_cache(maxsize=4)
 def _violations(task: GaitProblem, gait: Gait) -> dict[str, float]:
-    """Violation of each limit, the worst over both ends and the middle of the range of loads."""
+    """Violation of each limit, the worst over both ends and the middle of the range of loads.
+
+    The same gait is checked when it is sharpened, when it is chosen and when it is reported.
+    """
     low, high = task.worm.load_range
     found = [
         violations(_motion_under(load, task, gait), task.limits)
@@ -291,7 +301,7 @@ def of_trial(
     sequence, durations, arcs = lasting_arcs(gait.sequence, gait.program.arcs, widths)
     return Design(
         task=task,
-        gait=gait.program.gait(gait.point),
+        gait=gait.gait,
         sequence=sequence,
         durations=durations,
         ceiling=ceiling,
@@ -426,7 +436,7 @@ def _keeps(task: GaitProblem, trial: Trial) -> bool:
     The program knows of those that are to rest; more may, and take their share. And it keeps
     forces times durations, which on short arcs are small.
     """
-    excess = _violations(task, trial.program.gait(trial.point))
+    excess = _violations(task, trial.gait)
     return max(excess.values()) < _ACCEPTED
 
 

@@ -14,7 +14,7 @@ from wormopt.result import Check
 from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.runs.motion import Findings
+from wormopt.systems.spiked.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
 
 # Rounding of the gait's own value, relative.
@@ -29,10 +29,10 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
     wanted, task = table.search.proof, found.task
     clock = time.perf_counter()
     if wanted is not None:
-        proven = bounded(task, found.value, wanted, report)
+        proven = bounded(task, found.value, wanted, report, found.survey.bounded)
     else:
-        assert found.survey.bounded is not None
-        proven = found.survey.bounded
+        assert found.bounded is not None
+        proven = found.bounded
     proved = time.perf_counter()
     cost = task.objective.minimise is not None
     gap = gap_of(found.value, proven.bound, cost)

@@ -22,10 +22,12 @@ from wormopt.study.types import per
 from wormopt.systems.shared.incline import weights
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl
+from wormopt.systems.spiked.declared import MOTION_VARIABLES
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
-from wormopt.systems.spiked.runs.motion import (
+from wormopt.systems.spiked.design_tables import in_scene
+from wormopt.systems.spiked.motion import (
     Findings,
     agreement,
     cross_check,
@@ -33,8 +35,6 @@ from wormopt.systems.spiked.runs.motion import (
     motion_scalars,
     motion_variables,
 )
-from wormopt.systems.spiked.scenes.design_tables import in_scene
-from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
 from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
 from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.search.search import DONE
@@ -75,8 +75,7 @@ def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
         reason = "interrupted: this is the best gait so far; the search did not finish"
         raise Interrupted(known.result(scene).failed(reason))
     known |= _of_limits(table, found)
-    bounded = found.survey.bounded or table.search.proof
-    if bounded is None or not known.holds:
+    if not known.holds or (found.bounded is None and table.search.proof is None):
         return known.result(scene)
     from wormopt.systems.spiked.runs.gait_certificate import of_certificate
 
@@ -125,7 +124,9 @@ def of_design(table: DesignTable, found: Design) -> Findings:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     checks = [*_checks(excess, motion, found), *agreement(motion, again), *_under_loads(found)]
     known = Findings(
-        motion_scalars(motion, again, table.units) | _scalars(table, found, motion),
+        motion_scalars(motion, table.units)
+        | {"recheck_speed_error": abs(again.speed - motion.speed)}
+        | _scalars(table, found, motion),
         motion_variables(motion),
         tuple(checks),
         motion_facts(motion, again) | _facts(found, excess) | assumed(table.units),

@@ -14,22 +14,24 @@ from wormopt.model.given import per
 from wormopt.study.given import Given, entry, whole
 from wormopt.study.types import SceneTable
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.scenes.design_tables import (
+from wormopt.systems.spiked.declared import MOTION_SCALARS, MOTION_VARIABLES
+from wormopt.systems.spiked.design_tables import (
     COST_WORDS,
     LimitTable,
     ObjectiveTable,
     SearchTable,
     in_scene,
 )
-from wormopt.systems.spiked.scenes.gait import MOTION_SCALARS, MOTION_VARIABLES, WormTable
+from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.scenes.stepper import MotorTable
+from wormopt.systems.spiked.tables import WormTable
 from wormopt.systems.spiked.task import Cost, GaitProblem, Objective
 
 Points = Annotated[int, Meta(ge=3, le=50, description="a whole number from 3 to 50")]
 
 # For all designs; quantities that depend on the objective are declared as those of a speed.
 DESIGN_SCALARS = MOTION_SCALARS | {
+    "recheck_speed_error": ("speed", "difference in speed between the two routes"),
     "period": ("time", "period of one cycle, after which the motion repeats"),
     "advance": ("length", "distance travelled per cycle"),
     "cycles": ("count", "smallest number of cycles that fills a period allowed by `gait.period`"),

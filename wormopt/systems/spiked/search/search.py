@@ -98,13 +98,14 @@ DONE = ("searched", "proven")
 class Survey:
     """What a search found and how much it saw."""
 
+    task: GaitProblem  # that was searched
     trials: tuple[Trial, ...]  # best of each order and its close optima, best first
     tried: int  # orders
     varied: int  # of these, variations of others
     programs: int  # linear programs solved
     ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
-    bounded: Bounded | None = None  # what no gait is faster than, of a speed
+    bounded: Bounded | None = None  # what no gait is faster than, if the search made use of it
 
 
 def search(
@@ -127,8 +128,8 @@ def search(
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
     race = Race(task, trier, workers, report, better, _PLACES * effort_of(settings).width)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
-    bounded = at_once(task)
-    if bounded is not None and settings.sequence is None:
+    bounded = at_once(task) if settings.sequence is None else None
+    if bounded is not None:
         race.enough = bounded.bound / (1.0 + settings.gap)
     try:
         for stage in _steps(race, settings, hints):
@@ -148,7 +149,7 @@ def search(
     if ended == "searched" and race.is_proven:
         ended = "proven"
     tried = len(race.trials)
-    return Survey(tuple(ranking), tried, race.varied, trier.programs, ended, seconds, bounded)
+    return Survey(task, tuple(ranking), tried, race.varied, trier.programs, ended, seconds)
 
 
 def _effort(race: Race, settings: Search) -> Effort:
