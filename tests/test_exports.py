@@ -27,7 +27,6 @@ from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.chain import chain
-from wormopt.systems.chain.runs import simulate
 from wormopt.systems.recorded.recordings import runs_of
 from wormopt.systems.recorded.scenes.fit import RecordingTable
 
@@ -639,7 +638,7 @@ def test_a_simulated_model_that_time_moves(scene: str, tmp_path: Path):
     asked = load_scene(scene)
     result = Result(asked.name, "simulate", asked.title, scene_text=asked.text)
     (fmu,) = wo.export(result, "fmu", tmp_path)
-    (model,) = simulate.models_of(asked).values()
+    (model,) = asked.table.models().values()
     found = replayed(fmu, model, 1.0)
     assert np.abs(found - ours(model, 1.0)).max() < 1e-9
 

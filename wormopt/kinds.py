@@ -98,12 +98,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.comparison", "comparison", "draws"),
         table_file=True,
     ),
-    "simulate": Kind(
-        summary="simulate a chain with given inputs, or a model of your own",
-        table="wormopt.systems.chain.scenes.simulate:SimulateScene",
-        study="wormopt.systems.chain.runs.simulate",
-        pictures=_drawn("chain.plots.simulation", "motion", "signals"),
-    ),
     "optimal-crawl": Kind(
         summary="optimise the inputs of a chain that crawls on dry friction: fastest or cheapest",
         table="wormopt.systems.chain.scenes.optimal_crawl:OptimalCrawlScene",

@@ -8,6 +8,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
@@ -16,8 +17,6 @@ from typing import Any
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.model import Model
 from wormopt.model.values import signal_values
-from wormopt.study.scene import Scene
-from wormopt.systems.chain.scenes.simulate import SimulateScene
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Names that the Result itself uses.
@@ -29,37 +28,48 @@ _TAKEN = {
 }
 
 
-def load_model(scene: Scene[SimulateScene]) -> Model:
+@dataclass(frozen=True)
+class OwnModel:
+    """A function that makes a model, as a scene names it."""
+
+    scene: str  # name of the scene, for messages
+    folder: Path
+    file: str
+    function: str
+    parameters: Mapping[str, Any]
+
+
+def load_model(own: OwnModel) -> Model:
     """Run the user's file and its function, as the scene's key ``model`` says.
 
     Raises SceneError if the file or function is missing or fails, or if its return value is not a
     Model that can be simulated and saved.
     """
-    table, path = scene.table, scene.folder / scene.table.model_file
+    path = own.folder / own.file
     try:
         code = compile(path.read_bytes(), str(path), "exec")
     except (OSError, ValueError, SyntaxError) as error:
-        raise _refused(scene, f"{table.model_file} cannot be read: {error}") from None
+        raise _refused(own, f"{own.file} cannot be read: {error}") from None
     module = ModuleType(f"wormopt_model_{path.stem}")
     module.__file__ = str(path)
     sys.modules[module.__name__] = module  # where dataclasses and pickle look for it
     # Stdout belongs to results; what the user's file prints goes to stderr.
     with contextlib.redirect_stdout(sys.stderr):
         # The user's own file, from the scene that the user runs.
-        _attempt(scene, path, lambda: exec(code, module.__dict__))  # noqa: S102
-        function = _function(scene, module)
-        _check_parameters(scene, function)
-        given = table.parameters or {}
-        model = _attempt(scene, path, lambda: function(**given), given)
+        _attempt(own, path, lambda: exec(code, module.__dict__))  # noqa: S102
+        function = _function(own, module)
+        _check_parameters(own, function)
+        given = own.parameters
+        model = _attempt(own, path, lambda: function(**given), given)
     if not isinstance(model, Model):
-        what = f"{table.model_function}() returns {_shown(model)}, not a Model"
-        raise _refused(scene, f"{what}; end it with return Model(...), from wormopt import Model")
-    _check_model(scene, model)
+        what = f"{own.function}() returns {_shown(model)}, not a Model"
+        raise _refused(own, f"{what}; end it with return Model(...), from wormopt import Model")
+    _check_model(own, model)
     return model
 
 
-def _refused(scene: Scene[SimulateScene], message: str, key: str = "model") -> SceneError:
-    return SceneError(scene.name, [(key, message)])
+def _refused(own: OwnModel, message: str, key: str = "model") -> SceneError:
+    return SceneError(own.scene, [(key, message)])
 
 
 def _shown(value: object) -> str:
@@ -67,7 +77,7 @@ def _shown(value: object) -> str:
 
 
 def _attempt(
-    scene: Scene[SimulateScene],
+    own: OwnModel,
     path: Path,
     action: Callable[[], Any],
     given: Mapping[str, Any] | None = None,
@@ -82,12 +92,12 @@ def _attempt(
         ]
         where = f" line {lines[-1]}" if lines else ""
         said = " ".join(str(error).split()) or "no message"
-        message = f"{scene.table.model_file}{where}: {type(error).__name__}: {said}"
+        message = f"{own.file}{where}: {type(error).__name__}: {said}"
         if not given:
-            raise _refused(scene, f"{message}; correct it there") from error
-        message = f"{scene.table.model_function}() fails with the given parameters: {message}"
+            raise _refused(own, f"{message}; correct it there") from error
+        message = f"{own.function}() fails with the given parameters: {message}"
         what = "write other values, or correct the file"
-        raise _refused(scene, f"{message}; {what}", _blamed(given, said)) from error
+        raise _refused(own, f"{message}; {what}", _blamed(given, said)) from error
 
 
 def _blamed(given: Mapping[str, Any] | None, said: str) -> str:
@@ -98,20 +108,20 @@ def _blamed(given: Mapping[str, Any] | None, said: str) -> str:
     return f"parameters.{named[0]}" if len(named) == 1 else "parameters"
 
 
-def _function(scene: Scene[SimulateScene], module: ModuleType) -> Callable[..., Any]:
-    file, name = scene.table.model_file, scene.table.model_function
+def _function(own: OwnModel, module: ModuleType) -> Callable[..., Any]:
+    file, name = own.file, own.function
     found = getattr(module, name, None)
     if callable(found):
         return found
     functions = [key for key, value in vars(module).items() if inspect.isfunction(value)]
     close = get_close_matches(name, functions, n=1) or functions[:1]
     hint = f'write model = "{file}:{close[0]}"' if close else f"define it: def {name}(): ..."
-    raise _refused(scene, f"{file} has no function {name}; {hint}")
+    raise _refused(own, f"{file} has no function {name}; {hint}")
 
 
-def _check_parameters(scene: Scene[SimulateScene], function: Callable[..., Any]) -> None:
-    given: Mapping[str, Any] = scene.table.parameters or {}
-    name = scene.table.model_function
+def _check_parameters(own: OwnModel, function: Callable[..., Any]) -> None:
+    given: Mapping[str, Any] = own.parameters
+    name = own.function
     try:
         signature = inspect.signature(function)
     except ValueError:  # A function without a signature in Python reports its parameters by itself.
@@ -130,7 +140,7 @@ def _check_parameters(scene: Scene[SimulateScene], function: Callable[..., Any])
         if p.name in known and p.default is p.empty and p.name not in given
     ]
     if faults:
-        raise SceneError(scene.name, faults)
+        raise SceneError(own.scene, faults)
 
 
 def _hint(key: str, known: list[str]) -> str:
@@ -140,13 +150,13 @@ def _hint(key: str, known: list[str]) -> str:
     return f"its parameters are {', '.join(known)}" if known else "it has no parameters"
 
 
-def _check_model(scene: Scene[SimulateScene], model: Model) -> None:
+def _check_model(own: OwnModel, model: Model) -> None:
     """Refuse a model that cannot be simulated or saved."""
     names = [signal.name for signal in model.x] + [output.name for output in model.outputs]
     for name in names:
         if not isinstance(name, str) or not _NAME.fullmatch(name):
             raise _refused(
-                scene,
+                own,
                 f"{name!r} is not a valid name; write letters, digits and _, starting with a "
                 "letter",
             )
@@ -154,10 +164,10 @@ def _check_model(scene: Scene[SimulateScene], model: Model) -> None:
     used = [f"{name}{part}" for name in names for part in ("", "_end", "_entry")]
     for name in names:
         if used.count(name) > 1 or name in _TAKEN:
-            raise _refused(scene, f"the name {name!r} is already used; rename that state or output")
+            raise _refused(own, f"the name {name!r} is already used; rename that state or output")
     try:
         signal_values(model.p, None, "parameter")
     except ArgumentError as error:
-        raise _refused(scene, str(error), _blamed(scene.table.parameters, str(error))) from error
+        raise _refused(own, str(error), _blamed(own.parameters, str(error))) from error
     if not model.n_x:
-        raise _refused(scene, "the Model has no states; give it at least one in x")
+        raise _refused(own, "the Model has no states; give it at least one in x")

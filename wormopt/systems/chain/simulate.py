@@ -1,0 +1,462 @@
+"""Kind "simulate": a chain with given inputs, or a model of the user's own."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta, field
+
+from wormopt.errors import Fault, SceneError
+from wormopt.quantities import UNITS, Scalar, Variable, unit_of
+from wormopt.result import Check
+from wormopt.study import (
+    Given,
+    Study,
+    arrays,
+    attributes,
+    checks,
+    entry,
+    facts,
+    number,
+    on_use,
+    positive,
+    scalar,
+    scalars,
+    stage,
+    warnings,
+)
+from wormopt.study.given import wrong_count
+from wormopt.study.numerics import (
+    Contacts,
+    ExactContact,
+    Horizon,
+    Start,
+    Tolerances,
+    ToleranceTable,
+)
+from wormopt.study.types import FinitePerLink, NonNegativePerLink, per
+from wormopt.systems.chain.tables import ChainTable
+from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
+from wormopt.systems.spiked import Shape, why_unreadable
+
+with on_use():
+    import casadi as ca
+    import numpy as np
+
+    from wormopt.control.loop import TrackingError, close
+    from wormopt.control.reference import gait_reference
+    from wormopt.model.gait import Gait
+    from wormopt.model.model import Model, Output
+    from wormopt.simulation.options import Tolerance
+    from wormopt.simulation.trajectory import Trajectory
+    from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
+    from wormopt.systems.chain.measured import (
+        Balance,
+        balance,
+        chain_checks,
+        chain_facts,
+        chain_numbers,
+        measure_power,
+    )
+    from wormopt.systems.chain.own_model import OwnModel, load_model
+    from wormopt.systems.shared.proof import (
+        CrossCheck,
+        cross_check,
+        motion_facts,
+        warnings_of_contact,
+        warnings_of_motion,
+    )
+    from wormopt.systems.shared.settings import tolerance_of, treatment_of
+    from wormopt.systems.shared.signals import (
+        chain_expressions,
+        event_arrays,
+        fitted,
+        sample,
+        simulate_whole,
+    )
+    from wormopt.systems.spiked import gait_of_shape
+
+# Signals of a chain in the picture, in this order.
+_SHOWN = ("length", "velocity", "contact_force", "input")
+_NUMBERS = {name: declared for name, declared in CHAIN.items() if name != "recheck_error"}
+_SIGNALS = (
+    TIME
+    | over(CHAIN_SIGNALS)
+    | {"command": ("length", ("link", "time"), "commanded rest length")}
+    | EVENTS
+)
+_MODEL = r"^[^\x00-\x1f]+\.py:[A-Za-z_][A-Za-z0-9_]*$"
+
+
+class ConstantForce(Given, tag_field="law", tag="constant"):
+    """Constant inputs *u*<sub>j</sub> = `force`."""
+
+    force: FinitePerLink = entry(
+        "actuator forces; a positive force pushes the masses of the link apart", quantity="force"
+    )
+
+    def faults(self, links: int, folder: Path) -> Iterator[Fault]:
+        """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
+        yield from wrong_count("actuation.force", self.force, links, "links")
+
+
+class HarmonicChange(Given, tag_field="law", tag="harmonic"):
+    """Sinusoidal commanded change of the rest lengths (eq. 11 of Zimmermann et al. 2007).
+
+    *u*<sub>j</sub> = *c*<sub>j</sub> `amplitude` sin(2π(*t*/`period` − (*j* + 1) `lag`)).
+    """
+
+    amplitude: NonNegativePerLink = entry("amplitude", quantity="length")
+    period: float = positive("time", "period")
+    lag: float = number(
+        "share",
+        "phase lag of each link behind the link ahead of it, as a fraction of a period; link "
+        "0 also has this lag",
+        default=0.0,
+    )
+
+    def faults(self, links: int, folder: Path) -> Iterator[Fault]:
+        """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
+        yield from wrong_count("actuation.amplitude", self.amplitude, links, "links")
+
+
+class CommandedGait(Given, tag_field="law", tag="gait"):
+    """Rest lengths that are commanded to follow a gait (eq. 11 of Zimmermann et al. 2007).
+
+    *u*<sub>j</sub> = *c*<sub>j</sub>(gait − `rest_length`).
+    """
+
+    gait: Shape = entry("the gait; `shape` selects the other keys")
+    shift: float = number(
+        "time", "time shift: the command at time *t* is the gait at *t* + `shift`", default=0.0
+    )
+
+    def faults(self, links: int, folder: Path) -> Iterator[Fault]:
+        """Yield conflicts with a worm of this number of links; `folder` is the scene's."""
+        yield from self.gait.faults(links, folder, "actuation.gait")
+
+
+Actuation = ConstantForce | HarmonicChange | CommandedGait
+
+
+class Simulate(Study, kind="simulate"):
+    """Simulate a chain with given inputs, or a model of your own.
+
+    A scene has `[worm]`, with optional `[start]` and `[actuation]`, or a `model`. Example of a
+    user-defined model: `problems/own_model.toml` with `problems/my_worm.py`; instructions:
+    [simulation.md](../simulation.md#a-model-of-your-own). Only `wormopt run` of that scene runs the
+    file: `check` reads it without running it, and a saved result never runs it. Output that the
+    file prints goes to stderr. The result contains every named state and output of the Model:
+    `<name>` over time, or `<name>_entry` over entry and time, and the scalar `<name>_end`.
+
+    Errors, with the line where there is one: a file that cannot be read, is not Python, fails, or
+    lacks the function; parameters that the function does not take, or that are missing; a return
+    value other than a Model; invalid names, and names that the result itself needs; symbols that
+    the Model does not contain; misspelt quantities as units. If the function fails because of
+    `[parameters]`, or a value is outside the bounds of the Model's parameter, the message names
+    that key.
+
+    At rest, `contact_force` is the force that holds the mass. `event_kind` counts from 0: reversal,
+    stick, release, impact, switch. Rests are known for exact contact only. Attributes: `contacts`,
+    their names, and `signals`, shown in the picture. Trust report:
+    [simulations](../scenes.md#the-trust-report-of-a-simulation).
+    """
+
+    pictures: ClassVar = {
+        "motion": "wormopt.systems.chain.plots.simulation:motion",
+        "signals": "wormopt.systems.chain.plots.simulation:signals",
+    }
+
+    want: tuple[Literal["motion", "signals"], ...] = entry(
+        "`signals`: signals over time; `motion`, of a chain: paths with time upward", default=()
+    )
+    worm: ChainTable | None = entry("the chain", default=None)
+    start: Start | None = entry("initial state of the chain; default: at rest length", default=None)
+    actuation: Actuation | None = entry(
+        "inputs *u*<sub>j</sub> of the chain; default: 0", default=None
+    )
+    model: (
+        Annotated[
+            str, Meta(pattern=_MODEL, description='"file.py:function", "my_worm.py:build" say')
+        ]
+        | None
+    ) = entry(
+        "a Python file, relative to the scene's folder, and a function in it that returns a "
+        "`Model`",
+        default=None,
+    )
+    parameters: dict[str, Any] | None = entry(
+        "arguments of that function by name: text, true, false, finite numbers, and lists and "
+        "tables of these",
+        default=None,
+    )
+    contact: Contacts = field(default_factory=ExactContact)
+    time: Horizon
+    tolerance: Tolerances = field(default_factory=ToleranceTable)
+
+    @property
+    def model_file(self) -> str:
+        """Name of the file that defines the model."""
+        return (self.model or "").rpartition(":")[0]
+
+    @property
+    def model_function(self) -> str:
+        """Name of the function that returns the model."""
+        return (self.model or "").rpartition(":")[2]
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield what no single key shows."""
+        if self.worm is not None and self.model is not None:
+            yield "model", "both [worm] and model are given; leave one out"
+        elif self.worm is not None:
+            yield from self._faults_of_chain(self.worm)
+        elif self.model is not None:
+            yield from self._faults_of_model()
+        else:
+            yield "worm", 'missing; write [worm], or a model: model = "my_worm.py:build"'
+
+    def _faults_of_chain(self, worm: ChainTable) -> Iterator[Fault]:
+        yield from worm.faults(self.time.end, self.units)
+        if self.parameters is not None:
+            yield "parameters", "apply to a model only; write the worm's parameters in [worm]"
+        if self.start is not None:
+            yield from self.start.faults(worm.links)
+        if self.actuation is not None:
+            yield from self.actuation.faults(worm.links, self.folder)
+
+    def _faults_of_model(self) -> Iterator[Fault]:
+        for key in ("start", "actuation"):
+            if getattr(self, key) is not None:
+                yield (
+                    key,
+                    f"applies to [worm] only, since a model defines its own {key}; leave it out",
+                )
+        if "motion" in self.want:
+            yield "want", '"motion" needs a chain; write "signals" for a model'
+        for name, value in (self.parameters or {}).items():
+            if not _is_plain(value):
+                yield (
+                    f"parameters.{name}",
+                    "is not supported; write text, true, false, a finite number, or lists and "
+                    "tables of these",
+                )
+        yield from _faults_of_file(self.folder / self.model_file, self.model_file)
+
+    # -- models ------------------------------------------------------------------------------------
+
+    @cached_property
+    def plain(self) -> Model:
+        """The model to simulate; SceneError for a file that gives none."""
+        if self.worm:
+            return self._driven(self.worm)
+        file, function = self.model_file, self.model_function
+        return load_model(OwnModel(self.name, self.folder, file, function, self.parameters or {}))
+
+    def models(self) -> dict[str, Model]:
+        """The model to simulate."""
+        return {"": self.plain}
+
+    def _driven(self, worm: ChainTable) -> Model:
+        """The chain with its inputs."""
+        start, actuation = self.start or Start(), self.actuation
+        rest = np.array(per(worm.rest_length, worm.links))
+        gait, shift = self._command(rest)
+        period = gait.period if gait else self.time.end
+        links = draw_links(worm, self.time.end)
+        model = build_chain(worm, start, links, float(rest.mean()) or 1.0, period)
+        if isinstance(actuation, ConstantForce):
+            held = per(actuation.force, worm.links)
+            return replace(model, u=[replace(signal, value=held) for signal in model.u])
+        if gait is None:
+            return model
+        command = gait_reference(gait, model.t, shift=shift % gait.period)
+        # Eq. 11 of Zimmermann et al. 2007: c_j times the change of rest length, with the link's own
+        # c_j.
+        stiffness = ca.diag(ca.jacobian(model["spring_force"], model["position"])[:, : worm.links])
+        force = stiffness * (command.value - rest)
+        error = TrackingError.of(model, command)
+        closed = close(model, command, error, force, name="commanded rest lengths")
+        kept = [o for o in closed.outputs if o.name not in ("reference", "error", "error_norm")]
+        return replace(closed, outputs=[*kept, Output("command", command.value, "length")])
+
+    def _command(self, rest: np.ndarray) -> tuple[Gait | None, float]:
+        """Commanded rest lengths, and their time shift."""
+        actuation = self.actuation
+        if isinstance(actuation, CommandedGait):
+            return gait_of_shape(actuation.gait, self.scene, "actuation.gait"), actuation.shift
+        if not isinstance(actuation, HarmonicChange):
+            return None, 0.0
+        links = len(rest)
+        amplitude = np.array(per(actuation.amplitude, links))
+        behind = 2 * np.pi * actuation.lag * np.arange(1, links + 1)
+        gait = Gait(
+            np.array([0.0, actuation.period]),
+            rest[None, :, None],
+            np.array([2 * np.pi / actuation.period]),
+            -(amplitude * np.sin(behind))[None, :],
+            (amplitude * np.cos(behind))[None, :],
+        )
+        return gait, 0.0
+
+    # -- motions -----------------------------------------------------------------------------------
+
+    @property
+    def accuracy(self) -> Tolerance:
+        """Tolerance of simulations."""
+        return tolerance_of(self.tolerance)
+
+    @stage
+    def motion(self) -> Trajectory:
+        """The motion, of a chain with its powers."""
+        model = measure_power(self.plain) if self.worm else self.plain
+        treatment, span = treatment_of(self.contact), self.time
+        try:
+            return simulate_whole(
+                model, span.end, span.samples, treatment, self.accuracy, self.report
+            )
+        except (ValueError, RuntimeError, NotImplementedError) as error:
+            if self.worm:
+                raise
+            raise SceneError(self.name, [("model", f"cannot be simulated: {error}")]) from error
+
+    @stage
+    def recheck(self) -> CrossCheck | None:
+        """Second route."""
+        again = self.tolerance.recheck
+        return cross_check(
+            self.plain, self.motion, self.accuracy, recheck=again, report=self.report
+        )
+
+    @cached_property
+    def energies(self) -> Balance | None:
+        """Energy balance of a chain."""
+        return balance(self.motion) if self.worm else None
+
+    # -- results -----------------------------------------------------------------------------------
+
+    @scalars(
+        _NUMBERS,
+        headline=("distance", "mean_speed", "input_rms", "input_peak", "x_end", "v_end"),
+    )
+    def numbers(self) -> Mapping[str, Any]:
+        """Numbers of a chain's motion, or the ends of a model's signals."""
+        if self.worm:
+            return chain_numbers(self.motion)
+        ends = {f"{n}_end": Scalar(v.values[..., -1], v.unit) for n, v in self._own.items()}
+        return {**ends, "n_events": len(self.motion.events), "n_steps": self.motion.n_steps}
+
+    @scalar(*CHAIN["recheck_error"])
+    def recheck_error(self) -> float | None:
+        """Difference of both routes."""
+        return self.recheck and self.recheck.error
+
+    @arrays(_SIGNALS)
+    def signals(self) -> Mapping[str, Any]:
+        """Signals over time, and events."""
+        motion, events = self.motion, event_arrays([self.motion], several=False)
+        if not len(motion.time):
+            return events
+        if not self.worm:
+            return {"time": motion.time, **self._own, **events}
+        model = motion.system.model
+        expressions = chain_expressions(model)
+        if any(output.name == "command" for output in model.outputs):
+            expressions["command"] = model["command"]
+        return {"time": motion.time, **fitted(sample(motion, expressions), _SIGNALS), **events}
+
+    @property
+    def _own(self) -> dict[str, Variable]:
+        """Every named state and output of a user's model."""
+        named = _own_signals(self.motion.system.model)
+        values = sample(
+            self.motion, {name: ca.vec(ca.densify(e)) for name, (e, _) in named.items()}
+        )
+        found = {}
+        for name, (_, quantity) in named.items():
+            rows = values[name]
+            alone = len(rows) == 1
+            dims = ("time",) if alone else (f"{name}_entry", "time")
+            unit = _unit(quantity, self.units)
+            found[name] = Variable(name, unit, dims, rows[0] if alone else rows, name)
+        return found
+
+    @attributes
+    def shown(self) -> dict[str, Any]:
+        """Names of contacts, and of the signals in the picture."""
+        model = self.motion.system.model
+        names = [*(_SHOWN if self.worm else _own_signals(model))]
+        if not model.contacts:
+            names = [name for name in names if name != "contact_force"]
+        return {
+            "contacts": [contact.name for contact in model.contacts],
+            "signals": names if len(self.motion.time) else [],
+        }
+
+    # -- trust -------------------------------------------------------------------------------------
+
+    @checks
+    def checks_of_motion(self) -> Iterator[Check]:
+        """Second route and energy balance."""
+        yield from chain_checks(self.recheck, self.energies, self.accuracy)
+
+    @warnings
+    def doubts(self) -> Iterator[str]:
+        """Warnings of contact and routes."""
+        system = self.motion.system
+        laws = laws_of(self.worm) if self.worm else [contact.law for contact in system.contacts]
+        yield from warnings_of_contact(system.treatment, laws)
+        yield from warnings_of_motion(self.motion, self.recheck)
+
+    @facts
+    def simulation(self) -> dict[str, Any]:
+        """Facts of the simulation."""
+        if self.worm:
+            return chain_facts([self.motion], [self.recheck], self.accuracy, [self.energies])
+        return motion_facts([self.motion], [self.recheck], self.accuracy)
+
+
+def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:
+    """Expression and unit of every named state and output of a user's model."""
+    named = {s.name: (s.symbol, s.unit) for s in model.x}
+    named |= {o.name: (o.expression, o.unit) for o in model.outputs}
+    if model.contacts and "contact_force" not in named:
+        named["contact_force"] = (model.forces, "force")
+    return named
+
+
+def _unit(quantity: str, units: str) -> str:
+    """Unit for the name of a quantity or of a unit."""
+    if quantity in UNITS:
+        return unit_of(quantity, units)
+    return quantity if units == "SI" else "1"
+
+
+def _faults_of_file(path: Path, shown: str) -> Iterator[Fault]:
+    """Read the file without running it; only `wormopt run` runs it."""
+    unreadable = why_unreadable(path)
+    if unreadable:
+        yield "model", f'"{shown}" cannot be read from {path.parent}: {unreadable}'
+        return
+    try:
+        ast.parse(path.read_bytes(), shown)
+    except SyntaxError as error:
+        yield "model", f"{shown} line {error.lineno}: {error.msg}; write valid Python"
+    except (ValueError, RecursionError, MemoryError) as error:
+        yield "model", f"{shown} is not Python: {error}"
+
+
+def _is_plain(value: object) -> bool:
+    """Whether a value has the same meaning in TOML, JSON and Python."""
+    if isinstance(value, list):
+        return all(_is_plain(item) for item in value)
+    if isinstance(value, dict):
+        return all(_is_plain(item) for item in value.values())
+    if isinstance(value, float):
+        return math.isfinite(value)
+    return isinstance(value, bool | int | str)
