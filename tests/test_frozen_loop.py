@@ -17,9 +17,9 @@ from wormopt.control.tube_gain import Task, least_gain, peak_gains, static_gains
 from wormopt.errors import SceneError, SolveError
 from wormopt.model.friction import Coulomb, Spike, Viscous
 from wormopt.study import load_scene
+from wormopt.systems.chain import linear
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.frozen import bisect, task_of
-from wormopt.systems.chain.runs import linear
 from wormopt.systems.spiked.construct import fast_gait
 
 seeds = st.integers(0, 10**6)

@@ -62,13 +62,6 @@ KINDS: dict[str, Kind | StudyKind] = {
             "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
         },
     ),
-    "linear": Kind(
-        summary="analyse a chain with a tracker: poles, zeros, margins, sufficient gains",
-        table="wormopt.systems.chain.scenes.linear:LinearScene",
-        study="wormopt.systems.chain.runs.linear",
-        pictures={"bode": "wormopt.systems.chain.plots.linear:response"}
-        | _drawn("chain.plots.linear", "poles", "margins"),
-    ),
     "tracker-readings": Kind(
         summary="compare interpretations of the tracker example of Zimmermann et al. 2007",
         table="wormopt.systems.chain.scenes.readings:ReadingsScene",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, Literal
 
 from msgspec import field
 
-from wormopt.errors import Fault, Interrupted, SceneError, SolveError
+from wormopt.errors import Fault, SceneError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
@@ -74,6 +74,7 @@ with on_use():
         Tracked,
         follow,
         follow_all,
+        follow_in_turn,
         herd_signals,
         of_trackers,
         tracked_signals,
@@ -249,18 +250,10 @@ class Track(Study, kind="track"):
     @stage
     def motions(self) -> Sequence[Tracked]:
         """Motion of each tracker, with `[ensemble]` of all members."""
-        found: list[Tracked] = []
-        for tracker, (label, loop) in zip(self.trackers, self.models().items(), strict=True):
-            try:
-                found.append(self._follow(label, tracker, loop))
-            except SolveError as error:
-                alone = len(self.trackers) == 1 or self.ensemble
-                reason = error.reason if alone else f"{label}: {error.reason}"
-                partial = [*found, error.partial] if error.partial else None
-                raise SolveError(reason, error.suggestion, partial, error.code) from None
-            except Interrupted as stop:  # completed motions are not cut to an incomplete one
-                raise Interrupted(found or [stop.partial]) from None
-        return found
+        pairs = zip(self.trackers, self.models().items(), strict=True)
+        return follow_in_turn(
+            partial(self._follow, label, tracker, loop) for tracker, (label, loop) in pairs
+        )
 
     def _follow(self, label: str, tracker: Tracker, loop: Model) -> Tracked:
         end, samples = self.time.end, self.time.samples

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -148,8 +148,29 @@ def follow(
         )
     except (SolveError, Interrupted) as error:
         error.partial = Tracked(label, tracker, loop, error.partial)
+        if isinstance(error, SolveError) and motions > 1:
+            error.reason = f"{label}: {error.reason}"
         raise
     return Tracked(label, tracker, loop, motion)
+
+
+def follow_in_turn(simulations: Iterable[Callable[[], Tracked]]) -> list[Tracked]:
+    """Simulate several trackers.
+
+    Raises SolveError and Interrupted with the motions so far as `partial`; one that was interrupted
+    is kept only if it is the first, because signals end where the shortest motion does.
+    """
+    found: list[Tracked] = []
+    for simulation in simulations:
+        try:
+            found.append(simulation())
+        except SolveError as error:
+            error.partial = [*found, error.partial] if error.partial else None
+            raise
+        except Interrupted as stop:
+            stop.partial = found or [stop.partial]
+            raise
+    return found
 
 
 def tracked_signals(found: Sequence[Tracked]) -> dict[str, Any]:
