@@ -62,15 +62,6 @@ KINDS: dict[str, Kind | StudyKind] = {
             "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
         },
     ),
-    "tracker-readings": Kind(
-        summary="compare interpretations of the tracker example of Zimmermann et al. 2007",
-        table="wormopt.systems.chain.scenes.readings:ReadingsScene",
-        study="wormopt.systems.chain.runs.readings",
-        pictures=_drawn("chain.plots.readings", "readings")
-        | _drawn("chain.plots.simulation", "trackers"),
-        table_file=True,
-        exports={"readings.csv": "wormopt.systems.chain.runs.readings:as_csv"},
-    ),
     "track-optimal": Kind(
         summary="compute the optimal input that keeps a chain on a gait, checked by simulation",
         table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",
