@@ -445,7 +445,7 @@ class Linear(Study, kind="linear"):
         gains = np.array([loop.gain for loop in self.loops])
         return least_gain(lambda gain: self.task.bound(self.loop(gain)), gains, self.tube_radius)
 
-    @scalar("length", "bound of the same by linear theory; unknown if friction has no bound")
+    @scalar("length", "bound of `error_learned` by linear theory; unknown if friction has no bound")
     def error_sure(self) -> float | None:
         """Bound of the error."""
         return _finite(self.task.bound(self.learned))

@@ -413,7 +413,9 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @arrays(_SIGNALS)
     def signals(self) -> Mapping[str, Any]:
-        """Signals of the shown reading."""
+        """Signals of the shown reading, with both trackers."""
+        if len(self.shown) < len(TRACKERS):  # of a partial result
+            return {}
         return fitted(tracked_signals(self.shown), _SIGNALS)
 
     @attributes
