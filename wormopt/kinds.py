@@ -162,12 +162,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.coils.runs.material",
         pictures=_drawn("coils.plots.magnetics", "stress_strain"),
     ),
-    "magnetic-pair": Kind(
-        summary="simulate two masses on a magneto-elastic link in a pulsating field",
-        table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
-        study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=_drawn("pair.pictures", "velocity"),
-    ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
         table="wormopt.systems.peristaltic.scenes.design:PeristalticDesignScene",
