@@ -141,11 +141,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.swinging.runs.harmonic_masses",
         pictures=_drawn("pair.plots.averaging", "reversals"),
     ),
-    "magnetic-pair": Kind(
-        summary="simulate two masses on a magneto-elastic link in a pulsating field",
-        table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
-        study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=_drawn("pair.pictures", "velocity"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
