@@ -62,12 +62,6 @@ KINDS: dict[str, Kind | StudyKind] = {
             "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
         },
     ),
-    "track": Kind(
-        summary="track a gait with adaptive controllers on a chain with friction",
-        table="wormopt.systems.chain.scenes.track:TrackScene",
-        study="wormopt.systems.chain.runs.track",
-        pictures=_drawn("chain.plots.simulation", "trackers", "motion", "bands"),
-    ),
     "linear": Kind(
         summary="analyse a chain with a tracker: poles, zeros, margins, sufficient gains",
         table="wormopt.systems.chain.scenes.linear:LinearScene",
