@@ -133,8 +133,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         summary="compute the speed of masses with prescribed oscillations, averaged and exact",
         table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
         study="wormopt.systems.swinging.runs.harmonic_masses",
-        pictures=_drawn("pair.plots.averaging", "reversals"),
-    ),
+        pictures=_drawn("pair.pictures", "reversals"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
