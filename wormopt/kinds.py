@@ -29,16 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "gait-design": Kind(
-        summary="design the fastest gait within limits on links, spikes and actuators",
-        table="wormopt.systems.spiked.scenes.gait_design:GaitDesignScene",
-        study="wormopt.systems.spiked.runs.gait_design",
-        pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes", "limits")
-        | _drawn("spiked.plots.certificate", "certificate")
-        | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("limits",),
-        exports={"certificate.json": "wormopt.systems.spiked.runs.gait_design:as_json"},
-    ),
     "gait-pareto": Kind(
         summary="compute the Pareto front of gaits between speed and a second objective",
         table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
