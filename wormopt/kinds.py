@@ -172,27 +172,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         | _drawn("peristaltic.plots.body", "body")
         | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
     ),
-    "planar-design": Kind(
-        summary="design a planar gait: fastest, turning, or cheapest to a pose",
-        table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
-        study="wormopt.systems.planar.runs.design",
-        pictures=_drawn("planar.plots.design", "planar_gait")
-        | {"animation": "wormopt.systems.planar.plots.design:first_frame"},
-    ),
-    "planar-motion": Kind(
-        summary="simulate a planar chain of masses and springs with bending joints",
-        table="wormopt.systems.planar.scenes.motion:PlanarMotionScene",
-        study="wormopt.systems.planar.runs.motion",
-        pictures=_drawn("planar.plots.plane", "plane", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-path": Kind(
-        summary="plan a path to a pose past obstacles from the steps of a few gaits",
-        table="wormopt.systems.planar.scenes.path:PlanarPathScene",
-        study="wormopt.systems.planar.runs.path",
-        pictures=_drawn("planar.plots.path", "path")
-        | {"animation": "wormopt.systems.planar.plots.path:first_frame"},
-    ),
     "film-forward": Kind(
         summary="compute the wave of a magnetic fluid film under a given field, and its stability",
         table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
