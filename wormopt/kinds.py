@@ -101,18 +101,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "two-mass": Kind(
-        summary="optimise two masses on rough ground: slow stroke, fast return, best mass ratio",
-        table="wormopt.systems.swinging.scenes.internal_mass:TwoMassScene",
-        study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
-    "capsule": Kind(
-        summary="optimise the cycle of a capsule driven by an internal mass",
-        table="wormopt.systems.swinging.scenes.internal_mass:CapsuleScene",
-        study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
     "pair-waveform": Kind(
         summary="optimise the periodic field that drives a magneto-elastic pair",
         table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
