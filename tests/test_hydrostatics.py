@@ -582,3 +582,17 @@ def test_the_balance_of_the_docs():
     curvature = -bend / math.hypot(1, slope) ** 3
     left = inside + MU0 * (0.35 * normal) ** 2 / 2 - 0.03 * curvature
     assert balance(fluid, H, h, slope, bend, level) == pytest.approx(left / fluid.weight, rel=1e-13)
+
+
+def test_a_small_coil_is_computed_at_its_full_current():
+    # lengths of 10 µm, at which rounding keeps steps from the end of the branch by 1e-13
+    scene = {
+        "schema": 1, "kind": "coil-pressure", "units": "SI", "stated_pressure": 2200.0,
+        "fluid": {"chi": 0.35, "density": 1200.0, "surface_tension": 0.03},
+        "layer": {"thickness": 1e-5, "width": 1e-4, "walls": "upright"},
+        "coil": {"ampere_turns": 3.0, "inner_radius": 5e-6, "outer_radius": 1.5e-5,
+                 "length": 2e-5, "distance": 3e-6, "side": "below", "axis": "vertical"},
+    }  # fmt: skip
+    result = wo.run(scene)
+    assert result.status == "ok"
+    assert result.scalars["ampere_turns"].value == 3.0

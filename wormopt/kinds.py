@@ -126,12 +126,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "slide": Kind(
-        summary="move a block on dry friction in minimum time or with minimum effort",
-        table="wormopt.systems.block.scenes:SlideScene",
-        study="wormopt.systems.block.run",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
     "two-mass": Kind(
         summary="optimise two masses on rough ground: slow stroke, fast return, best mass ratio",
         table="wormopt.systems.swinging.scenes.internal_mass:TwoMassScene",
@@ -208,22 +202,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("peristaltic.plots.switching", "switching")
         | _drawn("peristaltic.plots.body", "body")
         | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
-    ),
-    "planar-crawl": Kind(
-        summary="simulate slow crawling in the plane on dry friction: displacement, turn, work",
-        table="wormopt.systems.planar.scenes.crawl:PlanarCrawlScene",
-        study="wormopt.systems.planar.runs.crawl",
-        pictures=_drawn("planar.plots.crawl", "crawl", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-turn": Kind(
-        summary="compute how fast a two-link worm turns in place, with an upper bound",
-        table="wormopt.systems.planar.scenes.turn:PlanarTurnScene",
-        study="wormopt.systems.planar.runs.turn",
-        pictures=_drawn("planar.plots.crawl", "crawl")
-        | _drawn("planar.plots.turn", "turning")
-        | _drawn("planar.plots.crawl", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
     ),
     "planar-design": Kind(
         summary="design a planar gait: fastest, turning, or cheapest to a pose",

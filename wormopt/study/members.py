@@ -219,9 +219,12 @@ def attributes(compute: Method[Mapping[str, Any]]) -> Member[Mapping[str, Any]]:
 # -- results computed together: a dataclass whose fields are members -------------------------------
 
 
-def value(quantity: str, meaning: str, *, headline: bool = False, when: str = "") -> Any:
-    """A field that is a scalar of the result."""
-    return field(metadata={"member": scalar(quantity, meaning, headline=headline, when=when)})
+def value(
+    quantity: str, meaning: str, *, headline: bool = False, when: str = "", name: str = ""
+) -> Any:
+    """A field that is a scalar of the result, with the name of the field or `name`."""
+    made = scalar(quantity, meaning, headline=headline, when=when, name=name)
+    return field(metadata={"member": made})
 
 
 def signal(quantity: str, dims: str, meaning: str, *, when: str = "") -> Any:
@@ -239,6 +242,6 @@ def members_of_parts(whole: Member[Any]) -> Iterator[Member[Any]]:
     for one in fields(whole.of):
         if "member" in one.metadata:
             made: Member[Any] = one.metadata["member"](attrgetter(f"{whole.name}.{one.name}"))
-            made.name = made.reported_as = one.name
+            made.name, made.reported_as = one.name, made.reported_as or one.name
             made.part_of = whole.name
             yield made
