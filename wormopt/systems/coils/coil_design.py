@@ -144,7 +144,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     warning.
     """
 
-    pictures: ClassVar = {"coil_design": "wormopt.systems.coils.plots.design:coil_design"}
+    pictures: ClassVar = {"coil_design": "wormopt.systems.coils.pictures:coil_design"}
     headline: ClassVar = (
         "float_speed", "over_mean_field", "over_block", "power", "neighbour_gain",
     )  # fmt: skip

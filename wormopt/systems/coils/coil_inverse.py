@@ -113,7 +113,7 @@ class RowCurrents(AlongRow, kind="coil-inverse"):
     if no start is solved.
     """
 
-    pictures: ClassVar = {"row_currents": "wormopt.systems.coils.plots.coils:row_currents"}
+    pictures: ClassVar = {"row_currents": "wormopt.systems.coils.pictures:row_currents"}
     headline: ClassVar = (
         "field_residual", "field_residual_mean", "field_residual_program", "ripple", "H0",
     )  # fmt: skip

@@ -214,7 +214,7 @@ class MembraneThickness(SIStudy, kind="membrane"):
     exit code is 3 if no thickness meets all limits; the message gives the need of each limit.
     """
 
-    pictures: ClassVar = {"membrane": "wormopt.systems.coils.plots.hydrostatics:membrane"}
+    pictures: ClassVar = {"membrane": "wormopt.systems.coils.pictures:membrane"}
     headline: ClassVar = (
         "thickness_best", "limited_by", "thickness_for_loss", "thickness_for_stress",
         "thickness_for_strain",
