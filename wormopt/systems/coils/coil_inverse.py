@@ -47,7 +47,7 @@ class ThinFilm(Given):
     """A film of magnetic fluid."""
 
     depth: float = positive("length", "mean thickness")
-    mu_r: float = number("1", "relative permeability", above=1, most=1e30, default=1.09)
+    mu_r: float = number("1", "relative permeability", above=1, default=1.09)
     viscosity: float = positive("viscosity", "dynamic viscosity", default=0.01)
     density: float = positive("density", "density, used for warnings only", default=1100.0)
     surface_tension: float = number("surface_tension", "surface tension", least=0, default=0.03)

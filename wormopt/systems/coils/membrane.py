@@ -57,6 +57,12 @@ _LEAST = {
     f"thickness_for_{name}": ("length", f"least thickness for `{key}` alone")
     for name, key in _KEYS.items()
 }
+_GIVEN = {
+    "lifetime": ("time", "`lifetime` of the scene"),
+    "loss_max": ("share", "`loss_max` of the scene"),
+    "stress_max": ("stress", "`membrane.stress_max`"),
+    "strain_max": ("share", "`membrane.strain_max`"),
+}
 
 
 @dataclass(frozen=True)
@@ -288,14 +294,19 @@ class MembraneThickness(SIStudy, kind="membrane"):
         """Best thickness, and by how much it exceeds a limit."""
         return self.choice.widest(self.span, **self.choice.limits)
 
-    @parts(Front)
-    def front(self) -> Front:
-        choice = self.choice
-        most, least = (choice.measures(size)["loss"] for size in self.thickness)
-        thickness = np.empty(self.points)
+    @stage
+    def thicknesses(self) -> np.ndarray:
+        """Thicknesses of the largest strain for each allowed loss."""
+        most, least = (self.choice.measures(size)["loss"] for size in self.thickness)
+        found = np.empty(self.points)
         for k, allowed in enumerate(np.geomspace(least, most, self.points)):
             self.report("front", k / self.points)
-            thickness[k], _ = choice.widest(self.span, loss=allowed)
+            found[k], _ = self.choice.widest(self.span, loss=allowed)
+        return found
+
+    @parts(Front)
+    def front(self) -> Front:
+        choice, thickness = self.choice, self.thicknesses
         found, left = choice.measures(thickness), self.tube.contact_pressure(thickness)
         within = choice.within(thickness, _ACCEPTED)
         return Front(thickness, found["loss"], found["strain"], left, within)
@@ -315,6 +326,11 @@ class MembraneThickness(SIStudy, kind="membrane"):
     @scalars(_LEAST)
     def least(self) -> dict[str, float]:
         return {f"thickness_for_{name}": size for name, size in self.needed.items()}
+
+    @scalars(_GIVEN)
+    def given(self) -> dict[str, float]:
+        limits = {f"{name}_max": limit for name, limit in self.choice.limits.items()}
+        return limits | {"lifetime": self.lifetime}
 
     @scalar("share", "strain at the best thickness")
     def strain(self) -> float:
@@ -339,22 +355,6 @@ class MembraneThickness(SIStudy, kind="membrane"):
     @scalar("bending_stiffness", "bending stiffness of the tube as a beam")
     def bending_stiffness(self) -> float:
         return self.tube.bending_stiffness(self.thickness_best)
-
-    @scalar("time", "`lifetime` of the scene", name="lifetime")
-    def required_lifetime(self) -> float:
-        return self.lifetime
-
-    @scalar("share", "`loss_max` of the scene", name="loss_max")
-    def accepted_loss(self) -> float:
-        return self.loss_max
-
-    @scalar("stress", "`membrane.stress_max`")
-    def stress_max(self) -> float:
-        return self.membrane.stress_max
-
-    @scalar("share", "`membrane.strain_max`")
-    def strain_max(self) -> float:
-        return self.membrane.strain_max
 
     # -- the trust report --------------------------------------------------------------------------
 
