@@ -663,6 +663,32 @@ def test_only_never_asks_a_stage_whether_it_was_stopped():
     assert caught.value.partial.scalars["end"].value == 10
 
 
+def test_a_study_without_an_answer_keeps_all_that_it_computed():
+    class Limit(Pull, kind="toy-limit"):
+        @stage
+        def largest(self) -> float:
+            return 0.5
+
+        @scalar("force", "largest force that holds")
+        def holds(self) -> float:
+            return self.largest
+
+        def unsolved(self) -> SolveError | None:
+            return SolveError("it slips", "write less", code="slips") if self.largest < 1 else None
+
+    study = Limit(spring={"length": 1}, force=1)
+    with pytest.raises(SolveError, match="it slips; write less") as caught:
+        study.result()
+    found = caught.value.partial
+    assert (found.status, found.reason, caught.value.code) == ("failed", "it slips", "slips")
+    assert found.scalars["holds"].value == 0.5
+    assert found.checks
+    fresh = Limit(spring={"length": 1}, force=1)
+    assert fresh.only("reach").status == "unchecked"  # does not ask for the limit
+    with pytest.raises(SolveError, match="it slips"):
+        fresh.only("holds")
+
+
 # -- failure and interruption ----------------------------------------------------------------------
 
 STAGES = ("motion", "finer_motion")

@@ -166,18 +166,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.film.runs.film_forward",
         pictures=_drawn("film.plots.thin_film", "forward", "basins"),
     ),
-    "coil-pressure": Kind(
-        summary="compute the surface and pressure of a magnetic fluid layer at an excited coil",
-        table="wormopt.systems.coils.scenes.hydrostatics:CoilPressureScene",
-        study="wormopt.systems.coils.runs.coil_pressure",
-        pictures=_drawn("coils.plots.hydrostatics", "coil_pressure"),
-    ),
-    "membrane": Kind(
-        summary="choose the thickness of a membrane: strain against loss of fluid, Pareto front",
-        table="wormopt.systems.coils.scenes.hydrostatics:MembraneScene",
-        study="wormopt.systems.coils.runs.membrane",
-        pictures=_drawn("coils.plots.hydrostatics", "membrane"),
-    ),
     "peristaltic-segment": Kind(
         summary="compute a membrane segment in its coil and tube: stroke, wall force, limits",
         table="wormopt.systems.peristaltic.scenes.segment:SegmentScene",

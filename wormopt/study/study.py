@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -218,6 +218,10 @@ class Study(SceneTable):
         """Why the study was interrupted although every stage has a result; "" if it was not."""
         return ""
 
+    def unsolved(self) -> SolveError | None:
+        """Error of a study without an answer although every stage has a result, None otherwise."""
+        return None
+
     # -- results -----------------------------------------------------------------------------------
 
     def result(self, report: Report | None = None) -> Result:
@@ -279,12 +283,13 @@ class Study(SceneTable):
             raise Interrupted(found) from None
         finally:
             self._progress.report = before
-        try:
-            reason = self._closed(partials=False).stopped()
-        except NotComputedError:
-            reason = ""
-        if reason:
-            raise Interrupted(result.failed(reason))
+        done = self._closed(partials=False)
+        with suppress(NotComputedError):
+            if reason := done.stopped():
+                raise Interrupted(result.failed(reason))
+            if error := done.unsolved():
+                found = result.failed(error.reason)
+                raise SolveError(error.reason, error.suggestion, found, error.code)
         return result
 
     def _complete(self) -> Result:

@@ -135,7 +135,7 @@ class Material(SIStudy, kind="material"):
     of the largest field, `lame_ratio` *λ*/*η*, `largest_strain`. `warnings` complete the report.
     """
 
-    pictures: ClassVar = {"stress_strain": "wormopt.systems.coils.plots.magnetics:stress_strain"}
+    pictures: ClassVar = {"stress_strain": "wormopt.systems.coils.pictures:stress_strain"}
 
     want: tuple[Literal["stress_strain"], ...] = entry(
         "`stress_strain`: figure 12 of Zimmermann et al. 2007 (WLLS)", default=()
