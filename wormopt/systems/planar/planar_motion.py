@@ -88,6 +88,7 @@ _MEAN, _COSINE, _SINE = (
     "cosine coefficients",
     "sine coefficients",
 )
+_FRICTION = number("1", "coefficient of dry friction, if contact is smooth", least=0, default=0.0)
 _STIFFER = 1000.0  # default stiffness of obstacles over the largest of links
 _FOLDED = 3.1  # a joint angle above this counts as folded
 _CLOSED = 1e-3  # a link shorter than this share of the usual length has closed up
@@ -214,12 +215,15 @@ class Start(Given):
         return np.array(self.velocity) + self.turning * left
 
 
-class Swinging(Given):
-    """Harmonic values of links or joints; subclasses name the quantity."""
+class SwingingForce(Given):
+    """Periodic forces: row *h* holds the coefficients of the *h*-th harmonic.
 
-    mean: tuple[float, ...] | None = None
-    cosine: tuple[tuple[float, ...], ...] = ()
-    sine: tuple[tuple[float, ...], ...] = ()
+    mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
+    """
+
+    mean: Row | None = entry(_MEAN, quantity="force", default=None)
+    cosine: tuple[Row, ...] = entry(_COSINE, quantity="force", default=())
+    sine: tuple[Row, ...] = entry(_SINE, quantity="force", default=())
 
     def harmonics(self, count: int) -> Harmonics:
         """Return the harmonics of `count` values; missing rows are 0."""
@@ -239,18 +243,7 @@ class Swinging(Given):
                 yield place, f"has {len(row)} numbers for {count} {things}; write {count}"
 
 
-class SwingingForce(Swinging):
-    """Periodic forces: row *h* holds the coefficients of the *h*-th harmonic.
-
-    mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
-    """
-
-    mean: Row | None = entry(_MEAN, quantity="force", default=None)
-    cosine: tuple[Row, ...] = entry(_COSINE, quantity="force", default=())
-    sine: tuple[Row, ...] = entry(_SINE, quantity="force", default=())
-
-
-class SwingingTorque(Swinging):
+class SwingingTorque(SwingingForce):
     """Periodic torques: row *h* holds the coefficients of the *h*-th harmonic.
 
     mean + Σ cosine<sub>h</sub> cos(2π *h t*/`period`) + sine<sub>h</sub> sin(2π *h t*/`period`).
@@ -285,17 +278,13 @@ class Actuation(Given):
 class StandingDisc(DiscTable, tag_field="shape", tag="disc"):
     """A round obstacle."""
 
-    friction: float = number(
-        "1", "coefficient of dry friction, if contact is smooth", least=0, default=0.0
-    )
+    friction: float = _FRICTION
 
 
 class StandingWall(WallTable, tag_field="shape", tag="wall"):
     """A straight wall without end: everything behind it is closed."""
 
-    friction: float = number(
-        "1", "coefficient of dry friction, if contact is smooth", least=0, default=0.0
-    )
+    friction: float = _FRICTION
 
 
 # -- results computed together ---------------------------------------------------------------------

@@ -269,9 +269,9 @@ class Signals:
     x: np.ndarray = signal("length", "mass instant", "*x* of the mass")
     y: np.ndarray = signal("length", "mass instant", "*y* of the mass")
     pinned: np.ndarray = signal("1", "mass instant", "1 if the mass is pinned, or rests in a crawl")
-    amplitude: np.ndarray = signal("1", "step", "amplitude of the step")
-    step_work: np.ndarray = signal("energy", "step", "work of the step")
-    step_time: np.ndarray = signal("time", "step", "duration of the step")
+    amplitude: np.ndarray | None = signal("1", "step", "amplitude of the step")
+    step_work: np.ndarray | None = signal("energy", "step", "work of the step")
+    step_time: np.ndarray | None = signal("time", "step", "duration of the step")
     pose_x: np.ndarray = signal("length", "stop", "*x* of the head between steps")
     pose_y: np.ndarray = signal("length", "stop", "*y* of the head between steps")
     pose_angle: np.ndarray = signal("angle", "stop", "heading between steps")
@@ -503,14 +503,16 @@ def compared(plan: PlannedPath, course: Course) -> Simulated:
 def signals_of(plan: PlannedPath) -> Signals:
     """Return the body along a path, and its steps."""
     places, pinned, instants = _along(plan)
+    rows = [(step.amplitude, step.work, step.time) for step in plan.steps]
+    steps = np.array(rows).T if rows else (None, None, None)
     return Signals(
         instant=instants,
         x=places[..., 0].T,
         y=places[..., 1].T,
         pinned=pinned.T.astype(float),
-        amplitude=np.array([step.amplitude for step in plan.steps]),
-        step_work=np.array([step.work for step in plan.steps]),
-        step_time=np.array([step.time for step in plan.steps]),
+        amplitude=steps[0],
+        step_work=steps[1],
+        step_time=steps[2],
         pose_x=plan.poses[:, 0],
         pose_y=plan.poses[:, 1],
         pose_angle=plan.poses[:, 2],
