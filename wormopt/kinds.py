@@ -144,12 +144,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.swinging.runs.internal_mass",
         pictures=_drawn("chain.plots.optimum", "signals"),
     ),
-    "pair-waveform": Kind(
-        summary="optimise the periodic field that drives a magneto-elastic pair",
-        table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
-        study="wormopt.systems.pair.runs.pair_waveform",
-        pictures=_drawn("pair.pictures", "waveform"),
-    ),
     "harmonic-masses": Kind(
         summary="compute the speed of masses with prescribed oscillations, averaged and exact",
         table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
