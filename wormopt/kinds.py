@@ -163,12 +163,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("peristaltic.plots.anchored", "peristalsis")
         | {"animation": "wormopt.systems.peristaltic.plots.anchored:first_frame"},
     ),
-    "film-flow": Kind(
-        summary="compute the mean flow of a magnetic fluid film under a wave, and its field",
-        table="wormopt.systems.film.scenes.film:FilmFlowScene",
-        study="wormopt.systems.film.runs.film_flow",
-        pictures=_drawn("film.plots.film", "film"),
-    ),
     "float": Kind(
         summary="compute the drift of floats and fluid particles on a film with a travelling wave",
         table="wormopt.systems.film.scenes.film:FloatScene",

@@ -21,7 +21,7 @@ from wormopt.simulation.trajectory import Trajectory
 from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
-from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
+from wormopt.systems.film.next_order import reach_warnings
 from wormopt.systems.film.scenes.film_body import FilmBodyScene
 from wormopt.systems.film.shapes import Wave, grid
 from wormopt.systems.film.units import Fluid
@@ -105,8 +105,8 @@ def mean_velocity(places: np.ndarray, turns: int, times: Sequence[float]) -> flo
 def run(scene: Scene[FilmBodyScene], report: Report) -> Result:
     """Simulate a body with mass; "failed" where balances or the second route disagree."""
     table, begin = scene.table, time.perf_counter()
-    fluid, numbers = fluid_of(table.film), _numbers(table)
-    body = _body(scene, numbers, fluid)
+    fluid, numbers = table.film.scales, _numbers(table)
+    body = _body(scene, numbers)
     end = _TURN * (table.course.periods or _PERIODS)
     tolerance = tolerance_of(table.tolerance)
     model = carried_body(
@@ -132,7 +132,7 @@ def run(scene: Scene[FilmBodyScene], report: Report) -> Result:
             *_warnings(table, course, fluid),
             *warnings_of_motion(motion, second),
             *(fluid.warnings() if fluid else ()),
-            *reach_warnings(body.wave, eps_of(table.film)),
+            *reach_warnings(body.wave, table.film.thinness),
         ],
         timings={"carry": time.perf_counter() - begin},
         attributes={"on": table.body.on, "length": table.body.length, "height": table.body.height},
@@ -140,7 +140,7 @@ def run(scene: Scene[FilmBodyScene], report: Report) -> Result:
 
 
 def _numbers(table: FilmBodyScene) -> _Numbers:
-    body, fluid = table.body, fluid_of(table.film)
+    body, fluid = table.body, table.film.scales
     if fluid is None:
         forward = body.friction_forward or 0.0
         backward = forward if body.friction_backward is None else body.friction_backward
@@ -160,15 +160,13 @@ def _shear(fluid: Fluid | None) -> float:
     return fluid.viscosity * fluid.frequency / fluid.eps if fluid else 1.0
 
 
-def _body(
-    scene: Scene[FilmBodyScene], numbers: _Numbers, fluid: Fluid | None
-) -> HeavyFloat | LyingBody:
+def _body(scene: Scene[FilmBodyScene], numbers: _Numbers) -> HeavyFloat | LyingBody:
     table = scene.table
-    wave, length = wave_of(scene, table.film), _TURN * table.body.length
+    wave, length = table.film.wave(scene.name), _TURN * table.body.length
     if table.body.on == "surface":
         _check_weight(scene, numbers, wave)
         return HeavyFloat(wave, length, numbers.weight)
-    tension = fluid.tension if fluid else table.film.tension or 0.0
+    tension = table.film.tension_number
     try:
         return LyingBody(wave, table.body.height, length, tension)
     except ArgumentError as error:

@@ -28,14 +28,8 @@ from wormopt.systems.film.float import (
     tracer_drift,
     tracers,
 )
+from wormopt.systems.film.next_order import reach_warnings
 from wormopt.systems.film.runs.film_body import mean_velocity
-from wormopt.systems.film.runs.film_flow import (
-    eps_of,
-    fluid_of,
-    least_field,
-    reach_warnings,
-    wave_of,
-)
 from wormopt.systems.film.scenes.film import MOST_PERIODS, FloatScene
 from wormopt.systems.film.shapes import Wave
 from wormopt.systems.film.units import Fluid
@@ -128,7 +122,7 @@ def run(scene: Scene[FloatScene], report: Report) -> Result:
     for a wave that nearly holds a body, so its drift cannot be computed.
     """
     table, begin = scene.table, time.perf_counter()
-    wave, fluid = wave_of(scene, table.film), fluid_of(table.film)
+    wave, fluid = table.film.wave(scene.name), table.film.scales
     lengths = [_TURN * length for length in table.floats.length]
     given = table.tracers
     place = _TURN * (given.position if given else 0.0)
@@ -149,7 +143,7 @@ def run(scene: Scene[FloatScene], report: Report) -> Result:
         warnings=[
             *_warnings(rides, table),
             *(fluid.warnings() if fluid else ()),
-            *reach_warnings(wave, eps_of(table.film)),
+            *reach_warnings(wave, table.film.thinness),
         ],
         timings={"ride": time.perf_counter() - begin},
         attributes={"lengths": list(table.floats.length)},
@@ -251,7 +245,7 @@ def _scalars(
     if isinstance(wave, CosineWave):
         found["delta"] = wave.delta
         found["delta_capture"] = one_or_all([capture_delta(length) for length in lengths])
-    eps = eps_of(table.film)
+    eps = table.film.thinness
     if eps is not None:
         corrected = [corrected_drift(wave, eps, length) for length in lengths]
         found["float_drift_corrected"] = one_or_all([each.value * speed for each in corrected])
@@ -280,7 +274,7 @@ def _variables(
         "float_position": floats["position"] * along,
         "xi": xi,
         "height": wave.height(xi) * across,
-        "field_squared": least_field(wave, xi, fluid.tension if fluid else 0.0),
+        "field_squared": wave.least_field(xi, fluid.tension if fluid else 0.0),
         "body_velocity": speeds * speed,
     }
     if len(rides) > 1:

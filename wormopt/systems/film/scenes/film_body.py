@@ -11,7 +11,8 @@ from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive
 from wormopt.study.numerics import ToleranceTable
 from wormopt.study.types import SceneTable
-from wormopt.systems.film.scenes.film import FilmTable, Length, RideTable
+from wormopt.systems.film.scenes.film import Length, RideTable
+from wormopt.systems.film.tables import Film
 
 # Keys that apply to one type of body, or to one system of units, only.
 _GROUND = ("friction_forward", "friction_backward", "friction_coefficient")
@@ -154,7 +155,7 @@ class FilmBodyScene(SceneTable):
     want: tuple[Literal["carried"], ...] = entry(
         "`carried`: the body in the wave, and its velocity", default=()
     )
-    film: FilmTable = entry("film and wave")
+    film: Film = entry("film and wave")
     body: BodyTable = entry("the body")
     course: RideTable = entry("duration of the simulation", default=RideTable)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
@@ -162,7 +163,7 @@ class FilmBodyScene(SceneTable):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        yield from self.film.faults(self.units)
+        yield from self.film.faults_in(self.units)
         fluid = self.film.fluid
         yield from self.body.faults(self.units, fluid.density if fluid else None)
         if self.film.tension and self.body.on == "surface":
