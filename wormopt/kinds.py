@@ -169,12 +169,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.film.runs.float",
         pictures=_drawn("film.plots.film", "ride") | _drawn("film.plots.body", "floats"),
     ),
-    "film-body": Kind(
-        summary="simulate a body with mass in a film with a wave: floating or on the ground",
-        table="wormopt.systems.film.scenes.film_body:FilmBodyScene",
-        study="wormopt.systems.film.runs.film_body",
-        pictures=_drawn("film.plots.body", "carried"),
-    ),
     "film-wave": Kind(
         summary="optimise the wave of a magnetic fluid film: largest transport or least field",
         table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",

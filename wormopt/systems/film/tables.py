@@ -8,7 +8,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.study import Given, entry, number, on_use, positive
+from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.types import Finite
 
 with on_use():
@@ -21,9 +21,14 @@ SharePair = Annotated[
     tuple[Share, ...],
     Meta(min_length=2, max_length=2, description="two numbers above 0 and below 1, smaller first"),
 ]
+Length = Annotated[
+    float, Meta(ge=0, lt=1, description="a number from 0 to below 1, in wavelengths")
+]
 Harmonics = Annotated[
     tuple[Finite, ...], Meta(min_length=1, max_length=32, description="1 to 32 finite numbers")
 ]
+MOST_PERIODS = 20_000
+"""Upper limit of the wave periods of a simulated float."""
 
 
 class FluidTable(Given):
@@ -73,6 +78,34 @@ class Film(Given):
         """Fluid and scales in SI units, None in scenes without units."""
         given = self.fluid
         return given and Fluid(**{name: getattr(given, name) for name in given.__struct_fields__})
+
+    # Units of dimensionless results, in those of the scene.
+
+    @property
+    def length_unit(self) -> float:
+        """Unit of lengths along the film."""
+        return 1 / self.scales.wave_number if self.scales else 1.0
+
+    @property
+    def height_unit(self) -> float:
+        """Unit of lengths across the film."""
+        return self.scales.depth if self.scales else 1.0
+
+    @property
+    def time_unit(self) -> float:
+        """Unit of times."""
+        return 1 / self.scales.frequency if self.scales else 1.0
+
+    @property
+    def speed_unit(self) -> float:
+        """Unit of speeds, that of the wave."""
+        return self.scales.speed if self.scales else 1.0
+
+    @property
+    def stress_unit(self) -> float:
+        """Unit of forces per area, eta omega / (k d)."""
+        one = self.scales
+        return one.viscosity * one.frequency / one.eps if one else 1.0
 
     @property
     def thinness(self) -> float | None:
@@ -134,3 +167,17 @@ class Film(Given):
             )
         if units != "SI" and self.fluid is not None:
             yield "film.fluid", 'is in SI units; write units = "SI"'
+
+
+class Ride(Given):
+    """Duration of the simulation."""
+
+    periods: (
+        Annotated[float, Meta(gt=0, le=MOST_PERIODS, description="a number above 0, up to 20000")]
+        | None
+    ) = entry(
+        "number of wave periods; default: enough to overtake every body three times",
+        quantity="1",
+        default=None,
+    )
+    samples: int = whole(2, 100000, "number of times in the result", default=1001)

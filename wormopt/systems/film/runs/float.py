@@ -17,6 +17,7 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
+from wormopt.systems.film.body import mean_velocity
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import (
     Drift,
@@ -29,9 +30,9 @@ from wormopt.systems.film.float import (
     tracers,
 )
 from wormopt.systems.film.next_order import reach_warnings
-from wormopt.systems.film.runs.film_body import mean_velocity
-from wormopt.systems.film.scenes.film import MOST_PERIODS, FloatScene
+from wormopt.systems.film.scenes.film import FloatScene
 from wormopt.systems.film.shapes import Wave
+from wormopt.systems.film.tables import MOST_PERIODS
 from wormopt.systems.film.units import Fluid
 from wormopt.systems.shared.proof import (
     CrossCheck,

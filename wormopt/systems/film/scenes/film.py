@@ -9,14 +9,11 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.study.given import Given, entry, number, whole
+from wormopt.study.given import Given, entry, number
 from wormopt.study.numerics import ToleranceTable
 from wormopt.study.types import SceneTable
-from wormopt.systems.film.tables import Film
+from wormopt.systems.film.tables import Film, Length, Ride
 
-Length = Annotated[
-    float, Meta(ge=0, lt=1, description="a number from 0 to below 1, in wavelengths")
-]
 Lengths = Annotated[
     tuple[Length, ...],
     Meta(min_length=1, max_length=8, description="1 to 8 numbers from 0 to below 1"),
@@ -25,8 +22,6 @@ Levels = Annotated[
     tuple[Annotated[float, Meta(gt=0, le=1, description="a number above 0, up to 1")], ...],
     Meta(min_length=1, max_length=8, description="1 to 8 numbers above 0, up to 1"),
 ]
-MOST_PERIODS = 20_000
-"""Upper limit of the wave periods of a simulated float."""
 Points = Annotated[int, Meta(ge=2, le=100_000, description="a whole number, 2 to 100000")]
 
 
@@ -48,20 +43,6 @@ class TracersTable(Given):
         "initial height as a share of the thickness; 1: on the surface", quantity="1"
     )
     position: float = number("1", "initial position, as for floats", default=0.0)
-
-
-class RideTable(Given):
-    """Duration of the simulation."""
-
-    periods: (
-        Annotated[float, Meta(gt=0, le=MOST_PERIODS, description="a number above 0, up to 20000")]
-        | None
-    ) = entry(
-        "number of wave periods; default: enough to overtake every body three times",
-        quantity="1",
-        default=None,
-    )
-    samples: int = whole(2, 100000, "number of times in the result", default=1001)
 
 
 class FloatScene(SceneTable):
@@ -152,7 +133,7 @@ class FloatScene(SceneTable):
     film: Film = entry("film and wave, without `tension`")
     floats: FloatsTable = entry("bodies on the surface", default=FloatsTable)
     tracers: TracersTable | None = entry("tracers in the fluid", default=None)
-    course: RideTable = entry("duration of the simulation", default=RideTable)
+    course: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults(self, folder: Path) -> Iterator[Fault]:
