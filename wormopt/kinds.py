@@ -163,12 +163,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("peristaltic.plots.anchored", "peristalsis")
         | {"animation": "wormopt.systems.peristaltic.plots.anchored:first_frame"},
     ),
-    "float": Kind(
-        summary="compute the drift of floats and fluid particles on a film with a travelling wave",
-        table="wormopt.systems.film.scenes.film:FloatScene",
-        study="wormopt.systems.film.runs.float",
-        pictures=_drawn("film.plots.film", "ride") | _drawn("film.plots.body", "floats"),
-    ),
     "film-wave": Kind(
         summary="optimise the wave of a magnetic fluid film: largest transport or least field",
         table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",
