@@ -1,3 +1,4 @@
+# pyright: strict, reportUnknownVariableType=false, reportUnknownArgumentType=false
 """What a user gives, in a scene or from Python: declared once, read and checked in one way.
 
 A `Given` is a table of a scene whose fields say their quantity, meaning, bounds and default:
@@ -141,9 +142,9 @@ def number(
     bounds |= {"lt": below} if below is not None else {"le": _LARGEST if most is None else most}
     words = _words(above, least, below, most)
     if per:
-        ends = per == "ends"
-        listed = "a range [smallest, largest]" if ends else f"a list of such numbers, one per {per}"
-        words += f", or {listed.removesuffix('s')}"
+        part = "mass" if per == "masses" else per.removesuffix("s")
+        listed = f"a list of such numbers, one per {part}"
+        words += f", or {'a range [smallest, largest]' if per == 'ends' else listed}"
     return Key(quantity, meaning, default, bounds, words, per, usual)
 
 
@@ -206,7 +207,14 @@ class GivenMeta(StructMeta):
         **config: Any,
     ) -> Any:
         declared = {field: one for field, one in space.items() if isinstance(one, Key)}
+        for field in declared:
+            for base in bases:
+                if hasattr(base, field) and field not in getattr(base, "__struct_fields__", ()):
+                    raise TypeError(f"{name}.{field} is a name of {base.__name__}; choose another")
         notes = space.get("__annotations__", {})
+        for field in notes:
+            if hasattr(space.get(field), "__set_name__"):
+                raise TypeError(f"{name}.{field} is a key and a member")
         own = SimpleNamespace(__annotations__={field: notes[field] for field in declared})
         scope = {**vars(sys.modules[space["__module__"]])}
         types = get_type_hints(own, scope, include_extras=True)
@@ -222,7 +230,7 @@ class GivenMeta(StructMeta):
             if "want" not in notes and (pictures := tuple(space.get("pictures", ()))):
                 wanted = Key("", "pictures to draw, each once", ())
                 notes["want"], space["want"] = wanted.typed(tuple[Literal[pictures], ...]), ()
-        return super().__new__(
+        made: Any = super().__new__(
             mcs,
             name,
             bases,
@@ -233,6 +241,8 @@ class GivenMeta(StructMeta):
             forbid_unknown_fields=True,
             **config,
         )
+        made.check_class()
+        return made
 
     if not TYPE_CHECKING:  # type checkers know the fields
 
@@ -249,7 +259,7 @@ class Given(Struct, metaclass=GivenMeta):
     @classmethod
     def made(cls, given: Mapping[str, Any]) -> Self:
         """Make one of keys and values; RefusedError says all that is wrong."""
-        optional = {f.encode_name for f in msgspec.structs.fields(cls) if f.default is None}
+        optional = {f.encode_name for f in _fields(cls) if f.default is None}
         raw = {k: as_toml(v) for k, v in given.items() if v is not None or k not in optional}
         faults: list[Fault] = []
         found = read_table(raw, cls, "", raw.get("units", cls.units_of_texts), faults)
@@ -262,6 +272,10 @@ class Given(Struct, metaclass=GivenMeta):
     def has_units(self) -> bool:
         """Whether texts with units were given in Python."""
         return vars(self).get("_has_units", False)
+
+    @classmethod
+    def check_class(cls) -> None:
+        """Raise TypeError for what a class declares wrongly, when it is made."""
 
     @classmethod
     def of_checked(cls, fields: Mapping[str, Any]) -> Self:
@@ -308,7 +322,9 @@ class Given(Struct, metaclass=GivenMeta):
         faults = [fault for change in (*changes, tables) for fault in override(raw, change)]
         if faults:
             raise RefusedError(type(self).__name__, faults)
-        return type(self).made(raw)
+        varied = type(self).made(raw)
+        vars(varied)["_has_units"] = self.has_units or varied.has_units
+        return varied
 
     def __reduce__(self) -> Any:  # fields alone travel: nothing cached, and nothing is read again
         fields = {name: getattr(self, name) for name in self.__struct_fields__}
@@ -316,8 +332,8 @@ class Given(Struct, metaclass=GivenMeta):
 
 
 def _has_units(value: Any) -> bool:
-    if isinstance(value, list):
-        return any(map(_has_units, value))
+    if isinstance(value, list | dict):
+        return any(map(_has_units, value.values() if isinstance(value, dict) else value))
     return value.has_units if isinstance(value, Given) else (
         isinstance(value, str) and has_unit(value)
     )  # fmt: skip
@@ -337,7 +353,7 @@ def plain(value: Any) -> Any:
 
 def _wrong_lists(made: Any, counts: Mapping[str, int], path: str) -> Iterator[Fault]:
     """Yield lists that have another length than there are parts, in a table and below it."""
-    for field in msgspec.structs.fields(type(made)):
+    for field in _fields(type(made)) if counts else ():
         value, name = getattr(made, field.name), f"{path}.{field.name}" if path else field.name
         things: Any = said_of(field.type).get("per", "")
         if things in counts:
@@ -357,7 +373,7 @@ def _extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
     elif isinstance(value, Mapping):
         for name, item in value.items():
             yield from _extreme_numbers(item, f"{key}.{name}")
-    elif isinstance(value, float) and not (value == 0 or _SMALL <= abs(value) <= 1 / _SMALL):
+    elif isinstance(value, float) and not (value == 0.0 or _SMALL <= abs(value) <= 1 / _SMALL):
         if not math.isfinite(value):
             yield key, f"{value} is not allowed; write a finite number"
             return

@@ -1,3 +1,4 @@
+# pyright: strict
 """Imports that wait until a name is used, so that checking a scene loads no numerics.
 
 >>> with on_use():
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import builtins
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
@@ -49,6 +50,12 @@ class _Later:
     def __instancecheck__(self, value: object) -> bool:
         return isinstance(value, self._load())
 
+    def __subclasscheck__(self, kind: type) -> bool:
+        return issubclass(kind, self._load())
+
+    def __mro_entries__(self, bases: tuple[Any, ...]) -> tuple[type, ...]:
+        raise TypeError(f"{self._name} is the base of a class; import it outside on_use()")
+
 
 class _Source:
     """What `from module import name` asks for its names."""
@@ -63,9 +70,9 @@ class _Source:
 
 
 @contextmanager
-def on_use() -> Iterator[None]:
+def on_use() -> Generator[None]:
     """Let the imports of the block wait. For use at the top level of a module."""
-    real, where = builtins.__import__, sys._getframe(2).f_globals  # noqa: SLF001
+    real, where = builtins.__import__, sys._getframe(2).f_globals  # pyright: ignore[reportPrivateUsage] # noqa: SLF001
 
     def wait(
         name: str,

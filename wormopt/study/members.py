@@ -1,3 +1,4 @@
+# pyright: strict
 """Members of a study: what it computes and reports, each declared where it is computed."""
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from operator import attrgetter
 from string import Formatter
 from typing import Any, Generic, Literal, Self, TypeVar, overload
 
-from wormopt.errors import WormoptError
+from wormopt.errors import ArgumentError, WormoptError
 from wormopt.quantities import NAME
 from wormopt.result import Check
 from wormopt.study.given import check_quantity
@@ -23,8 +24,11 @@ class NotComputedError(WormoptError):
     """A member that a stopped or failed study did not reach."""
 
 
-class AbsentError(NotComputedError):
-    """A member that this study does not have: a number of a float, where there is none."""
+class AbsentError(NotComputedError, ArgumentError):
+    """A member that this study does not have: a number of a float, where there is none.
+
+    Members that need it are absent too.
+    """
 
 
 @dataclass
@@ -46,9 +50,12 @@ class Member(Generic[T]):
     reported_as: str = ""  # name in results, where a key has the name of the method
     neglected: bool = False  # a warning's number is the share that the theory neglects
     several: bool = False  # a mapping or a sequence, with names known only when it is computed
-    declared: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)  # names known before
+    declared: Mapping[str, tuple[Any, ...]] = field(
+        default_factory=dict[str, tuple[Any, ...]]
+    )  # names known before
     of: Any = None  # of `parts`: the dataclass
     name: str = ""
+    part_of: str = ""  # member of whose dataclass it is a field
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name, self.__doc__ = name, getattr(self.compute, "__doc__", "")
@@ -61,30 +68,52 @@ class Member(Generic[T]):
     def __get__(self, study: Any, owner: Any = None) -> Any:
         if study is None:
             return self
-        if self.name not in vars(study):
-            vars(study)[self.name] = study.computed(self)
-        return vars(study)[self.name]
+        kept: dict[str, Any] = study.__dict__
+        if self.name not in kept:
+            kept[self.name] = study.computed(self)
+        return kept[self.name]
+
+    @property
+    def declares(self) -> Mapping[str, tuple[Any, ...]]:
+        """Quantity, dimensions if it has some, and meaning of each result, by name."""
+        said = (self.quantity, self.dims, self.meaning)
+        return (
+            self.declared if self.several else {self.reported_as: said if self.dims else said[::2]}
+        )
 
     @property
     def names(self) -> Sequence[str]:
-        """Names in results, as far as they are known before it is computed."""
-        return tuple(self.declared) if self.several else (self.reported_as,)
+        """Names by which results of it are asked for; of several, also its own for all of them."""
+        if self.role not in ("scalar", "array", "check"):
+            return ()
+        own = [*self.declared, self.name] if self.several else [self.reported_as.replace(" ", "_")]
+        return tuple(dict.fromkeys(own))
 
-    def may_be(self, names: Iterable[str]) -> bool:
-        """Whether results may have it, or a part of it, by one of the names."""
-        known = {name.partition(".")[0] for name in self.names}
-        several = self.several and not known and self.role in ("scalar", "array")
-        return several or any(name.partition(".")[0].replace(" ", "_") in known for name in names)
+    def asked_by(self, names: Iterable[str]) -> bool:
+        """Whether one of the names is that of a result of it, or begins so before a dot."""
+        heads = {name.partition(".")[0] for name in self.names}
+        return any(name.partition(".")[0] in heads for name in names)
 
-    def check_words(self, known: Callable[[str], bool]) -> None:
-        """Raise TypeError, while a class is made, for words about members that it lacks."""
+    def reported(self, found: Any, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
+        """Yield results by name: of several those asked for, all without names."""
+        if not self.several:
+            yield self.reported_as, found
+            return
+        for name, one in found.items():
+            if not names or {name, name.partition(".")[0], self.name} & {*names}:
+                yield name, one
+
+    @property
+    def named(self) -> Sequence[str]:
+        """Members and keys, which may be dotted, that its declaration names."""
         named = [self.when] if self.when else []
         named += [self.limit] if isinstance(self.limit, str) else []
         if self.role in ("check", "warning") and not self.several:
-            fields_ = [name for _, name, _, _ in Formatter().parse(self.meaning) if name]
+            fields_ = [
+                name for _, name, _, _ in Formatter().parse(self.meaning) if name is not None
+            ]
             named += [name for name in fields_ if name not in ("value", "limit")]
-        if wrong := [name for name in named if not known(name.split(".")[0])]:
-            raise TypeError(f"{self.name} names {', '.join(wrong)}, which is no member or key")
+        return named
 
 
 Declared = Callable[[Method[T]], Member[T]]
@@ -97,7 +126,11 @@ def _declare(role: Role, quantity: str, meaning: str, dims: str = "", **more: An
     if wrong := [dim for dim in dims.split() if not NAME.fullmatch(dim)]:
         raise TypeError(f'{", ".join(wrong)}: dimensions are words, such as "mass time"')
     named = tuple(dims.split())
-    return lambda compute: Member(compute, role, quantity, meaning, named, **more)
+
+    def made(compute: Method[Any]) -> Member[Any]:
+        return Member(compute, role, quantity, meaning, named, **more)
+
+    return made
 
 
 def stage(compute: Method[T]) -> Member[T]:
@@ -149,9 +182,14 @@ def check(
     return _declare("check", quantity, advice, limit=limit, when=when, reported_as=name)
 
 
-def warning(above: float, words: str, quantity: str = "", *, when: str = "") -> Declared[T]:
-    """A number of which the user is warned above a size."""
-    return _declare("warning", quantity, words, limit=above, when=when)
+def warning(
+    above: float, words: str, quantity: str = "", *, neglected: bool = False, when: str = ""
+) -> Declared[T]:
+    """A number of which the user is warned above a size.
+
+    `neglected` says that it is the share which the theory neglects.
+    """
+    return _declare("warning", quantity, words, limit=above, neglected=neglected, when=when)
 
 
 def _several(role: Role) -> Any:
@@ -181,9 +219,12 @@ def attributes(compute: Method[Mapping[str, Any]]) -> Member[Mapping[str, Any]]:
 # -- results computed together: a dataclass whose fields are members -------------------------------
 
 
-def value(quantity: str, meaning: str, *, headline: bool = False, when: str = "") -> Any:
-    """A field that is a scalar of the result."""
-    return field(metadata={"member": scalar(quantity, meaning, headline=headline, when=when)})
+def value(
+    quantity: str, meaning: str, *, headline: bool = False, when: str = "", name: str = ""
+) -> Any:
+    """A field that is a scalar of the result, with the name of the field or `name`."""
+    made = scalar(quantity, meaning, headline=headline, when=when, name=name)
+    return field(metadata={"member": made})
 
 
 def signal(quantity: str, dims: str, meaning: str, *, when: str = "") -> Any:
@@ -191,9 +232,9 @@ def signal(quantity: str, dims: str, meaning: str, *, when: str = "") -> Any:
     return field(metadata={"member": array(quantity, dims, meaning, when=when)})
 
 
-def parts(of: type[T]) -> Declared[T]:
+def parts(of: type[T], *, when: str = "") -> Declared[T]:
     """What one function computes together, as a dataclass; each of its fields is a member too."""
-    return lambda compute: Member(compute, "parts", of=of)
+    return lambda compute: Member(compute, "parts", of=of, when=when)
 
 
 def members_of_parts(whole: Member[Any]) -> Iterator[Member[Any]]:
@@ -201,5 +242,6 @@ def members_of_parts(whole: Member[Any]) -> Iterator[Member[Any]]:
     for one in fields(whole.of):
         if "member" in one.metadata:
             made: Member[Any] = one.metadata["member"](attrgetter(f"{whole.name}.{one.name}"))
-            made.name = made.reported_as = one.name
+            made.name, made.reported_as = one.name, made.reported_as or one.name
+            made.part_of = whole.name
             yield made

@@ -1,12 +1,15 @@
+# pyright: strict
 """A kind of study is one class: its fields are the keys of a scene, its members the results."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import msgspec
 
@@ -16,13 +19,16 @@ from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result, left_out
 from wormopt.shown import brief
 from wormopt.study.conclude import status_of
-from wormopt.study.given import entry
+from wormopt.study.given import bare, entry, tables_in
 from wormopt.study.later import load
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
+from wormopt.study.overrides import Overrides
 from wormopt.study.plausible import surprises
 from wormopt.study.reference import quantity_of
 from wormopt.study.types import FOLDER, SceneTable
 
+T = TypeVar("T")
+Names = Sequence[str]
 _PLACE = ("_name", "_folder")  # what a study knows of where it comes from
 
 
@@ -31,8 +37,10 @@ class _Progress:
     """How far a study is, shared with the studies that run as part of it."""
 
     report: Report = silent
-    timings: dict[str, float] = field(default_factory=dict)
-    inner: list[float] = field(default_factory=list)  # seconds of stages within the running ones
+    timings: dict[str, float] = field(default_factory=dict[str, float])
+    inner: list[float] = field(
+        default_factory=list[float]
+    )  # seconds of stages within the running ones
 
 
 class Study(SceneTable):
@@ -59,29 +67,34 @@ class Study(SceneTable):
 
     def __init_subclass__(cls, **config: Any) -> None:
         super().__init_subclass__(**config)
-        seen = {n: one for c in reversed(cls.__mro__) for n, one in vars(c).items()}
-        found = {n: one for n, one in seen.items() if isinstance(one, Member)}
+        seen = {name: one for c in reversed(cls.__mro__) for name, one in vars(c).items()}
+        found: dict[str, Member[Any]] = {n: m for n, m in seen.items() if isinstance(m, Member)}
         for whole in [one for one in found.values() if one.role == "parts"]:
             for part in members_of_parts(whole):
-                found.setdefault(part.name, part)
-                setattr(cls, part.name, part)
-        taken = [n for n in found if hasattr(Study, n)]
-        if taken:
-            raise TypeError(f"{cls.__name__}.{taken[0]} is a name of Study; choose another")
+                if found.setdefault(part.name, part) is part:
+                    setattr(cls, part.name, part)
+                elif found[part.name].part_of not in ("", whole.name):
+                    raise TypeError(f"{cls.__name__}.{part.name} is a part of two members")
+        for name in found:
+            if hasattr(Study, name):
+                raise TypeError(f"{cls.__name__}.{name} is a name of Study; choose another")
         cls.members = found
-        cls.scalars, headline = {}, list[str]()
-        cls.variables = {}
-        for one in found.values():
-            if one.role == "scalar":
-                own = {one.reported_as: (one.quantity, one.meaning)}
-                cls.scalars |= one.declared if one.several else own
-                headline += one.headlines + (one.reported_as,) * one.headline
-            elif one.role == "array":
-                own = {one.reported_as: (one.quantity, one.dims, one.meaning)}
-                cls.variables |= one.declared if one.several else own
-        cls.headline = cls.headline or tuple(headline)
-        for one in found.values():
-            one.check_words(lambda name: hasattr(cls, name) or name in _annotated(cls))
+        numbers = [one for one in found.values() if one.role == "scalar"]
+        cls.scalars = {name: said for one in numbers for name, said in one.declares.items()}
+        headline = (one.headlines or (one.reported_as,) * one.headline for one in numbers)
+        cls.headline = cls.headline or tuple(chain.from_iterable(headline))
+        signals = [one for one in found.values() if one.role == "array"]
+        cls.variables = {name: said for one in signals for name, said in one.declares.items()}
+
+    @classmethod
+    def check_class(cls) -> None:
+        """Raise TypeError for members that have the name of a key, or name what is not there."""
+        for member in cls.members.values():
+            if member.name in cls.__struct_fields__:
+                raise TypeError(f"{cls.__name__}.{member.name} is a key and a member")
+            if wrong := [path for path in member.named if not _has(cls, path)]:
+                what = f"names {', '.join(wrong)}, which is no member or key"
+                raise TypeError(f"{cls.__name__}.{member.name} {what}")
 
     # -- what was given, and where -----------------------------------------------------------------
 
@@ -111,6 +124,16 @@ class Study(SceneTable):
         """Note the name and the folder of the scene."""
         vars(self).update(_name=name, _folder=folder)
 
+    def vary(self, *changes: Overrides, **tables: Any) -> Self:
+        """Make the same with other keys, which may be dotted: ``vary({"film.depth": "5 mm"})``."""
+        before = FOLDER.set(self.folder)
+        try:
+            varied = super().vary(*changes, **tables)
+        finally:
+            FOLDER.reset(before)
+        varied.placed(self.name, self.folder)
+        return varied
+
     def wrong(self) -> Iterator[Fault]:
         """Yield all that is wrong with keys that are right each by itself."""
         found = list(super().wrong())
@@ -134,35 +157,47 @@ class Study(SceneTable):
         self._progress.report(text, fraction)
 
     def computed(self, member: Member[Any]) -> Any:
-        """Compute a member, which is then kept. A stage that failed fails again in the same way.
+        """Compute a member, which is then kept. One that failed fails again in the same way.
 
         Raises AbsentError if the study has no such member, NotComputedError in partial results.
         """
         if member.when and not self._value_of(member.when):
             raise AbsentError(f"there is no {member.name} without {member.when}")
-        if member.role != "stage":
-            self._load_imports()
-            return member.compute(self)
-        if "_closed" in vars(self):
+        failures = self._failures
+        failed = failures.get(member.name)
+        if "_closed" in vars(self) and (failed or member.role == "stage"):
             raise NotComputedError(f"{member.name.replace('_', ' ')} was not computed")
-        failures: dict[str, BaseException] = vars(self).setdefault("_failures", {})
-        if isinstance(failed := failures.pop(member.name, None), Exception):
-            failures[member.name] = failed
+        if isinstance(failed, Exception):
             raise failed.with_traceback(None)
+        failures.pop(member.name, None)  # what was interrupted is computed again
+        try:
+            with self._timed(member.name) if member.role == "stage" else nullcontext():
+                self._load_imports()
+                found: Any = member.compute(self)
+                return [*found] if member.several and hasattr(found, "__next__") else found
+        except (Exception, KeyboardInterrupt) as error:
+            if member.role == "stage" or error not in failures.values():
+                failures[member.name] = error
+            raise
+
+    @property
+    def _failures(self) -> dict[str, BaseException]:
+        """Errors of stages, and of other members that caused them, by name."""
+        return vars(self).setdefault("_failed", {})
+
+    @contextmanager
+    def _timed(self, stage: str) -> Generator[None]:
+        """Report a stage, and count its time without that of stages within it."""
         progress = self._progress
-        progress.report(member.name.replace("_", " "), None)
+        progress.report(stage.replace("_", " "), None)
         progress.inner.append(0.0)
         start = time.perf_counter()
         try:
-            self._load_imports()
-            return member.compute(self)
-        except (Exception, KeyboardInterrupt) as error:
-            failures[member.name] = error
-            raise
+            yield
         finally:
             spent = time.perf_counter() - start
             own = spent - progress.inner.pop()
-            progress.timings[member.name] = progress.timings.get(member.name, 0.0) + own
+            progress.timings[stage] = progress.timings.get(stage, 0.0) + own
             if progress.inner:
                 progress.inner[-1] += spent
 
@@ -183,9 +218,13 @@ class Study(SceneTable):
         """Why the study was interrupted although every stage has a result; "" if it was not."""
         return ""
 
+    def unsolved(self) -> SolveError | None:
+        """Error of a study without an answer although every stage has a result, None otherwise."""
+        return None
+
     # -- results -----------------------------------------------------------------------------------
 
-    def result(self, report: Report = silent) -> Result:
+    def result(self, report: Report | None = None) -> Result:
         """Compute all that the study reports.
 
         Raises
@@ -195,52 +234,67 @@ class Study(SceneTable):
         """
         return self._reported((), report)
 
-    def only(self, *names: str, report: Report = silent) -> Result:
+    def only(self, *names: str, report: Report | None = None) -> Result:
         """Compute some scalars, variables or checks, and nothing that they do not need.
 
         The status is "unchecked", and the trust report lists the checks that were left out.
+        Raises UnknownNameError for names that results of the kind never have, else as `result`.
         """
-        known = [one for member in self.members.values() for one in member.names]
-        heads = {one.partition(".")[0] for one in known}
-        if unknown := [name for name in names if name.partition(".")[0] not in heads]:
+        return self._reported(self.check_names(names), report)
+
+    def check_names(self, names: Names) -> Names:
+        """Return names of results as members know them; UnknownNameError for others."""
+        asked = [name.replace(" ", "_") for name in names]  # names of checks have spaces
+        members = self.members.values()
+        if unknown := [name for name in asked if not any(m.asked_by([name]) for m in members)]:
+            known = [name for member in members for name in member.names]
             raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known)
-        return self._reported(names, report)
+        return asked
 
     def __getitem__(self, name: str) -> Any:
         """Value of a scalar or variable by its name in results."""
-        for member in self.members.values():
-            if member.role in ("scalar", "array") and member.may_be((name,)):
-                found = getattr(self, member.name)
-                if not member.several:
-                    return found
-                if name in found:
-                    return getattr(found[name], "value", found[name])
+        reported = [one for one in self.members.values() if one.role in ("scalar", "array")]
+        for member in [one for one in reported if one.asked_by([name])] or reported:
+            if not member.several:
+                if member.reported_as == name:
+                    return getattr(self, member.name)
+            elif name in (found := getattr(self, member.name)):
+                one = found[name]
+                if isinstance(one, Variable):
+                    return one.values
+                return one.value if isinstance(one, Scalar) else one
         known = [*self.scalars, *self.variables]
         raise UnknownNameError(f"a study of kind {self.kind}", "result", [name], known)
 
-    def _reported(self, names: Sequence[str], report: Report) -> Result:
-        self._progress.report = report
+    def _reported(self, names: Names, report: Report | None) -> Result:
+        before = self._progress.report
+        self._progress.report = report or before
         try:
-            result = self._complete(names)
+            result = self._partly(names) if names else self._complete()
         except SolveError as error:
             found = self._unfinished(str(error))
             raise SolveError(error.reason, error.suggestion, found, error.code) from None
         except KeyboardInterrupt as stop:
-            during = [n for n, e in vars(self).get("_failures", {}).items() if e is stop]
+            during = [name for name, error in self._failures.items() if error is stop]
             where = f" during {during[0].replace('_', ' ')}" if during else ""
             found = self._unfinished(f"interrupted{where}")
             if not found.scalars and not found.variables:
                 raise
             raise Interrupted(found) from None
-        if reason := self.stopped():
-            raise Interrupted(result.failed(reason))
+        finally:
+            self._progress.report = before
+        done = self._closed(partials=False)
+        with suppress(NotComputedError):
+            if reason := done.stopped():
+                raise Interrupted(result.failed(reason))
+            if error := done.unsolved():
+                found = result.failed(error.reason)
+                raise SolveError(error.reason, error.suggestion, found, error.code)
         return result
 
-    def _complete(self, names: Sequence[str]) -> Result:
-        if names:
-            return self._partly(names)
+    def _complete(self) -> Result:
         scalars, variables = self._scalars(), self._variables()
-        checks, warned = list(self._checks()), [*self._given_warnings(), *self._warnings()]
+        checks, warned = self._checks(), [*self._given_warnings(), *self._warnings()]
         status, reasons = status_of(checks, warned)
         trust = {**self.facts, **self._joined("fact")}
         if checks:
@@ -254,12 +308,21 @@ class Study(SceneTable):
             attributes=self._joined("attribute"),
         )
 
-    def _partly(self, names: Sequence[str]) -> Result:
+    def _partly(self, names: Names) -> Result:
         """Result of some members only."""
-        scalars, variables = self._scalars(names), self._variables(names)
-        checks = list(self._checks(names))
+        scalars, variables, checks = (
+            self._scalars(names), self._variables(names), self._checks(names),
+        )  # fmt: skip
+        if not (scalars or variables or checks):
+            raise AbsentError(f"this study has no {', '.join(names)}")
         failed = "; ".join(one.advice for one in checks if not one.passed)
-        left = [m.name for m in self.members.values() if m.role == "check" and not m.may_be(names)]
+        left = [
+            member.name.replace("_", " ")
+            if member.several
+            else member.reported_as.replace("_", " ")
+            for member in self.members.values()
+            if member.role == "check" and not member.asked_by(names)
+        ]
         return self._made(
             status="failed" if failed else "unchecked",
             reason=failed or "only some results were computed",
@@ -287,10 +350,10 @@ class Study(SceneTable):
     def _closed(self, partials: bool) -> Study:
         """Copy that computes no stage, with what is finished and, if asked for, partial stages."""
         copy = msgspec.structs.replace(self)
-        vars(copy).update(vars(self), _closed=True)
-        for name, error in vars(self).get("_failures", {}).items():
+        vars(copy).update(vars(self), _closed=True, _failed=dict(self._failures))
+        for name, error in self._failures.items() if partials else ():
             handed = getattr(error, "partial", None)
-            if partials and handed is not None:
+            if handed is not None:
                 vars(copy)[name] = handed
         return copy
 
@@ -306,63 +369,68 @@ class Study(SceneTable):
         yield from surprises(self, self.units)
         yield from self.file_warnings(self.folder, self.units)
 
-    def _members(self, role: str, names: Sequence[str]) -> Iterator[tuple[Member[Any], Any]]:
-        """Yield members of a role with their values, without absent ones and those not reached."""
+    def _gathered(self, role: str, of: Callable[..., Iterable[T]], names: Names = ()) -> list[T]:
+        """Gather what is reported of the members of a role, but for absent and unreached ones."""
+        gathered: list[T] = []
         for member in self.members.values():
-            if member.role != role or (names and not member.may_be(names)):
+            if member.role != role or (names and not member.asked_by(names)):
                 continue
             try:
-                yield member, getattr(self, member.name)
+                gathered += list(of(member, getattr(self, member.name)))
             except AbsentError:
-                continue
-            except NotComputedError:
+                if names:
+                    raise
+            except Exception:  # what is partial need not be enough for it
                 if "_closed" not in vars(self):
                     raise
+        return gathered
 
     def _joined(self, role: str) -> dict[str, Any]:
-        return {name: one for _, found in self._members(role, ()) for name, one in found.items()}
+        def of(_: Member[Any], found: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
+            return found.items()
 
-    def _scalars(self, names: Sequence[str] = ()) -> dict[str, Scalar]:
-        reported: dict[str, Scalar] = {}
-        for member, value in self._members("scalar", names):
-            found = value if member.several else {member.reported_as: value}
-            for name, one in found.items():
-                quantity = member.declared[name][0] if name in member.declared else member.quantity
-                unit = unit_of(quantity, self.units) if quantity else "1"
-                reported[name] = one if isinstance(one, Scalar) else Scalar(one, unit)
-        return {name: one for name, one in reported.items() if not names or name in names}
+        return dict(self._gathered(role, of))
 
-    def _variables(self, names: Sequence[str] = ()) -> tuple[Variable, ...]:
-        reported: list[Variable] = []
-        for member, value in self._members("array", names):
-            own = {member.reported_as: (member.quantity, member.dims, member.meaning)}
-            declared = member.declared if member.several else own
-            for name, one in value.items() if member.several else [(member.reported_as, value)]:
+    def _scalars(self, names: Names = ()) -> dict[str, Scalar]:
+        def of(member: Member[Any], found: Any) -> Iterator[tuple[str, Scalar]]:
+            for name, one in member.reported(found, names):
+                quantity = member.declares[name][0] if name in member.declares else ""
+                yield name, one if isinstance(one, Scalar) else Scalar(one, _unit(quantity, self))
+
+        return dict(self._gathered("scalar", of, names))
+
+    def _variables(self, names: Names = ()) -> tuple[Variable, ...]:
+        def of(member: Member[Any], found: Any) -> Iterator[Variable]:
+            for name, one in member.reported(found, names):
                 if isinstance(one, Variable):
-                    reported.append(one)
+                    yield one
                 elif one is not None:
-                    quantity, dims, what = declared[name]
-                    unit = unit_of(quantity, self.units) if quantity else "1"
-                    reported.append(Variable(name, unit, tuple(dims), one, what))
-        return tuple(one for one in reported if not names or one.name in names)
+                    quantity, dims, what = member.declares[name]
+                    yield Variable(name, _unit(quantity, self), tuple(dims), one, what)
 
-    def _checks(self, names: Sequence[str] = ()) -> Iterator[Check]:
-        for member, value in self._members("check", names):
+        return tuple(self._gathered("array", of, names))
+
+    def _checks(self, names: Names = ()) -> list[Check]:
+        def of(member: Member[Any], found: Any) -> Iterator[Check]:
             if member.several:
-                yield from value
-                continue
+                yield from found
+                return
             limit = member.limit
             limit = self._value_of(limit) if isinstance(limit, str) else limit
-            made = Check(member.reported_as.replace("_", " "), value, limit)
-            yield made if made.passed else replace(made, advice=self._worded(member, value, limit))
+            made = Check(member.reported_as.replace("_", " "), found, limit)
+            yield made if made.passed else replace(made, advice=self._worded(member, found, limit))
 
-    def _warnings(self) -> Iterator[str]:
-        for member, value in self._members("warning", ()):
+        return self._gathered("check", of, names)
+
+    def _warnings(self) -> list[str]:
+        def of(member: Member[Any], found: Any) -> Iterator[str]:
             if member.several:
-                yield from value
-            elif value > member.limit:
-                words = self._worded(member, value, member.limit)
-                yield left_out(value, words) if member.neglected else words
+                yield from found
+            elif found is not None and found > member.limit:
+                words = self._worded(member, found, member.limit)
+                yield left_out(found, words) if member.neglected else words
+
+        return self._gathered("warning", of)
 
     def _worded(self, member: Member[Any], value: Any, limit: Any) -> str:
         """Words of a check or warning with the values and units of what they name."""
@@ -388,7 +456,7 @@ class _Amount:
 
     def __format__(self, form: str) -> str:
         text = format(self._value, form) if form else brief(self._value)
-        unit = unit_of(self._quantity, self._study.units) if self._quantity else "1"
+        unit = _unit(self._quantity, self._study)
         return text if unit == "1" else f"{text} {unit}"
 
 
@@ -406,5 +474,17 @@ class _Values(dict[str, Any]):
         return _Amount(self._study, name, getattr(self._study, name), quantity)
 
 
-def _annotated(kind: type) -> set[str]:
-    return {name for c in kind.__mro__ for name in vars(c).get("__annotations__", {})}
+def _unit(quantity: str, study: Study) -> str:
+    return unit_of(quantity, study.units) if quantity else "1"
+
+
+def _has(study: type[Study], path: str) -> bool:
+    """Whether a study has a member or key; keys may be dotted, down to a property of a table."""
+    inside: list[Any] = [study]
+    for name in path.split("."):
+        with_it = [table for table in inside if name in table.__struct_fields__]
+        if not with_it:
+            return any(hasattr(table, name) for table in inside)
+        types = [f.type for t in with_it for f in msgspec.structs.fields(t) if f.name == name]
+        inside = [table for kind in types for table in tables_in(bare(kind))]
+    return True

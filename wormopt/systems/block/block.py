@@ -1,10 +1,11 @@
-"""Model of a block on the ground, driven by a bounded force, and its optimal motion."""
+"""Model of a block on the ground, driven by a bounded force, and the phases of its best slide."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from typing import NamedTuple
 
@@ -18,13 +19,7 @@ from wormopt.model.lift import lift
 from wormopt.model.model import TINY, Contact, Model, Output, Signal
 from wormopt.model.modes import ModeSequence
 from wormopt.ocp.motion import Curve, Guess
-from wormopt.ocp.problem import Constraint, Ends, Problem
-from wormopt.study.numerics import SmoothContact
-from wormopt.systems.block.scenes import SlideScene
-from wormopt.systems.chain import law_of
 
-# Upper limit of the duration, in multiples of a simple motion, see `_plain_time`.
-_LONGEST = 10.0
 # Shares of usual sizes that count as zero, and the accuracy of the fastest slide; multiple of the
 # simple duration after which a block counts as stuck; number of checks for braking.
 _SMALL, _EXACT, _FOR_EVER, _LOOKS = 1e-12, 1e-10, 1e12, 9
@@ -63,76 +58,61 @@ def block(
     )
 
 
-def problem_of(table: SlideScene) -> Problem:
-    """Optimal-control problem of the block; names of bounds are keys of the scene."""
-    known = phases_of(table)
-    slow = _plain_time(table) if known is None else known.guess.duration
-    model = _model(table, slow)
-    effort = table.minimise == "effort"
-    ends = Ends.of(model, int(effort))
-    sizes = np.array([s.nominal for s in model.x])
-    at_ends = [
-        Constraint(f"{name}.{signal.name}", state[k] / sizes[k], value / sizes[k], value / sizes[k])
-        for name, place, state in (("start", table.start, ends.start), ("end", table.end, ends.end))
-        for k, signal, value in zip(
-            range(2), model.x, (place.position, place.velocity), strict=False
+@dataclass(frozen=True)
+class Transfer:
+    """Task of a block on the ground: to get from one position and velocity to another."""
+
+    law: Law
+    mass: float
+    force: float  # largest drive
+    start: tuple[float, float]  # position and velocity
+    end: tuple[float, float]
+    v_reg: float | None = None  # width of the smoothed law; None for exact contact
+
+    @cached_property
+    def plain_time(self) -> float:
+        """Duration of a simple motion: stop, go from rest to rest, accelerate; near the slowest."""
+        a, b = self._least_net_force / self.mass, self.force / self.mass
+        (x0, v0), (x1, v1) = self.start, self.end
+        way = abs(x1 - x0) + v0**2 / (2 * b) + v1**2 / (2 * a)
+        return abs(v0) / b + abs(v1) / a + math.sqrt(2 * way * (1 / a + 1 / b))
+
+    @property
+    def _least_net_force(self) -> float:
+        """Least positive difference between drive and friction over both directions."""
+        left = (self.force - abs(float(self.law.slip_force(0.0, d))) for d in self.law.directions)
+        return min((net for net in left if net > 0), default=self.force)
+
+    def model(self, duration: float) -> Model:
+        """Model with nominal sizes for a motion of about so long a duration."""
+        (x0, v0), (x1, v1) = self.start, self.end
+        return block(
+            self.law,
+            mass=self.mass,
+            force=self.force,
+            length_nominal=max(abs(x1 - x0), (abs(v0) + abs(v1)) * duration / 4),
+            time_nominal=duration,
         )
-    ]
-    longest = _LONGEST * slow
-    if table.time is not None:
-        at_ends.append(Constraint("time", ends.duration, upper=table.time, nominal=table.time))
-        longest = max(longest, 2 * table.time)
-    # Integrals are variables of the program, so they are scaled to the size of 1.
-    size = model.u[0].nominal ** 2 * slow if effort else slow
-    return Problem(
-        model,
-        ends,
-        size * ends.integrals[0] if effort else ends.duration,
-        (1e-6 * slow, longest),
-        integrands=ca.sumsqr(model["force"]) / size if effort else ca.SX(0, 1),
-        boundary_constraints=at_ends,
-        nominal=size,
-    )
 
+    def cubic(self, duration: float) -> Guess:
+        """Guess a motion whose position is a cubic polynomial of time."""
+        (x0, v0), (x1, v1) = self.start, self.end
+        way, p, q = x1 - x0, duration * v0, duration * v1
+        cubic = np.polynomial.Polynomial([x0, p, 3 * way - 2 * p - q, p + q - 2 * way])
+        slope = cubic.deriv()
+        return Guess(
+            duration, lambda t: np.vstack([cubic(t / duration), slope(t / duration) / duration])
+        )
 
-def _model(table: SlideScene, slow: float) -> Model:
-    way = abs(table.end.position - table.start.position)
-    speeds = abs(table.start.velocity) + abs(table.end.velocity)
-    return block(
-        law_of(table.block.friction),
-        mass=table.block.mass,
-        force=table.block.force,
-        length_nominal=max(way, speeds * slow / 4),
-        time_nominal=slow,
-    )
+    def phases(self, *, least_effort: bool) -> Phases | None:
+        """Phases of the best slide, by Pontryagin's principle; None if there is none of this kind.
 
-
-def _plain_time(table: SlideScene) -> float:
-    """Duration of a simple motion: stop, go from rest to rest, accelerate; none is much slower."""
-    weakest = _least_net_force(law_of(table.block.friction), table.block.force)
-    a, b = weakest / table.block.mass, table.block.force / table.block.mass
-    v0, v1 = table.start.velocity, table.end.velocity
-    way = abs(table.end.position - table.start.position) + v0**2 / (2 * b) + v1**2 / (2 * a)
-    return abs(v0) / b + abs(v1) / a + math.sqrt(2 * way * (1 / a + 1 / b))
-
-
-def _least_net_force(law: Law, force: float) -> float:
-    """Least positive difference between drive and friction over both directions."""
-    left = (force - abs(float(law.slip_force(0.0, d))) for d in law.directions)
-    return min((net for net in left if net > 0), default=force)
-
-
-def cubic_guess(table: SlideScene) -> Guess:
-    """Cubic from one position and velocity to another."""
-    duration = _plain_time(table) if table.time is None else table.time
-    start, end = table.start, table.end
-    way = end.position - start.position
-    p, q = duration * start.velocity, duration * end.velocity
-    cubic = np.polynomial.Polynomial([start.position, p, 3 * way - 2 * p - q, p + q - 2 * way])
-    slope = cubic.deriv()
-    return Guess(
-        duration, lambda t: np.vstack([cubic(t / duration), slope(t / duration) / duration])
-    )
+        The costate of the velocity in x'' = (u + f(v))/m changes its sign at most once. The drive
+        of the fastest slide is first at one limit and then at the other. The drive of least effort
+        leaves one limit once, and the block may rest where its speed is 0.
+        """
+        slides = (_Slide(self, side).phases(least_effort=least_effort) for side in (1, -1))
+        return next(filter(None, slides), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,67 +123,6 @@ class Phases:
     active: tuple[tuple[int, ...], ...]  # limits at which the drive is held, see `FixedModes`
     guess: Guess
     excess: float  # least share of the drive that is left to gather speed, where it must
-
-
-def phases_of(table: SlideScene) -> Phases | None:
-    """Phases of the best slide, by Pontryagin's principle; None if there is none of this kind.
-
-    The costate of the velocity in x'' = (u + f(v))/m changes its sign at most once. The drive of
-    the fastest slide is first at one limit and then at the other. The drive of least effort leaves
-    one limit once, and the block may rest where its speed is 0.
-    """
-    return next(filter(None, (_phases(table, way) for way in (1, -1))), None)
-
-
-def _phases(table: SlideScene, way: int) -> Phases | None:
-    """Phases of a slide that is first driven towards `way`; None if it ends elsewhere."""
-    slide = _Slide(table, way)
-    legs = slide.legs()
-    if not legs:
-        return None
-    least, smooth = table.minimise == "effort", isinstance(table.contact, SmoothContact)
-    steps = [  # contact, drive at a limit or 0, duration
-        (mode, side, sum(leg.duration for leg in same))
-        for (side, mode), same in groupby(
-            legs, lambda leg: (leg.side, leg.side if smooth else leg.mode)
-        )
-    ]
-    if least:  # The drive is at its limit where it accelerates forward; before and after that it
-        # may rest.
-        steps = [(mode, int(side == mode == 1), t) for mode, side, t in steps]
-        ahead = [k for k, (mode, *_) in enumerate(steps) if mode > 0]
-        for k, v in ((ahead[-1] + 1, slide.last), (ahead[0], slide.first)) if ahead else ():
-            if v <= 0:
-                steps.insert(k, (0, 0, 0.0))
-    edges = np.cumsum([0.0, *(leg.duration for leg in legs)])
-
-    def along(of: Callable[[_Leg, float], ArrayLike]) -> Curve:
-        def curve(t: np.ndarray) -> np.ndarray:
-            at = np.searchsorted(edges[1:-1], t, side="right")
-            return (
-                way
-                * np.array([of(legs[k], s) for k, s in zip(at, t - edges[at], strict=True)])
-                .reshape(len(t), -1)
-                .T
-            )
-
-        return curve
-
-    begin, states = np.array([[table.start.position], [0.0]]), along(lambda leg, t: leg.states(t))
-    gathers = [leg for leg in legs if leg.side == leg.mode]
-    left = (leg.side * slide.net(0.0, leg.side, leg.mode) / slide.drive for leg in gathers)
-    return Phases(
-        ModeSequence(tuple((way * mode,) for mode, *_ in steps)),
-        tuple((way * side,) for _, side, _ in steps),
-        Guess(
-            float(edges[-1]),
-            lambda t: begin + states(t),
-            along(lambda leg, _: [leg.side * slide.drive]),
-            along(lambda leg, t: [slide.ground(leg.states(t)[1], leg.mode)]),
-            np.array([t for *_, t in steps]),
-        ),
-        min(left, default=math.inf),
-    )
 
 
 class _Leg(NamedTuple):
@@ -221,38 +140,87 @@ class _Slide:
     Positions and velocities are positive towards `way`; the position is 0 at the start.
     """
 
-    def __init__(self, table: SlideScene, way: int) -> None:
-        self._slow = _plain_time(table)
-        self._sizes = np.array([s.nominal for s in _model(table, self._slow).x])
-        self._way, self._law, self._contact = way, law_of(table.block.friction), table.contact
-        self._run = way * (table.end.position - table.start.position)
-        self._mass, self.drive = table.block.mass, table.block.force
-        self.first, self.last = way * table.start.velocity, way * table.end.velocity
+    def __init__(self, task: Transfer, way: int) -> None:
+        self._task, self._way = task, way
+        self._sizes = np.array([s.nominal for s in task.model(task.plain_time).x])
+        (x0, v0), (x1, v1) = task.start, task.end
+        self._run, self._first, self._last = way * (x1 - x0), way * v0, way * v1
 
-    def ground(self, v: float, mode: int) -> float:
+    def phases(self, *, least_effort: bool) -> Phases | None:
+        """Phases of the slide; None if it ends elsewhere."""
+        legs, way, drive = self._legs(), self._way, self._task.force
+        if not legs:
+            return None
+        smooth = self._task.v_reg is not None
+        steps = [  # contact, drive at a limit or 0, duration
+            (mode, side, sum(leg.duration for leg in same))
+            for (side, mode), same in groupby(
+                legs, lambda leg: (leg.side, leg.side if smooth else leg.mode)
+            )
+        ]
+        if least_effort:
+            # The drive is at its limit where it accelerates forward; the block may rest before
+            # and after that.
+            steps = [(mode, int(side == mode == 1), t) for mode, side, t in steps]
+            ahead = [k for k, (mode, *_) in enumerate(steps) if mode > 0]
+            for k, v in ((ahead[-1] + 1, self._last), (ahead[0], self._first)) if ahead else ():
+                if v <= 0:
+                    steps.insert(k, (0, 0, 0.0))
+        edges = np.cumsum([0.0, *(leg.duration for leg in legs)])
+
+        def along(of: Callable[[_Leg, float], ArrayLike]) -> Curve:
+            def curve(t: np.ndarray) -> np.ndarray:
+                at = np.searchsorted(edges[1:-1], t, side="right")
+                rows = [of(legs[k], s) for k, s in zip(at, t - edges[at], strict=True)]
+                return way * np.array(rows).reshape(len(t), -1).T
+
+            return curve
+
+        begin, states = (
+            np.array([[self._task.start[0]], [0.0]]),
+            along(lambda leg, t: leg.states(t)),
+        )
+        gathers = [leg for leg in legs if leg.side == leg.mode]
+        left = (leg.side * self._net(0.0, leg.side, leg.mode) / drive for leg in gathers)
+        return Phases(
+            ModeSequence(tuple((way * mode,) for mode, *_ in steps)),
+            tuple((way * side,) for _, side, _ in steps),
+            Guess(
+                float(edges[-1]),
+                lambda t: begin + states(t),
+                along(lambda leg, _: [leg.side * drive]),
+                along(lambda leg, t: [self._ground(leg.states(t)[1], leg.mode)]),
+                np.array([t for *_, t in steps]),
+            ),
+            min(left, default=math.inf),
+        )
+
+    def _ground(self, v: float, mode: int) -> float:
         """Force of the ground."""
-        way, law = self._way, self._law
-        if isinstance(self._contact, SmoothContact):
-            return way * float(law.smooth(way * v, self._contact.v_reg))
+        way, law, v_reg = self._way, self._task.law, self._task.v_reg
+        if v_reg is not None:
+            return way * float(law.smooth(way * v, v_reg))
         if way * mode not in law.directions:
             return -mode * math.inf
         return way * float(law.slip_force(way * v, way * mode))
 
-    def net(self, v: float, side: int, mode: int) -> float:
+    def _net(self, v: float, side: int, mode: int) -> float:
         """Total force, which changes the velocity."""
-        return side * self.drive + self.ground(v, mode)
+        return side * self._task.force + self._ground(v, mode)
 
-    def legs(self) -> list[_Leg]:
+    def _legs(self) -> list[_Leg]:
         """Legs of the slide; none if it ends elsewhere."""
-        least = max(self.last, 0.0)  # the velocity must not fall below it before the drive reverses
-        legs, y = list[_Leg](), np.array([0.0, self.first, 0.0])
-        for target in (*sorted(u for u in {0.0, self.last} if u > self.first), math.inf):
-            v, may_turn = float(y[1]), y[1] >= self.last
+        least = max(
+            self._last, 0.0
+        )  # the velocity must not fall below it before the drive reverses
+        legs, y = list[_Leg](), np.array([0.0, self._first, 0.0])
+        for target in (*sorted(u for u in {0.0, self._last} if u > self._first), math.inf):
+            v, may_turn = float(y[1]), y[1] >= self._last
             y[2] = self._way_back(v) if may_turn else 0.0
             missing, mode = self._run - y[0] - y[2], 1 if v >= 0 else -1
             if may_turn and abs(missing) <= _SMALL * self._sizes[0]:
                 break
-            force = self.net(v, 1, mode)
+            force = self._net(v, 1, mode)
             stays = math.isinf(force) or (v <= 0 and force <= 0) or (v >= least and missing < 0)
             if stays or not math.isfinite(missing):
                 return []
@@ -262,8 +230,8 @@ class _Slide:
                 break
             if came != "there":
                 return []
-        legs = legs or [_Leg(1, 1 if self.first >= 0 else -1, 0.0, lambda _, at=y: at[:2])]
-        for target in (*([0.0] if y[1] > 0 > self.last else []), self.last):
+        legs = legs or [_Leg(1, 1 if self._first >= 0 else -1, 0.0, lambda _, at=y: at[:2])]
+        for target in (*([0.0] if y[1] > 0 > self._last else []), self._last):
             leg, y, _ = self._go(-1, 1 if y[1] > 0 or target >= 0 else -1, y, target)
             legs.append(leg)
         return legs
@@ -290,8 +258,8 @@ class _Slide:
 
         def rates(_: float, y: np.ndarray) -> tuple[float, float, float]:
             v = float(y[1])
-            force = self.net(v, side, mode)
-            return v, force / self._mass, -v * force / self.net(v, -1, mode)
+            force = self._net(v, side, mode)
+            return v, force / self._task.mass, -v * force / self._net(v, -1, mode)
 
         def there(_: float, y: np.ndarray) -> float:
             return y[1] - target
@@ -308,7 +276,7 @@ class _Slide:
             event.terminal = True  # type: ignore[attr-defined]
         found = solve_ivp(
             rates,
-            (0.0, _FOR_EVER * self._slow),
+            (0.0, _FOR_EVER * self._task.plain_time),
             y,
             method="LSODA",
             events=events,
@@ -327,10 +295,12 @@ class _Slide:
         """Distance from a velocity to the last after the reversal; infinite if it stops before."""
         from scipy.integrate import quad
 
-        way, last = 0.0, self.last
+        way, last = 0.0, self._last
         for low, high, mode in ((min(last, 0), min(v, 0), -1), (max(last, 0), max(v, 0), 1)):
             if low < high or (v == last and mode == (1 if v >= 0 else -1)):
-                if any(self.net(w, -1, mode) >= 0 for w in np.linspace(low, high, _LOOKS)):
+                if any(self._net(w, -1, mode) >= 0 for w in np.linspace(low, high, _LOOKS)):
                     return math.inf
-                way += quad(lambda w, m=mode: -self._mass * w / self.net(w, -1, m), low, high)[0]
+                way += quad(
+                    lambda w, m=mode: -self._task.mass * w / self._net(w, -1, m), low, high
+                )[0]
         return way

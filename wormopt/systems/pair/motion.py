@@ -45,6 +45,7 @@ with on_use():
 
 # Distance of the average of first order from its steady state from which it has not converged.
 _CONVERGED = 1e-9
+_ROUNDING = 1e-9  # velocity over the amplitude of the stretch up to which it is nothing else
 # A motion whose consecutive mean velocities differ by a larger share has not converged.
 _DRIFT = 1e-6
 # Decay times of a deviation, longest time in 1 / eps, steps of the average.
@@ -424,7 +425,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
                 f"the amplitude of the stretch is {strain:.3g} of the length, but the law of the "
                 f"material assumes small strains, up to about {SMALL_STRAIN:g}",
             )
-        if self.steady.velocity_steady < 0:
+        if self.steady.velocity_steady < -_ROUNDING * strain:
             yield "the pair moves backward, since friction is weaker in that direction"
 
     @warnings

@@ -200,7 +200,7 @@ def optimum_scalars(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[s
     """
     optimum = [*stages.values()][-1]
     modes, times = modes_of(optimum)
-    rms, peak = _input_sizes(optimum.motion)
+    rms, peak = input_sizes(optimum.motion)
     return {
         "time": optimum.motion.duration,
         "objective": optimum.objective,
@@ -216,8 +216,8 @@ def optimum_scalars(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[s
     }
 
 
-def _input_sizes(motion: Motion) -> tuple[float | None, float | None]:
-    """Root mean square of u over time, and the largest |u_j|."""
+def input_sizes(motion: Motion) -> tuple[float | None, float | None]:
+    """Root mean square of u over time, and the largest |u_j|; None if inputs act by impulses."""
     if motion.program.problem.impulses:
         return None, None
     degree = motion.mesh.input_degree
@@ -396,6 +396,26 @@ def conclude_optimum(
     )
 
 
+def in_keys(
+    error: SolveError,
+    keys: Mapping[str, str] = MappingProxyType({}),
+    advice: Mapping[str, str] = MappingProxyType({}),
+    partial: Any = None,
+) -> SolveError:
+    """Restate an optimiser's failure in the keys of the scene.
+
+    `keys` maps the optimiser's names to keys of the scene; `advice` by error code replaces the
+    optimiser's own; `partial` is what was computed.
+    """
+
+    def in_scene(text: str) -> str:
+        named = {word: key for word, key in keys.items() if key not in text}
+        return re.sub(r"\w+", lambda m: f"{m[0]} ({named[m[0]]})" if m[0] in named else m[0], text)
+
+    suggestion = advice.get(error.code) or in_scene(error.suggestion)
+    return SolveError(in_scene(error.reason), suggestion, partial, error.code)
+
+
 def refused(
     scene: Scene[Any],
     error: SolveError,
@@ -403,17 +423,7 @@ def refused(
     keys: Mapping[str, str] = MappingProxyType({}),
     advice: Mapping[str, str] = MappingProxyType({}),
 ) -> SolveError:
-    """Restate an optimiser's failure in the keys of the scene, with a Result to save.
-
-    `variables` are the partial results. `keys` maps the optimiser's names to keys of the scene;
-    `advice` by error code replaces the optimiser's own.
-    """
-
-    def in_scene(told: str) -> str:
-        named = {word: key for word, key in keys.items() if key not in told}
-        return re.sub(r"\w+", lambda m: f"{m[0]} ({named[m[0]]})" if m[0] in named else m[0], told)
-
-    suggestion = advice.get(error.code) or in_scene(error.suggestion)
-    told = SolveError(in_scene(error.reason), suggestion, None, error.code)
-    told.partial = conclude(scene, {}, variables).failed(str(told))
-    return told
+    """Restate a failure by `in_keys`, with a Result of the partial results `variables`."""
+    found = in_keys(error, keys, advice)
+    found.partial = conclude(scene, {}, variables).failed(str(found))
+    return found

@@ -29,21 +29,17 @@ from wormopt.systems.swinging.harmonic_masses import (
 )
 from wormopt.systems.swinging.scenes.harmonic_masses import HarmonicMassesScene, SwingingTable
 from wormopt.systems.swinging.steady import (
-    NUDGE,
     Orbit,
     Runner,
     SlowVelocity,
     Steady,
     measured,
-    nudged,
 )
 
 _T = TypeVar("_T")
 
 # Instants of the period in the picture.
 _POINTS = 721
-# Error code of the simulation where masses reverse at the same instant.
-_AT_ONCE = ("no_contact_mode", "not_finite")
 # Steady velocities have round-off: a start this close, relative to the largest velocity, is on one.
 _ON = 1e-9
 # Friction's impulse in a period over the least momentum amplitude, above which it is not small.
@@ -59,9 +55,6 @@ _FACTOR, _FLOOR = 10.0, 1e-8
 # Averages of second order are not compared with the exact motion if the ripple exceeds this share
 # of the distance to a velocity at which a mass begins or ceases to reverse.
 _NEAR = 0.05
-# A relative change of friction changes the velocity by at most this multiple of it, relative to the
-# largest.
-_NUDGED = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +71,6 @@ class _Found:
     orbits: Sequence[Orbit | None]  # exact, one per entry of first; None: gave up
     course: Trajectory | None  # exact, from the velocity given
     averaged: Trajectory  # course averaged to first order
-    nudged: bool  # friction had to be changed a little, see `nudged`
     lost: str  # why the chosen orbit, or the course, is missing
 
     @property
@@ -107,14 +99,10 @@ class _Found:
 
     @property
     def known_velocity(self) -> float | None:
-        """Exact mean velocity of the chosen motion; None if it may be zero.
-
-        It is None if it is not above the accepted error, or above the effect of `nudged`.
-        """
+        """Exact mean velocity of the chosen motion; None if not above the accepted error."""
         if self.orbit is None:
             return None
-        error = max(self.accepted, _NUDGED * NUDGE * self.size if self.nudged else 0.0)
-        return self.orbit.velocity if abs(self.orbit.velocity) > error else None
+        return self.orbit.velocity if abs(self.orbit.velocity) > self.accepted else None
 
 
 def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
@@ -141,7 +129,7 @@ def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
     averaged_at = time.perf_counter()
     report("simulating", None)
     guesses = [(s or f).velocity for f, s in zip(first, second, strict=True)]
-    orbits, course, was_nudged, lost = _exact(table, guesses, chosen, report)
+    orbits, course, lost = _exact(table, guesses, chosen, report)
     found = _Found(
         table=table,
         size=size,
@@ -153,7 +141,6 @@ def run(scene: Scene[HarmonicMassesScene], report: Report) -> Result:
         orbits=orbits,
         course=course,
         averaged=_averaged_course(slow, table),
-        nudged=was_nudged,
         lost=lost,
     )
     return conclude(
@@ -232,23 +219,15 @@ def _exact(
     guesses: Sequence[float],
     chosen: int,
     report: Report,
-) -> tuple[list[Orbit | None], Trajectory | None, bool, str]:
-    """Simulate; where masses reverse at the same instant, with slightly different friction."""
+) -> tuple[list[Orbit | None], Trajectory | None, str]:
+    """Periodic motions near the guesses, the course of the scene, and why one is missing."""
     model = measured(model_of(table.worm, place=True))
     recheck, asked = table.tolerance.recheck, table.course
-    orbits: list[Orbit | None] = []
-    course: Trajectory | None = None
-    lost: list[SolveError | None] = []
-    for p in ({}, nudged(model)):
-        runner = Runner(model, _period(table.worm), tolerance_of(table.tolerance), p, report)
-        tried = [_tried(partial(runner.orbit, V, recheck=recheck)) for V in guesses]
-        course, course_lost = _tried(
-            partial(runner.run, asked.velocity, asked.periods, asked.samples)
-        )
-        orbits, lost = [orbit for orbit, _ in tried], [tried[chosen][1], course_lost]
-        if not any(error and error.code in _AT_ONCE for error in lost):
-            return orbits, course, bool(p), next((str(error) for error in lost if error), "")
-    return orbits, course, True, next((str(error) for error in lost if error), "")
+    runner = Runner(model, _period(table.worm), tolerance_of(table.tolerance), report)
+    tried = [_tried(partial(runner.orbit, V, recheck=recheck)) for V in guesses]
+    course, lost = _tried(partial(runner.run, asked.velocity, asked.periods, asked.samples))
+    reasons = (str(error) for error in (tried[chosen][1], lost) if error)
+    return [orbit for orbit, _ in tried], course, next(reasons, "")
 
 
 def _tried(solve: Callable[[], _T]) -> tuple[_T | None, SolveError | None]:
@@ -343,7 +322,6 @@ def _facts(found: _Found) -> dict[str, Any]:
             "simulations": orbit.trials,
             "events": count_events(orbit.motion),
             "recheck": orbit.second and orbit.second.facts,
-            "friction_changed": found.nudged,
             "mean_forces_add_up_to": float(orbit.force.sum()),
         },
     }
@@ -414,11 +392,6 @@ def _warnings(found: _Found) -> Iterator[str]:
             "a mass nearly begins or ceases to reverse, where averages have a corner: second order "
             "is not compared with the exact motion; write worm.friction that is more alike in both "
             "directions"
-        )
-    if found.nudged:
-        yield (
-            "masses reverse at the same instant; the exact simulation used friction larger "
-            "backward and smaller forward by a share of 1e-9 to separate these reversals"
         )
     missing = [
         f"{steady.velocity:.6g}"

@@ -192,11 +192,6 @@ class HarmonicMassesScene(SceneTable):
     converge only gives a warning. Further warnings: friction that is not small, masses that rest, a
     motion that is too short, a velocity that may be zero, no second route (`tolerance.recheck =
     false`).
-
-    Limits: if two masses reverse at the same instant, as with *F*<sub>−</sub> = 2 *F*<sub>+</sub>
-    in the packaged scene, the exact motion is that of friction changed by a share of 1e-9, and a
-    warning says so. If one mass comes to rest as another begins to move, under large friction, the
-    motion cannot be simulated.
     """
 
     scalars: ClassVar = {
