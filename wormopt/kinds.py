@@ -101,12 +101,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "pair-waveform": Kind(
-        summary="optimise the periodic field that drives a magneto-elastic pair",
-        table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
-        study="wormopt.systems.pair.runs.pair_waveform",
-        pictures=_drawn("pair.pictures", "waveform"),
-    ),
     "harmonic-masses": Kind(
         summary="compute the speed of masses with prescribed oscillations, averaged and exact",
         table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
@@ -119,24 +113,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.peristaltic.runs.design",
         pictures=_drawn("peristaltic.plots.anchored", "peristalsis")
         | {"animation": "wormopt.systems.peristaltic.plots.anchored:first_frame"},
-    ),
-    "film-flow": Kind(
-        summary="compute the mean flow of a magnetic fluid film under a wave, and its field",
-        table="wormopt.systems.film.scenes.film:FilmFlowScene",
-        study="wormopt.systems.film.runs.film_flow",
-        pictures=_drawn("film.plots.film", "film"),
-    ),
-    "float": Kind(
-        summary="compute the drift of floats and fluid particles on a film with a travelling wave",
-        table="wormopt.systems.film.scenes.film:FloatScene",
-        study="wormopt.systems.film.runs.float",
-        pictures=_drawn("film.plots.film", "ride") | _drawn("film.plots.body", "floats"),
-    ),
-    "film-body": Kind(
-        summary="simulate a body with mass in a film with a wave: floating or on the ground",
-        table="wormopt.systems.film.scenes.film_body:FilmBodyScene",
-        study="wormopt.systems.film.runs.film_body",
-        pictures=_drawn("film.plots.body", "carried"),
     ),
     "film-wave": Kind(
         summary="optimise the wave of a magnetic fluid film: largest transport or least field",

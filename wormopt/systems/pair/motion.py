@@ -302,7 +302,8 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
 
     @array("speed", "time", "average of first order")
     def velocity_first(self) -> np.ndarray:
-        return self.first_average["center_velocity"][0] * self.pair.speed_unit
+        count = len(self.exact_motion.time)  # fewer if that failed
+        return self.first_average["center_velocity"][0][:count] * self.pair.speed_unit
 
     @array("speed", "time", "average of second order")
     def velocity_second(self) -> np.ndarray | None:
