@@ -257,12 +257,9 @@ class Study(SceneTable):
         for member in [one for one in reported if one.asked_by([name])] or reported:
             if not member.several:
                 if member.reported_as == name:
-                    return getattr(self, member.name)
+                    return _bare(getattr(self, member.name))
             elif name in (found := getattr(self, member.name)):
-                one = found[name]
-                if isinstance(one, Variable):
-                    return one.values
-                return one.value if isinstance(one, Scalar) else one
+                return _bare(found[name])
         known = [*self.scalars, *self.variables]
         raise UnknownNameError(f"a study of kind {self.kind}", "result", [name], known)
 
@@ -488,3 +485,10 @@ def _has(study: type[Study], path: str) -> bool:
         types = [f.type for t in with_it for f in msgspec.structs.fields(t) if f.name == name]
         inside = [table for kind in types for table in tables_in(bare(kind))]
     return True
+
+
+def _bare(found: Any) -> Any:
+    """Value of what a member gives, without unit."""
+    if isinstance(found, Variable):
+        return found.values
+    return found.value if isinstance(found, Scalar) else found
