@@ -29,25 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "gait": Kind(
-        summary="simulate a given gait: speed, anchored masses, spike loads, forces, energy",
-        table="wormopt.systems.spiked.scenes.gait:GaitScene",
-        study="wormopt.systems.spiked.runs.gait",
-        pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes")
-        | _drawn("spiked.plots.region", "region")
-        | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("gait", "motion", "spikes", "region", "animation"),
-    ),
-    "gait-design": Kind(
-        summary="design the fastest gait within limits on links, spikes and actuators",
-        table="wormopt.systems.spiked.scenes.gait_design:GaitDesignScene",
-        study="wormopt.systems.spiked.runs.gait_design",
-        pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes", "limits")
-        | _drawn("spiked.plots.certificate", "certificate")
-        | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("limits",),
-        exports={"certificate.json": "wormopt.systems.spiked.runs.gait_design:as_json"},
-    ),
     "gait-pareto": Kind(
         summary="compute the Pareto front of gaits between speed and a second objective",
         table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
@@ -70,12 +51,6 @@ KINDS: dict[str, Kind | StudyKind] = {
             "steps.csv": "wormopt.systems.spiked.runs.stepper:as_csv",
             "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
         },
-    ),
-    "track": Kind(
-        summary="track a gait with adaptive controllers on a chain with friction",
-        table="wormopt.systems.chain.scenes.track:TrackScene",
-        study="wormopt.systems.chain.runs.track",
-        pictures=_drawn("chain.plots.simulation", "trackers", "motion", "bands"),
     ),
     "linear": Kind(
         summary="analyse a chain with a tracker: poles, zeros, margins, sufficient gains",
@@ -126,18 +101,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "two-mass": Kind(
-        summary="optimise two masses on rough ground: slow stroke, fast return, best mass ratio",
-        table="wormopt.systems.swinging.scenes.internal_mass:TwoMassScene",
-        study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
-    "capsule": Kind(
-        summary="optimise the cycle of a capsule driven by an internal mass",
-        table="wormopt.systems.swinging.scenes.internal_mass:CapsuleScene",
-        study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
     "pair-waveform": Kind(
         summary="optimise the periodic field that drives a magneto-elastic pair",
         table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
@@ -148,13 +111,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         summary="compute the speed of masses with prescribed oscillations, averaged and exact",
         table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
         study="wormopt.systems.swinging.runs.harmonic_masses",
-        pictures=_drawn("pair.plots.averaging", "reversals"),
-    ),
-    "magnetic-pair": Kind(
-        summary="simulate two masses on a magneto-elastic link in a pulsating field",
-        table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
-        study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=_drawn("pair.pictures", "velocity"),
+        pictures=_drawn("pair.pictures", "reversals"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
@@ -202,27 +159,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("peristaltic.plots.switching", "switching")
         | _drawn("peristaltic.plots.body", "body")
         | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
-    ),
-    "planar-design": Kind(
-        summary="design a planar gait: fastest, turning, or cheapest to a pose",
-        table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
-        study="wormopt.systems.planar.runs.design",
-        pictures=_drawn("planar.plots.design", "planar_gait")
-        | {"animation": "wormopt.systems.planar.plots.design:first_frame"},
-    ),
-    "planar-motion": Kind(
-        summary="simulate a planar chain of masses and springs with bending joints",
-        table="wormopt.systems.planar.scenes.motion:PlanarMotionScene",
-        study="wormopt.systems.planar.runs.motion",
-        pictures=_drawn("planar.plots.plane", "plane", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-path": Kind(
-        summary="plan a path to a pose past obstacles from the steps of a few gaits",
-        table="wormopt.systems.planar.scenes.path:PlanarPathScene",
-        study="wormopt.systems.planar.runs.path",
-        pictures=_drawn("planar.plots.path", "path")
-        | {"animation": "wormopt.systems.planar.plots.path:first_frame"},
     ),
     "film-forward": Kind(
         summary="compute the wave of a magnetic fluid film under a given field, and its stability",

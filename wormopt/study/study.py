@@ -479,16 +479,12 @@ def _unit(quantity: str, study: Study) -> str:
 
 
 def _has(study: type[Study], path: str) -> bool:
-    """Whether a study has a member or key; keys may be dotted."""
-    head, *rest = path.split(".")
-    if head not in study.__struct_fields__:
-        return hasattr(study, head)
+    """Whether a study has a member or key; keys may be dotted, down to a property of a table."""
     inside: list[Any] = [study]
-    for name in (head, *rest):
-        types = [
-            f.type for table in inside for f in msgspec.structs.fields(table) if f.name == name
-        ]
-        if not types:
-            return False
+    for name in path.split("."):
+        with_it = [table for table in inside if name in table.__struct_fields__]
+        if not with_it:
+            return any(hasattr(table, name) for table in inside)
+        types = [f.type for t in with_it for f in msgspec.structs.fields(t) if f.name == name]
         inside = [table for kind in types for table in tables_in(bare(kind))]
     return True

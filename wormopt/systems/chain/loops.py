@@ -19,18 +19,15 @@ from wormopt.control.lambda_tracker import (
     lambda_tracker,
 )
 from wormopt.control.loop import FeedForward
-from wormopt.control.reference import Reference, gait_reference
+from wormopt.control.reference import Reference
 from wormopt.control.switching import switching_tracker
-from wormopt.errors import SceneError
 from wormopt.model.friction import Coulomb, Law, Spike, Stribeck, Viscous
 from wormopt.model.gait import Gait
 from wormopt.model.model import Model
 from wormopt.model.path import ParameterPath, ornstein_uhlenbeck, piecewise_constant
 from wormopt.study.numerics import Start
-from wormopt.study.scene import Scene
 from wormopt.study.types import per
 from wormopt.systems.chain.build import chain
-from wormopt.systems.chain.scenes.track import TrackScene
 from wormopt.systems.chain.tables import (
     BacksteppingTracker,
     ChainTable,
@@ -193,23 +190,6 @@ def law_of(table: Friction, mass: int = 0) -> Law:
 
 
 # -- trackers ------------------------------------------------------------------------------------
-
-
-def build_loop(scene: Scene[TrackScene], index: int, gait: Gait, links: Links) -> Model:
-    """Close the loop of the tracker `index` around a chain that follows a gait.
-
-    Raises SceneError if the tracker cannot start there.
-    """
-    table = scene.table
-    plant = chain_for(table.worm, table.start, links, gait)
-    reference = gait_reference(gait, plant.t, shift=table.reference.shift % gait.period)
-    try:
-        return close_loop(plant, reference, table.trackers[index], table.worm)
-    except ValueError as error:
-        if not isinstance(table.trackers[index], FunnelTracker):
-            raise
-        message = f"{error}; write wider funnels, or another start"
-        raise SceneError(scene.name, [(table.tracker_key(index), message)]) from None
 
 
 def close_loop(plant: Model, reference: Reference, tracker: Tracker, worm: ChainTable) -> Model:

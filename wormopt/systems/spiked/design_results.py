@@ -1,4 +1,4 @@
-"""Runs scenes of kind ``gait-design``: design the optimal gait within limits, and bound it."""
+"""Results of designed gaits: numbers, checks, facts, warnings, and sensitivities to limits."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from wormopt.errors import Interrupted, SolveError
-from wormopt.progress import Report
+from wormopt.errors import SolveError
 from wormopt.quantities import Scalar, Variable, unit_of, unit_ratio
 from wormopt.result import Check, Result
 from wormopt.study.conclude import conclude
@@ -22,10 +21,11 @@ from wormopt.study.types import per
 from wormopt.systems.shared.incline import weights
 from wormopt.systems.shared.transport import assumed
 from wormopt.systems.spiked.crawl import Crawl
+from wormopt.systems.spiked.declared import MOTION_VARIABLES
 from wormopt.systems.spiked.design.design import Design, objective_of
-from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
-from wormopt.systems.spiked.runs.motion import (
+from wormopt.systems.spiked.design_tables import in_scene
+from wormopt.systems.spiked.motion import (
     Findings,
     agreement,
     cross_check,
@@ -33,9 +33,7 @@ from wormopt.systems.spiked.runs.motion import (
     motion_scalars,
     motion_variables,
 )
-from wormopt.systems.spiked.scenes.design_tables import in_scene
-from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
-from wormopt.systems.spiked.scenes.gait_design import DesignTable, GaitDesignScene
+from wormopt.systems.spiked.scenes.gait_design import DesignTable
 from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.search.search import DONE
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
@@ -60,54 +58,22 @@ COST_SCALARS: dict[Cost, str] = {
 """Scalars that hold the costs."""
 
 
-def run(scene: Scene[GaitDesignScene], report: Report) -> Result:
-    """Design the scene's gait; the result is "failed" if a check of the trust report fails.
-
-    Raises SolveError if no gait meets the limits, Interrupted with the best gait so far.
-    """
-    table = scene.table
-    try:
-        found = designed(table.task(table.objective.objective), table.search.search, report)
-    except SolveError as error:
-        raise refused(error, scene) from None
-    known = of_design(table, found) | Findings(_objective(table, found))
-    if found.ended == "interrupted":
-        reason = "interrupted: this is the best gait so far; the search did not finish"
-        raise Interrupted(known.result(scene).failed(reason))
-    known |= _of_limits(table, found)
-    if not known.holds or (found.bounded is None and table.search.proof is None):
-        return known.result(scene)
-    from wormopt.systems.spiked.runs.gait_certificate import of_certificate
-
-    proven = of_certificate(table, found, report)
-    result = (known | proven).result(scene)
-    if proven.facts["certificate"].get("ended") == "interrupted":
-        raise Interrupted(
-            result.failed("interrupted: the gait is complete, its bound is not tight")
-        )
-    return result
-
-
-def as_json(result: Result) -> str | None:
-    """Text of ``certificate.json``; None without one."""
-    return result.attributes.get("certificate")
-
-
-def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
-    """Rewrite the error of a design with the keys of its scene, and add a partial result.
-
-    The scene's table is a DesignTable. A note explains limits that come from the motor.
-    """
-    table: DesignTable = scene.table
+def with_keys(error: SolveError, table: DesignTable) -> SolveError:
+    """Rewrite the error of a design with keys of scenes; a note explains limits of the motor."""
     reason, suggestion = in_scene(error.reason), in_scene(error.suggestion)
     notes = [
         f"gait.{name} is here the limit of the motor, motor.lead * motor.{name}_max"
         for name, whose in (_whose(table, table.motor) if table.motor else {}).items()
         if "motor" in whose and f"gait.{name}" in f"{reason} {suggestion}"
     ]
-    told = SolveError(reason, "; ".join([suggestion, *notes]), code=error.code)
-    told.partial = conclude(scene, {}).failed(str(told))
-    return told
+    return SolveError(reason, "; ".join([suggestion, *notes]), code=error.code)
+
+
+def refused(error: SolveError, scene: Scene[Any]) -> SolveError:
+    """Rewrite the error of a design with the keys of its scene, and add a partial result."""
+    found = with_keys(error, scene.table)
+    found.partial = conclude(scene, {}).failed(str(found))
+    return found
 
 
 def of_design(table: DesignTable, found: Design) -> Findings:
@@ -124,7 +90,9 @@ def of_design(table: DesignTable, found: Design) -> Findings:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     checks = [*_checks(excess, motion, found), *agreement(motion, again), *_under_loads(found)]
     known = Findings(
-        motion_scalars(motion, again, table.units) | _scalars(table, found, motion),
+        motion_scalars(motion, table.units)
+        | {"recheck_speed_error": abs(again.speed - motion.speed)}
+        | _scalars(table, found, motion),
         motion_variables(motion),
         tuple(checks),
         motion_facts(motion, again) | _facts(found, excess) | assumed(table.units),
@@ -137,7 +105,7 @@ def of_design(table: DesignTable, found: Design) -> Findings:
     return known | Findings(timings=found.timings_s | {"prove": time.perf_counter() - clock})
 
 
-def _objective(table: DesignTable, found: Design) -> dict[str, Scalar]:
+def objective_reached(table: DesignTable, found: Design) -> dict[str, Scalar]:
     """Objective reached, whose quantity depends on the objective."""
     objective = found.task.objective
     value = objective_of(found.motion, objective.minimise)
@@ -310,7 +278,7 @@ def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
 # -- limits that bind the gait -------------------------------------------------------------------
 
 
-def _of_limits(table: GaitDesignScene, found: Design) -> Findings:
+def of_limits(table: DesignTable, found: Design) -> Findings:
     """Sensitivities to all limits (scalars ``sensitivity.*``), where they are known.
 
     Includes the data of the picture ``limits``; the trust report gives the method or the reason.
@@ -357,7 +325,7 @@ def _reason_against(found: Design, wanted: bool) -> str:
 
 
 def _derivatives(
-    known: tuple[Sensitivity, ...], found: Design, table: GaitDesignScene
+    known: tuple[Sensitivity, ...], found: Design, table: DesignTable
 ) -> dict[str, Scalar]:
     """Sensitivity of each key; a list where the key has one number per link or mass."""
     objective, worm = found.task.objective.quantity, table.worm

@@ -15,7 +15,7 @@ from wormopt.study.scene import Scene
 from wormopt.systems.shared.transport import cost_of_transport
 from wormopt.systems.spiked.bimodal import BimodalMotion, integrate
 from wormopt.systems.spiked.crawl import Crawl
-from wormopt.systems.spiked.scenes.gait import MOTION_VARIABLES
+from wormopt.systems.spiked.declared import MOTION_VARIABLES
 
 # Tolerances between the routes: of rates, of loads (in forces), and of balances (in forces).
 _SPEEDS, _LOADS, _BALANCES = 1e-9, 1e-7, 1e-9
@@ -49,7 +49,7 @@ class Findings:
         return conclude(scene, **{part.name: getattr(self, part.name) for part in fields(self)})
 
 
-def motion_scalars(motion: Crawl, again: BimodalMotion, units: str) -> dict[str, Any]:
+def motion_scalars(motion: Crawl, units: str) -> dict[str, Any]:
     """Scalars of every gait result; extremes are over all time, not over samples.
 
     Energies are None, unknown, if a velocity jumps or the worm does not advance. `units` are
@@ -77,7 +77,6 @@ def motion_scalars(motion: Crawl, again: BimodalMotion, units: str) -> dict[str,
         "impulses": motion.impulses,
         "smallest_load": motion.smallest_load,
         "smallest_period": motion.smallest_period,
-        "recheck_speed_error": abs(again.speed - motion.speed),
     }
 
 

@@ -10,7 +10,7 @@ from wormopt.model.gait import Gait
 from wormopt.study.scene import Scene
 from wormopt.systems.spiked.construct import accordion, block_wave, fast_gait, travelling_sine
 from wormopt.systems.spiked.files import load_gait
-from wormopt.systems.spiked.scenes.shapes import (
+from wormopt.systems.spiked.shapes import (
     BlockWaveShape,
     FastShape,
     FileShape,
