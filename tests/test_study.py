@@ -945,8 +945,10 @@ def test_load_gives_the_study_of_a_scene(toy: Path):
     assert wo.run(study).scalars["reach"].value == 0.01
     assert wo.run(study, "force=4").scalars["reach"].value == 0.04
     assert wo.load(toy).result().scene == "mine"
-    with pytest.raises(wo.ArgumentError, match=r'"gait-design" are computed as a whole.*toy-pull'):
-        wo.load("design_fast_gait")
+    with pytest.raises(
+        wo.ArgumentError, match='"track-predictive" are computed as a whole'
+    ):
+        wo.load("track_predictive")
     with pytest.raises(wo.SceneError, match="force: 9 is not allowed"):
         wo.load(toy, {"force": 9})
 
@@ -959,7 +961,7 @@ def test_run_computes_some_results_only(toy: Path, only: Any):
     with pytest.raises(UnknownNameError, match="did you mean 'reach'"):
         wo.run(toy, only="reech")
     with pytest.raises(wo.ArgumentError, match="computed as a whole"):
-        wo.run("design_fast_gait", only="speed")
+        wo.run("track_predictive", only="speed")
 
 
 def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.CaptureFixture[str]):
@@ -983,8 +985,8 @@ def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.Captur
         ("mine.toml", "reach,", "has no result ''"),
         ("mine.toml", "", "has no result ''"),
         ("mine.toml", "depth", "there is no depth without ground"),
-        ("design_fast_gait", "speed", 'of kind "gait-design" are computed as a whole'),
-        ("design_fast_gait", "speed", "toy-pull"),
+        ("track_predictive", "speed", 'of kind "track-predictive" are computed as a whole'),
+        ("track_predictive", "speed", "toy-pull"),
     ],
 )
 def test_the_command_refuses_other_names(
