@@ -24,6 +24,7 @@ from wormopt import progress
 from wormopt.__main__ import start
 from wormopt.cli import main
 from wormopt.errors import Interrupted, SceneError, SolveError, interruptible
+from wormopt.kind import Kind
 from wormopt.kinds import KINDS
 from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable
@@ -79,7 +80,9 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
     plot.__dict__["draw"] = lambda result, name, path: path.write_text(name)
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.setitem(sys.modules, plot.__name__, plot)
-    monkeypatch.setitem(KINDS, "gait", dataclasses.replace(KINDS["gait"], study=module.__name__))
+    real = KINDS["gait"]
+    table = f"{real.study}:{real.load_table().__name__}"
+    monkeypatch.setitem(KINDS, "gait", Kind("", table, module.__name__, real.pictures))
 
     def install(function: Study) -> None:
         module.__dict__["run"] = function

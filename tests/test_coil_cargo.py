@@ -317,7 +317,7 @@ def test_the_picture_of_a_float_needs_one() -> None:
 
 @pytest.mark.slow
 def test_a_float_over_one_coil_is_drawn() -> None:
-    from wormopt.systems.coils.plots.film import cargo
+    from wormopt.systems.coils.pictures import cargo
 
     one = ["coils.count=1", "switching.on=1", "switching.every=1", "course.switches=1"]
     result = wo.run(load_scene("coil_cargo", [*one, "cargo.start=0.0", "grid.cells=6"]))

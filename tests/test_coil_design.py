@@ -17,12 +17,16 @@ from wormopt.numerics.workers import Workers
 from wormopt.study.scene import load_scene
 from wormopt.systems.coils import coil_design
 from wormopt.systems.coils.cargo import Float
-from wormopt.systems.coils.design.mean_field import wave_pattern
-from wormopt.systems.coils.design.pattern import Form, Pattern, block
-from wormopt.systems.coils.design.rides import Rides, travel_by_radau
-from wormopt.systems.coils.design.search import neighbours
-from wormopt.systems.coils.design.task import Task
+from wormopt.systems.coils.design import Task, neighbours
 from wormopt.systems.coils.layer import Layer
+from wormopt.systems.coils.patterns import (
+    Form,
+    Pattern,
+    Rides,
+    block,
+    travel_by_radau,
+    wave_pattern,
+)
 from wormopt.systems.coils.tables import Copper
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))

@@ -16,10 +16,10 @@ from wormopt.magnetics.ripples import growth_rate
 from wormopt.model.model import Model, Signal
 from wormopt.simulation.options import Tolerance
 from wormopt.study.scene import load_scene
+from wormopt.systems.coils.coil_pressure import CoilPressure
 from wormopt.systems.coils.film import coil_film, surface_film
 from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.profile import settle
-from wormopt.systems.coils.runs import coil_pressure
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
 SHORT = [
@@ -108,12 +108,13 @@ def test_a_small_wave_in_time_follows_the_dispersion_relation() -> None:
     assert once[1] == pytest.approx(known, rel=1e-6)
 
 
-def at_rest(cells: int, setup: coil_pressure.Setup, current: float, guess: Any) -> np.ndarray:
+def at_rest(cells: int, study: CoilPressure, current: float, guess: Any) -> np.ndarray:
     """Thickness over one coil below where nothing flows, by Newton's method."""
-    left, right = setup.profile.ends
-    layer = Layer(setup.fluid, 0.05, setup.profile.mean, right - left, cells, start=left)
-    row = wo.magnetics.CoilRow(setup.placed.coil, 1, 1.0, "vertical")
-    model = coil_film(layer, row, ground=-setup.placed.middle, top=2 * layer.depth, own_field=False)
+    left, right = study.profile.ends
+    layer = Layer(study.liquid, 0.05, study.profile.mean, right - left, cells, start=left)
+    placed = study.placed_coil
+    row = wo.magnetics.CoilRow(placed.coil, 1, 1.0, "vertical")
+    model = coil_film(layer, row, ground=-placed.middle, top=2 * layer.depth, own_field=False)
     f, jacobian = rates_of(model, np.array([current]))
     h = guess(layer.places)
     state = layer.volume(h * layer.depth / h.mean())
@@ -128,9 +129,8 @@ def at_rest(cells: int, setup: coil_pressure.Setup, current: float, guess: Any) 
 
 @pytest.mark.slow
 def test_at_rest_it_is_the_surface_of_coil_pressure() -> None:
-    scene = load_scene("fig25_coil_pressure", ["coil.ampere_turns=2000.0"])
-    setup = coil_pressure.setup_of(scene)
-    settled = settle(setup.profile, tolerance=1e-10)
+    study: CoilPressure = load_scene("fig25_coil_pressure", ["coil.ampere_turns=2000.0"]).table
+    settled = settle(study.profile, tolerance=1e-10)
     assert settled.stop is None
 
     def surface(x: np.ndarray) -> np.ndarray:
@@ -138,9 +138,9 @@ def test_at_rest_it_is_the_surface_of_coil_pressure() -> None:
 
     errors = []
     for cells in (40, 80, 160):
-        h = at_rest(cells, setup, 2000.0, surface)
-        x = np.linspace(*setup.profile.ends, cells + 1)
-        errors.append(np.abs(h - surface((x[1:] + x[:-1]) / 2)).max() / setup.profile.mean)
+        h = at_rest(cells, study, 2000.0, surface)
+        x = np.linspace(*study.profile.ends, cells + 1)
+        errors.append(np.abs(h - surface((x[1:] + x[:-1]) / 2)).max() / study.profile.mean)
     assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2.0, abs=0.15)
     assert errors[-1] < 2e-4
 

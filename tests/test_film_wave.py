@@ -453,8 +453,8 @@ def test_aims_that_cannot_be_are_refused():
 @pytest.mark.parametrize(
     ("change", "key", "message"),
     [
-        ("film.tension=0", "film.tension", "1e-6 or more"),
-        ("film.tension=1e-9", "film.tension", "1e-6 or more"),
+        ("film.tension=0", "film.tension", "1e-06 or above"),
+        ("film.tension=1e-9", "film.tension", "1e-06 or above"),
         ("limits.thickness=[0.5, 0.9]", "limits.thickness", "does not contain the mean"),
         ("limits.thickness=[1.0, 1.5]", "limits.thickness", "does not contain the mean"),
         ("limits.thickness=[1.5, 0.5]", "limits.thickness", "empty"),

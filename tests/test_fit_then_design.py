@@ -62,7 +62,7 @@ def test_numbers_that_no_recording_tells_are_said(tmp_path: Path):
         ({"gait.sharing": "least_actuation"}, 'gait.sharing: "least_actuation"'),
         ({"fit.numbers": []}, "fit.numbers: the list is empty"),
         ({"plant.mass": [1.0, 1.0]}, "plant.mass: 2 entries"),
-        ({"confidence": 1.0}, "confidence: .*for example 0.9999"),
+        ({"confidence": 1.0}, "confidence: .*from 0.5 to below 1"),
         ({"worm.links": 3}, 'recording.0..gait.shape: "fast" has 2 links'),
     ],
 )

@@ -19,6 +19,7 @@ from wormopt.errors import ArgumentError, SceneError
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study import load_scene
+from wormopt.systems.film import floats as float_study
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import (
     CAPTURE_DELTA,
@@ -31,7 +32,6 @@ from wormopt.systems.film.float import (
     tracers,
 )
 from wormopt.systems.film.lubrication import velocities
-from wormopt.systems.film.runs import float as float_study
 from wormopt.systems.film.shapes import FourierWave
 
 TWO_PI = 2 * math.pi

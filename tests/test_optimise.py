@@ -25,9 +25,8 @@ from wormopt.ocp.switching import optimise_switching_times
 from wormopt.simulation.options import Smooth
 from wormopt.systems.block.block import block
 from wormopt.systems.shared.optimum import cross_check, modes_of, replay
-from wormopt.systems.swinging.capsule import capsule_guess, capsule_problem
-from wormopt.systems.swinging.pair import pair_guess, pair_problem
-from wormopt.systems.swinging.scenes.internal_mass import CapsuleTable, PairTable
+from wormopt.systems.swinging.capsule import CapsuleTable
+from wormopt.systems.swinging.two_mass import Pair
 
 SLIDE = math.sqrt(1.5)
 BACK = 0.25 + math.sqrt(0.3)
@@ -462,8 +461,8 @@ def inner(share: float, friction: float, stroke: float) -> Optimum:
     table = CapsuleTable(share=share, friction=friction, stroke=stroke)
     modes = FixedModes(ModeSequence(((-1,), (1,))))
     mesh = Mesh.even(2, 1, Collocation(2))
-    guess = capsule_guess(table)
-    return optimise(capsule_problem(table), mesh, modes, guess, solver=Ipopt(tolerance=1e-10))
+    guess = table.guess()
+    return optimise(table.problem(), mesh, modes, guess, solver=Ipopt(tolerance=1e-10))
 
 
 @pytest.mark.parametrize(
@@ -508,10 +507,10 @@ def test_the_fastest_pair_in_any_sizes(
     mass: float, ratio: float, friction: float, gravity: float, stroke: float
 ):
     """The small mass gets faster and slower as the friction of the big one lets it."""
-    table = PairTable(mass=mass, ratio=ratio, friction=friction, gravity=gravity, stroke=stroke)
+    table = Pair(mass=mass, ratio=ratio, friction=friction, gravity=gravity, stroke=stroke)
     modes = FixedModes(ModeSequence(((0, 1), (0, 1))))
     mesh, solver = Mesh.even(2, 1, Collocation(2)), Ipopt(tolerance=1e-10)
-    found = optimise(pair_problem(table), mesh, modes, pair_guess(table), solver=solver)
+    found = optimise(table.problem(), mesh, modes, table.guess(), solver=solver)
     ahead, back = (friction * gravity * (1 / ratio + sign) for sign in (-1, 1))
     time = math.sqrt(2 * stroke * (1 / ahead + 1 / back))
     assert -found.objective == pytest.approx(stroke * ratio / (1 + ratio) / time, rel=1e-8)

@@ -20,7 +20,7 @@ from wormopt.ocp.problem import ramped
 from wormopt.result import Result
 from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
-from wormopt.systems.pair import waveform
+from wormopt.systems.pair import pair_waveform, waveform
 from wormopt.systems.pair.averaged import steady_pair
 from wormopt.systems.pair.driven_pair import (
     FADED,
@@ -31,7 +31,6 @@ from wormopt.systems.pair.driven_pair import (
     settle,
 )
 from wormopt.systems.pair.exact import magnetic_pair
-from wormopt.systems.pair.runs import pair_waveform
 from wormopt.systems.pair.waveform import first_harmonic, waveform_problem
 
 NAME, EPS = "pair_waveform_design", 0.0355

@@ -32,6 +32,7 @@ from wormopt.systems.planar.path.search import Looked, Route, SearchOptions, rou
 from wormopt.systems.planar.path.simulate import least_distance, simulate_path
 from wormopt.systems.planar.path.steps import Family, GaitStep, Library, chained
 from wormopt.systems.planar.path.task import Corridor, Cost, PathTask, Tolerance, cost_of
+from wormopt.systems.planar.plots.path import path
 
 SEEDS = st.integers(0, 2**32 - 1)
 WORM, REST = chain_shape(2), (0.6, 0.6, 0.0)
@@ -460,6 +461,12 @@ def test_scene_of_crawls_says_who_rests():
     assert result.status == "ok"
     assert result["off_place"].value < 1e-6
     assert 0 < result["pinned"].values.sum() < result["pinned"].values.size
+
+
+def test_a_path_that_starts_at_the_goal_has_no_steps():
+    result = wo.run("planar_path", ["obstacles=[]", "course.goal=[0.0, 0.0, 0.0]"])
+    assert (result.status, result["steps"].value, "amplitude" in result) == ("ok", 0, False)
+    assert path(result).axes
 
 
 def test_unreachable_goals_tell_why():

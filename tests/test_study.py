@@ -663,6 +663,32 @@ def test_only_never_asks_a_stage_whether_it_was_stopped():
     assert caught.value.partial.scalars["end"].value == 10
 
 
+def test_a_study_without_an_answer_keeps_all_that_it_computed():
+    class Limit(Pull, kind="toy-limit"):
+        @stage
+        def largest(self) -> float:
+            return 0.5
+
+        @scalar("force", "largest force that holds")
+        def holds(self) -> float:
+            return self.largest
+
+        def unsolved(self) -> SolveError | None:
+            return SolveError("it slips", "write less", code="slips") if self.largest < 1 else None
+
+    study = Limit(spring={"length": 1}, force=1)
+    with pytest.raises(SolveError, match="it slips; write less") as caught:
+        study.result()
+    found = caught.value.partial
+    assert (found.status, found.reason, caught.value.code) == ("failed", "it slips", "slips")
+    assert found.scalars["holds"].value == 0.5
+    assert found.checks
+    fresh = Limit(spring={"length": 1}, force=1)
+    assert fresh.only("reach").status == "unchecked"  # does not ask for the limit
+    with pytest.raises(SolveError, match="it slips"):
+        fresh.only("holds")
+
+
 # -- failure and interruption ----------------------------------------------------------------------
 
 STAGES = ("motion", "finer_motion")
@@ -919,8 +945,10 @@ def test_load_gives_the_study_of_a_scene(toy: Path):
     assert wo.run(study).scalars["reach"].value == 0.01
     assert wo.run(study, "force=4").scalars["reach"].value == 0.04
     assert wo.load(toy).result().scene == "mine"
-    with pytest.raises(wo.ArgumentError, match=r'"gait-design" are computed as a whole.*toy-pull'):
-        wo.load("design_fast_gait")
+    with pytest.raises(
+        wo.ArgumentError, match='"track-predictive" are computed as a whole'
+    ):
+        wo.load("track_predictive")
     with pytest.raises(wo.SceneError, match="force: 9 is not allowed"):
         wo.load(toy, {"force": 9})
 
@@ -933,7 +961,7 @@ def test_run_computes_some_results_only(toy: Path, only: Any):
     with pytest.raises(UnknownNameError, match="did you mean 'reach'"):
         wo.run(toy, only="reech")
     with pytest.raises(wo.ArgumentError, match="computed as a whole"):
-        wo.run("design_fast_gait", only="speed")
+        wo.run("track_predictive", only="speed")
 
 
 def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.CaptureFixture[str]):
@@ -957,8 +985,8 @@ def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.Captur
         ("mine.toml", "reach,", "has no result ''"),
         ("mine.toml", "", "has no result ''"),
         ("mine.toml", "depth", "there is no depth without ground"),
-        ("design_fast_gait", "speed", 'of kind "gait-design" are computed as a whole'),
-        ("design_fast_gait", "speed", "toy-pull"),
+        ("track_predictive", "speed", 'of kind "track-predictive" are computed as a whole'),
+        ("track_predictive", "speed", "toy-pull"),
     ],
 )
 def test_the_command_refuses_other_names(

@@ -29,16 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "gait-design": Kind(
-        summary="design the fastest gait within limits on links, spikes and actuators",
-        table="wormopt.systems.spiked.scenes.gait_design:GaitDesignScene",
-        study="wormopt.systems.spiked.runs.gait_design",
-        pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes", "limits")
-        | _drawn("spiked.plots.certificate", "certificate")
-        | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("limits",),
-        exports={"certificate.json": "wormopt.systems.spiked.runs.gait_design:as_json"},
-    ),
     "gait-pareto": Kind(
         summary="compute the Pareto front of gaits between speed and a second objective",
         table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
@@ -89,35 +79,11 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "two-mass": Kind(
-        summary="optimise two masses on rough ground: slow stroke, fast return, best mass ratio",
-        table="wormopt.systems.swinging.scenes.internal_mass:TwoMassScene",
-        study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
-    "capsule": Kind(
-        summary="optimise the cycle of a capsule driven by an internal mass",
-        table="wormopt.systems.swinging.scenes.internal_mass:CapsuleScene",
-        study="wormopt.systems.swinging.runs.internal_mass",
-        pictures=_drawn("chain.plots.optimum", "signals"),
-    ),
-    "pair-waveform": Kind(
-        summary="optimise the periodic field that drives a magneto-elastic pair",
-        table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
-        study="wormopt.systems.pair.runs.pair_waveform",
-        pictures=_drawn("pair.pictures", "waveform"),
-    ),
     "harmonic-masses": Kind(
         summary="compute the speed of masses with prescribed oscillations, averaged and exact",
         table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
         study="wormopt.systems.swinging.runs.harmonic_masses",
-        pictures=_drawn("pair.plots.averaging", "reversals"),
-    ),
-    "magnetic-pair": Kind(
-        summary="simulate two masses on a magneto-elastic link in a pulsating field",
-        table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
-        study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=_drawn("pair.pictures", "velocity"),
+        pictures=_drawn("pair.pictures", "reversals"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
@@ -125,24 +91,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.peristaltic.runs.design",
         pictures=_drawn("peristaltic.plots.anchored", "peristalsis")
         | {"animation": "wormopt.systems.peristaltic.plots.anchored:first_frame"},
-    ),
-    "film-flow": Kind(
-        summary="compute the mean flow of a magnetic fluid film under a wave, and its field",
-        table="wormopt.systems.film.scenes.film:FilmFlowScene",
-        study="wormopt.systems.film.runs.film_flow",
-        pictures=_drawn("film.plots.film", "film"),
-    ),
-    "float": Kind(
-        summary="compute the drift of floats and fluid particles on a film with a travelling wave",
-        table="wormopt.systems.film.scenes.film:FloatScene",
-        study="wormopt.systems.film.runs.float",
-        pictures=_drawn("film.plots.film", "ride") | _drawn("film.plots.body", "floats"),
-    ),
-    "film-body": Kind(
-        summary="simulate a body with mass in a film with a wave: floating or on the ground",
-        table="wormopt.systems.film.scenes.film_body:FilmBodyScene",
-        study="wormopt.systems.film.runs.film_body",
-        pictures=_drawn("film.plots.body", "carried"),
     ),
     "film-wave": Kind(
         summary="optimise the wave of a magnetic fluid film: largest transport or least field",
@@ -166,44 +114,11 @@ KINDS: dict[str, Kind | StudyKind] = {
         | _drawn("peristaltic.plots.body", "body")
         | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
     ),
-    "planar-design": Kind(
-        summary="design a planar gait: fastest, turning, or cheapest to a pose",
-        table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
-        study="wormopt.systems.planar.runs.design",
-        pictures=_drawn("planar.plots.design", "planar_gait")
-        | {"animation": "wormopt.systems.planar.plots.design:first_frame"},
-    ),
-    "planar-motion": Kind(
-        summary="simulate a planar chain of masses and springs with bending joints",
-        table="wormopt.systems.planar.scenes.motion:PlanarMotionScene",
-        study="wormopt.systems.planar.runs.motion",
-        pictures=_drawn("planar.plots.plane", "plane", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-path": Kind(
-        summary="plan a path to a pose past obstacles from the steps of a few gaits",
-        table="wormopt.systems.planar.scenes.path:PlanarPathScene",
-        study="wormopt.systems.planar.runs.path",
-        pictures=_drawn("planar.plots.path", "path")
-        | {"animation": "wormopt.systems.planar.plots.path:first_frame"},
-    ),
     "film-forward": Kind(
         summary="compute the wave of a magnetic fluid film under a given field, and its stability",
         table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
         study="wormopt.systems.film.runs.film_forward",
         pictures=_drawn("film.plots.thin_film", "forward", "basins"),
-    ),
-    "coil-pressure": Kind(
-        summary="compute the surface and pressure of a magnetic fluid layer at an excited coil",
-        table="wormopt.systems.coils.scenes.hydrostatics:CoilPressureScene",
-        study="wormopt.systems.coils.runs.coil_pressure",
-        pictures=_drawn("coils.plots.hydrostatics", "coil_pressure"),
-    ),
-    "membrane": Kind(
-        summary="choose the thickness of a membrane: strain against loss of fluid, Pareto front",
-        table="wormopt.systems.coils.scenes.hydrostatics:MembraneScene",
-        study="wormopt.systems.coils.runs.membrane",
-        pictures=_drawn("coils.plots.hydrostatics", "membrane"),
     ),
     "peristaltic-segment": Kind(
         summary="compute a membrane segment in its coil and tube: stroke, wall force, limits",

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -218,6 +218,10 @@ class Study(SceneTable):
         """Why the study was interrupted although every stage has a result; "" if it was not."""
         return ""
 
+    def unsolved(self) -> SolveError | None:
+        """Error of a study without an answer although every stage has a result, None otherwise."""
+        return None
+
     # -- results -----------------------------------------------------------------------------------
 
     def result(self, report: Report | None = None) -> Result:
@@ -253,12 +257,9 @@ class Study(SceneTable):
         for member in [one for one in reported if one.asked_by([name])] or reported:
             if not member.several:
                 if member.reported_as == name:
-                    return getattr(self, member.name)
+                    return _bare(getattr(self, member.name))
             elif name in (found := getattr(self, member.name)):
-                one = found[name]
-                if isinstance(one, Variable):
-                    return one.values
-                return one.value if isinstance(one, Scalar) else one
+                return _bare(found[name])
         known = [*self.scalars, *self.variables]
         raise UnknownNameError(f"a study of kind {self.kind}", "result", [name], known)
 
@@ -279,12 +280,13 @@ class Study(SceneTable):
             raise Interrupted(found) from None
         finally:
             self._progress.report = before
-        try:
-            reason = self._closed(partials=False).stopped()
-        except NotComputedError:
-            reason = ""
-        if reason:
-            raise Interrupted(result.failed(reason))
+        done = self._closed(partials=False)
+        with suppress(NotComputedError):
+            if reason := done.stopped():
+                raise Interrupted(result.failed(reason))
+            if error := done.unsolved():
+                found = result.failed(error.reason)
+                raise SolveError(error.reason, error.suggestion, found, error.code)
         return result
 
     def _complete(self) -> Result:
@@ -474,16 +476,19 @@ def _unit(quantity: str, study: Study) -> str:
 
 
 def _has(study: type[Study], path: str) -> bool:
-    """Whether a study has a member or key; keys may be dotted."""
-    head, *rest = path.split(".")
-    if head not in study.__struct_fields__:
-        return hasattr(study, head)
+    """Whether a study has a member or key; keys may be dotted, down to a property of a table."""
     inside: list[Any] = [study]
-    for name in (head, *rest):
-        types = [
-            f.type for table in inside for f in msgspec.structs.fields(table) if f.name == name
-        ]
-        if not types:
-            return False
+    for name in path.split("."):
+        with_it = [table for table in inside if name in table.__struct_fields__]
+        if not with_it:
+            return any(hasattr(table, name) for table in inside)
+        types = [f.type for t in with_it for f in msgspec.structs.fields(t) if f.name == name]
         inside = [table for kind in types for table in tables_in(bare(kind))]
     return True
+
+
+def _bare(found: Any) -> Any:
+    """Value of what a member gives, without unit."""
+    if isinstance(found, Variable):
+        return found.values
+    return found.value if isinstance(found, Scalar) else found

@@ -21,9 +21,8 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
-from wormopt.systems.swinging.capsule import capsule_guess, capsule_problem
-from wormopt.systems.swinging.pair import pair_guess, pair_problem
-from wormopt.systems.swinging.scenes.internal_mass import CapsuleTable, PairTable
+from wormopt.systems.swinging.capsule import CapsuleTable
+from wormopt.systems.swinging.two_mass import Pair
 
 _MESH = Mesh.even(2, 1, Collocation(2))
 _TIGHT = Ipopt(tolerance=1e-10)
@@ -35,10 +34,10 @@ def _pair(dice: Dice) -> Judged:
     mu, g, L = (spread(dice, 1e-3, 1e3) for _ in range(3))
     low = spread(dice, 1e-3, 0.9)
     high = low if dice.random() < 0.3 else float(dice.uniform(low, 0.95))
-    table = PairTable(mass=spread(dice, 1e-3, 1e3), ratio=(low, high), friction=mu, gravity=g,
+    table = Pair(mass=spread(dice, 1e-3, 1e3), ratio=(low, high), friction=mu, gravity=g,
                       stroke=L)  # fmt: skip
     modes = FixedModes(ModeSequence(((0, 1), (0, 1))))
-    found = optimise(pair_problem(table), _MESH, modes, pair_guess(table), solver=_TIGHT)
+    found = optimise(table.problem(), _MESH, modes, table.guess(), solver=_TIGHT)
 
     def speed(r: float) -> float:
         ahead, back = mu * g * (1 / r - 1), mu * g * (1 / r + 1)
@@ -60,7 +59,7 @@ def _capsule(dice: Dice) -> Judged:
     share, F, L = float(dice.uniform(0.02, 0.98)), spread(dice, 1e-3, 1e3), spread(dice, 1e-3, 1e3)
     table = CapsuleTable(share=share, friction=F, stroke=L)
     modes = FixedModes(ModeSequence(((-1,), (1,))))
-    found = optimise(capsule_problem(table), _MESH, modes, capsule_guess(table), solver=_TIGHT)
+    found = optimise(table.problem(), _MESH, modes, table.guess(), solver=_TIGHT)
     yield "speed", apart(-found.objective, math.sqrt(share * F * L) / 2, 1e-8)
 
 
@@ -141,8 +140,7 @@ def _no_crawl(dice: Dice) -> Judged:
         "mass",
         refused(lambda: chain(1, mass=-more, stiffness=1, damping=1, rest_length=1), "mass"),
     )
-    table = CapsuleTable(share=more, friction=1.0, stroke=1.0)
-    yield "share", refused(lambda: capsule_problem(table), "share must be between 0 and 1")
+    yield "share", refused(lambda: CapsuleTable(share=more, friction=1.0, stroke=1.0), "below 1")
 
 
 OPTIMAL_CRAWLS: tuple[tuple[str, Compare, int], ...] = (

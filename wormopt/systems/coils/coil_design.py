@@ -35,11 +35,17 @@ with on_use():
     from wormopt.model.gait import Gait
     from wormopt.numerics.workers import Workers
     from wormopt.simulation.trajectory import Trajectory
-    from wormopt.systems.coils.design.pattern import Pattern
-    from wormopt.systems.coils.design.rides import Rides, travel_by_radau
-    from wormopt.systems.coils.design.rivals import rivals
-    from wormopt.systems.coils.design.search import Found, neighbours, search, starts_of
-    from wormopt.systems.coils.design.task import Judged, Task, best
+    from wormopt.systems.coils.design import (
+        Found,
+        Judged,
+        Task,
+        best,
+        neighbours,
+        rivals,
+        search,
+        starts_of,
+    )
+    from wormopt.systems.coils.patterns import Pattern, Rides, travel_by_radau
 
 _FINE = 1e-4  # tolerance on the fine grid that distinguishes candidates
 # Factors on the rates from the coarse grid that are also tried on the fine grid, because it loses
@@ -144,7 +150,7 @@ class CoilDesign(OverCoils, kind="coil-design"):
     warning.
     """
 
-    pictures: ClassVar = {"coil_design": "wormopt.systems.coils.plots.design:coil_design"}
+    pictures: ClassVar = {"coil_design": "wormopt.systems.coils.pictures:coil_design"}
     headline: ClassVar = (
         "float_speed", "over_mean_field", "over_block", "power", "neighbour_gain",
     )  # fmt: skip

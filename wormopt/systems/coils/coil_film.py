@@ -57,8 +57,8 @@ class CoilFilm(OverCoils, kind="coil-film"):
     """
 
     pictures: ClassVar = {
-        "coil_film": "wormopt.systems.coils.plots.film:coil_film",
-        "cargo": "wormopt.systems.coils.plots.film:cargo",
+        "coil_film": "wormopt.systems.coils.pictures:coil_film",
+        "cargo": "wormopt.systems.coils.pictures:cargo",
     }
     headline: ClassVar = (
         "carried_per_switch", "thickness_max", "thickness_min", "own_field_left_out", "grid_error",

@@ -47,7 +47,7 @@ class ThinFilm(Given):
     """A film of magnetic fluid."""
 
     depth: float = positive("length", "mean thickness")
-    mu_r: float = number("1", "relative permeability", above=1, most=1e30, default=1.09)
+    mu_r: float = number("1", "relative permeability", above=1, default=1.09)
     viscosity: float = positive("viscosity", "dynamic viscosity", default=0.01)
     density: float = positive("density", "density, used for warnings only", default=1100.0)
     surface_tension: float = number("surface_tension", "surface tension", least=0, default=0.03)
@@ -113,7 +113,7 @@ class RowCurrents(AlongRow, kind="coil-inverse"):
     if no start is solved.
     """
 
-    pictures: ClassVar = {"row_currents": "wormopt.systems.coils.plots.coils:row_currents"}
+    pictures: ClassVar = {"row_currents": "wormopt.systems.coils.pictures:row_currents"}
     headline: ClassVar = (
         "field_residual", "field_residual_mean", "field_residual_program", "ripple", "H0",
     )  # fmt: skip

@@ -171,7 +171,7 @@ class SwitchedRow(AlongRow, kind="coil-row"):
     1e-8 is accepted. `warnings` report a current density that copper cannot carry for long.
     """
 
-    pictures: ClassVar = {"travelling_field": "wormopt.systems.coils.plots.coils:travelling_field"}
+    pictures: ClassVar = {"travelling_field": "wormopt.systems.coils.pictures:travelling_field"}
 
     want: tuple[Literal["travelling_field"], ...] = entry(
         "`travelling_field`: map over place and time, snapshots, the field in the frame of "

@@ -19,9 +19,11 @@ from wormopt.study import (
     facts,
     number,
     on_use,
+    parts,
     positive,
     scalar,
     stage,
+    value,
     warnings,
 )
 from wormopt.study.types import Finite, wrong_order
@@ -114,6 +116,26 @@ class FoundMaterial:
     warnings: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Moduli:
+    """Parameters of a material, its strain and modulus in a field."""
+
+    field: float = value("magnetic_field", "*H*", headline=True)
+    u0: float = value("share", "strain by the field alone", headline=True)
+    youngs_modulus_eff: float = value("stress", "Young's modulus in the field", headline=True)
+    youngs_modulus: float = value("stress", "Young's modulus without field, 3*η*", headline=True)
+    modulus_change: float = value(
+        "share", "relative change of the modulus by the field, never positive", headline=True
+    )
+    permeability: float = value("1", "*μ*<sub>r</sub>")
+    lame_eta: float = value("stress", "*η*")
+    lame_lambda: float | None = value("stress", "*λ*, unknown if not given")
+    poisson_ratio: float | None = value("1", "*λ*/(2(*λ* + *η*)), unknown if *λ* is not given")
+    softening: float = value("1", "*G*, between −3/2 and 0")
+    largest_field: float = value("magnetic_field", "field below which the formulas hold")
+    small_strain: float = value("share", "largest strain that counts as small")
+
+
 class Material(SIStudy, kind="material"):
     """Compute or identify the strain and modulus of a magneto-elastic composite.
 
@@ -135,7 +157,7 @@ class Material(SIStudy, kind="material"):
     of the largest field, `lame_ratio` *λ*/*η*, `largest_strain`. `warnings` complete the report.
     """
 
-    pictures: ClassVar = {"stress_strain": "wormopt.systems.coils.plots.magnetics:stress_strain"}
+    pictures: ClassVar = {"stress_strain": "wormopt.systems.coils.pictures:stress_strain"}
 
     want: tuple[Literal["stress_strain"], ...] = entry(
         "`stress_strain`: figure 12 of Zimmermann et al. 2007 (WLLS)", default=()
@@ -184,70 +206,23 @@ class Material(SIStudy, kind="material"):
         """The material, given or identified."""
         return self.identification.material
 
-    # -- the lines ---------------------------------------------------------------------------------
-
     @array("share", "strain", "strain along the bar", name="strain")
     def strains(self) -> np.ndarray:
-        low, high = self.strain or (0.0, SMALL_STRAIN if self.u0 < SMALL_STRAIN else 1.25 * self.u0)
+        u0 = self.moduli.u0
+        low, high = self.strain or (0.0, SMALL_STRAIN if u0 < SMALL_STRAIN else 1.25 * u0)
         return np.linspace(low, high, _POINTS)
 
     @array("stress", "strain", "stress with field")
     def stress_with_field(self) -> np.ndarray:
-        return self.found.stress(self.strains, self.field)
+        return self.found.stress(self.strains, self.material.field)
 
     @array("stress", "strain", "stress without field")
     def stress_without_field(self) -> np.ndarray:
         return self.found.stress(self.strains)
 
-    # -- numbers -----------------------------------------------------------------------------------
-
-    @scalar("magnetic_field", "*H*", headline=True)
-    def field(self) -> float:
-        return self.material.field
-
-    @scalar("share", "strain by the field alone", headline=True)
-    def u0(self) -> float:
-        return self.found.field_strain(self.field)
-
-    @scalar("stress", "Young's modulus in the field", headline=True)
-    def youngs_modulus_eff(self) -> float:
-        return self.found.youngs_modulus(self.field)
-
-    @scalar("stress", "Young's modulus without field, 3*η*", headline=True)
-    def youngs_modulus(self) -> float:
-        return self.found.youngs_modulus()
-
-    @scalar("share", "relative change of the modulus by the field, never positive", headline=True)
-    def modulus_change(self) -> float:
-        return self.youngs_modulus_eff / self.youngs_modulus - 1
-
-    @scalar("1", "*μ*<sub>r</sub>")
-    def permeability(self) -> float:
-        return self.found.mu_r
-
-    @scalar("stress", "*η*")
-    def lame_eta(self) -> float:
-        return self.found.lame_eta
-
-    @scalar("stress", "*λ*, unknown if not given")
-    def lame_lambda(self) -> float | None:
-        return self.found.lame_lambda
-
-    @scalar("1", "*λ*/(2(*λ* + *η*)), unknown if *λ* is not given")
-    def poisson_ratio(self) -> float | None:
-        return self.found.poisson_ratio
-
-    @scalar("1", "*G*, between −3/2 and 0")
-    def softening(self) -> float:
-        return self.found.softening(self.field)
-
-    @scalar("magnetic_field", "field below which the formulas hold")
-    def largest_field(self) -> float:
-        return self.found.largest_field
-
-    @scalar("share", "largest strain that counts as small")
-    def small_strain(self) -> float:
-        return SMALL_STRAIN
+    @parts(Moduli)
+    def moduli(self) -> Moduli:
+        return moduli(self.found, self.material.field)
 
     @cached_property
     def bar(self) -> tuple[float, float]:
@@ -260,7 +235,7 @@ class Material(SIStudy, kind="material"):
         when="sample",
     )  # fmt: skip
     def stiffness(self) -> float:
-        return self.found.stiffness(*self.bar, self.field)
+        return self.found.stiffness(*self.bar, self.material.field)
 
     @scalar("stiffness", "3*η S*<sub>0</sub>/*l*<sub>0</sub>, the same", when="sample")
     def stiffness_without_field(self) -> float:
@@ -275,21 +250,40 @@ class Material(SIStudy, kind="material"):
     @facts
     def validity(self) -> dict[str, Any]:
         """The identification, and values behind the assumptions of the formulas."""
-        lame_lambda = self.found.lame_lambda
+        one = self.moduli
         return self.identification.facts | {
             "validity": {
-                "must_be_positive": 1 + 2 * self.softening / 3,
-                "field_share": self.field / self.largest_field,
-                "lame_ratio": lame_lambda / self.lame_eta if lame_lambda else "unknown",
+                "must_be_positive": 1 + 2 * one.softening / 3,
+                "field_share": one.field / one.largest_field,
+                "lame_ratio": one.lame_lambda / one.lame_eta if one.lame_lambda else "unknown",
                 "largest_strain": float(np.max(np.abs(self.strains))),
-                "small_strain": SMALL_STRAIN,
+                "small_strain": one.small_strain,
             }
         }
 
     @warnings
     def assumptions(self) -> Iterator[str]:
-        yield from self.found.warnings(self.field, self.strains)
+        yield from self.found.warnings(self.material.field, self.strains)
         yield from self.identification.warnings
+
+
+def moduli(material: MagnetoElastic, field: float) -> Moduli:
+    """Return parameters of a material, its strain and modulus in a field."""
+    modulus, without = material.youngs_modulus(field), material.youngs_modulus()
+    return Moduli(
+        field=field,
+        u0=material.field_strain(field),
+        youngs_modulus_eff=modulus,
+        youngs_modulus=without,
+        modulus_change=modulus / without - 1,
+        permeability=material.mu_r,
+        lame_eta=material.lame_eta,
+        lame_lambda=material.lame_lambda,
+        poisson_ratio=material.poisson_ratio,
+        softening=material.softening(field),
+        largest_field=material.largest_field,
+        small_strain=SMALL_STRAIN,
+    )
 
 
 def _identified(found: Identification) -> FoundMaterial:

@@ -16,7 +16,7 @@ with on_use():
     from wormopt.magnetics.hydrostatics import Fluid, Langevin, Linear
     from wormopt.magnetics.travelling import switched_course
     from wormopt.model.gait import Gait
-    from wormopt.systems.coils.design.pattern import Pattern
+    from wormopt.systems.coils.patterns import Pattern
 
 # Current density that copper carries for long without cooling, in A/m².
 _DENSITY = 5e6

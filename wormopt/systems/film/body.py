@@ -7,7 +7,7 @@ over their length. Scales as in eq. 25 of Zimmermann et al. 2007.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -324,3 +324,14 @@ def carried_body(
         contacts=[Contact("body", v, friction, law, max(forward, backward, 1.0))] * grounded,
         switches=overtaken("body", xi, states),
     )
+
+
+def mean_velocity(places: np.ndarray, turns: int, times: Sequence[float]) -> float:
+    """Mean velocity of a body over whole turns, as exact as their times.
+
+    The wave overtakes the body, or the body the wave: its `places` (2,) at the first and the last
+    of the `times` decide.
+    """
+    took = times[-1] - times[0]
+    ahead = 1.0 if places[-1] - places[0] > took else -1.0
+    return 1 + ahead * 2 * math.pi * turns / took

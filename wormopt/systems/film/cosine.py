@@ -143,6 +143,10 @@ class Shape:
         """
         return self.pressure(xi) + tension * self.height(xi, 2)
 
+    def least_field(self, xi: np.ndarray, tension: float = 0.0) -> np.ndarray:
+        """Least (mu - 1) H² / (8 pi) over P that makes the wave, at phases (n,)."""
+        return np.maximum(self.peak(tension).value - self.field_function(xi, tension), 0.0)
+
     def peak(self, tension: float = 0.0) -> Peak:
         """Maximum of the field function.
 

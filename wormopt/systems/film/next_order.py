@@ -9,11 +9,13 @@ included.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from wormopt.errors import ArgumentError
+from wormopt.result import Unchecked, left_out
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.lubrication import Expression
 from wormopt.systems.film.shapes import Wave, grid
@@ -113,3 +115,22 @@ def check_eps(value: object) -> float:
     if not 0 <= eps < math.inf:
         raise ArgumentError(f"eps must be a finite number, 0 or above, not {value!r}")
     return eps
+
+
+def reach_warnings(wave: Wave, eps: float | None) -> Iterator[str]:
+    """Warn where the next order in eps does not estimate the error."""
+    if eps is None:
+        return
+    if within_reach(wave, eps):
+        bar, flow = corrected_flow(wave, eps).bar, abs(wave.mean_flow)
+        if bar is not None and bar > flow:
+            yield left_out(
+                bar / flow if flow else math.inf,
+                f"eps = {eps:.3g}: lubrication theory may have an error of {bar:.2g} in a mean "
+                f"flow of {flow:.2g}",
+            )
+    else:
+        yield Unchecked(
+            f"eps = {eps:.3g} times the highest harmonic is above {REACH:g}: the error of "
+            "lubrication theory is unknown"
+        )

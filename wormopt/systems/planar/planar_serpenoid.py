@@ -14,13 +14,13 @@ from wormopt.study import (
     entry,
     number,
     on_use,
-    positive,
     scalar,
     stage,
     warning,
     warnings,
     whole,
 )
+from wormopt.study.types import Positive
 
 with on_use():
     import numpy as np
@@ -62,8 +62,8 @@ class PlanarSerpenoid(Study, kind="planar-serpenoid"):
         "`viscous`, or dry: `elliptic` (maximal dissipation), `unit` (direction alone)",
         default="viscous",
     )
-    waves: tuple[float, ...] = positive(
-        "count", "numbers of waves on finite worms; viscous ground only", default=()
+    waves: tuple[Positive, ...] = entry(
+        "numbers of waves on finite worms; viscous ground only", quantity="count", default=()
     )
     rods_per_wave: int = whole(3, 60, "number of rods per wave on finite worms", default=12)
 

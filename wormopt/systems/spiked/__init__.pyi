@@ -7,13 +7,13 @@ from wormopt.systems.spiked.design.uncertain import Robust as Robust
 from wormopt.systems.spiked.design.uncertain import design_believed as design_believed
 from wormopt.systems.spiked.design.uncertain import load_band as load_band
 from wormopt.systems.spiked.design.uncertain import on_plant as on_plant
+from wormopt.systems.spiked.design_results import of_design as of_design
+from wormopt.systems.spiked.design_results import refused as refused
 from wormopt.systems.spiked.design_tables import ObjectiveTable as ObjectiveTable
 from wormopt.systems.spiked.driven import driven_worm as driven_worm
 from wormopt.systems.spiked.limits import Limits as Limits
 from wormopt.systems.spiked.motion import Findings as Findings
 from wormopt.systems.spiked.reference import gait_of_shape as gait_of_shape
-from wormopt.systems.spiked.runs.gait_design import of_design as of_design
-from wormopt.systems.spiked.runs.gait_design import refused as refused
 from wormopt.systems.spiked.scenes.gait_design import DESIGN_SCALARS as DESIGN_SCALARS
 from wormopt.systems.spiked.scenes.gait_design import DesignTable as DesignTable
 from wormopt.systems.spiked.shapes import AccordionShape as AccordionShape

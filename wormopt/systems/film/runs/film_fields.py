@@ -13,7 +13,6 @@ from wormopt.magnetics.pressure import magnetic_pressure
 from wormopt.result import Result
 from wormopt.study.scene import Scene
 from wormopt.systems.film.given_field import GivenField, WaveField
-from wormopt.systems.film.runs.film_flow import fluid_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene
 from wormopt.systems.film.shapes import Wave, grid
 from wormopt.systems.film.units import Fluid
@@ -38,7 +37,7 @@ def field_of_scene(
     key = "field.samples" if given.samples is not None else "field.file"
     try:
         values = np.array(given.samples) if given.samples is not None else _read(scene, given)
-        field = GivenField(_pressure(values, given, fluid_of(scene.table.film)))
+        field = GivenField(_pressure(values, given, scene.table.film.scales))
         field.slope(scene.table.grid.points)
     except (ArgumentError, ValueError, OSError, KeyError) as error:
         raise SceneError(scene.name, [(key, str(error).strip("'\""))]) from None

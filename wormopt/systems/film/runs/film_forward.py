@@ -27,8 +27,8 @@ from wormopt.systems.film.families import (
     steady_branches,
 )
 from wormopt.systems.film.given_field import GivenField, WaveField, film_volume, resampled
+from wormopt.systems.film.next_order import reach_warnings
 from wormopt.systems.film.runs.film_fields import field_of_scene
-from wormopt.systems.film.runs.film_flow import eps_of, fluid_of, reach_warnings, wave_of
 from wormopt.systems.film.scenes.film_forward import FilmForwardScene, StartTable
 from wormopt.systems.film.shapes import Wave, grid
 
@@ -72,9 +72,9 @@ def run(scene: Scene[FilmForwardScene], report: Report) -> Result:
     an impossible field, wave or start, and SolveError if the allowed steps do not suffice.
     """
     table, begin = scene.table, time.perf_counter()
-    fluid = fluid_of(table.film)
-    tension = fluid.tension if fluid else table.film.tension or 0.0
-    wave = wave_of(scene, table.film) if table.has_wave else None
+    fluid = table.film.scales
+    tension = table.film.tension_number
+    wave = table.film.wave(scene.name) if table.film.has_wave else None
     field = field_of_scene(scene, wave, tension)
     setting = _setting(scene, field, wave, tension)
     course = resolved(setting, report)
@@ -112,7 +112,7 @@ def run(scene: Scene[FilmForwardScene], report: Report) -> Result:
         warnings=[
             *_warnings(found),
             *(fluid.warnings() if fluid else ()),
-            *(reach_warnings(wave, eps_of(table.film)) if wave else ()),
+            *(reach_warnings(wave, table.film.thinness) if wave else ()),
             *(() if table.tolerance.recheck else (NOT_RECHECKED,)),
         ],
         timings={

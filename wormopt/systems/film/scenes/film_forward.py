@@ -11,7 +11,7 @@ from msgspec import Meta
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, whole
 from wormopt.study.types import Finite, Positive, SceneTable, wrong_order
-from wormopt.systems.film.scenes.film import FilmTable, Permeability, Share, SharePair
+from wormopt.systems.film.tables import Film, Share, SharePair
 from wormopt.systems.spiked import why_unreadable
 from wormopt.tables import SUFFIXES
 
@@ -31,6 +31,7 @@ Tensions = Annotated[
     tuple[Positive, ...], Meta(min_length=1, max_length=100, description="1 to 100 numbers above 0")
 ]
 Name = Annotated[str, Meta(min_length=1, description="text that is not empty")]
+Permeability = Annotated[float, Meta(gt=1, le=1e30, description="a finite number above 1")]
 
 
 class FieldTable(Given):
@@ -302,7 +303,7 @@ class FilmForwardScene(SceneTable):
         "`basins`: the map",
         default=(),
     )
-    film: FilmTable = entry("prescribed wave, and surface tension above 0")
+    film: Film = entry("prescribed wave, and surface tension above 0")
     field: FieldTable | None = entry(
         "another field that replaces that of the prescribed wave", default=None
     )
@@ -318,10 +319,7 @@ class FilmForwardScene(SceneTable):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check what no single key shows."""
         yield from super().faults(folder)
-        for key, message in self.film.faults(self.units):
-            # With a given field, a scene needs no wave.
-            if self.field is None or not (key == "film.delta" and "missing" in message):
-                yield key, message
+        yield from self.film.faults_in(self.units, needs_wave=self.field is None)
         yield from self._faults_of_tension()
         if self.film.eps is not None and self.units != "SI":
             yield (
@@ -340,12 +338,6 @@ class FilmForwardScene(SceneTable):
             )
         yield from self._faults_of_tables()
 
-    @property
-    def has_wave(self) -> bool:
-        """Whether a wave is prescribed."""
-        film = self.film
-        return film.delta is not None or film.cosines is not None or film.sines is not None
-
     def _faults_of_tension(self) -> Iterator[Fault]:
         why = (
             "without surface tension the equation is of first order, and its fronts steepen "
@@ -360,7 +352,7 @@ class FilmForwardScene(SceneTable):
 
     def _faults_of_start(self) -> Iterator[Fault]:
         start = self.start
-        if start.shape == "wave" and not self.has_wave:
+        if start.shape == "wave" and not self.film.has_wave:
             yield "start.shape", "needs a prescribed wave; write film.delta"
         if start.shape == "samples" and start.samples is None:
             yield "start.samples", "missing; write the thickness over a wavelength"

@@ -18,8 +18,7 @@ from wormopt.systems.planar.design.aim import PlanarAim
 from wormopt.systems.planar.design.ground import Dry
 from wormopt.systems.planar.design.polish import STEEP, Polish, polish, side_times
 from wormopt.systems.planar.design.polygons import Steps
-from wormopt.systems.planar.design.program import gait_problem
-from wormopt.systems.planar.design.search import relaxed
+from wormopt.systems.planar.design.program import gait_problem, relaxed
 from wormopt.systems.planar.design.starts import first_corners
 from wormopt.systems.planar.swimming.stroke import swim
 

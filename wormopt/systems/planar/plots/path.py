@@ -146,6 +146,7 @@ def _radius(result: Result) -> float:
 
 def _stops(result: Result) -> list[int]:
     """Return the instants between steps."""
-    m, steps = result["x"].values.shape[1], len(result["amplitude"].values)
+    m = result["x"].values.shape[1]
+    steps = len(result["amplitude"].values) if "amplitude" in result else 0
     each = m // max(steps, 1)
     return [*range(0, m, each), m - 1] if steps else [0]

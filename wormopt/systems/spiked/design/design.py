@@ -162,7 +162,7 @@ class Design:
             If there is no such picture.
         """
         check_choice("picture", picture, ("gait", "motion", "spikes"))
-        return above("wormopt.systems.spiked.runs.gait_design:as_result")(self).plot(picture)
+        return above("wormopt.systems.spiked.design_results:as_result")(self).plot(picture)
 
     @cached_property
     def motion(self) -> Crawl:

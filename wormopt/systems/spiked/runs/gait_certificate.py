@@ -15,13 +15,13 @@ from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.motion import Findings
-from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
+from wormopt.systems.spiked.scenes.gait_design import DesignTable
 
 # Rounding of the gait's own value, relative.
 _ROUNDING = 1e-12
 
 
-def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Findings:
+def of_certificate(table: DesignTable, found: Design, report: Report) -> Findings:
     """Bound the objective of every gait, verify the proof exactly, and compare with the gait.
 
     Without a table `[search.certify]` the bound is the one that the search began with.
@@ -68,8 +68,8 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
     courses = {"proof_bound": history[:, 1], "proof_value": 0 * history[:, 1] + found.value}
     variables: dict[str, Any] = {"proof_time": history[:, 0]}
     for name, values in courses.items():
-        _, dims, long_name = table.variables[name]
-        variables[name] = Variable(name, unit, dims, values, long_name)
+        long_name = {"proof_bound": "proven bound", "proof_value": "objective of the gait"}[name]
+        variables[name] = Variable(name, unit, ("proof",), values, long_name)
     return known | Findings(
         {"certified_seconds": proved - clock},
         variables,

@@ -1,0 +1,545 @@
+"""Kind "pair-waveform": the best periodic field of a magneto-elastic pair."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Literal
+
+from msgspec import Meta, field
+
+from wormopt.errors import Fault, SolveError
+from wormopt.quantities import Scalar, unit_of
+from wormopt.result import Check, Unchecked
+from wormopt.study import (
+    Given,
+    Study,
+    arrays,
+    attributes,
+    check,
+    checks,
+    entry,
+    facts,
+    on_use,
+    parts,
+    positive,
+    scalars,
+    signal,
+    stage,
+    value,
+    warnings,
+    whole,
+)
+from wormopt.study.given import says
+from wormopt.study.numerics import MeshTable
+from wormopt.study.types import NonNegative, PositiveOrPair, Seed, per, wrong_order
+from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
+from wormopt.systems.pair.tables import NATURAL
+from wormopt.systems.shared.declared import INSTANT, OPTIMUM
+
+with on_use():
+    import numpy as np
+
+    from wormopt.model.friction import Coulomb
+    from wormopt.model.model import Model
+    from wormopt.numerics.collocation import Collocation
+    from wormopt.ocp.mesh import Mesh
+    from wormopt.ocp.motion import Guess, Motion
+    from wormopt.ocp.optimise import Optimum
+    from wormopt.systems.chain import law_of
+    from wormopt.systems.pair.driven_pair import (
+        FADED,
+        MOST_PERIODS,
+        FieldAim,
+        FieldLimits,
+        Harmonic,
+        best_harmonic,
+    )
+    from wormopt.systems.pair.exact import magnetic_pair, scaled_law
+    from wormopt.systems.pair.waveform import (
+        Proof,
+        best_field,
+        check_strain,
+        field_course,
+        first_field,
+        first_harmonic,
+        guesses,
+        prove,
+        scaled,
+        waveform_problem,
+    )
+    from wormopt.systems.shared.optimum import (
+        cross_check,
+        optimum_facts,
+        optimum_scalars,
+        replay_check,
+        sample_motion,
+        warnings_of_optimum,
+        warnings_of_reading,
+    )
+    from wormopt.systems.shared.proof import CrossCheck
+
+_WIDE = 1.0  # strain above which the model of the link is not valid
+
+FieldRange = Annotated[
+    tuple[NonNegative, ...],
+    Meta(min_length=2, max_length=2, description="two numbers, 0 or above, [least, largest]"),
+]
+
+
+class DrivenPair(Given):
+    """Two masses on a magneto-elastic link, dimensionless."""
+
+    eps: float = positive("share", "push of the field over stiffness times length")
+    friction: Friction = entry(
+        'friction law of the ground, with `kind = "coulomb"`; forces over the push, equal or '
+        "one per mass; weaker forward than backward"
+    )
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield friction with which the pair does not move forward."""
+        law, wrong = self.friction, list(faults_of_law("friction", self.friction, 2))
+        yield from wrong
+        if not isinstance(law, CoulombFriction):
+            yield "friction", 'is not supported; write kind = "coulomb"'
+        elif not wrong and sum(per(law.forward, 2)) >= sum(per(law.backward, 2)):
+            yield (
+                "friction",
+                "is not weaker forward than backward, so the pair does not move forward; write "
+                "forward below backward",
+            )
+
+    def model(self, frequency: float, cosines: tuple[float, ...] | None) -> Model:
+        """Make the dimensionless pair; without cosines the field is its input."""
+        laws = [scaled_law(law_of(self.friction, mass), self.eps) for mass in range(2)]
+        return magnetic_pair(law=laws, push=self.eps, frequency=frequency, cosines=cosines)
+
+
+class Limits(Given):
+    """Limits of the field.
+
+    Not allowed: frequencies that contain √2 or √2/*k* for a whole *k*, without `strain`. There the
+    field, or its *k*-th harmonic, makes the swing and the speed grow without bound. Exit code 3:
+    `strain` up to `eps` times the sum of the least field and the forward friction of mass 0, with
+    which the link cannot pull mass 0 forward.
+    """
+
+    field: FieldRange = entry(
+        "range of *G*, which is proportional to the square of the field strength", quantity="share"
+    )
+    frequency: PositiveOrPair = entry(
+        "frequency over √(*c*/*m*): a fixed value, or a range", quantity="angular_frequency"
+    )
+    slope: float | None = positive(
+        "1", "upper limit of |*G*′|; default: the field may jump", default=None
+    )
+    strain: float | None = positive(
+        "share",
+        "upper limit of |*x*<sub>2</sub> − *x*<sub>1</sub>| over the link's length",
+        default=None,
+    )
+
+    @property
+    def frequency_range(self) -> tuple[float, float]:
+        """Least and largest frequency."""
+        least, most = per(self.frequency, 2)
+        return least, most
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield ranges whose bounds are in the wrong order, and those with an unbounded swing."""
+        yield from wrong_order("field", self.field, may_be_equal=False)
+        wrong = list(wrong_order("frequency", self.frequency_range, may_be_equal=True))
+        yield from wrong
+        least, most = self.frequency_range
+        order = math.ceil(NATURAL / most * (1 - 1e-12))
+        if wrong or self.strain is not None or order * least > NATURAL * (1 + 1e-12):
+            return
+        named = "sqrt(2)" if order == 1 else f"sqrt(2) / {order}"
+        which = "the field" if order == 1 else f"harmonic {order} of the field"
+        yield (
+            "strain",
+            f"missing; limits.frequency contains the resonance {named} = {NATURAL / order:.6g}, "
+            f"where {which} makes the swing and the speed grow without bound: write the largest "
+            "strain, for example 0.8, or frequencies on one side",
+        )
+
+
+class Aim(Given):
+    """Objective of the waveform: exactly one of `maximise` and `minimise`."""
+
+    maximise: Literal["speed"] | None = entry("mean speed", default=None)
+    minimise: Literal["work_per_distance"] | None = entry(
+        "net work of the field over the distance; requires `speed`", default=None
+    )
+    speed: float | None = positive("speed", "lower limit of the mean speed", default=None)
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield conflicts between the keys."""
+        if (self.maximise is None) == (self.minimise is None):
+            yield "", 'needs exactly one of maximise = "speed" and minimise = "work_per_distance"'
+        elif self.minimise and self.speed is None:
+            yield (
+                "speed",
+                "missing, and without it the cheapest motion is rest; write the least mean speed",
+            )
+        elif self.maximise and self.speed is not None:
+            yield "speed", 'applies to minimise = "work_per_distance" only; leave it out'
+
+
+class Search(Given):
+    """Starting points of the search."""
+
+    starts: int = whole(
+        1,
+        100,
+        "number of starts: the harmonic field, then random fields of three harmonics",
+        default=1,
+    )
+    seed: Seed = entry("seed of the starts", default=0)
+
+
+@dataclass(frozen=True)
+class InHarmonicField:
+    """The best harmonic field within the limits, and the motion in it."""
+
+    speed_harmonic: float = value(
+        "speed", "mean speed of the periodic orbit in the harmonic field, by exact simulation"
+    )
+    frequency_harmonic: float = value("angular_frequency", "frequency of the harmonic field")
+    amplitude_harmonic: float = value("share", "amplitude of the harmonic field")
+    strain_max_harmonic: float = value(
+        "share", "largest \\|*x*<sub>2</sub> − *x*<sub>1</sub>\\| in the harmonic field"
+    )
+    work_per_distance_harmonic: float | None = value(
+        "energy_per_distance", "work of the harmonic field over the distance"
+    )
+    drift_harmonic: float = value(
+        "share", "change of stretch and velocities over the last block of `periods_harmonic`"
+    )
+    periods_harmonic: int = value(
+        "count", "periods until the motion in the harmonic field was periodic"
+    )
+
+
+@dataclass(frozen=True)
+class InFieldFound:
+    """The field found, and the motion in it."""
+
+    speed: float = value("speed", "mean speed of the optimiser")
+    frequency: float = value("angular_frequency", "frequency of the field found")
+    first_harmonic: float = value("share", "amplitude of the first harmonic of the field found")
+    swing: float = value("share", "half the difference of largest and smallest stretch")
+    gait_breaks: np.ndarray = signal("time", "gait_break", "times of the field's pieces")
+    gait_polynomial: np.ndarray = signal(
+        "share",
+        "gait_piece link gait_power",
+        "field, coefficients of s^k, s the time since the piece began",
+    )
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The exact simulation in the field found."""
+
+    speed_simulated: float = value(
+        "speed", "mean speed of an exact simulation over 20 periods in the field found"
+    )
+    strain_max: float = value("share", "largest \\|*x*<sub>2</sub> − *x*<sub>1</sub>\\|")
+    work_per_distance: float | None = value(
+        "energy_per_distance", "work of the field over the distance"
+    )
+    drift: float = value("share", "change of stretch and velocities over the 20 periods")
+    push_left: float = value(
+        "share",
+        "least remaining share of a push of a thousandth, over up to 1200 periods; the simulation "
+        "ends below 0.5. A warning appears if it is never below",
+    )
+    gain: float | None = value(
+        "share",
+        "ratio of `speed_simulated` to `speed_harmonic`; for `minimise` of the works per distance; "
+        "unknown where the harmonic field does not move the pair, or not at the required speed",
+    )
+
+
+SIGNALS = INSTANT | {
+    "field": ("share", ("instant",), "field G"),
+    "field_harmonic": ("share", ("instant",), "harmonic field"),
+    "stretch": ("length", ("instant",), "stretch x_2 - x_1"),
+    "stretch_harmonic": ("length", ("instant",), "stretch in the harmonic field"),
+    "position": ("length", ("mass", "instant"), "position of the mass"),
+    "velocity": ("speed", ("mass", "instant"), "velocity of the mass"),
+    "contact_force": ("force", ("mass", "instant"), "force of the ground"),
+}
+
+
+class PairWaveform(Study, kind="pair-waveform"):
+    """Optimise the periodic field that drives a magneto-elastic pair.
+
+    The magneto-elastic pair (eq. 16 of Zimmermann et al. 2007) moves in the best field, and for
+    comparison in a harmonic field within the same limits. Velocities repeat after a period,
+    positions repeat up to the advance. Friction is exact dry friction. See
+    [optimal.md](../optimal.md#the-field-of-a-magneto-elastic-pair). The scene is dimensionless:
+    lengths over that of the link, times over √(*m*/*c*).
+
+    The mean of the harmonic field is the middle of `limits.field`. It has the largest amplitude
+    that range, slope and strain allow (for `minimise`: the smallest with the required speed), at
+    the best frequency of the range. If its mean alone, applied at rest, stretches the link beyond
+    `limits.strain`, a warning says so, `gain` is unknown, and the search starts from the fastest
+    harmonic field about a lower mean. The same holds if that strain leaves a harmonic field too
+    weak to move the pair. If the pair rests in the first field, four random fields are tried.
+
+    `input_rms` and `input_peak` are those of *G*, with a slope limit those of *G*′. The arrays
+    contain the instants at which arcs join twice. `gait_breaks` and `gait_polynomial` are the exact
+    field, as a Gait of one row: `drive(magnetic_pair(..., cosines=None), load_gait("result.nc"),
+    periodic=True)` moves the pair with it.
+    """
+
+    pictures: ClassVar = {"waveform": "wormopt.systems.pair.pictures:waveform"}
+    headline: ClassVar = ("speed", "speed_simulated", "speed_harmonic", "gain", "frequency")
+
+    units: Literal["dimensionless"] = entry(
+        "lengths over that of the link, times over √(*m*/*c*)", default="dimensionless"
+    )
+    want: tuple[Literal["waveform"], ...] = entry(
+        "`waveform`: field, stretch and velocities over a period; the harmonic field, scaled "
+        "to the same period, is shifted so its crest is that of the first harmonic",
+        default=(),
+    )
+    pair: DrivenPair = entry("the pair")
+    limits: Limits = entry("limits of the field")
+    aim: Aim = entry("objective of the waveform")
+    mesh: Annotated[MeshTable, says("", "mesh in time; default: 100 arcs")] = field(
+        default_factory=lambda: MeshTable(arcs=100)
+    )
+    search: Search = entry("starting points of the search", default=Search)
+
+    @cached_property
+    def bounds(self) -> FieldLimits:
+        """Limits of the waveform."""
+        low, high = self.limits.field
+        given = self.limits
+        return FieldLimits((low, high), given.frequency_range, given.slope, given.strain)
+
+    @cached_property
+    def goal(self) -> FieldAim:
+        """Objective of the waveform."""
+        return FieldAim(self.aim.maximise, self.aim.speed)
+
+    @cached_property
+    def free(self) -> Model:
+        """The pair with the field as its input."""
+        return self.pair.model(self.harmonic_field.frequency, None)
+
+    # -- what is computed --------------------------------------------------------------------------
+
+    @stage
+    def harmonic_field(self) -> Harmonic:
+        law = law_of(self.pair.friction, 0)
+        assert isinstance(law, Coulomb)
+        check_strain(self.bounds, self.pair.eps, float(law.forward))
+        return best_harmonic(self.driven, self.bounds, self.goal, self.report)
+
+    @property
+    def driven(self) -> Model:
+        """The pair in a harmonic field."""
+        return self.pair.model(self.bounds.frequency[0], (1.0, 1.0))
+
+    @stage
+    def start(self) -> tuple[Harmonic, list[Guess]]:
+        first = first_field(self.driven, self.bounds, self.harmonic_field, self.report)
+        starts, seed = self.search.starts, self.search.seed
+        found = guesses(self.free, self.bounds, first, self.pair.eps, starts=starts, seed=seed)
+        return first, found
+
+    @stage
+    def optimum(self) -> tuple[dict[str, Optimum], tuple[float, ...]]:
+        first, starts = self.start
+        mesh = Mesh.even(1, self.mesh.arcs, Collocation(self.mesh.degree, self.mesh.scheme))
+        problem = waveform_problem(scaled(self.free, first), self.bounds, self.goal)
+        try:
+            return best_field(problem, mesh, starts, self.mesh.tolerance, self.report)
+        except SolveError as error:  # what it hands over is no optimum
+            raise SolveError(error.reason, error.suggestion, code=error.code) from None
+
+    @property
+    def solves(self) -> dict[str, Optimum]:
+        """The solves by name, the last with exact phases."""
+        return self.optimum[0]
+
+    @property
+    def motion(self) -> Motion:
+        """The optimal motion."""
+        return self.solves["phases"].motion
+
+    @stage
+    def simulation(self) -> Proof:
+        return prove(self.free, self.motion, self.report)
+
+    @stage
+    def second_route(self) -> CrossCheck:
+        return cross_check(self.motion, report=self.report)
+
+    # -- results -----------------------------------------------------------------------------------
+
+    @scalars(OPTIMUM)
+    def of_optimum(self) -> dict[str, Any]:
+        found = optimum_scalars(self.solves, self.second_route)
+        if self.aim.minimise:
+            unit = unit_of("energy_per_distance", self.units)
+            found["objective"] = Scalar(found["objective"], unit)
+        return found
+
+    @parts(InHarmonicField)
+    def harmonic(self) -> InHarmonicField:
+        found, orbit = self.harmonic_field, self.harmonic_field.orbit
+        return InHarmonicField(
+            speed_harmonic=orbit.speed,
+            frequency_harmonic=found.frequency,
+            amplitude_harmonic=found.amplitude,
+            strain_max_harmonic=orbit.strain,
+            work_per_distance_harmonic=orbit.work_per_distance,
+            drift_harmonic=orbit.drift,
+            periods_harmonic=orbit.periods,
+        )
+
+    @parts(InFieldFound)
+    def field_found(self) -> InFieldFound:
+        motion, course = self.motion, field_course(self.motion)
+        x = motion.states(np.array([0.0, motion.duration]))[0]
+        stretch = motion.output("stretch", np.linspace(0, motion.duration, 2001))
+        return InFieldFound(
+            speed=float(x[1] - x[0]) / motion.duration,
+            frequency=2 * math.pi / motion.duration,
+            first_harmonic=first_harmonic(course)[0],
+            swing=float(np.ptp(stretch)) / 2,
+            gait_breaks=course.breaks,
+            gait_polynomial=course.polynomial,
+        )
+
+    @parts(Simulated)
+    def simulated(self) -> Simulated:
+        proof, orbit = self.simulation, self.simulation.orbit
+        return Simulated(
+            speed_simulated=proof.speed,
+            strain_max=orbit.strain,
+            work_per_distance=orbit.work_per_distance,
+            drift=orbit.drift,
+            push_left=proof.left,
+            gain=_gain(proof, self.harmonic_field, fastest=self.aim.maximise is not None),
+        )
+
+    @arrays(SIGNALS)
+    def signals(self) -> dict[str, np.ndarray]:
+        motion, harmonic, model = (
+            self.motion,
+            self.harmonic_field,
+            self.motion.program.problem.model,
+        )
+        names = ("position", "velocity", "stretch", "field")
+        expressions = {name: model[name] for name in names} | {"contact_force": model.forces}
+        sampled = sample_motion(motion, expressions)
+        # The harmonic field is shifted so its crest is that of the waveform's first harmonic.
+        lag = first_harmonic(field_course(motion))[1] / (2 * math.pi)
+        at = np.mod(sampled.time / motion.duration - lag, 1.0) * harmonic.course.period
+        dense = harmonic.orbit.motion.dense
+        assert dense is not None
+        x = dense(at)
+        return sampled.arrays(SIGNALS) | {
+            "field_harmonic": harmonic.course(at)[0],
+            "stretch_harmonic": x[1] - x[0],
+        }
+
+    @attributes
+    def drawn(self) -> dict[str, Any]:
+        contacts = self.motion.program.problem.model.contacts
+        return {
+            "contacts": [contact.name for contact in contacts],
+            "signals": ["field", "stretch", "velocity"],
+        }
+
+    # -- the trust report --------------------------------------------------------------------------
+
+    @checks
+    def replayed(self) -> Iterator[Check]:
+        yield replay_check(self.second_route)
+
+    @check(
+        1e-7,
+        "after 20 periods the simulated speed is {speed_simulated:.6g}, not {speed:.6g}",
+        name="speed by simulation",
+    )
+    def speed_error(self) -> float:
+        found, kept = self.field_found.speed, self.simulation.speed
+        return abs(kept - found) / max(abs(found), abs(kept), 1e-300)
+
+    @facts
+    def found(self) -> dict[str, Any]:
+        return optimum_facts(self.solves, self.second_route) | {"starts": self.optimum[1]}
+
+    @warnings
+    def of_optimisation(self) -> Iterator[str]:
+        relaxed, exact = self.solves.values()
+        yield from warnings_of_optimum(exact, self.mesh.tolerance)
+        yield from warnings_of_reading(relaxed, exact)
+
+    @warnings
+    def of_harmonic_field(self) -> Iterator[str]:
+        harmonic, orbit, proof = self.harmonic_field, self.harmonic_field.orbit, self.simulation
+        if not orbit.settled:
+            yield (
+                f"in the harmonic field the motion still changes by {orbit.drift:.2g} after "
+                f"{orbit.periods} periods; its speed is that of the last period"
+            )
+        if not harmonic.kept:
+            yield (
+                f"the middle of limits.field alone stretches the link by {orbit.strain:.6g}, "
+                "beyond limits.strain; so there is no harmonic field about it, and gain is unknown"
+            )
+            return
+        if self.aim.maximise and not proof.speed > orbit.speed:
+            yield (
+                "in the simulation the waveform is not faster than the harmonic field: "
+                f"{proof.speed:.6g} against {orbit.speed:.6g}; write search.starts to try more"
+            )
+        if self.aim.minimise and not harmonic.reached:
+            yield (
+                "no harmonic field within the limits reaches aim.speed; the best has "
+                f"{orbit.speed:.6g}, and gain is unknown"
+            )
+        spent, least = orbit.work_per_distance, proof.orbit.work_per_distance
+        if self.aim.minimise and harmonic.reached and spent and least and not least < spent:
+            yield (
+                "in the simulation the waveform does not need less work than the harmonic field: "
+                f"{least:.6g} against {spent:.6g}; write search.starts to try more"
+            )
+
+    @warnings
+    def of_motion(self) -> Iterator[str]:
+        left, strain = self.simulation.left, self.simulation.orbit.strain
+        if left >= FADED:
+            yield (
+                f"a small push does not decay: {left:.2g} of it remains after {MOST_PERIODS} "
+                "periods, so the motion may be unstable"
+            )
+        if strain >= _WIDE:
+            yield Unchecked(
+                f"the link changes its length by {100 * strain:.3g} %, but the law of its material "
+                "is for small strains, and at zero length the masses would pass each other; write "
+                "limits.strain"
+            )
+        if self.search.starts == 1:
+            yield (
+                "the result is a local optimum from a single start; write search.starts to try more"
+            )
+
+
+def _gain(proof: Proof, harmonic: Harmonic, *, fastest: bool) -> float | None:
+    """Ratio of speeds, or of works per distance, above 1 if the waveform is better."""
+    orbit = harmonic.orbit
+    if fastest:
+        still = 1e-9 * orbit.strain * harmonic.frequency
+        return proof.speed / orbit.speed if orbit.speed > still else None
+    spent, least = orbit.work_per_distance, proof.orbit.work_per_distance
+    return spent / least if harmonic.reached and spent and least else None
