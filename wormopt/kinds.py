@@ -132,12 +132,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.pair.runs.pair_waveform",
         pictures=_drawn("pair.plots.waveform", "waveform"),
     ),
-    "harmonic-masses": Kind(
-        summary="compute the speed of masses with prescribed oscillations, averaged and exact",
-        table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
-        study="wormopt.systems.swinging.runs.harmonic_masses",
-        pictures=_drawn("pair.plots.averaging", "reversals"),
-    ),
     "material": Kind(
         summary="compute or identify the strain and modulus of a magneto-elastic composite",
         table="wormopt.systems.coils.scenes.material:MaterialScene",
