@@ -55,12 +55,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("spiked.plots.front", "front", "gait", "motion", "spikes"),
         table_file=True,
     ),
-    "gait-shift": Kind(
-        summary="switch gaits on a slope by the spike load, and optimise the switching schedule",
-        table="wormopt.systems.gears.scenes:GaitShiftScene",
-        study="wormopt.systems.gears.run",
-        pictures=_drawn("gears.plot", "shift", "transitions"),
-    ),
     "stepper": Kind(
         summary="convert a gait into stepping-motor commands and simulate the resulting motion",
         table="wormopt.systems.spiked.scenes.stepper:StepperScene",
