@@ -70,7 +70,7 @@ def test_folders_differ_by_work_and_by_code(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_names_at_the_door_of_a_system_count_as_their_modules():
-    found = kept._imported("wormopt.systems.coils.runs.coil_inverse", kept._files(kept._ROOT))
+    found = kept._imported("wormopt.systems.coils.coil_inverse", kept._files(kept._ROOT))
     assert "wormopt.systems.film.courses" not in found  # by the name of its module
     assert "wormopt.systems.film.CarriedFilm" in found  # by the name that the stub declares
     assert "wormopt.simulation.simulate" in found  # what its module imports

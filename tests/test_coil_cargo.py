@@ -19,7 +19,6 @@ from wormopt.simulation.options import Tolerance
 from wormopt.study.scene import load_scene
 from wormopt.systems.coils.cargo import Float, floated_film
 from wormopt.systems.coils.layer import Ends, Layer
-from wormopt.systems.coils.runs.cargo import float_of
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
 FOAM = Float(0.012, 3.6e-3, 1e-6, edge=4e-3)
@@ -246,12 +245,12 @@ def test_the_stiffness_of_its_ends_is_felt_at_second_order(stiffness: float) -> 
 def test_stiffer_than_rigid_is_rigid() -> None:
     layer = Layer(OIL, 0.05, 1e-3, 0.06, 72)
     table = load_scene("coil_cargo", ["cargo.modulus=1e12"]).table.cargo
-    plate = float_of(table, layer)
+    plate = table.on(layer)
     # a beam of its length on two ends, under the weight and the surface of a heap of 1 mm
     load = 1e-3 * (OIL.weight + 0.03 / 0.012**2)
     assert 5 / 384 * load * 0.012**4 / plate.stiffness == pytest.approx(1e-5, rel=1e-12)
     soft = load_scene("coil_cargo", ["cargo.modulus=1e5"]).table.cargo
-    assert float_of(soft, layer).stiffness == pytest.approx(1e5 * 0.5e-3**3 / 12, rel=1e-12)
+    assert soft.on(layer).stiffness == pytest.approx(1e5 * 0.5e-3**3 / 12, rel=1e-12)
 
 
 @pytest.mark.slow
@@ -318,7 +317,7 @@ def test_the_picture_of_a_float_needs_one() -> None:
 
 @pytest.mark.slow
 def test_a_float_over_one_coil_is_drawn() -> None:
-    from wormopt.systems.coils.plots.film import cargo
+    from wormopt.systems.coils.pictures import cargo
 
     one = ["coils.count=1", "switching.on=1", "switching.every=1", "course.switches=1"]
     result = wo.run(load_scene("coil_cargo", [*one, "cargo.start=0.0", "grid.cells=6"]))

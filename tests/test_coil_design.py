@@ -15,15 +15,19 @@ from wormopt.magnetics.travelling import shifted_course, switched_course
 from wormopt.numerics.evolution import evolve
 from wormopt.numerics.workers import Workers
 from wormopt.study.scene import load_scene
+from wormopt.systems.coils import coil_design
 from wormopt.systems.coils.cargo import Float
-from wormopt.systems.coils.design.mean_field import wave_pattern
-from wormopt.systems.coils.design.pattern import Copper, Form, Pattern, block
-from wormopt.systems.coils.design.recheck import travel_by_radau
-from wormopt.systems.coils.design.rides import Rides
-from wormopt.systems.coils.design.search import neighbours
-from wormopt.systems.coils.design.task import Task
+from wormopt.systems.coils.design import Task, neighbours
 from wormopt.systems.coils.layer import Layer
-from wormopt.systems.coils.runs import coil_design
+from wormopt.systems.coils.patterns import (
+    Form,
+    Pattern,
+    Rides,
+    block,
+    travel_by_radau,
+    wave_pattern,
+)
+from wormopt.systems.coils.tables import Copper
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
 ROW = CoilRow(Coil(2e-3, 4.5e-3, 20e-3, 1500.0), count=6, pitch=10e-3, gap=11e-3)
@@ -115,7 +119,9 @@ def test_power_is_that_of_a_wire_wound_turn_by_turn() -> None:
     resistance = 1.72e-8 * np.sum(2 * np.pi * radii) / section
     known = 2 * 4 * resistance * current**2
     always = Pattern(np.full(5, turns * current), 1.0, 1, "steps")
-    assert Copper(1.72e-8, 0.6).power(row, always) == pytest.approx(known, rel=1e-9)
+    assert Copper(resistivity=1.72e-8, fill=0.6).power(row, always) == pytest.approx(
+        known, rel=1e-9
+    )
 
 
 def test_the_evolution_finds_optima_that_are_known() -> None:

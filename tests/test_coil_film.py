@@ -14,14 +14,12 @@ from wormopt.errors import ArgumentError, SceneError, SolveError
 from wormopt.magnetics.hydrostatics import Fluid, Linear
 from wormopt.magnetics.ripples import growth_rate
 from wormopt.model.model import Model, Signal
-from wormopt.progress import silent
 from wormopt.simulation.options import Tolerance
 from wormopt.study.scene import load_scene
+from wormopt.systems.coils.coil_pressure import CoilPressure
 from wormopt.systems.coils.film import coil_film, surface_film
 from wormopt.systems.coils.layer import Layer
 from wormopt.systems.coils.profile import settle
-from wormopt.systems.coils.runs import coil_film as study
-from wormopt.systems.coils.runs import coil_pressure
 
 OIL = Fluid(1200.0, 0.03, Linear(0.35))
 SHORT = [
@@ -110,12 +108,13 @@ def test_a_small_wave_in_time_follows_the_dispersion_relation() -> None:
     assert once[1] == pytest.approx(known, rel=1e-6)
 
 
-def at_rest(cells: int, setup: coil_pressure.Setup, current: float, guess: Any) -> np.ndarray:
+def at_rest(cells: int, study: CoilPressure, current: float, guess: Any) -> np.ndarray:
     """Thickness over one coil below where nothing flows, by Newton's method."""
-    left, right = setup.profile.ends
-    layer = Layer(setup.fluid, 0.05, setup.profile.mean, right - left, cells, start=left)
-    row = wo.magnetics.CoilRow(setup.placed.coil, 1, 1.0, "vertical")
-    model = coil_film(layer, row, ground=-setup.placed.middle, top=2 * layer.depth, own_field=False)
+    left, right = study.profile.ends
+    layer = Layer(study.liquid, 0.05, study.profile.mean, right - left, cells, start=left)
+    placed = study.placed_coil
+    row = wo.magnetics.CoilRow(placed.coil, 1, 1.0, "vertical")
+    model = coil_film(layer, row, ground=-placed.middle, top=2 * layer.depth, own_field=False)
     f, jacobian = rates_of(model, np.array([current]))
     h = guess(layer.places)
     state = layer.volume(h * layer.depth / h.mean())
@@ -130,9 +129,8 @@ def at_rest(cells: int, setup: coil_pressure.Setup, current: float, guess: Any) 
 
 @pytest.mark.slow
 def test_at_rest_it_is_the_surface_of_coil_pressure() -> None:
-    scene = load_scene("fig25_coil_pressure", ["coil.ampere_turns=2000.0"])
-    setup = coil_pressure.setup_of(scene)
-    settled = settle(setup.profile, tolerance=1e-10)
+    study: CoilPressure = load_scene("fig25_coil_pressure", ["coil.ampere_turns=2000.0"]).table
+    settled = settle(study.profile, tolerance=1e-10)
     assert settled.stop is None
 
     def surface(x: np.ndarray) -> np.ndarray:
@@ -140,9 +138,9 @@ def test_at_rest_it_is_the_surface_of_coil_pressure() -> None:
 
     errors = []
     for cells in (40, 80, 160):
-        h = at_rest(cells, setup, 2000.0, surface)
-        x = np.linspace(*setup.profile.ends, cells + 1)
-        errors.append(np.abs(h - surface((x[1:] + x[:-1]) / 2)).max() / setup.profile.mean)
+        h = at_rest(cells, study, 2000.0, surface)
+        x = np.linspace(*study.profile.ends, cells + 1)
+        errors.append(np.abs(h - surface((x[1:] + x[:-1]) / 2)).max() / study.profile.mean)
     assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2.0, abs=0.15)
     assert errors[-1] < 2e-4
 
@@ -180,8 +178,9 @@ def test_without_weight_and_ripple_it_is_the_film_of_the_given_field() -> None:
 
 
 def switched(tolerance: float, cells: int = 8) -> np.ndarray:
-    setup = study.setup_of(load_scene("fig24_travelling_wave", [*SHORT, f"grid.cells={cells}"]))
-    return setup.follow(tolerance, silent)["thickness"][:, -1] / setup.layer.depth
+    film = load_scene("fig24_travelling_wave", [*SHORT, f"grid.cells={cells}"]).table
+    motion = film.follow(film.currents, film.layer, tolerance)
+    return motion["thickness"][:, -1] / film.layer.depth
 
 
 @pytest.mark.slow
@@ -232,18 +231,18 @@ def test_the_scene_is_trusted_and_agrees_with_scipys_radau() -> None:
     result = wo.run(scene)
     assert result.status == "ok"
     h = result["thickness"].values
-    setup = study.setup_of(scene)
-    film = coil_film(setup.layer, setup.row, ground=setup.ground, top=setup.top)
-    state = np.zeros(setup.layer.cells - 1)
+    layer, currents = scene.table.layer, scene.table.currents
+    film = scene.table.setup(layer).model()
+    state = np.zeros(layer.cells - 1)
     for k in range(5):
-        f, jacobian = rates_of(film, setup.course.on_piece(k % 4, np.zeros(1))[:, 0])
+        f, jacobian = rates_of(film, currents.on_piece(k % 4, np.zeros(1))[:, 0])
         state = solve_ivp(
             lambda t, y, f=f: np.array(f(y)).ravel(), (0.0, 0.25), state, "Radau",
             jac=lambda t, y, J=jacobian: J(y).sparse(), rtol=1e-8, atol=1e-15,
         ).y[:, -1]  # fmt: skip
-    known = setup.layer.depth + np.diff(np.concatenate([[0], state, [0]])) / setup.layer.step
-    assert np.abs(h[-1] - known).max() < 1e-5 * setup.layer.depth
-    assert h.max() - setup.layer.depth > 0.1 * setup.layer.depth
+    known = layer.depth + np.diff(np.concatenate([[0], state, [0]])) / layer.step
+    assert np.abs(h[-1] - known).max() < 1e-5 * layer.depth
+    assert h.max() - layer.depth > 0.1 * layer.depth
 
 
 @pytest.mark.slow

@@ -19,8 +19,7 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.plotting import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
-from wormopt.systems.coils import row_currents
-from wormopt.systems.coils.runs import coil_inverse, coil_row
+from wormopt.systems.coils import coil_inverse, coil_row, row_currents
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.courses import carried_film
 
@@ -57,6 +56,20 @@ def inverse() -> Result:
 
 
 # -- the field of a switched row -------------------------------------------------------------------
+
+
+def test_a_row_of_another_size_has_the_same_ripple(row: Result):
+    """Many instants of the analysis are those of switches, which rounding must not divide."""
+    small = ("pitch=1e-8", "inner=2e-9", "outer=4.5e-9", "length=20e-9")
+    sizes = [f"coils.{size}" for size in small]
+    height, gap = (row.scalars[name].value for name in ("line_height", "coil_gap"))
+    sizes += [f"line.height={1e-6 * height}", *([] if gap is None else [f"coils.gap={1e-6 * gap}"])]
+    assert value(solved(ROW, *sizes), "ripple") == pytest.approx(value(row, "ripple"), rel=1e-9)
+
+
+def test_a_single_coil_is_no_row():
+    with pytest.raises(SceneError, match=r"coils\.count.*2 or more"):
+        load_scene(ROW, ["coils.count=1", "line.margin=0", "switching.on=1"])
 
 
 def test_the_travelling_field(row: Result):
@@ -318,7 +331,7 @@ def test_coils_inside_the_fluid_are_those_that_the_line_meets(
     text = "coils={" + coils.replace("'", '"') + "}"
     changes = [text, f"line.height={height}"]
     if fine:
-        made = coil_row.row_of(load_scene(ROW, changes).table.coils)
+        made = load_scene(ROW, changes).table.coils.row
         assert made.clearance(np.linspace(-10e-3, 200e-3, 5001), height).min() > 0
         return
     with pytest.raises(SceneError, match="a coil inside the fluid"):

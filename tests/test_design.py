@@ -356,9 +356,8 @@ def test_limits_that_are_exceeded_are_faults(monkeypatch):
 
 
 def test_a_second_route_that_finds_something_else_is_a_fault(monkeypatch):
-    from wormopt.systems.spiked.runs import gait
-
-    original = gait.cross_check
+    from wormopt.systems.spiked import gait
+    from wormopt.systems.spiked.motion import cross_check as original
 
     def elsewhere(motion):
         again = original(motion)

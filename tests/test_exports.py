@@ -27,7 +27,7 @@ from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.study import load_scene
 from wormopt.systems.chain import chain
-from wormopt.systems.chain.runs import simulate, track
+from wormopt.systems.chain.runs import simulate
 from wormopt.systems.recorded.recordings import runs_of
 from wormopt.systems.recorded.scenes.fit import RecordingTable
 
@@ -623,7 +623,7 @@ def test_trackers_of_a_result(scene: str, end: float, tmp_path: Path):
     asked = load_scene(scene)
     result = Result(asked.name, "track", asked.title, scene_text=asked.text)
     fmus = wo.export(result, "fmu", tmp_path)
-    models = track.models_of(asked)
+    models = asked.table.models()
     assert len(fmus) == len(models)
     for fmu, model in zip(fmus, models.values(), strict=True):
         v_reg = getattr(asked.table.contact, "v_reg", 1 / 40)
@@ -707,7 +707,7 @@ def test_the_sources_compile_with_the_headers_of_the_standard(tmp_path: Path):
 
 def test_models_that_no_fmu_can_be_are_refused(tmp_path: Path):
     scene = load_scene("fig05_lambda_trackers")
-    (model, _) = track.models_of(scene).values()
+    (model, _) = scene.table.models().values()
     x = ca.vertcat(*(s.symbol for s in model.x))
     jumps = wo.Switch("turn", x[0] - 1, -x)
     with pytest.raises(wo.ArgumentError, match="'turn' moves or ends"):

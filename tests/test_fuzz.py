@@ -197,7 +197,7 @@ def test_what_needs_more_memory_than_there_is_is_told(
     def run(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("wormopt.systems.spiked.runs.gait.run", run)
+    monkeypatch.setattr("wormopt.systems.spiked.gait.crawl", run)
     assert main(["run", "fast_gait", "--quiet", "--json", "-o", str(tmp_path / "out")]) == 3
     out = capsys.readouterr()
     assert "Traceback" not in out.err

@@ -36,11 +36,10 @@ from wormopt.magnetics.winding import Coil
 from wormopt.plotting import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
+from wormopt.systems.coils import coil_pressure
 from wormopt.systems.coils import rested as at_rest
 from wormopt.systems.coils.profile import Collocation, Profile, Settled, Stop, nodes_of, settle
 from wormopt.systems.coils.rested import Rested
-from wormopt.systems.coils.runs import coil_pressure
-from wormopt.systems.coils.runs.coil_pressure import setup_of
 
 SCENE = "fig25_coil_pressure"
 # A thin winding needs few nodes: the tests are quick.
@@ -61,9 +60,8 @@ def solved(*changes: str) -> Result:
 
 def parts(*changes: str) -> tuple[Fluid, Placed, Profile, float]:
     """Fluid, coil, surface and ampere-turns of a scene."""
-    scene = load_scene(SCENE, [*THIN, *changes])
-    setup = setup_of(scene)
-    return setup.fluid, setup.placed, setup.profile, scene.table.coil.ampere_turns
+    study = load_scene(SCENE, [*THIN, *changes]).table
+    return study.liquid, study.placed_coil, study.profile, study.coil.ampere_turns
 
 
 # -- laws ------------------------------------------------------------------------------------------
@@ -340,10 +338,10 @@ def test_the_error_falls_geometrically_with_the_degree():
 
 
 def test_forces_on_the_fluid_balance_and_would_not_at_another_current():
-    setup = setup_of(load_scene(SCENE, [*THIN, "fluid.saturation=3e4"]))
-    settled = settle(setup.profile)
-    right = Rested(setup.fluid, setup.placed, settled, 500.0)
-    wrong = Rested(setup.fluid, setup.placed, settled, 505.0)
+    fluid, placed, profile, _ = parts("fluid.saturation=3e4")
+    settled = settle(profile)
+    right = Rested(fluid, placed, settled, 500.0)
+    wrong = Rested(fluid, placed, settled, 505.0)
     assert right.force_imbalance < 1e-9
     assert right.volume_error < 1e-12
     assert right.field_error < 1e-8
@@ -368,10 +366,8 @@ def test_a_wrong_pull_at_the_surface_is_found(monkeypatch: pytest.MonkeyPatch, f
 
 def test_the_force_is_that_of_the_stress_on_the_outside():
     # Maxwell's stress of the unchanged field has no net force; Kelvin's force by its potential
-    scene = load_scene(SCENE, THIN)
-    setup = setup_of(scene)
-    settled = settle(setup.profile)
-    rested = Rested(setup.fluid, setup.placed, settled, 500.0)
+    fluid, placed, profile, _ = parts()
+    rested = Rested(fluid, placed, settle(profile), 500.0)
     x, weights = rested.quadrature
     energy = [
         MU0 * 0.35 / 2 * sum(part**2 for part in rested.field(x, z))
@@ -428,9 +424,13 @@ def test_the_current_that_is_advised_is_one_at_which_the_surface_rests(
         stop = Stop("fold", share, 0.0, 0.0) if share < 1 else None
         return Settled(equations, equations.flat(), min(share, 1.0), np.ones((1, 3)), stop, True)
 
+    def unreported(study: coil_pressure.CoilPressure) -> Result:
+        assert study.settled
+        return Result(SCENE, "coil-pressure")
+
     monkeypatch.setattr(coil_pressure, "settle", stops)
     # what is tested is the advice, not the report of this flat layer
-    monkeypatch.setattr(coil_pressure, "_result", lambda *_: Result(SCENE, "coil-pressure"))
+    monkeypatch.setattr(coil_pressure.CoilPressure, "_complete", unreported)
     full = 1.7 * limit
     with pytest.raises(SolveError, match="folds") as caught:
         solved(f"coil.ampere_turns={full!r}")
@@ -582,3 +582,17 @@ def test_the_balance_of_the_docs():
     curvature = -bend / math.hypot(1, slope) ** 3
     left = inside + MU0 * (0.35 * normal) ** 2 / 2 - 0.03 * curvature
     assert balance(fluid, H, h, slope, bend, level) == pytest.approx(left / fluid.weight, rel=1e-13)
+
+
+def test_a_small_coil_is_computed_at_its_full_current():
+    # lengths of 10 µm, at which rounding keeps steps from the end of the branch by 1e-13
+    scene = {
+        "schema": 1, "kind": "coil-pressure", "units": "SI", "stated_pressure": 2200.0,
+        "fluid": {"chi": 0.35, "density": 1200.0, "surface_tension": 0.03},
+        "layer": {"thickness": 1e-5, "width": 1e-4, "walls": "upright"},
+        "coil": {"ampere_turns": 3.0, "inner_radius": 5e-6, "outer_radius": 1.5e-5,
+                 "length": 2e-5, "distance": 3e-6, "side": "below", "axis": "vertical"},
+    }  # fmt: skip
+    result = wo.run(scene)
+    assert result.status == "ok"
+    assert result.scalars["ampere_turns"].value == 3.0

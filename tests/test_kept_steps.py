@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -217,3 +221,50 @@ def test_so_it_is_at_any_instant(end: float, rate: float, start: float):
 
 def test_samples_clearly_beyond_the_last_event_are_not_made_up():
     assert simulate(clock(0.5), 1.0, times=[0.4, 0.5 + 1e-6, 1]).time.tolist() == [0.4]
+
+
+_MANY = """
+import resource
+resource.setrlimit(resource.RLIMIT_AS, (1_500_000_000, 1_500_000_000))
+import casadi as ca
+import numpy as np
+import wormopt as wo
+x, v = ca.SX.sym("x"), ca.SX.sym("v")
+states = [wo.Signal("x", x, value=1.0), wo.Signal("v", v, value=0.0)]
+swing = wo.Model("swing", states, ca.vertcat(v, -x))
+times = np.linspace(0, 1, 1_000_000)
+motion = wo.simulate(swing, 1.0, times=times)
+found = motion.observe(sum(ca.sin(k * x) for k in range(1, 101)))
+x = np.cos(times)
+print(np.abs(found[0] - sum(np.sin(k * x) for k in range(1, 101))).max() < 1e-6)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="address space is limited by Linux")
+def test_a_million_samples_are_observed_in_little_memory():
+    result = subprocess.run(
+        [sys.executable, "-c", _MANY],
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert (result.returncode, result.stdout) == (0, "True\n"), result.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="address space is limited by Linux")
+def test_a_chain_with_a_million_samples_runs_in_little_memory(tmp_path: Path):
+    limited = "import resource, runpy, sys; size = 1_500_000_000;"
+    limited += "resource.setrlimit(resource.RLIMIT_AS, (size, size));"
+    limited += (
+        "sys.argv = ['wormopt', *sys.argv[1:]]; runpy.run_module('wormopt', run_name='__main__')"
+    )
+    run = ["run", "spiked_chain", "-o", str(tmp_path / "out"), "--quiet"]
+    result = subprocess.run(
+        [sys.executable, "-c", limited, *run, "--set", "time.samples=1000000", "--set", "want=[]"],
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stderr

@@ -246,6 +246,14 @@ def test_weaker_friction_backward_moves_the_pair_backward(tmp_path: Path):
     assert any("backward" in warning for warning in result.trust["warnings"])
 
 
+def test_a_pair_with_friction_alike_both_ways_moves_neither_way(tmp_path: Path):
+    """Its velocity is 0 but for rounding, which has a sign."""
+    friction = 'pair.friction={kind="coulomb", forward=0.5, backward=0.5}'
+    result = run_text(tmp_path, PAIR, friction, UNCHECKED)
+    assert abs(value(result, "velocity_steady")) < 1e-12
+    assert not [text for text in result.trust["warnings"] if "backward" in text]
+
+
 def test_a_motion_that_settles_slowly_is_followed_longer(tmp_path: Path):
     result = run_text(tmp_path, PAIR, "detuning=0.1", "tolerance.recheck=false")
     closed = steady_pair(0.5, 1.0, 0.1)

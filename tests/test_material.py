@@ -32,7 +32,7 @@ from wormopt.magnetics.material import (
 from wormopt.plotting import figure
 from wormopt.result import Result
 from wormopt.study import load_scene, packaged_scenes
-from wormopt.systems.coils.runs import material as study
+from wormopt.systems.coils import material as study
 
 SCENE = "fig12_stress_strain"
 GIVEN = "material={field=1.5e5, mu_r=1.5, lame_eta=1.5e4}"

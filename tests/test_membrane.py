@@ -204,7 +204,7 @@ def test_a_wrong_answer_fails(monkeypatch: pytest.MonkeyPatch):
     [
         ('units="dimensionless"', "units", 'write units = "SI"'),
         ("lifetime=0", "lifetime", "above 0"),
-        ("loss_max=1.0", "loss_max", "between 0 and 1"),
+        ("loss_max=1.0", "loss_max", "above 0 and below 1"),
         ("thickness=[1e-3, 1e-4]", "thickness", "smaller number first"),
         ("thickness=[1e-3, 1e-2]", "thickness[1]", "membrane.radius"),
         ("membrane.diffusivity=-1", "membrane.diffusivity", "above 0"),

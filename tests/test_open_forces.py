@@ -122,6 +122,42 @@ def test_contacts_of_one_freedom_whose_velocities_differ_share_nothing():
     assert not simulate(model, 1.0).system.shares
 
 
+def plate(speeds: list[ca.SX], laws: list[Coulomb]) -> Model:
+    """A plate of mass 1 that rests on the ground and on belts of these speeds."""
+    f = ca.SX.sym("f", len(speeds))
+    states = [Signal("x", x, value=0.0), Signal("v", v, value=0.0)]
+    on = [Contact(f"{i}", v - s, f[i], laws[i]) for i, s in enumerate(speeds)]
+    return Model("plate", states, ca.vertcat(v, ca.sum1(f)), t=t, contacts=on)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("grounds", [1, 2])
+@pytest.mark.parametrize(
+    ("speed", "way"), [(ca.sin(t), 2.0), (1 - ca.cos(t), 4 - np.sin(4)), (t - t**2, 8 - 64 / 3)]
+)
+def test_a_plate_on_ground_and_belt_goes_with_what_holds_it_better(
+    speed: ca.SX, way: float, grounds: int, route: Route
+):
+    """All contacts are without velocity at the start, and when the belt turns."""
+    ground, span = [Coulomb(0.4, 0.6)] * grounds, np.pi if way == 2 else 4.0
+    speeds = [*[ca.SX(0)] * grounds, speed]
+    held = simulate(plate(speeds, [*ground, Coulomb(0.3, 0.3)]), span, route=route)
+    assert held.end == pytest.approx([0.0, 0.0], abs=1e-9)
+    taken = simulate(plate(speeds, [*ground, Coulomb(9.0, 9.0)]), span, route=route)
+    assert taken.end[0] == pytest.approx(way, abs=1e-8)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_a_plate_on_three_belts_goes_with_the_middle_one(route: Route):
+    """Strong friction of the same size on all: their median."""
+    speeds = [ca.sin(t + turn * ca.pi / 3) for turn in (0, 2, 4)]
+    motion = simulate(plate(speeds, [Coulomb(90.0, 90.0)] * 3), 7.0, route=route)
+    middle = np.median([np.sin(7.0 + turn * np.pi / 3) for turn in (0, 2, 4)])
+    assert motion.end[1] == pytest.approx(middle, abs=1e-9)
+    met = np.unique(np.round([e.time for e in motion.events], 7))
+    assert met == pytest.approx(np.pi / 6 * np.arange(1, 14, 2), abs=1e-6)
+
+
 # -- velocities that no contact force changes ----------------------------------------------------
 
 

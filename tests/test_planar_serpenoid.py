@@ -12,7 +12,7 @@ from scipy.special import j0
 import wormopt as wo
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.systems.planar.body.shape import chain_shape
-from wormopt.systems.planar.runs.serpenoid import another_speed
+from wormopt.systems.planar.planar_serpenoid import another_speed
 from wormopt.systems.planar.serpenoid import (
     SerpenoidWave,
     best_serpenoid,

@@ -26,6 +26,7 @@ from wormopt.result import Result
 from wormopt.simulation.ensemble import simulate_ensemble
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.study import load_scene
+from wormopt.systems.chain.loops import draw_links
 from wormopt.systems.chain.readings import (
     SENTENCES,
     Course,
@@ -40,7 +41,6 @@ from wormopt.systems.chain.readings import (
     structure_of,
     supported,
 )
-from wormopt.systems.chain.runs.chains import build_loop, draw_links
 from wormopt.systems.spiked.construct import accordion, fast_gait
 
 EXAMPLE = Example(
@@ -493,7 +493,7 @@ def test_a_scene_may_move_rest_lengths():
     tables = [f'{{feedback="{f}", tube_radius=0.2, input="rest_length"}}' for f in TRACKERS]
     forces = [table.replace("rest_length", "force") for table in tables]
     rest = [
-        evaluated(build_loop(scene, k, fast_gait(1.0), draw_links(scene.table.worm, 1.0)), "input")
+        evaluated(scene.table.loop(k, draw_links(scene.table.worm, 1.0)), "input")
         for given in (tables, forces)
         for scene in [load_scene("track_as_described", [*changes, f"tracker=[{','.join(given)}]"])]
         for k in range(2)

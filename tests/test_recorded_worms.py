@@ -24,7 +24,9 @@ from wormopt.systems.chain import chain
 from wormopt.systems.recorded.columns import read_columns
 from wormopt.systems.recorded.recordings import Run, runs_of
 from wormopt.systems.recorded.runs import fit as fit_run
+from wormopt.systems.recorded.runs import fit_numbers as fit_numbers_run
 from wormopt.systems.recorded.scenes.fit import RecordingTable
+from wormopt.systems.recorded.scenes.fit_numbers import MeasuredTable
 
 WORM = {
     "kind": "simulate",
@@ -443,3 +445,35 @@ def test_keys_of_a_scene_are_found_from_single_numbers():
 def test_numbers_that_no_scene_has_are_refused(change: str, said: str):
     with pytest.raises(SceneError, match=said):
         load_scene("fit_channel_worm", change)
+
+
+@pytest.mark.slow
+def test_numbers_at_their_bounds_and_what_they_miss_are_reported(tmp_path: Path):
+    """The rise of a body in a channel is the difference of their diameters."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        """
+schema = 1
+kind = "fit-numbers"
+units = "SI"
+measured = [
+  { scalar = "rise", value = 0.03, deviation = 1e-3 },
+  { scalar = "rise", value = 0.02, deviation = 1e-3, changes = { "worm.length" = 0.1 } },
+]
+unknown = [{ name = "channel", key = "worm.channel", upper = 0.024 }]
+model.kind = "channel-worm"
+model.units = "SI"
+model.worm = { pitch = 0.01, channel = 0.011, body = 0.004, length = 0.048 }
+""",
+        encoding="utf-8",
+    )
+    result = wo.run(scene)
+    assert result.scalars["channel"].value == pytest.approx(0.024, rel=1e-9)
+    warnings = result.trust["warnings"]
+    assert "channel is at its bound" in warnings
+    assert [text for text in warnings if text.startswith("rise is off by 10 standard deviations")]
+
+
+def test_a_measurement_is_named_by_its_changes():
+    one = MeasuredTable(scalar="rise", value=0.02, deviation=1e-3, changes={"worm.length": 0.1})
+    assert fit_numbers_run._named(one) == "rise with worm.length = 0.1"

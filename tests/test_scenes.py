@@ -16,7 +16,7 @@ from wormopt.cli import main
 from wormopt.errors import SceneError
 from wormopt.study import Scene, load_scene, packaged_scenes
 from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.scenes.gait import BlockWave, FastGait
+from wormopt.systems.spiked.tables import BlockWave, FastGait
 
 DESIGN = """
 schema = 1

@@ -193,7 +193,7 @@ def test_trackers_that_are_done_are_kept_when_interrupted():
     with pytest.raises(Interrupted) as caught:
         wo.run(scene, report=stop_at("simulating tracker (13)"))
     partial = caught.value.partial
-    assert partial.reason == "interrupted after 1 of 2 trackers"
+    assert partial.reason == "interrupted during motions"
     assert partial.attributes["trackers"] == ["tracker (14)"]
     assert partial["time"].values[-1] == 10.0
 
@@ -206,7 +206,7 @@ def test_members_that_are_done_are_kept_when_interrupted(tmp_path: Path):
     partial = caught.value.partial
     done = np.isfinite(partial["member_distance"].values[0]).sum()
     assert 4 <= done <= 12
-    assert partial.reason == f"interrupted after {done} of 12 members"
+    assert partial.reason == "interrupted during motions"
     with pytest.raises(Interrupted) as caught:
         wo.run(scene, report=stop_at("rechecking"))
     assert np.isfinite(caught.value.partial["member_distance"].values).all()

@@ -13,10 +13,10 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from wormopt.study.scene import packaged_scenes
 
 import wormopt as wo
 from wormopt.kinds import KINDS
+from wormopt.study.scene import packaged_scenes
 
 pytest.importorskip("mkdocs", reason="the extra docs is not installed")
 pytest.importorskip("latex2mathml", reason="the extra docs is not installed")

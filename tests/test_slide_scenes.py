@@ -124,7 +124,7 @@ def test_the_pair_reaches_its_closed_form():
     assert result.scalars["speed"].unit == "m s-1"
 
 
-@pytest.mark.parametrize("ratio", [0.1, 0.4, 0.8])
+@pytest.mark.parametrize("ratio", [0.1, 0.4, 0.8, 0.995, 0.999])
 def test_a_pair_of_a_given_ratio_has_the_speed_of_theory(ratio: float):
     result = solved("chernousko_pair", f"pair.ratio={ratio}")
     speed = math.sqrt(0.3 * 9.81 * 0.1 * ratio * (1 - ratio) / (1 + ratio)) / 2

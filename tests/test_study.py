@@ -24,8 +24,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+import wormopt as wo
+from wormopt.cli import main
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError, WormoptError
-from wormopt.kinds import studies_in
+from wormopt.kind import StudyKind
+from wormopt.kinds import KINDS, studies_in
 from wormopt.quantities import Scalar
 from wormopt.result import Check
 from wormopt.study import (
@@ -660,6 +663,32 @@ def test_only_never_asks_a_stage_whether_it_was_stopped():
     assert caught.value.partial.scalars["end"].value == 10
 
 
+def test_a_study_without_an_answer_keeps_all_that_it_computed():
+    class Limit(Pull, kind="toy-limit"):
+        @stage
+        def largest(self) -> float:
+            return 0.5
+
+        @scalar("force", "largest force that holds")
+        def holds(self) -> float:
+            return self.largest
+
+        def unsolved(self) -> SolveError | None:
+            return SolveError("it slips", "write less", code="slips") if self.largest < 1 else None
+
+    study = Limit(spring={"length": 1}, force=1)
+    with pytest.raises(SolveError, match="it slips; write less") as caught:
+        study.result()
+    found = caught.value.partial
+    assert (found.status, found.reason, caught.value.code) == ("failed", "it slips", "slips")
+    assert found.scalars["holds"].value == 0.5
+    assert found.checks
+    fresh = Limit(spring={"length": 1}, force=1)
+    assert fresh.only("reach").status == "unchecked"  # does not ask for the limit
+    with pytest.raises(SolveError, match="it slips"):
+        fresh.only("holds")
+
+
 # -- failure and interruption ----------------------------------------------------------------------
 
 STAGES = ("motion", "finer_motion")
@@ -894,3 +923,76 @@ def test_a_study_is_a_scene_and_a_scene_gives_it_back():
     assert study.scene.title == "toy-pull"
     assert Pull(**MappingProxyType(raw)) == study
     assert msgspec.structs.asdict(study)["force"] == 2.0
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A scene of the kind, in a folder that is the current one."""
+    monkeypatch.setitem(KINDS, "toy-pull", StudyKind("pull", f"{__name__}:Pull"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text(
+        'schema = 1\nkind = "toy-pull"\nforce = 2\n[spring]\nlength = 1\n', encoding="utf-8"
+    )
+    return tmp_path / "mine.toml"
+
+
+def test_load_gives_the_study_of_a_scene(toy: Path):
+    study = wo.load("mine.toml", "force=1", spring={"length": 2})
+    assert isinstance(study, Pull)
+    assert (study.name, study.force, study.spring.length) == ("mine", 1.0, 2.0)
+    assert study.reach == 0.01
+    assert not CALLS["energy"]
+    assert wo.run(study).scalars["reach"].value == 0.01
+    assert wo.run(study, "force=4").scalars["reach"].value == 0.04
+    assert wo.load(toy).result().scene == "mine"
+    with pytest.raises(wo.ArgumentError, match=r'"gait-design" are computed as a whole.*toy-pull'):
+        wo.load("design_fast_gait")
+    with pytest.raises(wo.SceneError, match="force: 9 is not allowed"):
+        wo.load(toy, {"force": 9})
+
+
+@pytest.mark.parametrize("only", ["reach", ("reach",), ["reach"]])
+def test_run_computes_some_results_only(toy: Path, only: Any):
+    found = wo.run(toy, only=only)
+    assert (found.status, found.scalars.keys()) == ("unchecked", {"reach"})
+    assert CALLS == {"motion": 1, "pulled": 1}
+    with pytest.raises(UnknownNameError, match="did you mean 'reach'"):
+        wo.run(toy, only="reech")
+    with pytest.raises(wo.ArgumentError, match="computed as a whole"):
+        wo.run("design_fast_gait", only="speed")
+
+
+def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["run", "mine.toml", "--only", "reach, grid error", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["status"], found["scalars"].keys()) == ("unchecked", {"reach"})
+    assert found["trust"]["checks"].keys() == {"grid error"}
+    (folder,) = (toy.parent / "results").iterdir()
+    assert folder.name == "mine,only=reach_grid_error"
+    assert {path.name for path in folder.iterdir()} == {"result.nc", "summary.json"}
+    assert wo.Result.load(folder).scalars["reach"].value == 0.02
+    assert main(["run", "mine.toml", "--only", "overstretched", "--set", "spring.length=0.01"]) == 3
+    assert "reach" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("scene", "only", "said"),
+    [
+        ("mine.toml", "reech", "has no result 'reech'; it has"),
+        ("mine.toml", "reech", "did you mean 'reach'?"),
+        ("mine.toml", "reach,", "has no result ''"),
+        ("mine.toml", "", "has no result ''"),
+        ("mine.toml", "depth", "there is no depth without ground"),
+        ("design_fast_gait", "speed", 'of kind "gait-design" are computed as a whole'),
+        ("design_fast_gait", "speed", "toy-pull"),
+    ],
+)
+def test_the_command_refuses_other_names(
+    toy: Path, capsys: pytest.CaptureFixture[str], scene: str, only: str, said: str
+):
+    assert main(["run", scene, "--only", only]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert said in err
+    assert not [*toy.parent.glob("results/*")]
+    assert not CALLS

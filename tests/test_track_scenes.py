@@ -18,9 +18,8 @@ from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study import load_scene
-from wormopt.systems.chain import measured
-from wormopt.systems.chain.runs import track
-from wormopt.systems.chain.runs.chains import build_loop, draw_links
+from wormopt.systems.chain import measured, track
+from wormopt.systems.chain.loops import draw_links
 from wormopt.systems.spiked.construct import fast_gait
 
 # -- the chapter's benchmark ---------------------------------------------------------------------
@@ -78,7 +77,7 @@ def test_inputs_are_measured_along_the_whole_motion(fig05: Result):
     """Against Gauss quadrature and a fine grid over a motion without anything added to it."""
     scene = load_scene("fig05_lambda_trackers")
     for k in range(2):
-        loop = build_loop(scene, k, fast_gait(1.0), draw_links(scene.table.worm, 10.0))
+        loop = scene.table.loop(k, draw_links(scene.table.worm, 10.0))
         whole = simulate(loop, 10.0, contact=Smooth(), dense=True)
         assert whole.dense is not None
         ends = whole.dense.time
@@ -232,7 +231,7 @@ def test_time_in_the_tube_against_a_fine_grid(tmp_path: Path, feedback: str):
     change = [f'tracker.feedback="{feedback}"', "tracker.growth=100", "time.end=6"]
     scene = load_scene(write(tmp_path, TRACK), [*change, "tolerance.recheck=false"])
     result = wo.run(scene)
-    loop = build_loop(scene, 0, fast_gait(1.0), draw_links(scene.table.worm, 6.0))
+    loop = scene.table.loop(0, draw_links(scene.table.worm, 6.0))
     t = np.linspace(0, 6, 30_001)
     excess = simulate(loop, 6.0, times=t)["error_norm"][0] - 0.2
     change = np.flatnonzero(np.diff(np.sign(excess)))

@@ -158,6 +158,7 @@ from wormopt.numerics.workers import Engine as Engine
 from wormopt.study import load_scene as load_scene
 from wormopt.study import Scene as Scene
 from wormopt.runner import run as run
+from wormopt.runner import load as load
 from wormopt.result import Result as Result
 from wormopt.result import Check as Check
 from wormopt.quantities import Scalar as Scalar

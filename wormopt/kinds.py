@@ -29,25 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "gait": Kind(
-        summary="simulate a given gait: speed, anchored masses, spike loads, forces, energy",
-        table="wormopt.systems.spiked.scenes.gait:GaitScene",
-        study="wormopt.systems.spiked.runs.gait",
-        pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes")
-        | _drawn("spiked.plots.region", "region")
-        | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("gait", "motion", "spikes", "region", "animation"),
-    ),
-    "gait-design": Kind(
-        summary="design the fastest gait within limits on links, spikes and actuators",
-        table="wormopt.systems.spiked.scenes.gait_design:GaitDesignScene",
-        study="wormopt.systems.spiked.runs.gait_design",
-        pictures=_drawn("spiked.plots.gaits", "gait", "motion", "spikes", "limits")
-        | _drawn("spiked.plots.certificate", "certificate")
-        | {"animation": "wormopt.systems.spiked.plots.animation:first_frame"},
-        wanted=("limits",),
-        exports={"certificate.json": "wormopt.systems.spiked.runs.gait_design:as_json"},
-    ),
     "gait-pareto": Kind(
         summary="compute the Pareto front of gaits between speed and a second objective",
         table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
@@ -64,12 +45,6 @@ KINDS: dict[str, Kind | StudyKind] = {
             "steps.csv": "wormopt.systems.spiked.runs.stepper:as_csv",
             "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
         },
-    ),
-    "track": Kind(
-        summary="track a gait with adaptive controllers on a chain with friction",
-        table="wormopt.systems.chain.scenes.track:TrackScene",
-        study="wormopt.systems.chain.runs.track",
-        pictures=_drawn("chain.plots.simulation", "trackers", "motion", "bands"),
     ),
     "linear": Kind(
         summary="analyse a chain with a tracker: poles, zeros, margins, sufficient gains",
@@ -124,25 +99,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         summary="optimise the periodic field that drives a magneto-elastic pair",
         table="wormopt.systems.pair.scenes.pair_waveform:PairWaveformScene",
         study="wormopt.systems.pair.runs.pair_waveform",
-        pictures=_drawn("pair.plots.waveform", "waveform"),
-    ),
-    "material": Kind(
-        summary="compute or identify the strain and modulus of a magneto-elastic composite",
-        table="wormopt.systems.coils.scenes.material:MaterialScene",
-        study="wormopt.systems.coils.runs.material",
-        pictures=_drawn("coils.plots.magnetics", "stress_strain"),
-    ),
-    "magnetic-pair": Kind(
-        summary="simulate two masses on a magneto-elastic link in a pulsating field",
-        table="wormopt.systems.pair.scenes.magnetic_pair:MagneticPairScene",
-        study="wormopt.systems.pair.runs.magnetic_pair",
-        pictures=_drawn("coils.plots.magnetics", "velocity"),
-    ),
-    "resonance": Kind(
-        summary="compute the frequency response of a magneto-elastic pair: steady motions",
-        table="wormopt.systems.pair.scenes.magnetic_pair:ResonanceScene",
-        study="wormopt.systems.pair.runs.resonance",
-        pictures=_drawn("coils.plots.magnetics", "resonance"),
+        pictures=_drawn("pair.pictures", "waveform"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
@@ -191,103 +148,11 @@ KINDS: dict[str, Kind | StudyKind] = {
         | _drawn("peristaltic.plots.body", "body")
         | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
     ),
-    "planar-crawl": Kind(
-        summary="simulate slow crawling in the plane on dry friction: displacement, turn, work",
-        table="wormopt.systems.planar.scenes.crawl:PlanarCrawlScene",
-        study="wormopt.systems.planar.runs.crawl",
-        pictures=_drawn("planar.plots.crawl", "crawl", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-turn": Kind(
-        summary="compute how fast a two-link worm turns in place, with an upper bound",
-        table="wormopt.systems.planar.scenes.turn:PlanarTurnScene",
-        study="wormopt.systems.planar.runs.turn",
-        pictures=_drawn("planar.plots.crawl", "crawl")
-        | _drawn("planar.plots.turn", "turning")
-        | _drawn("planar.plots.crawl", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-swim": Kind(
-        summary="simulate or optimise a stroke on viscous ground: displacement and work",
-        table="wormopt.systems.planar.scenes.swim:PlanarSwimScene",
-        study="wormopt.systems.planar.runs.swim",
-        pictures=_drawn("planar.plots.swim", "swim", "heights")
-        | {"animation": "wormopt.systems.planar.plots.swim:first_frame"},
-    ),
-    "planar-design": Kind(
-        summary="design a planar gait: fastest, turning, or cheapest to a pose",
-        table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
-        study="wormopt.systems.planar.runs.design",
-        pictures=_drawn("planar.plots.design", "planar_gait")
-        | {"animation": "wormopt.systems.planar.plots.design:first_frame"},
-    ),
-    "planar-serpenoid": Kind(
-        summary="compute the speed of a serpenoid wave on viscous or dry ground",
-        table="wormopt.systems.planar.scenes.serpenoid:PlanarSerpenoidScene",
-        study="wormopt.systems.planar.runs.serpenoid",
-        pictures=_drawn("planar.plots.serpenoid", "serpenoid"),
-    ),
-    "planar-motion": Kind(
-        summary="simulate a planar chain of masses and springs with bending joints",
-        table="wormopt.systems.planar.scenes.motion:PlanarMotionScene",
-        study="wormopt.systems.planar.runs.motion",
-        pictures=_drawn("planar.plots.plane", "plane", "forces")
-        | {"animation": "wormopt.systems.planar.plots.bodies:first_frame"},
-    ),
-    "planar-block": Kind(
-        summary="compute how a block stops on anisotropic dry friction",
-        table="wormopt.systems.planar.scenes.block:PlanarBlockScene",
-        study="wormopt.systems.planar.runs.block",
-        pictures=_drawn("planar.plots.block", "block"),
-    ),
-    "planar-path": Kind(
-        summary="plan a path to a pose past obstacles from the steps of a few gaits",
-        table="wormopt.systems.planar.scenes.path:PlanarPathScene",
-        study="wormopt.systems.planar.runs.path",
-        pictures=_drawn("planar.plots.path", "path")
-        | {"animation": "wormopt.systems.planar.plots.path:first_frame"},
-    ),
-    "coil-row": Kind(
-        summary="compute the travelling magnetic field of a row of coils switched in turn",
-        table="wormopt.systems.coils.scenes.coil_rows:CoilRowScene",
-        study="wormopt.systems.coils.runs.coil_row",
-        pictures=_drawn("coils.plots.coils", "travelling_field"),
-    ),
-    "coil-film": Kind(
-        summary="simulate a magnetic fluid film over a row of coils switched one after another",
-        table="wormopt.systems.coils.scenes.coil_film:CoilFilmScene",
-        study="wormopt.systems.coils.runs.coil_film",
-        pictures=_drawn("coils.plots.film", "coil_film", "cargo"),
-    ),
-    "coil-design": Kind(
-        summary="optimise the currents of a row of coils that transports a float on a film",
-        table="wormopt.systems.coils.scenes.coil_design:CoilDesignScene",
-        study="wormopt.systems.coils.runs.coil_design",
-        pictures=_drawn("coils.plots.design", "coil_design"),
-    ),
-    "coil-inverse": Kind(
-        summary="find the currents of a row of coils whose field best matches that of a film wave",
-        table="wormopt.systems.coils.scenes.coil_rows:CoilInverseScene",
-        study="wormopt.systems.coils.runs.coil_inverse",
-        pictures=_drawn("coils.plots.coils", "row_currents"),
-    ),
     "film-forward": Kind(
         summary="compute the wave of a magnetic fluid film under a given field, and its stability",
         table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
         study="wormopt.systems.film.runs.film_forward",
         pictures=_drawn("film.plots.thin_film", "forward", "basins"),
-    ),
-    "coil-pressure": Kind(
-        summary="compute the surface and pressure of a magnetic fluid layer at an excited coil",
-        table="wormopt.systems.coils.scenes.hydrostatics:CoilPressureScene",
-        study="wormopt.systems.coils.runs.coil_pressure",
-        pictures=_drawn("coils.plots.hydrostatics", "coil_pressure"),
-    ),
-    "membrane": Kind(
-        summary="choose the thickness of a membrane: strain against loss of fluid, Pareto front",
-        table="wormopt.systems.coils.scenes.hydrostatics:MembraneScene",
-        study="wormopt.systems.coils.runs.membrane",
-        pictures=_drawn("coils.plots.hydrostatics", "membrane"),
     ),
     "peristaltic-segment": Kind(
         summary="compute a membrane segment in its coil and tube: stroke, wall force, limits",

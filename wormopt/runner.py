@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from wormopt.errors import ArgumentError, Interrupted, SolveError, interruptible
 from wormopt.files import RESULT_FILE
+from wormopt.kind import StudyKind
 from wormopt.kinds import KINDS
 from wormopt.progress import Report, silent
-from wormopt.study import Scene, load_scene
+from wormopt.study import Scene, SceneTable, load_scene
 from wormopt.study.overrides import Overrides
 
 if TYPE_CHECKING:
@@ -20,20 +21,25 @@ if TYPE_CHECKING:
 
 
 def run(
-    scene: Scene[Any] | str | Path | Mapping[str, Any],
+    scene: Scene[Any] | SceneTable | str | Path | Mapping[str, Any],
     overrides: Overrides = (),
     report: Report = silent,
+    *,
+    only: str | Sequence[str] = (),
 ) -> Result:
     """Compute what a scene asks for. Nothing is written.
 
     Parameters
     ----------
-    scene : Scene, str, path or mapping
+    scene : Scene, study, str, path or mapping
         The scene, or what `load_scene` finds or makes it by.
     overrides : str, mapping, or iterable of them
         Changes, as for `load_scene`.
     report : callable
         Is told what is being done and the fraction done, see `wormopt.progress`.
+    only : str or sequence of str, optional
+        Names of scalars, variables and checks: nothing else is computed, but for what these need.
+        Kinds of scene that `load` takes can be computed in part.
 
     Returns
     -------
@@ -45,6 +51,8 @@ def run(
     ------
     SceneError
         If the scene is wrong.
+    ArgumentError
+        If results of the scene have none of a name in `only`, or are computed as a whole.
     SolveError
         If the solver did not reach an accepted result.
     Interrupted
@@ -62,22 +70,72 @@ def run(
     kind = KINDS[scene.table.kind]
     kind.load_study()
     loaded = perf_counter()
+    only = (only,) if isinstance(only, str) else only
     with interruptible():
-        result = kind.run(scene, report)
+        result = study_of(scene).only(*only, report=report) if only else kind.run(scene, report)
     timings = {"load": loaded - start, **result.timings_s, "study": perf_counter() - loaded}
     return dataclasses.replace(result, timings_s=timings)
+
+
+def load(
+    scene: Scene[Any] | str | Path | Mapping[str, Any], overrides: Overrides = (), **tables: Any
+) -> Any:
+    """Read a scene as a study, which computes each of its results when it is asked for.
+
+    A result is an attribute of the study, as is a key of the scene; it is computed once, with what
+    it needs and nothing else. ``study.result()`` computes all, as `run` does, and ``study.vary``
+    gives the same study with other keys.
+
+    Parameters
+    ----------
+    scene : Scene, str, path or mapping
+        The scene, or what `load_scene` finds or makes it by.
+    overrides : str, mapping, or iterable of them
+        Changes, as for `load_scene`.
+    **tables
+        Further changes, by the names of keys.
+
+    Returns
+    -------
+    Study
+        An instance of the class of the scene's kind.
+
+    Raises
+    ------
+    SceneError
+        If the scene is wrong.
+    ArgumentError
+        If scenes of this kind are computed as a whole.
+
+    Examples
+    --------
+    >>> import wormopt as wo
+    >>> study = wo.load("coil_cargo")  # doctest: +SKIP
+    >>> study.float_speed  # doctest: +SKIP
+    """
+    return study_of(load_scene(scene, overrides, **tables))
+
+
+def study_of(scene: Scene[Any]) -> Any:
+    """Return the study of a scene; ArgumentError names the kinds that are studies."""
+    kind = scene.table.kind
+    if isinstance(KINDS[kind], StudyKind):
+        return scene.table
+    studies = ", ".join(name for name, one in KINDS.items() if isinstance(one, StudyKind))
+    what = f'scenes of kind "{kind}" are computed as a whole; write wo.run(...) without `only`'
+    raise ArgumentError(f"{scene.name}: {what}; in part are computed: {studies or 'none'}")
 
 
 _NO_MEMORY = "more memory is needed than there is; shorter times, or fewer samples, need less"
 
 
-def attempt(scene: Scene[Any], report: Report = silent) -> Result:
+def attempt(scene: Scene[Any], report: Report = silent, only: Sequence[str] = ()) -> Result:
     """Run a scene; what it found before it failed is a Result too, with the reason.
 
     Raises Interrupted, with such a Result, where it was stopped.
     """
     try:
-        return run(scene, report=report)
+        return run(scene, report=report, only=only)
     except SolveError as error:
         return _failed(scene, error.partial, str(error))
     except MemoryError:

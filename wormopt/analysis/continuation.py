@@ -342,7 +342,12 @@ class Walk:
                 continue
             if not self.span[0] <= ahead[-1] <= self.span[1]:
                 edge = self._edge(y, tangent, length)
-                return [*points, *([] if edge is None else [edge])], folds, "range"
+                if edge is not None:
+                    return [*points, edge], folds, "range"
+                length /= 2
+                if length < _SHORTEST:
+                    return points, folds, "lost"
+                continue
             if turned[-1] * tangent[-1] < 0:
                 folds.append(self._fold(y, tangent, length))
                 points.append(np.append(folds[-1].x, folds[-1].parameter))
@@ -359,16 +364,20 @@ class Walk:
 
     def _edge(self, y: np.ndarray, tangent: np.ndarray, length: float) -> np.ndarray | None:
         """Where the branch leaves the span: steps to it, each of the length that is missing."""
+        bound = self.span[0] if tangent[-1] < 0 else self.span[1]
+        missing = np.inf
         for _ in range(_STEPS):
-            bound = self.span[0] if tangent[-1] < 0 else self.span[1]
             missing = (bound - y[-1]) / (tangent[-1] * self.size[-1])
             ahead = self.step(y, tangent, min(missing, length))
             if ahead is None:
                 return None
             y, tangent = ahead, self.tangent(ahead, tangent)
-            if abs(y[-1] - bound) < 1e-13 * self.size[-1]:
+            missing = abs(y[-1] - bound) / self.size[-1]
+            if missing < 1e-13:
                 return np.append(y[:-1], bound)
-        return None
+        # nearer only if steps were more exact
+        near = missing < _CONVERGED * (1 + np.abs(y / self.size).max())
+        return np.append(y[:-1], bound) if near else None
 
     def _fold(self, y: np.ndarray, tangent: np.ndarray, length: float) -> Fold:
         """Where the tangent has no part along the parameter."""

@@ -15,10 +15,8 @@ from wormopt.bench.ladder import Run, Task, Way
 from wormopt.bench.run import OWN
 from wormopt.errors import SolveError
 from wormopt.model.model import pack
-from wormopt.progress import silent
 from wormopt.study import load_scene
-from wormopt.systems.coils.film import coil_film
-from wormopt.systems.coils.runs.coil_film import Setup, setup_of
+from wormopt.systems.coils.coil_film import CoilFilm
 
 _SWITCHES, _FEW = 10, 3
 _REFERENCE = 1e-10  # tolerance of SciPy's Radau, in depths times the width of a cell
@@ -32,60 +30,58 @@ def task(_name: str, quick: bool) -> Task:
     equations and a compiled Jacobian, sparse where the method takes one. `quick`: fewer switches.
     """
     switches = _FEW if quick else _SWITCHES
-    setup = setup_of(load_scene("fig24_travelling_wave", [f"course.switches={switches}"]))
-    known = _scipy(setup, "Radau")(1e-8 if quick else _REFERENCE)
+    film: CoilFilm = load_scene("fig24_travelling_wave", [f"course.switches={switches}"]).table
+    known = _scipy(film, "Radau")(1e-8 if quick else _REFERENCE)
     return Task(
-        f"{switches} switches of the travelling wave, {setup.layer.cells} cells",
+        f"{switches} switches of the travelling wave, {film.layer.cells} cells",
         "SciPy's Radau at its finest",
         "thickness at the end, over the depth",
         "relative tolerance",
         1e-4,
         known,
         [
-            Way(OWN, partial(_own, setup), (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)),
+            Way(OWN, partial(_own, film), (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)),
             *(
-                Way(f"SciPy {method}", partial(_scipy, setup, method), _TOLERANCES)
+                Way(f"SciPy {method}", partial(_scipy, film, method), _TOLERANCES)
                 for method in ("Radau", "BDF", "LSODA")
             ),
         ],
-        setup.layer.depth,
+        film.layer.depth,
     )
 
 
-def _own(setup: Setup) -> Run:
-    return lambda tolerance: setup.follow(tolerance, silent)["thickness"][:, -1]
+def _own(film: CoilFilm) -> Run:
+    return lambda tolerance: film.follow(film.currents, film.layer, tolerance)["thickness"][:, -1]
 
 
-def _compiled(setup: Setup) -> tuple[ca.Function, ca.Function]:
+def _compiled(film: CoilFilm) -> tuple[ca.Function, ca.Function]:
     """Rates of the scaled state and their Jacobian, of (x, currents)."""
-    film = coil_film(
-        setup.layer, setup.row, ground=setup.ground, top=setup.top, own_field=setup.own_field
-    )
-    x, scale = ca.SX.sym("x", film.n_x), film.x[0].nominal
-    ode = ca.substitute(film.ode, pack(film.x), scale * x) / scale
-    inputs = [x, pack(film.u)]
+    model = film.setup(film.layer).model()
+    x, scale = ca.SX.sym("x", model.n_x), model.x[0].nominal
+    ode = ca.substitute(model.ode, pack(model.x), scale * x) / scale
+    inputs = [x, pack(model.u)]
     return (
         ca.Function("rates", inputs, [ode], {"cse": True}),
         ca.Function("jacobian", inputs, [ca.jacobian(ode, x)], {"cse": True}),
     )
 
 
-def _scipy(setup: Setup, method: str) -> Run:
-    rates, jacobian = _compiled(setup)
-    return partial(_followed, setup, rates, jacobian, method)
+def _scipy(film: CoilFilm, method: str) -> Run:
+    rates, jacobian = _compiled(film)
+    return partial(_followed, film, rates, jacobian, method)
 
 
 def _followed(
-    setup: Setup, rates: ca.Function, jacobian: ca.Function, method: str, tolerance: float
+    film: CoilFilm, rates: ca.Function, jacobian: ca.Function, method: str, tolerance: float
 ) -> np.ndarray:
     """Thickness at the end, integrated from switch to switch."""
-    course, layer = setup.course, setup.layer
-    x, lasts = np.zeros(layer.cells - 1), float(course.breaks[1])
+    currents, layer = film.currents, film.layer
+    x, lasts = np.zeros(layer.cells - 1), float(currents.breaks[1])
     pattern: Any = jacobian.sparsity_out(0)
     rows, columns = np.array(pattern.row()), np.array(pattern.colind())
     shape = (layer.cells - 1, layer.cells - 1)
-    for k in range(round(setup.end / lasts)):
-        u = course.on_piece(k % course.pieces, np.zeros(1))[:, 0]
+    for k in range(film.course.switches):
+        u = currents.on_piece(k % currents.pieces, np.zeros(1))[:, 0]
 
         def slope(_t: float, y: np.ndarray, u: np.ndarray = u) -> np.ndarray:
             return np.asarray(rates(y, u)).ravel()

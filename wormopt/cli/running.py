@@ -21,7 +21,7 @@ from wormopt.errors import Interrupted
 from wormopt.files import RESULT_FILE, SUMMARY_FILE, TABLE_FILE, picture_file
 from wormopt.kinds import KINDS
 from wormopt.progress import shown_on_stderr
-from wormopt.runner import attempt
+from wormopt.runner import attempt, study_of
 from wormopt.study import Scene, load_scene
 from wormopt.study.output import (
     Output,
@@ -54,6 +54,11 @@ def add(commands: Any) -> None:
         "-o", "--output", metavar="DIR", help="folder for results (default: results/<scene>)"
     )
     add_options(command)
+    command.add_argument(
+        "--only",
+        metavar="NAME,...",
+        help="compute these scalars, variables or checks alone, and draw no pictures",
+    )
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -87,10 +92,14 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     scene = load_scene(options.scene, options.set)
-    pictures = {} if options.no_plots else _pictures(scene)
+    only = [] if options.only is None else [name.strip() for name in options.only.split(",")]
+    if only:
+        study_of(scene).check_names(only)
+    pictures = {} if options.no_plots or only else _pictures(scene)
     if pictures:
         check_backend(NO_PLOTS)
-    folder = Path(options.output or default_folder(scene.name, options.set))
+    trial = [*options.set, *([f"only={options.only}"] if only else [])]
+    folder = Path(options.output or default_folder(scene.name, trial))
     kind = KINDS[scene.table.kind]
     tables = [TABLE_FILE] * kind.table_file
     files = [RESULT_FILE, SUMMARY_FILE, *tables, *kind.exports, *pictures.values()]
@@ -98,7 +107,7 @@ def _run(options: argparse.Namespace) -> int:
     output = check_output(output, files)
     with shown_on_stderr(options.quiet) as report, engine_of(options):
         try:
-            result = attempt(scene, report)
+            result = attempt(scene, report, only)
             code = NOT_SOLVED if result.status == "failed" else DONE
         except Interrupted as stop:
             result, code = stop.partial, INTERRUPTED

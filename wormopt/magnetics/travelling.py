@@ -16,6 +16,9 @@ from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import CoilRow
 from wormopt.model.gait import Gait
 
+# Share of a period by which a field is looked at after its instant.
+_AFTER = 1e-12
+
 
 def switched_course(
     count: int, ampere_turns: float, rate: float, *, on: int = 3, every: int | None = None
@@ -203,7 +206,8 @@ def moving_profile(
     x = np.asarray(places, dtype=float).ravel()
     influence = row.influence(x, z)
     xi = 2 * np.pi * np.arange(phases) / phases
-    t = period * (xi / (2 * np.pi) + x[:, None] / wavelength)
+    # many of these instants are those of switches, after which the later current counts
+    t = period * (xi / (2 * np.pi) + x[:, None] / wavelength + _AFTER)
     currents = row.check_currents(course(t.ravel())).reshape(row.count, len(x), phases)
     field = np.einsum("cmk,kmn->cmn", influence, currents)
     return MovingProfile(xi, np.sum(field**2, axis=0), x)

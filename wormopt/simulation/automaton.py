@@ -291,8 +291,7 @@ class _Motion:
             return
         before, at_start = self._modes.copy(), not self._record.modes
         self._x, changes, stopped = self._contacts.decide(self._t, self._x, forced, at_start)
-        for contact in {*stopped, *(change.which for change in changes)}:
-            self._watch.note_change(contact)
+        self._watch.note_change(self._t, self._x, {*stopped, *(c.which for c in changes)})
         if not at_start:
             dt = self._columns.dt
             self._record.events += [(self._t, c.which, c.kind, c.mode, *dt) for c in changes]

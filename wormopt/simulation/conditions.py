@@ -395,14 +395,15 @@ class _Graph:
         """Those by which the right-hand side jumps, among conditions of states."""
         model = self._model
         out_of_reach = ca.vertcat(pack(model.z), model.forces, pack(model.delays))
-        known = [c for c in candidates if not ca.depends_on(c.guard, out_of_reach)]
+        reached = _depend([c.guard for c in candidates], out_of_reach)
+        known = [c for c, lost in zip(candidates, reached, strict=True) if not lost]
         if not known or len(known) > _MOST:
             return []
         expressions, arguments = self._holding(known)
         held = ca.vertcat(*(c.symbol for c in known))
         values = ca.vertcat(*(c.value for c in known))
         guards = ca.vertcat(*(c.kind.guard(*arguments[c.at]) for c in known))
-        nested = [ca.depends_on(guard, held) for guard in ca.vertsplit(guards)]
+        nested = _depend(ca.vertsplit(guards), held)
         right = ca.Function("right", [self._symbols, held], [ca.vertcat(expressions, guards)])
         guards, count = ca.substitute(guards, held, values), expressions.numel()
         sides = _Sides(
@@ -467,6 +468,13 @@ class _Graph:
         first = len(size) - self._states.numel()
         size[first : first + len(usual)] = usual
         return size, signal_values(values, None, "parameter")
+
+
+def _depend(each: list[ca.SX], on: ca.SX) -> list[bool]:
+    """Which scalars depend on any of the symbols, found for all at once."""
+    if not (each and on.numel()):
+        return [False] * len(each)
+    return list(ca.which_depends(ca.vertcat(*each), on, 1, True))
 
 
 def _target(kind: _Kind, trial: int) -> float:

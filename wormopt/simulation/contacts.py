@@ -19,6 +19,8 @@ _REVERSAL, _STICK, _RELEASE, _IMPACT = (
 
 # Share of what holds a contact at rest that is more than errors of an event.
 _HELD = 1e-2
+# Shares of the span by which it is looked ahead where contacts hardly part now.
+_LATER = (0.0, 1e-7, 1e-5, 1e-3)
 # Least determinant, against its rows, with which contacts at rest do not leave forces open.
 _OPEN = 1e-10
 
@@ -67,7 +69,7 @@ class Contacts:
     ) -> None:
         system, shared = task.system, (("p", p), ("s", modes))
         self._sharing, self._columns = sharing, columns
-        self._n = len(system.contacts)
+        self._n, self._span = len(system.contacts), task.span[1] - task.span[0]
         self._s, self._modes, self._coupled = modes, modes[: self._n], system.coupled
         self._v_rest, self._v_stop, self._f_rest = task.v_rest, task.v_stop, task.f_rest
         self._held_by = task.f_rest / F_REST
@@ -116,7 +118,9 @@ class Contacts:
             if self._coupled:  # velocities alone do not determine the impulses
                 raise GivenUp("no_contact_mode")
             self._columns.carry("project_along", t, x)
-        passing = self._slide_through(t, x, np.flatnonzero((self._modes == 0) & ~hit).tolist())
+        gone = forced if forced is not None and before[forced] == 0 else None
+        passing = self._part(t, x, gone, probe)
+        passing += self._slide_through(t, x, np.flatnonzero((self._modes == 0) & ~hit).tolist())
         x = self._stopped(t, x)
         if self._sharing:
             self._take_along(t, x)
@@ -221,6 +225,48 @@ class Contacts:
                 self._modes[i] = np.sign(v) if np.sign(v) in self._directions[i] else 0.0
             elif self._released.get(i) != t:  # else let go this very instant
                 self._modes[i] = 0.0
+
+    def _part(self, t: float, x: np.ndarray, gone: int | None, before: _Probe) -> list[int]:
+        """Let contacts slide that cannot rest together: one is on the ground, another on a belt.
+
+        They share a freedom and their velocities are 0 at once, but do not stay alike. All slide
+        forward at first; then the one that moves most against its mode is caught, and let go the
+        other way if its force does not hold it: the acceleration rises to what it is. `gone` is
+        let go by an event, of which `before` tells.
+        """
+        if self._sharing or not self._coupled or self._look(t, x).determined > _OPEN:
+            return []
+        among = [i for i in np.flatnonzero(self._modes == 0).tolist() if self._directions[i]]
+        if not any(self._parts(t + later * self._span, x, among, gone, before) for later in _LATER):
+            raise GivenUp("no_contact_mode")
+        return [i for i in among if self._modes[i] != 0]
+
+    def _parts(
+        self, t: float, x: np.ndarray, among: list[int], gone: int | None, before: _Probe
+    ) -> bool:
+        """Find how contacts part; False where it remains open."""
+        for i in among:
+            self._modes[i] = before.toward[i] if i == gone else self._directions[i][0]
+        for _ in range(2 * len(among) + 1):
+            probe = self._look(t, x)
+            if not probe.determined > _OPEN:
+                break
+            held = [i for i in among if self._modes[i] == 0 and probe.margin[i] < -self._f_rest[i]]
+            for i in held:
+                self._modes[i] = probe.toward[i]
+            if held:
+                self._check_directions(held)
+                continue
+            ahead = np.sign(self._modes) * probe.acceleration / self._drift
+            rounding = 1e-9 * np.abs(probe.acceleration / self._drift).max()
+            sliding = [i for i in among if self._modes[i] != 0 and i != gone]
+            worst = min(sliding, key=ahead.__getitem__, default=gone)
+            if worst is None or worst == gone or ahead[worst] > rounding:
+                return True
+            if ahead[worst] > -rounding:  # it hardly parts from the others
+                break
+            self._modes[worst] = 0.0
+        return False
 
     def _slide_through(self, t: float, x: np.ndarray, slow: list[int]) -> list[int]:
         """Let go, before anything is stopped, of geared contacts that their force cannot hold.

@@ -140,9 +140,13 @@ class Watch:
         if self.n:
             self._levels[self._all(t, x) > self._small()] = 0.0
 
-    def note_change(self, contact: int) -> None:
-        """Lower the level of a contact whose mode has changed."""
-        self._levels[contact] = -self._small()[contact]
+    def note_change(self, t: float, x: np.ndarray, contacts: set[int]) -> None:
+        """Lower the levels of contacts whose modes have changed, or that were slow."""
+        small = self._small()
+        velocities = self._all(t, x) if contacts else small
+        for i in contacts:
+            slides = self._modes[i] != 0 and i not in self._task.system.planar
+            self._levels[i] = min(-small[i], 2 * velocities[i] if slides else 0.0)
 
     def error_of(self, k: int, t: float, x: np.ndarray, h: float) -> tuple[float, float]:
         """How exactly the event of switch `k` has been found.

@@ -77,10 +77,15 @@ class Sharing:
 
     def look(self, t: float, x: np.ndarray) -> list[Split]:
         """Splits of what is shared, and note whether anything is."""
-        response, forces, _ = self._read(t, x)
+        response, forces, free = self._read(t, x)
         found = []
         for rows, null in self._groups(response):
-            found.append(self._split(t, x, forces, rows, null))
+            if self._parts(response, forces, free, rows):
+                found.append(
+                    Split(np.unique(self._row_contact[rows]), rows, null, 0 * rows, np.inf)
+                )
+            else:
+                found.append(self._split(t, x, forces, rows, null))
             self._last[rows] = found[-1].forces
         self.active = bool(found)
         return found
@@ -107,6 +112,20 @@ class Sharing:
             if (sizes > 0.5).any():  # singular values of a share of a projection: 0 or 1
                 found.append((rows[own], left[:, sizes > 0.5]))
         return found
+
+    def _parts(
+        self, response: np.ndarray, forces: np.ndarray, free: np.ndarray, rows: np.ndarray
+    ) -> bool:
+        """Whether no forces keep contacts at rest: one is on the ground, another on a belt."""
+        slides = self._modes[self._row_contact] != 0
+        others = response[np.ix_(rows, slides)] * forces[slides]
+        free, sizes = (
+            free[rows] + others.sum(axis=1),
+            np.abs(free[rows]) + np.abs(others).sum(axis=1),
+        )
+        left, values, _ = np.linalg.svd(response[np.ix_(rows, rows)])
+        lacking = left[:, values < _NOTHING * values[0]].T @ free
+        return bool(np.abs(lacking).max() > _NOTHING * sizes.max())
 
     def _split(
         self, t: float, x: np.ndarray, forces: np.ndarray, rows: np.ndarray, null: np.ndarray

@@ -359,9 +359,28 @@ class Trajectory(SampledMotion):
         -------
         ndarray, shape (k, m)
         """
-        function = self.system.observe(expression)
-        p = self.system.scheduled(self.p, self.schedules, self.time)
-        return np.array(function(self.time[None, :], self.states, p, self.s_at(self.time)))
+        return self.values(self.system.observe(expression))
+
+    def values(self, function: ca.Function) -> np.ndarray:
+        """Values of a function of `System.observe` at the sample times.
+
+        Of few samples at a time: CasADi needs memory for all that it evaluates at once.
+
+        Parameters
+        ----------
+        function : casadi.Function
+            Of (t, x, p, s), with one column as its result.
+
+        Returns
+        -------
+        ndarray, shape (k, m)
+        """
+        found = np.empty((function.numel_out(0), len(self.time)))
+        for k in range(0, len(self.time), _CHUNK):
+            t, x = self.time[k : k + _CHUNK], self.states[:, k : k + _CHUNK]
+            p = self.system.scheduled(self.p, self.schedules, t)
+            found[:, k : k + _CHUNK] = function(t[None, :], x, p, self.s_at(t))
+        return found
 
     def stick_intervals(self) -> list[tuple[str, float, float]]:
         """Find when contacts rest; known only where contact was treated as exact.

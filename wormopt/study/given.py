@@ -142,9 +142,9 @@ def number(
     bounds |= {"lt": below} if below is not None else {"le": _LARGEST if most is None else most}
     words = _words(above, least, below, most)
     if per:
-        ends = per == "ends"
-        listed = "a range [smallest, largest]" if ends else f"a list of such numbers, one per {per}"
-        words += f", or {listed.removesuffix('s')}"
+        part = "mass" if per == "masses" else per.removesuffix("s")
+        listed = f"a list of such numbers, one per {part}"
+        words += f", or {'a range [smallest, largest]' if per == 'ends' else listed}"
     return Key(quantity, meaning, default, bounds, words, per, usual)
 
 
@@ -259,7 +259,7 @@ class Given(Struct, metaclass=GivenMeta):
     @classmethod
     def made(cls, given: Mapping[str, Any]) -> Self:
         """Make one of keys and values; RefusedError says all that is wrong."""
-        optional = {f.encode_name for f in msgspec.structs.fields(cls) if f.default is None}
+        optional = {f.encode_name for f in _fields(cls) if f.default is None}
         raw = {k: as_toml(v) for k, v in given.items() if v is not None or k not in optional}
         faults: list[Fault] = []
         found = read_table(raw, cls, "", raw.get("units", cls.units_of_texts), faults)
@@ -353,7 +353,7 @@ def plain(value: Any) -> Any:
 
 def _wrong_lists(made: Any, counts: Mapping[str, int], path: str) -> Iterator[Fault]:
     """Yield lists that have another length than there are parts, in a table and below it."""
-    for field in msgspec.structs.fields(type(made)):
+    for field in _fields(type(made)) if counts else ():
         value, name = getattr(made, field.name), f"{path}.{field.name}" if path else field.name
         things: Any = said_of(field.type).get("per", "")
         if things in counts:

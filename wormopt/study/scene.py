@@ -80,7 +80,7 @@ class Scene(Generic[TableT]):
 
 
 def load_scene(
-    source: Scene[Any] | str | Path | Mapping[str, Any],
+    source: Scene[Any] | SceneTable | str | Path | Mapping[str, Any],
     overrides: Overrides = (),
     *,
     name: str = "",
@@ -90,9 +90,9 @@ def load_scene(
 
     Parameters
     ----------
-    source : str, path, mapping or Scene
+    source : str, path, mapping, Scene or study
         A TOML file, the bare name of a scene that comes with the package, the tables of a scene
-        without a file, or a Scene that shall be changed.
+        without a file, or a Scene or study that shall be changed.
     overrides : str, mapping, or iterable of them
         Changes. A text reads "dotted.key=value", with the value written as in TOML or a text
         without quotes, and replaces what is there. Keys of a mapping may be dotted too; tables in
@@ -124,7 +124,8 @@ def load_scene(
     >>> load_scene(scene, title="Loaded").table.worm.load
     25.0
     """
-    file, known_as, folder, raw = _raw(source)
+    given: Any = getattr(source, "scene", source)  # of a study
+    file, known_as, folder, raw = _raw(given)
     wrong = [*override(raw, overrides), *override(raw, tables)]
     if wrong:
         raise SceneError(file, wrong)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -218,6 +218,10 @@ class Study(SceneTable):
         """Why the study was interrupted although every stage has a result; "" if it was not."""
         return ""
 
+    def unsolved(self) -> SolveError | None:
+        """Error of a study without an answer although every stage has a result, None otherwise."""
+        return None
+
     # -- results -----------------------------------------------------------------------------------
 
     def result(self, report: Report | None = None) -> Result:
@@ -236,12 +240,16 @@ class Study(SceneTable):
         The status is "unchecked", and the trust report lists the checks that were left out.
         Raises UnknownNameError for names that results of the kind never have, else as `result`.
         """
+        return self._reported(self.check_names(names), report)
+
+    def check_names(self, names: Names) -> Names:
+        """Return names of results as members know them; UnknownNameError for others."""
         asked = [name.replace(" ", "_") for name in names]  # names of checks have spaces
         members = self.members.values()
         if unknown := [name for name in asked if not any(m.asked_by([name]) for m in members)]:
             known = [name for member in members for name in member.names]
             raise UnknownNameError(f"a study of kind {self.kind}", "result", unknown, known)
-        return self._reported(asked, report)
+        return asked
 
     def __getitem__(self, name: str) -> Any:
         """Value of a scalar or variable by its name in results."""
@@ -275,12 +283,13 @@ class Study(SceneTable):
             raise Interrupted(found) from None
         finally:
             self._progress.report = before
-        try:
-            reason = self._closed(partials=False).stopped()
-        except NotComputedError:
-            reason = ""
-        if reason:
-            raise Interrupted(result.failed(reason))
+        done = self._closed(partials=False)
+        with suppress(NotComputedError):
+            if reason := done.stopped():
+                raise Interrupted(result.failed(reason))
+            if error := done.unsolved():
+                found = result.failed(error.reason)
+                raise SolveError(error.reason, error.suggestion, found, error.code)
         return result
 
     def _complete(self) -> Result:
@@ -470,16 +479,12 @@ def _unit(quantity: str, study: Study) -> str:
 
 
 def _has(study: type[Study], path: str) -> bool:
-    """Whether a study has a member or key; keys may be dotted."""
-    head, *rest = path.split(".")
-    if head not in study.__struct_fields__:
-        return hasattr(study, head)
+    """Whether a study has a member or key; keys may be dotted, down to a property of a table."""
     inside: list[Any] = [study]
-    for name in (head, *rest):
-        types = [
-            f.type for table in inside for f in msgspec.structs.fields(table) if f.name == name
-        ]
-        if not types:
-            return False
+    for name in path.split("."):
+        with_it = [table for table in inside if name in table.__struct_fields__]
+        if not with_it:
+            return any(hasattr(table, name) for table in inside)
+        types = [f.type for t in with_it for f in msgspec.structs.fields(t) if f.name == name]
         inside = [table for kind in types for table in tables_in(bare(kind))]
     return True

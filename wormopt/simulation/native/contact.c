@@ -117,6 +117,72 @@ static int is_held(const Run *run, long long i) {
     return run->modes[i] == 0.0 && run->in.coupled && !is_open(run) && share_left(run, i) > HELD;
 }
 
+/* Largest acceleration of all contacts, each in units of its drift, which goes with its nominal
+   speed. */
+static double largest_acceleration(const Run *run) {
+    const long long n = run->in.n_contacts;
+    double most = 0.0;
+    for (long long i = 0; i < n; i++)
+        most = fmax(most, fabs(run->probe[n + i]) / run->in.v_drift[i]);
+    return most;
+}
+
+/* Of the contacts that `part` lets slide, that which moves most against its mode; -1: none. What
+   an event lets go stays so. */
+static long long most_against(const Run *run, const double *modes, long long gone) {
+    const long long n = run->in.n_contacts;
+    long long worst = -1;
+    double least = INFINITY;
+    for (long long i = 0; i < n; i++) {
+        const double ahead = run->modes[i] * run->probe[n + i] / run->in.v_drift[i];
+        if (modes[i] != 0.0 || run->modes[i] == 0.0 || i == gone || ahead >= least) continue;
+        worst = i, least = ahead;
+    }
+    return worst;
+}
+
+/* Find how contacts part, as they move at time t; 0 where it remains open. */
+static int parts(Run *run, double t, long long gone, double way) {
+    const long long n = run->in.n_contacts;
+    const double *rested = run->scan + n; /* modes as velocities have them */
+    for (long long i = 0; i < n; i++)
+        if (rested[i] == 0.0 && run->in.directions[i])
+            run->modes[i] = i == gone ? way : allowed(run, i, 1.0) ? 1.0 : -1.0;
+    for (long long trials = 2 * n + 1; trials > 0; trials--) {
+        int again = 0;
+        evaluate(run, run->in.probe, t, run->out.x, run->probe);
+        if (is_open(run)) return 0;
+        for (long long i = 0; i < n; i++) {
+            if (!(rested[i] == 0.0 && run->in.directions[i] && excess(run, i) > 1.0)) continue;
+            run->modes[i] = way_out(run, i), again = 1;
+            if (!allowed(run, i, run->modes[i])) return 0;
+        }
+        if (again) continue;
+        const long long worst = most_against(run, rested, gone);
+        if (worst < 0) return 1;
+        const double ahead = run->modes[worst] * run->probe[n + worst] / run->in.v_drift[worst];
+        const double rounding = 1e-9 * largest_acceleration(run);
+        if (ahead > rounding) return 1;
+        if (ahead > -rounding) return 0; /* it hardly parts from the others */
+        run->modes[worst] = 0.0;
+    }
+    return 0;
+}
+
+/* Let contacts slide that cannot rest together: one is on the ground, another on a belt. All slide
+   forward at first; then the one that moves most against its mode is caught, and let go the other
+   way if its force does not hold it. `gone` has been let go by an event. See contacts.py. */
+static void part(Run *run, long long gone) {
+    const double later[] = {0.0, 1e-7, 1e-5, 1e-3}, span = run->in.t_end - run->in.t_start;
+    const double way = gone < 0 ? 0.0 : way_out(run, gone);
+    if (!run->in.coupled || run->in.shares) return;
+    evaluate(run, run->in.probe, run->out.t, run->out.x, run->probe);
+    if (!is_open(run)) return;
+    for (int i = 0; i < 4; i++)
+        if (parts(run, run->out.t + later[i] * span, gone, way)) return;
+    run->out.status = NO_CONTACT_MODE;
+}
+
 /* Let go, before anything is stopped, of geared contacts that their force cannot hold: what stopped
    them where none of it acts would stop all that moves. */
 static void slide_through(Run *run) {
@@ -154,16 +220,6 @@ static int let_go(Run *run) {
         release(run, i);
     }
     return 1;
-}
-
-/* Largest acceleration of all contacts, each in units of its drift, which goes with its nominal
-   speed. */
-static double largest_acceleration(const Run *run) {
-    const long long n = run->in.n_contacts;
-    double most = 0.0;
-    for (long long i = 0; i < n; i++)
-        most = fmax(most, fabs(run->probe[n + i]) / run->in.v_drift[i]);
-    return most;
 }
 
 /* Catch again what was let go but would move against its mode, by more than rounding; only where
@@ -238,6 +294,8 @@ void decide_modes(Run *run, long long forced, int record) {
         carry(run, run->in.project_along, 0);
     }
     memcpy(run->scan + n, run->modes, n * sizeof(double)); /* modes before anything is let go */
+    part(run, forced >= 0 && run->before[forced] == 0.0 ? forced : -1);
+    if (run->out.status == NO_CONTACT_MODE) return;
     slide_through(run);
     stop(run);
     if (run->in.shares) {
@@ -257,7 +315,8 @@ void decide_modes(Run *run, long long forced, int record) {
     if (run->in.aims) follow_onsets(run);
     for (long long i = 0; i < n; i++) {
         if (record) note_change(run, i, forced);
-        if (run->scan[n + i] == 0.0 || is_prescribed(run, i)) run->level[i] = -small(run, i);
+        if (run->scan[n + i] != 0.0 && !is_prescribed(run, i)) continue;
+        run->level[i] = fmin(-small(run, i), 2.0 * run->modes[i] * run->probe[i]);
     }
     if (!record || memcmp(run->before, run->modes, run->in.n_s * sizeof(double))) note_modes(run);
 }

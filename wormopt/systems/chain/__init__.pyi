@@ -1,9 +1,9 @@
 from wormopt.systems.chain.build import chain as chain
-from wormopt.systems.chain.runs.chains import law_of as law_of
-from wormopt.systems.chain.runs.chains import laws_of as laws_of
-from wormopt.systems.chain.scenes.chain import CoulombFriction as CoulombFriction
-from wormopt.systems.chain.scenes.chain import Friction as Friction
-from wormopt.systems.chain.scenes.chain import SpikeFriction as SpikeFriction
-from wormopt.systems.chain.scenes.chain import ViscousFriction as ViscousFriction
-from wormopt.systems.chain.scenes.chain import faults_of_law as faults_of_law
-from wormopt.systems.chain.scenes.chain import held_at_rest as held_at_rest
+from wormopt.systems.chain.loops import law_of as law_of
+from wormopt.systems.chain.loops import laws_of as laws_of
+from wormopt.systems.chain.tables import CoulombFriction as CoulombFriction
+from wormopt.systems.chain.tables import Friction as Friction
+from wormopt.systems.chain.tables import SpikeFriction as SpikeFriction
+from wormopt.systems.chain.tables import ViscousFriction as ViscousFriction
+from wormopt.systems.chain.tables import faults_of_law as faults_of_law
+from wormopt.systems.chain.tables import held_at_rest as held_at_rest

@@ -19,9 +19,8 @@ from wormopt.model.model import Model, Signal
 from wormopt.progress import Report, silent
 from wormopt.simulation.options import Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
-from wormopt.systems.chain.runs.chains import close_loop
-from wormopt.systems.chain.scenes.chain import ChainTable
-from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker, QuadraticLaw
+from wormopt.systems.chain.loops import close_loop
+from wormopt.systems.chain.tables import ChainTable, DerivativeTracker, FilterTracker, QuadraticLaw
 
 LambdaTracker = FilterTracker | DerivativeTracker
 

@@ -18,15 +18,10 @@ from wormopt.result import Check
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.runs.chains import tube_radius
-from wormopt.systems.chain.scenes.track import FunnelTracker, Tracker, TrackScene
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
-from wormopt.systems.shared.signals import (
-    at_ends,
-    chain_expressions,
-)
+from wormopt.systems.shared.signals import at_ends
 
 ENTERS, LEAVES = "enters the tube", "leaves the tube"
 """Names of the crossings of the tube, which are events."""
@@ -122,11 +117,10 @@ def _observer(system: System) -> tuple[tuple[str, ...], ca.Function]:
 
 def _seen(motion: Trajectory) -> dict[str, np.ndarray]:
     names, function = _observer(motion.system)
-    p = motion.system.scheduled(motion.p, motion.schedules, motion.time)
-    rows = np.array(function(motion.time[None], motion.states, p, motion.modes_at(motion.time)))
-    return dict(zip(names, rows, strict=True))
+    return dict(zip(names, motion.values(function), strict=True))
 
 
+@np.errstate(all="ignore")  # values that are not finite are noticed where they matter
 def chain_numbers(motion: Trajectory) -> dict[str, Any]:
     """Scalars of every motion of a chain, by their names in a Result.
 
@@ -169,6 +163,7 @@ class Balance:
         return Check("energy balance", self.residual, accepted_error(tolerance), advice)
 
 
+@np.errstate(all="ignore")
 def balance(motion: Trajectory) -> Balance | None:
     """Energy balance from the first sample to the last, of a motion of `measure_power`.
 
@@ -281,54 +276,6 @@ def chain_facts(
     """Facts as `motion_facts`, with energy balances; sequences have one entry per tracker."""
     balances = one_or_all([each and asdict(each) for each in energies])
     return motion_facts(motions, rechecks, tolerance) | {"energy_balance": balances}
-
-
-# -- trackers ------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Tracked:
-    """Motion of one tracker."""
-
-    label: str
-    tracker: Tracker  # what the scene says
-    loop: Model  # closed loop, without what is measured
-    motion: Trajectory
-
-
-def watched(loop: Model, tracker: Tracker) -> Model:
-    """Add the measured quantities to a closed loop."""
-    return watch_tube(measure_power(loop), tube_radius(tracker))
-
-
-def loop_numbers(each: Tracked) -> dict[str, Any]:
-    """Scalars of a tracker's motion, by their names in a Result."""
-    motion = each.motion
-    outside, captured = time_in_tube(motion)
-    filtered = any(signal.name == "filter" for signal in each.loop.x)
-    found = chain_numbers(motion) | {
-        "k_end": at_ends(motion).observe(_gain(each))[0, -1],
-        "filter_end": motion["filter"][:, -1] if filtered else None,
-        "time_outside_tube": outside,
-        "capture_time": captured,
-    }
-    return {name: found[name] for name in TrackScene.scalars if name in found}
-
-
-def _gain(each: Tracked) -> ca.SX:
-    """Factor of the error's rate in the input."""
-    if isinstance(each.tracker, FunnelTracker):
-        return each.loop["gain"] * each.loop["funnel_gain"][1]
-    return each.loop["gain"]
-
-
-def loop_expressions(each: Tracked) -> dict[str, ca.SX]:
-    """Signals of a tracker's motion, by name."""
-    return chain_expressions(each.motion.system.model) | {
-        "error_norm": each.loop["error_norm"],
-        "tube": ca.SX(tube_radius(each.tracker)),
-        "gain": _gain(each),
-    }
 
 
 def funnel_checks(

@@ -25,8 +25,8 @@ from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.systems.chain.copies import Draw, drawn_plants
 from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
+from wormopt.systems.chain.loops import chain_for, close_loop, draw_links, labels
 from wormopt.systems.chain.optimal_tracking import knowing, lengths_of, optimal_input
-from wormopt.systems.chain.runs.chains import chain_for, close_loop, draw_links, labels
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
 from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
 

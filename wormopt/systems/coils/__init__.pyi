@@ -1,1 +1,1 @@
-from wormopt.systems.coils.scenes.material import SIScene as SIScene
+from wormopt.systems.shared.si import SIScene as SIScene

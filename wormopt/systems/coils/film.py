@@ -23,16 +23,23 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from wormopt.control.drive import drive
 from wormopt.errors import ArgumentError
 from wormopt.magnetics.coils import CoilRow
 from wormopt.magnetics.hydrostatics import Fluid, pull
 from wormopt.magnetics.ripples import flat_field
+from wormopt.model.gait import Gait
 from wormopt.model.model import Model, Output, Signal
+from wormopt.progress import Report
+from wormopt.simulation.options import Tolerance
+from wormopt.simulation.simulate import simulate
+from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.coils.cargo import Float, floated_film
 from wormopt.systems.coils.layer import Layer, Pull
 
 _DEGREES = (4, 8, 10, 14, 24)
 _RESOLVED = 1e-7
+_STEPS = 200_000
 
 
 def surface_film(
@@ -174,6 +181,37 @@ def coil_film(
     return (
         floated_film(layer, drawn, cargo, u=given) if cargo else surface_film(layer, drawn, u=given)
     )
+
+
+@dataclass(frozen=True)
+class FilmSetup:
+    """A film over a row of coils, with or without a float, that starts flat and at rest."""
+
+    layer: Layer
+    row: CoilRow
+    ground: float  # m
+    top: float  # m
+    own_field: bool
+    cargo: Float | None
+    start: float  # initial position of the float, m
+
+    def model(self) -> Model:
+        """Return the Model, with the currents as input."""
+        return coil_film(
+            self.layer, self.row, ground=self.ground, top=self.top, own_field=self.own_field,
+            cargo=self.cargo,
+        )  # fmt: skip
+
+    def simulate(
+        self, currents: Gait, times: np.ndarray, tolerance: float, report: Report
+    ) -> Trajectory:
+        """Return the motion under periodic currents until the last of the times."""
+        return simulate(
+            drive(self.model(), currents, periodic=True), float(times[-1]), times=times,
+            x0={"position": self.start} if self.cargo else None,
+            route="cvodes", report=report,
+            tolerance=Tolerance(tolerance, tolerance, max_steps=_STEPS),
+        )  # fmt: skip
 
 
 def surface_pull(fluid: Fluid, H: Sequence[Any], slope: Any, *, own_field: bool) -> Any:

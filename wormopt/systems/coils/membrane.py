@@ -1,4 +1,4 @@
-"""A thin membrane around a magnetic fluid: thin it stretches and pushes, thick it keeps the fluid.
+"""Kind "membrane": thin it stretches and pushes, thick it keeps the magnetic fluid inside.
 
 The tube has the radius R, a wall h_m that is small against R, and the inner pressure p of the
 fluid: hoop stress p R / h_m, strain p R / (E h_m). The ends are free to shorten, so no stress acts
@@ -11,14 +11,58 @@ thickness, so the best membrane is the thinnest within its limits.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, ClassVar, Literal
 
-import numpy as np
+from wormopt.errors import Fault, SolveError
+from wormopt.result import left_out
+from wormopt.shown import enough
+from wormopt.study import (
+    Given,
+    check,
+    entry,
+    facts,
+    number,
+    on_use,
+    parts,
+    positive,
+    scalar,
+    scalars,
+    signal,
+    stage,
+    warnings,
+    whole,
+)
+from wormopt.study.types import Pair, wrong_order
+from wormopt.systems.shared.si import SIStudy
 
-from wormopt.magnetics.material import check_number
-from wormopt.numerics.roots import root
+with on_use():
+    import numpy as np
+
+    from wormopt.magnetics.material import SMALL_STRAIN, check_number
+    from wormopt.numerics.roots import root
+
+_THIN = 0.1  # wall over radius up to which the stress counts as uniform over the wall
+# Tolerance of logarithms of thicknesses; limits may be exceeded by the same relative amount.
+_ACCEPTED = 1e-7
+_FREE = (-80.0, 80.0)
+_ASSUMED = {
+    "free ends": "the ends of the tube are free to shorten, and no stress acts along it; closed "
+    "ends that the pressure pulls apart would leave a hoop strain of (1 - nu/2) p R / (E h)"
+}
+_KEYS = {"loss": "loss_max", "stress": "membrane.stress_max", "strain": "membrane.strain_max"}
+_LEAST = {
+    f"thickness_for_{name}": ("length", f"least thickness for `{key}` alone")
+    for name, key in _KEYS.items()
+}
+_GIVEN = {
+    "lifetime": ("time", "`lifetime` of the scene"),
+    "loss_max": ("share", "`loss_max` of the scene"),
+    "stress_max": ("stress", "`membrane.stress_max`"),
+    "strain_max": ("share", "`membrane.strain_max`"),
+}
 
 
 @dataclass(frozen=True)
@@ -124,3 +168,253 @@ class Choice:
         found = self.measures(thickness)
         fits = [found[name] <= limit * (1 + accepted) for name, limit in self.limits.items()]
         return np.all(fits, axis=0)
+
+
+class Tube(Given):
+    """The membrane, a tube."""
+
+    radius: float = positive("length", "radius of the tube", default=4e-3)
+    youngs_modulus: float = positive("stress", "Young's modulus of the membrane", default=5e5)
+    diffusivity: float = positive(
+        "diffusivity", "diffusivity of the carrier liquid in the membrane", default=1e-11
+    )
+    concentration_drop: float = positive(
+        "density",
+        "difference of that liquid's density from the inner to the outer face",
+        default=0.15,
+    )
+    stress_max: float = positive("stress", "hoop stress at the full pressure", default=5e4)
+    strain_max: float = positive("share", "strain at the full pressure", default=0.1)
+
+
+class Filling(Given):
+    """The fluid in the membrane."""
+
+    pressure: float = positive("stress", "magnetic pressure, above the pressure outside")
+    density: float = positive("density", "density of the fluid", default=1200.0)
+
+
+@dataclass(frozen=True)
+class Front:
+    """Thicknesses of the largest strain for each allowed loss, from the thickest wall."""
+
+    front_thickness: np.ndarray = signal("length", "point", "thickness")
+    front_loss: np.ndarray = signal("share", "point", "share of the fluid lost within the lifetime")
+    front_strain: np.ndarray = signal("share", "point", "strain")
+    front_contact_pressure: np.ndarray = signal("stress", "point", "pressure on the ground")
+    front_within: np.ndarray = signal("count", "point", "1 if all limits hold, else 0")
+
+
+class MembraneThickness(SIStudy, kind="membrane"):
+    """Choose the thickness of a membrane: strain against loss of fluid, Pareto front.
+
+    The skin of a worm filled with magnetic fluid should be thin for large strain and force, but
+    thick to keep the fluid. The scene computes the best thickness within limits, and the Pareto
+    front of strain and loss. Theory:
+    [theory-hydrostatics.md](../theory-hydrostatics.md#2-the-membrane). Only
+    `units = "SI"`.
+
+    The trust report names its `assumptions`, among them that the tube's ends are free. It has
+    `violation` of limits, `recheck_error` (against a closed form), `accepted`, and `warnings`:
+    strains that are not small, a wall above a tenth of the radius, no pressure left to push. The
+    exit code is 3 if no thickness meets all limits; the message gives the need of each limit.
+    """
+
+    pictures: ClassVar = {"membrane": "wormopt.systems.coils.pictures:membrane"}
+    headline: ClassVar = (
+        "thickness_best", "limited_by", "thickness_for_loss", "thickness_for_stress",
+        "thickness_for_strain",
+    )  # fmt: skip
+
+    want: tuple[Literal["membrane"], ...] = entry(
+        "`membrane`: strain over loss, and remaining pressure over thickness", default=()
+    )
+    membrane: Tube = entry("the membrane", default=Tube)
+    fluid: Filling = entry("the fluid")
+    lifetime: float = positive("time", "required lifetime of the fluid")
+    loss_max: float = number(
+        "share", "largest share of fluid lost in that time", above=0, below=1, default=0.1
+    )
+    thickness: Pair = entry(
+        "least and largest thickness that can be made, below `membrane.radius`",
+        quantity="length",
+        default=(2e-5, 2e-3),
+    )
+    contact_strain: float = number(
+        "share", "strain at which the worm touches the ground or its channel", least=0, default=0.02
+    )
+    points: int = whole(3, 1000, "number of points of the front", default=41)
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield faults that no single key shows."""
+        yield from super().faults_of_keys()
+        yield from wrong_order("thickness", self.thickness, may_be_equal=False)
+        if self.thickness[1] >= self.membrane.radius:
+            yield (
+                "thickness[1]",
+                f"{self.thickness[1]:g} m is no thin wall of a tube of radius "
+                f"{self.membrane.radius:g} m; write less than membrane.radius",
+            )
+
+    @cached_property
+    def choice(self) -> Choice:
+        """The membrane and its limits."""
+        tube, fluid = self.membrane, self.fluid
+        membrane = Membrane(
+            tube.radius, tube.youngs_modulus, fluid.pressure, tube.diffusivity,
+            tube.concentration_drop, fluid.density, self.contact_strain,
+        )  # fmt: skip
+        limits = {"loss": self.loss_max, "stress": tube.stress_max, "strain": tube.strain_max}
+        return Choice(membrane, self.lifetime, limits)
+
+    @property
+    def tube(self) -> Membrane:
+        """The membrane as the formulas take it."""
+        return self.choice.membrane
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Logarithms of the least and largest thickness."""
+        thinnest, thickest = self.thickness
+        return math.log(thinnest), math.log(thickest)
+
+    @stage
+    def needed(self) -> dict[str, float]:
+        """Least thickness for each limit alone."""
+        choice = self.choice
+        return {n: choice.widest(_FREE, **{n: limit})[0] for n, limit in choice.limits.items()}
+
+    @property
+    def strictest(self) -> str:
+        """Limit that needs the thickest membrane."""
+        return max(self.needed, key=lambda name: self.needed[name])
+
+    @stage
+    def best_thickness(self) -> tuple[float, float]:
+        """Best thickness, and by how much it exceeds a limit."""
+        return self.choice.widest(self.span, **self.choice.limits)
+
+    @stage
+    def thicknesses(self) -> np.ndarray:
+        """Thicknesses of the largest strain for each allowed loss."""
+        most, least = (self.choice.measures(size)["loss"] for size in self.thickness)
+        found = np.empty(self.points)
+        for k, allowed in enumerate(np.geomspace(least, most, self.points)):
+            self.report("front", k / self.points)
+            found[k], _ = self.choice.widest(self.span, loss=allowed)
+        return found
+
+    @parts(Front)
+    def front(self) -> Front:
+        choice, thickness = self.choice, self.thicknesses
+        found, left = choice.measures(thickness), self.tube.contact_pressure(thickness)
+        within = choice.within(thickness, _ACCEPTED)
+        return Front(thickness, found["loss"], found["strain"], left, within)
+
+    @scalar("length", "thickness with the largest strain within all limits")
+    def thickness_best(self) -> float:
+        return self.best_thickness[0]
+
+    @scalar(
+        "1",
+        "limit that determines it: `loss`, `stress`, `strain`, or `thickness` if the thinnest "
+        "allowed meets all limits",
+    )
+    def limited_by(self) -> str:
+        return self.strictest if self.needed[self.strictest] >= self.thickness[0] else "thickness"
+
+    @scalars(_LEAST)
+    def least(self) -> dict[str, float]:
+        return {f"thickness_for_{name}": size for name, size in self.needed.items()}
+
+    @scalars(_GIVEN)
+    def given(self) -> dict[str, float]:
+        limits = {f"{name}_max": limit for name, limit in self.choice.limits.items()}
+        return limits | {"lifetime": self.lifetime}
+
+    @scalar("share", "strain at the best thickness")
+    def strain(self) -> float:
+        return self.tube.strain(self.thickness_best)
+
+    @scalar("stress", "hoop stress at the best thickness")
+    def stress(self) -> float:
+        return self.tube.stress(self.thickness_best)
+
+    @scalar("share", "share of fluid lost within the lifetime at the best thickness")
+    def loss_share(self) -> float:
+        return self.tube.loss_share(self.thickness_best, self.lifetime)
+
+    @scalar("mass_rate_per_length", "initial rate of loss")
+    def loss_rate(self) -> float:
+        return self.tube.loss_rate(self.thickness_best)
+
+    @scalar("stress", "pressure left to push against the channel")
+    def contact_pressure(self) -> float:
+        return self.tube.contact_pressure(self.thickness_best)
+
+    @scalar("bending_stiffness", "bending stiffness of the tube as a beam")
+    def bending_stiffness(self) -> float:
+        return self.tube.bending_stiffness(self.thickness_best)
+
+    # -- the trust report --------------------------------------------------------------------------
+
+    @property
+    def conflict(self) -> SolveError:
+        """The error if no thickness meets all limits."""
+        needed = {name: enough(size, 3, _ACCEPTED / 2) for name, size in self.needed.items()}
+        asks = ", ".join(f"{_KEYS[name]} for {size:g} m" for name, size in needed.items())
+        suggestion = f"raise {_KEYS[self.strictest]}"
+        if needed[self.strictest] < self.membrane.radius:
+            suggestion += f", or thickness[1] to {needed[self.strictest]:g}"
+        if self.strictest == "loss":
+            suggestion += ", or write a shorter lifetime"
+        return SolveError(
+            f"no thickness up to {self.thickness[1]:g} m meets all limits; each needs at least: "
+            f"{asks}",
+            suggestion,
+            code="infeasible",
+        )
+
+    def unsolved(self) -> SolveError | None:
+        """Error if no thickness meets all limits."""
+        return None if self.best_thickness[1] <= _ACCEPTED else self.conflict
+
+    @check(_ACCEPTED, "{conflict.reason:s}")
+    def limits(self) -> float:
+        return self.best_thickness[1]
+
+    @check(
+        _ACCEPTED, "the best thickness differs by {value:.2g} from the strictest limit's"
+    )  # fmt: skip
+    def thickness_in_closed_form(self) -> float:
+        return abs(self.thickness_best / self.choice.least(self.thickness[0]) - 1)
+
+    @facts
+    def assumptions(self) -> dict[str, Any]:
+        return {
+            "violation": self.limits,
+            "recheck_error": self.thickness_in_closed_form,
+            "accepted": _ACCEPTED,
+            "assumptions": _ASSUMED,
+        }
+
+    @warnings
+    def doubts(self) -> Iterator[str]:
+        if self.strain > SMALL_STRAIN * (1 + _ACCEPTED):
+            yield left_out(
+                self.strain,
+                f"a strain of {self.strain:.2g} is not small; above {SMALL_STRAIN:g} the law is "
+                "uncertain",
+            )
+        wall = self.thickness_best / self.membrane.radius
+        if wall > _THIN:
+            yield left_out(
+                wall,
+                f"the wall is {wall:.2g} of the radius; above {_THIN:g} the membrane is not thin, "
+                "and its stress is not uniform over the wall",
+            )
+        if self.contact_pressure <= 0:
+            yield (
+                "at contact_strain the membrane carries the whole pressure: none is left to push "
+                "against the ground"
+            )

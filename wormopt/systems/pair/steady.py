@@ -23,8 +23,8 @@ from wormopt.simulation.ensemble import Scenario, simulate_ensemble
 from wormopt.simulation.options import Tolerance
 from wormopt.systems.pair.averaged import SteadyPair, steady_pair
 from wormopt.systems.pair.exact import magnetic_pair, scaled_law
-from wormopt.systems.pair.scenes.pair_waveform import NATURAL
 from wormopt.systems.pair.slow import from_slow, slow_pair
+from wormopt.systems.pair.tables import NATURAL
 
 # Swings beyond which averages are not evaluated.
 _LARGEST = 100.0
@@ -272,7 +272,7 @@ def _second(pair: Pair, x: np.ndarray, frequency: np.ndarray) -> np.ndarray:
     return velocity
 
 
-def confirmed(
+def confirm(
     pair: Pair, points: Points, end: float, periods: int, tolerance: Tolerance, report: Report
 ) -> Exact:
     """Simulate from every stable point, and average the last periods of the field."""

@@ -43,7 +43,6 @@ with on_use():
     from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.swinging.prescribed import harmonic_masses, steady_masses
     from wormopt.systems.swinging.steady import (
-        NUDGE,
         Orbit,
         Runner,
         SlowVelocity,
@@ -51,7 +50,6 @@ with on_use():
         attempt,
         measured,
         nearest,
-        nudged,
         tends_to,
     )
 
@@ -63,8 +61,6 @@ _BALANCED = 5e-13
 _MOST = 16
 # Instants of the period in the picture.
 _POINTS = 721
-# Error code of the simulation where masses reverse at the same instant.
-_AT_ONCE = ("no_contact_mode", "not_finite")
 # Steady velocities have round-off: a start this close, relative to the largest velocity, is on one.
 _ON = 1e-9
 # Friction's impulse in a period over the least momentum amplitude, above which it is not small.
@@ -80,9 +76,6 @@ _FACTOR, _FLOOR = 10.0, 1e-8
 # Averages of second order are not compared with the exact motion if the ripple exceeds this share
 # of the distance to a velocity at which a mass begins or ceases to reverse.
 _NEAR = 0.05
-# A relative change of friction changes the velocity by at most this multiple of it, relative to the
-# largest.
-_NUDGED = 10.0
 
 
 class Harmonic(Given):
@@ -302,7 +295,6 @@ class ExactMotions:
 
     orbits: list[Orbit | None]  # periodic, one for each steady velocity; None: not found
     course: Trajectory | None  # from the velocity given
-    nudged: bool  # whether friction was changed slightly, see `nudged`
     lost: str  # why the orbit of interest, or the course, is missing
 
 
@@ -406,14 +398,9 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
     converge only gives a warning. Further warnings: friction that is not small, masses that rest, a
     motion that is too short, a velocity that may be zero, no second route (`tolerance.recheck =
     false`).
-
-    Limits: if two masses reverse at the same instant, as with *F*<sub>−</sub> = 2 *F*<sub>+</sub>
-    in the packaged scene, the exact motion is that of friction changed by a share of 1e-9, and a
-    warning says so. If one mass comes to rest as another begins to move, under large friction, the
-    motion cannot be simulated.
     """
 
-    pictures: ClassVar = {"reversals": "wormopt.systems.pair.plots.averaging:reversals"}
+    pictures: ClassVar = {"reversals": "wormopt.systems.swinging.pictures:reversals"}
 
     want: tuple[Literal["reversals"], ...] = entry(
         "`reversals`: velocities over a period with their reversals, *V* over time", default=()
@@ -470,24 +457,23 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
 
     @stage
     def exact(self) -> ExactMotions:
-        """Simulate; where masses reverse at the same instant, with slightly different friction."""
-        model, course, found = measured(self.worm.model(place=True)), self.course, self.averages
-        guesses = [(s or f).velocity for f, s in zip(found.first, found.second, strict=True)]
-        recheck, tolerance = self.tolerance.recheck, tolerance_of(self.tolerance)
-        motions = None
-        for p in ({}, nudged(model)):
-            runner = Runner(model, self.worm.period, tolerance, p, self.report)
-            tried = [attempt(partial(runner.orbit, V, recheck=recheck)) for V in guesses]
-            motion, no_motion = attempt(
-                partial(runner.run, course.velocity, course.periods, course.samples)
-            )
-            lost = [error for error in (tried[self.chosen][1], no_motion) if error]
-            why = str(lost[0]) if lost else ""
-            motions = ExactMotions([orbit for orbit, _ in tried], motion, bool(p), why)
-            if not any(error.code in _AT_ONCE for error in lost):
-                break
-        assert motions
-        return motions
+        """Find the periodic motions near the steady velocities, and the motion asked for."""
+        course, found = self.course, self.averages
+        runner = Runner(
+            measured(self.worm.model(place=True)),
+            self.worm.period,
+            tolerance_of(self.tolerance),
+            self.report,
+        )
+        tried = [
+            attempt(partial(runner.orbit, (s or f).velocity, recheck=self.tolerance.recheck))
+            for f, s in zip(found.first, found.second, strict=True)
+        ]
+        motion, no_motion = attempt(
+            partial(runner.run, course.velocity, course.periods, course.samples)
+        )
+        lost = [str(error) for error in (tried[self.chosen][1], no_motion) if error]
+        return ExactMotions([orbit for orbit, _ in tried], motion, lost[0] if lost else "")
 
     @property
     def orbit(self) -> Orbit | None:
@@ -530,10 +516,8 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
 
     @parts(ExactNumbers)
     def exact_numbers(self) -> ExactNumbers:
-        orbit, known = self.orbit, None
-        if orbit:  # its velocity may be zero below the accepted error, or the effect of `nudged`
-            error = max(self.accepted, _NUDGED * NUDGE * self.size if self.exact.nudged else 0.0)
-            known = orbit.velocity if abs(orbit.velocity) > error else None
+        orbit = self.orbit
+        known = orbit.velocity if orbit and abs(orbit.velocity) > self.accepted else None
         velocity = orbit and orbit.velocity
         return ExactNumbers(
             velocity_exact_mean=known,
@@ -603,7 +587,6 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
                 "simulations": orbit.trials,
                 "events": count_events(orbit.motion),
                 "recheck": orbit.second and orbit.second.facts,
-                "friction_changed": self.exact.nudged,
                 "mean_forces_add_up_to": float(orbit.force.sum()),
             },
         }
@@ -672,11 +655,6 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
                 "a mass nearly begins or ceases to reverse, where averages have a corner: second "
                 "order is not compared with the exact motion; write worm.friction that is more "
                 "alike in both directions"
-            )
-        if self.exact.nudged:
-            yield (
-                "masses reverse at the same instant; the exact simulation used friction larger "
-                "backward and smaller forward by a share of 1e-9 to separate these reversals"
             )
         missing = [
             f"{one.velocity:.6g}"

@@ -6,7 +6,7 @@ simulation continues over several periods, which shows the remaining drift.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -39,8 +39,6 @@ _PERIODS, _TRIALS = 10, 60
 # Accepted difference over a period, relative to the usual velocity, and the size of the first
 # trial.
 _CLOSED, _FIRST = 1e-13, 1e-4
-NUDGE = 1e-9
-"""Share by which friction is changed where masses reverse at the same instant, see `nudged`."""
 
 
 # -- by averages ---------------------------------------------------------------------------------
@@ -74,10 +72,15 @@ class SlowVelocity:
         return average(self.model, self.period, order=self.order, nodes=self.nodes)
 
     @cached_property
-    def _function(self) -> ca.Function:
+    def _rate(self) -> ca.Function:
+        return ca.Function(
+            "rate", [pack(self.averaged.x), pack(self.averaged.p)], [self.averaged.ode]
+        )
+
+    @cached_property
+    def _slope(self) -> ca.Function:
         V, p = pack(self.averaged.x), pack(self.averaged.p)
-        ode = self.averaged.ode
-        return ca.Function("mean", [V, p], [ode, ca.jacobian(ode, V)])
+        return ca.Function("slope", [V, p], [ca.jacobian(self.averaged.ode, V)])
 
     @cached_property
     def _p(self) -> np.ndarray:
@@ -85,11 +88,11 @@ class SlowVelocity:
 
     def rate(self, V: float) -> float:
         """Mean acceleration at velocity V of the centre."""
-        return float(self._function(V, self._p)[0])
+        return float(self._rate(V, self._p))
 
     def slope(self, V: float) -> float:
         """Derivative of the mean acceleration by the velocity V of the centre."""
-        return float(self._function(V, self._p)[1])
+        return float(self._slope(V, self._p))
 
     def steady(self, bends: Sequence[float]) -> list[Steady]:
         """Find all steady velocities, ascending.
@@ -185,21 +188,6 @@ def measured(model: Model) -> Model:
     )
 
 
-def nudged(model: Model) -> dict[str, np.ndarray]:
-    """Parameters with friction larger by a billionth backward, and smaller forward.
-
-    Exact simulation fails where two masses reverse at the same instant. This separates reversals
-    that coincide at one velocity only. The centre's velocity changes by a similar share.
-    """
-    share = {"backward": 1 + NUDGE, "forward": 1 - NUDGE}
-    found = {}
-    for signal in model.p:
-        side = signal.name.rpartition("_")[2]
-        if signal.name.startswith("friction_") and side in share:
-            found[signal.name] = np.asarray(signal.value) * share[side]
-    return found
-
-
 @dataclass(frozen=True, eq=False)
 class Runner:
     """Simulates a worm from an initial velocity."""
@@ -207,7 +195,6 @@ class Runner:
     model: Model  # from `measured`, with center and center_velocity
     period: float
     tolerance: Tolerance
-    p: Mapping[str, np.ndarray]  # parameters that are not the model's own
     report: Report
 
     def run(self, velocity: float, periods: int, samples: int = 2) -> Trajectory:
@@ -221,7 +208,6 @@ class Runner:
             end,
             contact=Exact(),
             x0={"center_velocity": velocity},
-            p=self.p,
             times=np.linspace(0.0, end, samples),
             tolerance=self.tolerance,
             report=self.report,
@@ -241,7 +227,7 @@ class Runner:
         )
         second = cross_check(
             replace(self.model, x=x0), motion, self.tolerance,
-            p=self.p, recheck=recheck, report=self.report,
+            recheck=recheck, report=self.report,
         )  # fmt: skip
         time, V = _PERIODS * self.period, motion["center_velocity"][0]
         rested: dict[int, float] = {}

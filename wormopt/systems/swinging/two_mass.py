@@ -84,7 +84,10 @@ class Pair(Given):
             model,
             ends,
             -self.advance(ratio) / ends.duration,
-            (1e-3 * slow, 10 * slow),
+            (
+                1e-3 * slow,
+                10 * slow / math.sqrt(1 - high**2),
+            ),  # what presses with little more is slow
             boundary_constraints=[
                 Constraint("start", ends.start[:2], 0.0, 0.0, size),
                 Constraint("rest at the start", ends.start[3], 0.0, 0.0, model.x[1].nominal),

@@ -34,15 +34,15 @@ from wormopt.systems.chain.frozen import (
     task_of,
     without_dry_friction,
 )
-from wormopt.systems.chain.measured import Tracked, loop_numbers, watched
-from wormopt.systems.chain.runs.chains import (
+from wormopt.systems.chain.loops import (
     chain_for,
     close_loop,
     draw_links,
     laws_of,
 )
 from wormopt.systems.chain.scenes.linear import LinearScene
-from wormopt.systems.chain.scenes.track import FilterTracker
+from wormopt.systems.chain.tables import FilterTracker
+from wormopt.systems.chain.tracked import Tracked, watched
 from wormopt.systems.shared.proof import CrossCheck, cross_check, warnings_of_contact
 from wormopt.systems.shared.settings import tolerance_of, treatment_of
 from wormopt.systems.shared.signals import simulate_whole
@@ -166,7 +166,7 @@ def _learn(
     )
     recheck = table.tolerance.recheck
     second = cross_check(loop, motion, tolerance, recheck=recheck, report=report)
-    return loop_numbers(Tracked("tracker", table.tracker, loop, motion)), second
+    return Tracked("tracker", table.tracker, loop, motion).numbers, second
 
 
 def _loops(scene: Scene[LinearScene], worm: Worm) -> list[FrozenLoop]:

@@ -32,7 +32,7 @@ from wormopt.study.types import per
 from wormopt.systems.chain.convergence import Convergence, converge
 from wormopt.systems.chain.copies import draw_factors, numbers_of, scenario_model
 from wormopt.systems.chain.dynamic import PERIODS, Aim, CrawlLimits, crawl_problem, sine_guess
-from wormopt.systems.chain.runs.chains import build_chain, draw_links, laws_of
+from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
 from wormopt.systems.chain.scenes.optimal_crawl import OptimalCrawlScene, RobustTable
 from wormopt.systems.shared.optimum import (
     ACCEPTED,

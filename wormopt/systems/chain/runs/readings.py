@@ -19,14 +19,7 @@ from wormopt.simulation.options import Tolerance
 from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
 from wormopt.study.types import per
-from wormopt.systems.chain.measured import (
-    Tracked,
-    balance,
-    chain_checks,
-    chain_facts,
-    loop_expressions,
-    watched,
-)
+from wormopt.systems.chain.measured import balance, chain_checks, chain_facts
 from wormopt.systems.chain.readings import (
     SENTENCES,
     Course,
@@ -45,7 +38,8 @@ from wormopt.systems.chain.readings import (
 )
 from wormopt.systems.chain.runs.readings_table import csv_of, table_of
 from wormopt.systems.chain.scenes.readings import ReadingsScene
-from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker
+from wormopt.systems.chain.tables import DerivativeTracker, FilterTracker
+from wormopt.systems.chain.tracked import Tracked, watched
 from wormopt.systems.shared.proof import (
     CrossCheck,
     accepted_error,
@@ -306,7 +300,7 @@ def as_csv(result: Result) -> str:
 
 
 def _signals(shown: Sequence[Tracked]) -> dict[str, Any]:
-    signals = [sample(each.motion, loop_expressions(each)) for each in shown]
+    signals = [sample(each.motion, each.expressions) for each in shown]
     arrays = {name: np.array([s[name] for s in signals]) for name in signals[0]}
     first = shown[0]
     return {

@@ -23,6 +23,11 @@ from wormopt.study.conclude import conclude
 from wormopt.study.numerics import Start
 from wormopt.study.scene import Scene
 from wormopt.study.types import per
+from wormopt.systems.chain.loops import (
+    build_chain,
+    draw_links,
+    laws_of,
+)
 from wormopt.systems.chain.measured import (
     balance,
     chain_checks,
@@ -30,14 +35,9 @@ from wormopt.systems.chain.measured import (
     chain_numbers,
     measure_power,
 )
-from wormopt.systems.chain.runs.chains import (
-    build_chain,
-    draw_links,
-    laws_of,
-)
 from wormopt.systems.chain.runs.own_model import load_model
-from wormopt.systems.chain.scenes.chain import ChainTable
 from wormopt.systems.chain.scenes.simulate import ConstantForce, HarmonicChange, SimulateScene
+from wormopt.systems.chain.tables import ChainTable
 from wormopt.systems.shared.proof import (
     CrossCheck,
     cross_check,

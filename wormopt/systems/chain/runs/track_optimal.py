@@ -23,9 +23,9 @@ from wormopt.simulation.options import Exact
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
+from wormopt.systems.chain.loops import chain_for, draw_links
 from wormopt.systems.chain.measured import balance, chain_checks, judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
-from wormopt.systems.chain.runs.chains import chain_for, draw_links
 from wormopt.systems.chain.scenes.track_optimal import LeastError, TrackOptimalScene
 from wormopt.systems.shared.optimum import optimum_timings, refused, statistics
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check

@@ -23,6 +23,7 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.study.scene import Scene
 from wormopt.systems.chain.copies import Draw, drawn_plants
+from wormopt.systems.chain.loops import chain_for, draw_links
 from wormopt.systems.chain.predictive_tracking import (
     converged,
     course_of,
@@ -31,7 +32,6 @@ from wormopt.systems.chain.predictive_tracking import (
     plan_tracking,
     real_time,
 )
-from wormopt.systems.chain.runs.chains import chain_for, draw_links
 from wormopt.systems.chain.runs.predictive_results import result_of
 from wormopt.systems.chain.runs.predictive_task import (
     ADAPTED,

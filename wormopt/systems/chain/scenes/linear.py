@@ -19,8 +19,7 @@ from wormopt.study.numerics import (
     ToleranceTable,
 )
 from wormopt.study.types import FinitePerMass, SceneTable
-from wormopt.systems.chain.scenes.chain import ChainTable
-from wormopt.systems.chain.scenes.track import DerivativeTracker, FilterTracker, Reference
+from wormopt.systems.chain.tables import ChainTable, DerivativeTracker, FilterTracker, Reference
 
 MOST_LINKS = 12
 """Margins need the eigenvalues of large matrices many times."""

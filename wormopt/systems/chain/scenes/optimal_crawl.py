@@ -18,7 +18,7 @@ from wormopt.study.types import (
     Seed,
     wrong_order,
 )
-from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.chain.tables import ChainTable
 from wormopt.systems.shared.declared import CHAIN_SIGNALS, COST_OF_TRANSPORT, INSTANT, OPTIMUM, over
 from wormopt.systems.spiked import why_unreadable
 

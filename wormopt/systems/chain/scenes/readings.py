@@ -22,7 +22,7 @@ from wormopt.study.types import (
     Positive,
     SceneTable,
 )
-from wormopt.systems.chain.scenes.track import Reference
+from wormopt.systems.chain.tables import Reference
 from wormopt.systems.shared.declared import (
     CHAIN,
     LOOP_SIGNALS,

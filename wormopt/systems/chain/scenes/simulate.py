@@ -21,7 +21,7 @@ from wormopt.study.numerics import (
     ToleranceTable,
 )
 from wormopt.study.types import FinitePerLink, NonNegativePerLink, SceneTable
-from wormopt.systems.chain.scenes.chain import ChainTable
+from wormopt.systems.chain.tables import ChainTable
 from wormopt.systems.shared.declared import CHAIN, CHAIN_SIGNALS, EVENTS, TIME, over
 from wormopt.systems.spiked import Shape, why_unreadable
 

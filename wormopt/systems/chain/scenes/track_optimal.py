@@ -12,8 +12,7 @@ from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, whole
 from wormopt.study.numerics import Horizon, Start, ToleranceTable
 from wormopt.study.types import SceneTable
-from wormopt.systems.chain.scenes.chain import ChainTable
-from wormopt.systems.chain.scenes.track import Reference
+from wormopt.systems.chain.tables import ChainTable, Reference
 from wormopt.systems.shared.declared import (
     CHAIN,
     GAIT,

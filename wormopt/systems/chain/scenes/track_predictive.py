@@ -10,14 +10,13 @@ from wormopt.errors import Fault
 from wormopt.study.given import entry
 from wormopt.study.numerics import Horizon, Start, ToleranceTable
 from wormopt.study.types import SceneTable
-from wormopt.systems.chain.scenes.chain import ChainTable, CoulombFriction
 from wormopt.systems.chain.scenes.predictive import (
     EstimationTable,
     PlantsTable,
     PredictiveTable,
 )
-from wormopt.systems.chain.scenes.track import Reference
 from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference
 from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, over
 
 SHOWN = ("error_norm", "length", "input", "position")

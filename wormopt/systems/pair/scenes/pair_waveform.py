@@ -21,10 +21,8 @@ from wormopt.study.types import (
     wrong_order,
 )
 from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
+from wormopt.systems.pair.tables import NATURAL
 from wormopt.systems.shared.declared import INSTANT, OPTIMUM
-
-NATURAL = math.sqrt(2)
-"""Natural frequency of the free masses against each other, over sqrt(c / m)."""
 
 FieldRange = Annotated[
     tuple[NonNegative, ...],

@@ -19,7 +19,7 @@ from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
 from wormopt.systems.recorded.found import Found, Number, markdown
 from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
-from wormopt.systems.recorded.scenes.fit_numbers import FitNumbersScene, KeyUnknown
+from wormopt.systems.recorded.scenes.fit_numbers import FitNumbersScene, KeyUnknown, MeasuredTable
 from wormopt.systems.recorded.scenes.tables import scene_of
 
 # Smallest relative reduction of a prior error that counts as informed by the measurements.
@@ -266,6 +266,9 @@ def _warnings(study: _Study) -> Iterator[str]:
             yield (
                 f"{name} is known from its prior only: measurements reduce its error by {share:.0%}"
             )
+    for name, free in zip(study.task.names, study.free, strict=True):
+        if not free:
+            yield f"{name} is at its bound"
     errors = np.sqrt(np.diag(study.covariance))
     for name, error in zip(study.task.names, errors.tolist(), strict=True):
         if not np.isfinite(error):
@@ -275,19 +278,22 @@ def _warnings(study: _Study) -> Iterator[str]:
     left = np.array(study.residuals[: study.task.fitted.sum()])
     for one, off in zip([m for m in study.task.measured if m.use == "fit"], left, strict=True):
         if abs(off) > 3:
-            named = one.text or f"{one.scalar} with {one.changes}"
             yield (
-                f"{named} is off by {abs(off):.2g} standard deviations: the model does not explain "
-                "it"
+                f"{_named(one)} is off by {abs(off):.2g} standard deviations: the model does not "
+                "explain it"
             )
     yield from _of_aside(study)
+
+
+def _named(one: MeasuredTable) -> str:
+    changes = ", ".join(f"{key} = {value}" for key, value in one.changes.items())
+    return one.text or one.scalar + (f" with {changes}" if changes else "")
 
 
 def _of_aside(study: _Study) -> Iterator[str]:
     for one, value in zip(study.task.measured, study.look.values.tolist(), strict=True):
         if one.use == "predict" and not abs(value - one.value) <= 3 * one.deviation:
-            named = one.text or f"{one.scalar} with {one.changes}"
             yield (
-                f"{named} differs from its prediction: measured {one.value:.4g}, predicted "
+                f"{_named(one)} differs from its prediction: measured {one.value:.4g}, predicted "
                 f"{value:.4g}"
             )

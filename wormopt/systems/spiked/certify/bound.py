@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from wormopt.model.given import per
@@ -30,6 +30,7 @@ _LEVELS = tuple(
 # Estimated coefficients of programs: those that take a tenth of a second, those that are always
 # solved, and the most that are kept.
 _AT_ONCE, _SMALL, _LARGE = 1.5e5, 3e5, 1e8
+_AT_ONCE_TIME = 0.1
 # Share of the time that shorter strokes may take.
 _OF_STROKES_TIME = 0.25
 # The time of a program grows as this power of its size.
@@ -48,23 +49,36 @@ class Bounded:
     source: str  # method of the proof
     history: tuple[tuple[float, float], ...]  # (seconds, bound) at each improvement
     ending: Ending = "finest program"
+    outer: Outer | None = field(default=None, repr=False)  # that larger programs go on from
 
 
-@lru_cache(maxsize=8)
 def at_once(task: GaitProblem) -> Bounded | None:
     """Bound the speed by small programs, with the same result on all machines; None for a cost."""
     if task.objective.minimise is not None:
         return None
-    *_, best = _of_speed(task, math.inf, _AT_ONCE)
-    return best
+    begun = time.perf_counter()
+    found = [(time.perf_counter() - begun, each) for each in _small(task)]
+    history = tuple((seconds, each.bound) for seconds, each in found)
+    return replace(found[-1][1], history=history)
 
 
-def bounded(task: GaitProblem, value: float, wanted: Certify, report: Report) -> Bounded:
-    """Bound every gait of a task, until no gait can be better than `value` by the wanted gap."""
-    begun, found = time.perf_counter(), None
+def bounded(
+    task: GaitProblem,
+    value: float,
+    wanted: Certify,
+    report: Report,
+    known: Bounded | None = None,
+) -> Bounded:
+    """Bound every gait of a task, until no gait can be better than `value` by the wanted gap.
+
+    `known` is what is known `at_once`, if it is.
+    """
+    begun, found, history = time.perf_counter(), None, list(known.history if known else ())
     until, cost = begun + wanted.time_limit, task.objective.minimise
-    course = _of_cost(task, cost, value, wanted.gap, until) if cost else _of_speed(task, until)
-    history: list[tuple[float, float]] = []
+    course = (
+        _of_cost(task, cost, value, wanted.gap, until) if cost else _of_speed(task, known, until)
+    )
+    begun -= history[-1][0] if history else 0.0
     widest = 0.0
     try:
         for found in course:
@@ -84,42 +98,74 @@ def bounded(task: GaitProblem, value: float, wanted: Certify, report: Report) ->
     return replace(found, history=tuple(history))
 
 
-def _of_speed(task: GaitProblem, until: float, most: float = _LARGE) -> Iterator[Bounded]:
-    """Bounds of the speed, ever sharper: by rates, mean rates, linear programs up to `most`."""
+def _small(task: GaitProblem, until: float = math.inf) -> Iterator[Bounded]:
+    """Bounds of the speed, ever sharper: by rates, mean rates, small linear programs."""
     best = Bounded(ceiling_of(task), None, "by rates and resting masses", ())
     yield best
     if task.limits.acceleration is None:
         return
-    statement = Statement.of(task)
-    outer = Outer(statement)
-    if outer.mesh is not None and size_of(outer, OF_STROKES) <= most:
-        outer.shorten(_OF_STROKES_TIME * (until - time.perf_counter()))
-    bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
-    if bound < best.bound:
-        proof = outer.proof(outer.mesh)
-        best = _certified(statement, bound, proof, "by the mean rates of links")
-        yield best
+    outer = Outer(Statement.of(task))
+    best = replace(best, outer=outer)
+    if outer.mesh is not None and size_of(outer, OF_STROKES) <= _AT_ONCE:
+        outer.shorten(until - time.perf_counter())
+    if (found := _by_mean_rates(outer, best)) is not best:
+        yield (best := found)
     if outer.is_single:
         return
-    for level in _levels(outer, until, most):
+    for level in _levels(outer, until, most=_AT_ONCE):
+        if level and (found := _by_program(outer, level, until, best)) is not best:
+            yield (best := found)
+
+
+def _of_speed(task: GaitProblem, known: Bounded | None, until: float) -> Iterator[Bounded]:
+    """Bounds of the speed, ever sharper, from what is known."""
+    best = known
+    for best in [known] if known else _small(task, until):
+        yield best
+    assert best is not None
+    if best.outer is None or best.outer.is_single:
+        return
+    outer = copy(best.outer)
+    if outer.mesh is not None and size_of(outer, OF_STROKES) > _AT_ONCE:
+        outer.shorten(_OF_STROKES_TIME * (until - time.perf_counter()))
+        yield (best := _by_mean_rates(outer, best))
+    for level in _levels(outer, until, least=_AT_ONCE):
         if level is None:
             yield replace(best, ending="time limit")
             return
-        bound, proof = Program(outer, level).solve(until - time.perf_counter())
-        if bound < best.bound:
-            best = _certified(statement, bound, proof, f"by a linear program, level {tuple(level)}")
-        yield best
+        yield (best := _by_program(outer, level, until, best))
 
 
-def _levels(outer: Outer, until: float, most: float = _LARGE) -> Iterator[Level | None]:
-    """Levels up to a size that end in time, by how long the last took; None where one would not."""
+def _by_mean_rates(outer: Outer, best: Bounded) -> Bounded:
+    statement = outer.statement
+    bound = statement.mean_rates(outer.strokes, outer.starts, outer.brakes)
+    if bound >= best.bound:
+        return best
+    found = _certified(statement, bound, outer.proof(outer.mesh), "by the mean rates of links")
+    return replace(found, outer=outer)
+
+
+def _by_program(outer: Outer, level: Level, until: float, best: Bounded) -> Bounded:
+    bound, proof = Program(outer, level).solve(until - time.perf_counter())
+    if bound >= best.bound:
+        return best
+    source = f"by a linear program, level {tuple(level)}"
+    return replace(_certified(outer.statement, bound, proof, source), outer=outer)
+
+
+def _levels(
+    outer: Outer, until: float, least: float = 0.0, most: float = _LARGE
+) -> Iterator[Level | None]:
+    """Levels of sizes above `least` that end in time, by how long the last took, else None."""
     if outer.mesh is None:
         return
-    seconds, before = 0.0, math.inf
+    seconds, before = _AT_ONCE_TIME, _AT_ONCE
     for level in _LEVELS:
         size = size_of(outer, level)
         if size > most:
             return
+        if size <= least:
+            continue
         expected = seconds * (size / before) ** _GROWTH if size > _SMALL else 0.0
         begun = time.perf_counter()
         if begun + expected > until:

@@ -107,4 +107,5 @@ def certify(
     wanted = Certify(gap, time_limit)
     for key, message in wanted.faults():
         raise ArgumentError(f"{key}: {message}")
-    return Certified(design, bounded(design.task, design.value, wanted, report))
+    known = design.survey.bounded
+    return Certified(design, bounded(design.task, design.value, wanted, report, known))

@@ -21,6 +21,7 @@ from wormopt.model.given import check_choice
 from wormopt.progress import Report
 from wormopt.shown import Part, brief, html, lines
 from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, repetition
+from wormopt.systems.spiked.certify.bound import Bounded, at_once
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
@@ -121,8 +122,12 @@ class Design:
     @property
     def bound(self) -> float:
         """Upper bound on the speed, proven by small linear programs; for a cost, the `ceiling`."""
-        bounded = self.survey.bounded
-        return self.ceiling if bounded is None else bounded.bound
+        return self.ceiling if self.bounded is None else self.bounded.bound
+
+    @cached_property
+    def bounded(self) -> Bounded | None:
+        """The bound on the speed with its proof; None for a cost."""
+        return self.survey.bounded or at_once(self.task)
 
     def _repr_html_(self) -> str:
         phases = [
@@ -157,7 +162,7 @@ class Design:
             If there is no such picture.
         """
         check_choice("picture", picture, ("gait", "motion", "spikes"))
-        return above("wormopt.systems.spiked.runs.gait_design:as_result")(self).plot(picture)
+        return above("wormopt.systems.spiked.design_results:as_result")(self).plot(picture)
 
     @cached_property
     def motion(self) -> Crawl:

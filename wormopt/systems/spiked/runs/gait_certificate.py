@@ -14,14 +14,14 @@ from wormopt.result import Check
 from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.runs.motion import Findings
-from wormopt.systems.spiked.scenes.gait_design import GaitDesignScene
+from wormopt.systems.spiked.motion import Findings
+from wormopt.systems.spiked.scenes.gait_design import DesignTable
 
 # Rounding of the gait's own value, relative.
 _ROUNDING = 1e-12
 
 
-def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Findings:
+def of_certificate(table: DesignTable, found: Design, report: Report) -> Findings:
     """Bound the objective of every gait, verify the proof exactly, and compare with the gait.
 
     Without a table `[search.certify]` the bound is the one that the search began with.
@@ -29,10 +29,10 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
     wanted, task = table.search.proof, found.task
     clock = time.perf_counter()
     if wanted is not None:
-        proven = bounded(task, found.value, wanted, report)
+        proven = bounded(task, found.value, wanted, report, found.survey.bounded)
     else:
-        assert found.survey.bounded is not None
-        proven = found.survey.bounded
+        assert found.bounded is not None
+        proven = found.bounded
     proved = time.perf_counter()
     cost = task.objective.minimise is not None
     gap = gap_of(found.value, proven.bound, cost)
@@ -68,8 +68,8 @@ def of_certificate(table: GaitDesignScene, found: Design, report: Report) -> Fin
     courses = {"proof_bound": history[:, 1], "proof_value": 0 * history[:, 1] + found.value}
     variables: dict[str, Any] = {"proof_time": history[:, 0]}
     for name, values in courses.items():
-        _, dims, long_name = table.variables[name]
-        variables[name] = Variable(name, unit, dims, values, long_name)
+        long_name = {"proof_bound": "proven bound", "proof_value": "objective of the gait"}[name]
+        variables[name] = Variable(name, unit, ("proof",), values, long_name)
     return known | Findings(
         {"certified_seconds": proved - clock},
         variables,

@@ -20,8 +20,8 @@ from wormopt.systems.shared.checkpoints import checkpoints
 from wormopt.systems.shared.sequences import Sequence_, canonical
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.runs.gait_design import COST_SCALARS, of_design, refused
-from wormopt.systems.spiked.runs.motion import Findings
+from wormopt.systems.spiked.design_results import COST_SCALARS, of_design, refused
+from wormopt.systems.spiked.motion import Findings
 from wormopt.systems.spiked.scenes.gait_design import GaitParetoScene
 from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 from wormopt.systems.spiked.task import Objective

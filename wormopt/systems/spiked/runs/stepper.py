@@ -16,8 +16,8 @@ from wormopt.result import Check, Result
 from wormopt.study.conclude import conclude
 from wormopt.study.scene import Scene
 from wormopt.systems.spiked.crawl import Crawl, crawl
-from wormopt.systems.spiked.runs.motion import agreement, cross_check, gait_arrays, motion_facts
-from wormopt.systems.spiked.runs.reference import gait_of_shape
+from wormopt.systems.spiked.motion import agreement, cross_check, gait_arrays, motion_facts
+from wormopt.systems.spiked.reference import gait_of_shape
 from wormopt.systems.spiked.scenes.stepper import StepperScene
 from wormopt.systems.spiked.stepper.bristles import BristleMotion, ratchet
 from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand

@@ -10,26 +10,26 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.model.given import per
 from wormopt.study.given import Given, entry, whole
 from wormopt.study.types import SceneTable
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.scenes.design_tables import (
+from wormopt.systems.spiked.declared import MOTION_SCALARS, MOTION_VARIABLES
+from wormopt.systems.spiked.design_tables import (
     COST_WORDS,
     LimitTable,
-    ObjectiveTable,
     SearchTable,
     in_scene,
 )
-from wormopt.systems.spiked.scenes.gait import MOTION_SCALARS, MOTION_VARIABLES, WormTable
+from wormopt.systems.spiked.limits import Limits
 from wormopt.systems.spiked.scenes.stepper import MotorTable
+from wormopt.systems.spiked.tables import WormTable
 from wormopt.systems.spiked.task import Cost, GaitProblem, Objective
 
 Points = Annotated[int, Meta(ge=3, le=50, description="a whole number from 3 to 50")]
 
 # For all designs; quantities that depend on the objective are declared as those of a speed.
 DESIGN_SCALARS = MOTION_SCALARS | {
+    "recheck_speed_error": ("speed", "difference in speed between the two routes"),
     "period": ("time", "period of one cycle, after which the motion repeats"),
     "advance": ("length", "distance travelled per cycle"),
     "cycles": ("count", "smallest number of cycles that fills a period allowed by `gait.period`"),
@@ -115,6 +115,10 @@ class DesignTable(SceneTable):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
         yield from super().faults(folder)
+        yield from self.faults_of_design()
+
+    def faults_of_design(self) -> Iterator[Fault]:
+        """Yield what is wrong between worm, limits, motor and search."""
         yield from self.worm.faults(self.units, loads=True)
         yield from self._faults_of_limits()
         if self.motor is not None:
@@ -139,157 +143,6 @@ class DesignTable(SceneTable):
         """Yield a fault if the cost at `key` cannot be minimised in this scene."""
         for message in Objective(cost).faults_within(self.worm.worm, self.gait.limits):
             yield key, in_scene(message)
-
-
-class GaitDesignScene(DesignTable):
-    """The optimal gait within limits.
-
-    Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one
-    cycle, `period` long. `objective`, `bound`, `discretisation_error`, `proof_bound` and
-    `proof_value` have the quantity of the objective. Timings: `search`, `polish_and_refine`,
-    `prove`, and `sensitivity`, `certify`, `verify` where these are computed. The attribute `limits`
-    holds the lists `name`, `value`, `unit` and `one_sided` in the order of `limit_elasticity`, and
-    `objective`. `limit_elasticity` is the relative sensitivity of the objective to each limit (0
-    for a limit of 0).
-
-    **Sensitivities.** The scalars `sensitivity.KEY` give the change of the objective per unit of
-    each number in `[gait]`, `[worm]` and `objective.speed`. They show which limits bind the gait:
-    `sensitivity.period`, `.length.shortest`, `.length.longest`, `.rate` (or `.rate.contraction`,
-    `.rate.extension`), `.acceleration`, `.spike_load`, `.actuator_force`, `.sigma_margin`, `.speed`
-    (the required speed), `.mass`, `.drag`, `.load`, for each number that the scene gives. A range
-    has `.shortest` and `.longest`; a range of loads has `.smallest` and `.largest`. A key with one
-    number per link or mass has a list. The sensitivity of a limit that does not bind is 0. On a
-    slope, `.load` refers to the whole load, weight included, and `.slope` to the load that the
-    slope makes; `.mass` keeps the load constant.
-
-    - It is the derivative of the optimal objective for this resting sequence and number of cycles.
-      If another sequence becomes better, the gain is larger than the derivative, never smaller.
-    - It refers to the direction in which the objective improves; for limits, this is relaxation. A
-      limit of 0 can only be raised: `sensitivity.sigma_margin` is then the cost of a first small
-      margin.
-    - If raising and lowering a limit differ by more than 1 %, another limit becomes active at this
-      point. The trust report lists these limits under `sensitivity.one_sided`. If several limits
-      bind together and relaxing any single one does not help, the sensitivity of each is 0.
-      Programs with more than 400 unknowns are not solved again to distinguish this case from a
-      family of equally good gaits. There the limit of one link or mass among many may be worth more
-      than reported, and `scaling_error` is not small.
-    - With `[motor]`, `rate` and `acceleration` are the effective limits, one per link, from the
-      scene or the motor.
-    - `sensitivity.scaling_error` in the trust report is the error of a known identity: a change of
-      the units of mass, length and time does not change the gait, so certain sums of relative
-      sensitivities are known. It is near 0 unless a limit has different sensitivities in the two
-      directions.
-    - With `gait.tick` they are the sensitivities of the optimal gait without `gait.tick`, because
-      with whole ticks the optimal objective moves in jumps.
-    - They are unknown for `energy_per_distance`, for `acceleration_effort` and for an interrupted
-      design. Unless `want` contains `limits`, they are also unknown for programs with more than
-      3000 unknowns. The trust report gives the reason.
-
-    **The trust report** contains, besides `violations`, the balances and the second route
-    ([quick start](../quickstart.md#3-the-trust-report)):
-
-    | key | meaning |
-    | --- | --- |
-    | `solver.status` | `sharpened`: arcs were halved until this gained nothing, then the solution was refined to rounding; `cut short` after a time limit or Ctrl-C; the status of IPOPT for a smooth cost |
-    | `solver.violation` | largest violation of any row of the last program, in the units of the row |
-    | `solver.arcs_per_phase`, `solver.degree` | arcs of the gait in each phase of `solver.sequence`; degree of the lengths on an arc |
-    | `solver.sequence`, `solver.durations`, `solver.cycles` | prescribed resting sequence, without phases that shrank to nothing; duration of each phase; cycles in a period |
-    | `search.ended` | `searched`; `proven`, if no gait can be better by more than `search.gap`; `time limit` or `interrupted` |
-    | `search.tried`, `search.variations_tried` | resting sequences tried; variations made, including those skipped because of their ceilings |
-    | `search.linear_programs` | linear programs solved in the search |
-    | `search.stages_s` | seconds of each stage |
-    | `search.best` | the best five sequences with their cycles and objective, before they are sharpened |
-    | `sensitivity` | how the sensitivities were computed, or why they are unknown |
-    | `certificate` | for a speed, or with `[search.certify]`: the gaits to which the proof applies, its method, the number of inequalities verified exactly, and why a longer proof ended |
-
-    The proof is written to the file `certificate.json`, unless the ceiling from rates and resting
-    masses is the better bound. `wormopt verify certificate.json` verifies it.
-    """  # noqa: E501
-
-    headline: ClassVar = (
-        "speed",
-        "objective",
-        "bound",
-        "gap_certified",
-        "period",
-        "cycles",
-        "tick_loss",
-        "mode_sequence",
-    )
-    scalars: ClassVar = DESIGN_SCALARS | {
-        "objective": ("speed", "objective reached, in its quantity, recomputed from the gait"),
-        "bound": (
-            "speed",
-            "for a speed, or with `[search.certify]`: proven bound for gaits with any phases and "
-            "cycles: no gait is faster, or cheaper. It is never above the ceiling. Before anything "
-            "better is proven it equals the ceiling, or 0 for a cost",
-        ),
-        "gap_certified": (
-            "share",
-            "with `bound`: largest possible improvement by any gait, as a share of `objective`",
-        ),
-        "certified_seconds": ("s", "with `[search.certify]`: time spent on the proof"),
-    }
-    variables: ClassVar = {
-        **MOTION_VARIABLES,
-        **GAIT,
-        "proof_time": ("s", ("proof",), "time spent on the proof"),
-        "proof_bound": ("speed", ("proof",), "proven bound"),
-        "proof_value": ("speed", ("proof",), "objective of the gait"),
-        "limit_elasticity": (
-            "1",
-            ("limit",),
-            "relative sensitivity of the objective to the limit",
-        ),
-    }
-
-    kind: Literal["gait-design"]
-    want: tuple[Literal["gait", "motion", "spikes", "limits", "certificate", "animation"], ...] = (
-        entry(
-            "`gait`, `motion`, `spikes`: as for kind [`gait`](gait.md), for one cycle; "
-            "`animation`: two cycles; `limits`: relative sensitivity of the speed or cost to each "
-            "limit (not for `energy_per_distance` and `acceleration_effort`); `certificate`: "
-            "bound over time (needs a table `[search.certify]`)",
-            default=(),
-        )
-    )
-    objective: ObjectiveTable = entry("the objective")
-
-    def _faults_of_loads(self) -> Iterator[Fault]:
-        """Yield a fault if the spikes cannot carry all loads, their average over a cycle."""
-        limit, masses = self.gait.spike_load, self.worm.links + 1
-        load = self.worm.worm.load
-        whole = masses * (max(load) if isinstance(load, tuple) else load)
-        if limit is not None and sum(per(limit, masses)) <= whole:
-            yield (
-                "gait.spike_load",
-                f"the {masses} spikes together can carry {sum(per(limit, masses)):.6g}, which is "
-                f"not above the load of the worm, {whole:.6g}, their average load over a cycle: "
-                f"no gait exists; write more than {whole / masses:.6g} per spike, or a smaller "
-                "load",
-            )
-
-    def faults(self, folder: Path) -> Iterator[Fault]:
-        """Yield the faults that no single key shows."""
-        faults = list(super().faults(folder))
-        yield from faults or self._faults_of_loads()
-        yield from self.objective.faults()
-        yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        wanted, objective = self.search.proof, self.objective.objective
-        if wanted is None:
-            if "certificate" in self.want:
-                yield (
-                    "want",
-                    '"certificate" is given without a proof; add a table [search.certify]',
-                )
-            return
-        if objective.is_smooth:
-            yield (
-                "search.certify",
-                f"a proof is not available for minimise = {objective.minimise!r}, only for speed, "
-                "peak_spike_load and peak_actuator_force; remove the table, or choose another "
-                "objective",
-            )
 
 
 class ParetoTable(Given):

@@ -10,7 +10,7 @@ from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, whole
 from wormopt.study.types import SceneTable
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.scenes.gait import GivenGait, WormTable
+from wormopt.systems.spiked.tables import GivenGait, WormTable
 
 
 class MotorTable(Given):

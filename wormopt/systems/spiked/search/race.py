@@ -161,7 +161,9 @@ class Race:
         """
         enough = self.value - share * abs(self.value)
         best = [t for t in self.ranking[:width] if t.value >= enough]
-        for trial, other in zip(best, self._each(partial(_again, seed=random), best), strict=True):
+        reached = -np.inf if self._energy else self._close(0)  # few arcs tell little of energy
+        again = partial(_again, seed=random, enough=reached)
+        for trial, other in zip(best, self._each(again, best), strict=True):
             if other is not None:
                 self.keep(other)
                 lower, higher = sorted((trial, other), key=lambda t: t.value)
@@ -223,10 +225,12 @@ def _first(trier: Trier, start: Start, enough: float, usual: np.ndarray | None) 
     return None
 
 
-def _again(trier: Trier, trial: Trial, seed: Sequence[int]) -> Trial | None:
-    """Try an order with arcs drawn at random, as fine as they are."""
-    free = trier.free(trial.sequence, None, random=np.random.default_rng(seed))
-    other = free and trier.fit(free)
+def _again(trier: Trier, trial: Trial, seed: Sequence[int], enough: float) -> Trial | None:
+    """Try an order with arcs drawn at random, as fine as they are if it reaches `enough`."""
+    free = trier.free(trial.sequence, None, enough, np.random.default_rng(seed))
+    other = trier.fit(free) if free and free.value >= enough else None
+    if other is None or other.value < enough:
+        return None
     while other and other.level < max(1, trial.level):
         other = trier.finer(other)
     return other

@@ -105,11 +105,7 @@ class Survey:
     programs: int  # linear programs solved
     ended: str  # "searched", "proven", "time limit" or "interrupted"
     seconds: dict[str, float] = field(default_factory=dict)  # of each stage
-
-    @property
-    def bounded(self) -> Bounded | None:
-        """Bound on the speed of every gait; None for a cost."""
-        return at_once(self.task)
+    bounded: Bounded | None = None  # what no gait is faster than, if the search made use of it
 
 
 def search(
@@ -132,7 +128,8 @@ def search(
     workers = settings.workers or (1 if links <= 2 else os.cpu_count() or 1)
     race = Race(task, trier, workers, report, better, _PLACES * effort_of(settings).width)
     ended, seconds, since = "searched", dict[str, float](), monotonic()
-    if settings.sequence is None and (bounded := at_once(task)) is not None:
+    bounded = at_once(task) if settings.sequence is None else None
+    if bounded is not None:
         race.enough = bounded.bound / (1.0 + settings.gap)
     try:
         for stage in _steps(race, settings, hints):

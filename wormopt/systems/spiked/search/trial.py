@@ -16,7 +16,7 @@ from wormopt.systems.shared.sequences import Sequence_, wave_direction
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.programs.split import split_matters
-from wormopt.systems.spiked.task import GaitProblem, Objective
+from wormopt.systems.spiked.task import GaitProblem
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,42 +204,48 @@ class Trier:
         enough: float,
         random: np.random.Generator | None,
     ) -> Trial | None:
-        program = self.program(sequence, period, self._arcs)
-        if self.task.objective.speed is None:
+        required = self.task.objective.speed
+        if required is None:
+            program = self.program(sequence, period, self._arcs)
             begin = program.start(durations, random)
         else:
-            fast = self._fast_enough(program, durations, random)
+            fast = self._fast_enough(required, sequence, period, durations, random)
             if fast is None:
                 return None
-            program = type(program)(self.task, fast.program.sequence, period, fast.program.arcs)
-            if not has_cost_columns(self.task):
-                begin = program.start_arcs(fast.program.widths(fast.point))
-            elif fast.value < self.task.objective.speed:
-                return None
-            else:  # a cost that is no peak asks for the motion itself: it is feasible there too
-                begin = program.moving(*fast.program.motion(fast.point))
+            same = fast.program
+            program = type(same)(self.task, same.sequence, period, same.arcs)
+            if has_cost_columns(self.task):
+                # a cost that is no peak asks for the motion itself: it is feasible there too
+                begin = program.moving(*same.motion(fast.point))
+            else:
+                begin = program.start_arcs(same.widths(fast.point))
         return begin and self.climbed(Trial(program, begin), enough=enough)
 
     def _fast_enough(
-        self, like: GaitProgram, durations: np.ndarray, random: np.random.Generator | None
+        self,
+        required: float,
+        sequence: Sequence_,
+        period: tuple[float, float],
+        durations: np.ndarray,
+        random: np.random.Generator | None,
     ) -> Trial | None:
         """Climb to the required speed; with few arcs it may be just out of reach, with more not."""
-        required = self.task.objective.speed or 0.0
-        fastest = GaitProblem(self.task.worm, self.task.limits, Objective())
-        program = type(like)(fastest, like.sequence, like.period, self._arcs)
+        fastest = Trier(GaitProblem(self.task.worm, self.task.limits), self._arcs, self._until)
+        program = fastest.program(sequence, period, self._arcs)
         start = program.start(durations, random)
         if start is None:
             return None
+        until = Climb(1e-4, enough=_NEARLY * required / program.unit)
         reached = program.bilinear.climb(
-            start, Climb(1e-4), lambda p: self.stopped() or program.objective(p) >= 1.02 * required
+            start, until, lambda p: self.stopped() or program.objective(p) >= _AMPLY * required
         )
         self._count(program.bilinear)
         fast = Trial(program, reached)
         for _ in range(_MOST_FINER):
             if not _NEARLY * required <= fast.value < required:
                 break
-            fast = Trier(fastest, until=self._until).finer(fast, 1e-6)
-        return fast
+            fast = fastest.finer(fast, 1e-6)
+        return fast if fast.value >= required else None
 
     def climbed(
         self, trial: Trial, tolerance: float = 1e-3, steps: int = 25, enough: float = -np.inf
@@ -318,7 +324,8 @@ _UP = 1 + 1e-9
 _NEARNESS = (0.05, 0.4, np.inf)
 # A free period is no longer than so many times the first guess, and no shorter than this share.
 _LONGEST, _SHORTEST = 20.0, 1e-4
-# A required speed may be out of reach by this share before arcs are halved, up to so many times.
-_NEARLY, _MOST_FINER = 0.95, 3
+# A required speed may be out of reach by this share before arcs are halved, up to so many times;
+# and one that is exceeded by this share leaves room to lower a cost.
+_NEARLY, _MOST_FINER, _AMPLY = 0.95, 3, 1.02
 # Most rounds in which other patterns of unloaded spikes are tried.
 _FLIPS = 4

@@ -1,0 +1,147 @@
+"""Every kind that is a study: a stage that fails or is interrupted leaves a result to read."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import tomllib
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import wormopt as wo
+from wormopt.cli import main
+from wormopt.errors import SolveError
+from wormopt.kind import StudyKind
+from wormopt.kinds import KINDS
+from wormopt.study import Study, packaged_scenes
+from wormopt.study.scene import times_of_scenes
+
+QUICK = 2.0
+"""Seconds of the quickest scene of a kind, above which tests of the kind are slow."""
+
+
+def quickest() -> dict[str, tuple[float, str]]:
+    """Seconds and name of the quickest packaged scene of each kind that is a study."""
+    times, found = times_of_scenes(), dict[str, tuple[float, str]]()
+    for name, path in packaged_scenes().items():
+        kind = tomllib.loads(path.read_text(encoding="utf-8"))["kind"]
+        if isinstance(KINDS[kind], StudyKind):
+            here = (times.get(name, 0.0), name)
+            found[kind] = min(here, found.get(kind, here))
+    return found
+
+
+SCENES = {kind: name for kind, (_, name) in quickest().items()}
+SLOW = {kind for kind, (seconds, _) in quickest().items() if seconds > QUICK}
+
+
+def marked(kind: str, *more: str) -> Any:
+    """Parameters of a test of a kind."""
+    marks = [pytest.mark.slow] if kind in SLOW else []
+    return pytest.param(kind, *more, marks=marks, id="-".join((kind, *more)))
+
+
+def stages(kind: str) -> list[str]:
+    members = KINDS[kind].load_table().members.values()
+    return [member.name for member in members if member.role == "stage"]
+
+
+KEPT: dict[tuple[str, str], Any] = {}
+"""What stages gave, by kind and name: each is computed once."""
+FAILING = {
+    "fails": SolveError("it was made to fail", "nothing helps"),
+    "hands over what is no part": SolveError("it was made to fail", partial=object()),
+    "needs too much memory": MemoryError(),
+    "is interrupted": KeyboardInterrupt(),
+}
+
+
+@pytest.fixture
+def study(kind: str, monkeypatch: pytest.MonkeyPatch) -> type[Study]:
+    """The class of a kind, whose stages are computed once in all tests."""
+    table = KINDS[kind].load_table()
+    for name in stages(kind):
+        member = table.members[name]
+        monkeypatch.setattr(member, "compute", once(kind, name, member.compute))
+    return table
+
+
+def once(kind: str, name: str, compute: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def kept(study: Any) -> Any:
+        if (kind, name) not in KEPT:
+            KEPT[kind, name] = compute(study)
+        return KEPT[kind, name]
+
+    return kept
+
+
+@pytest.mark.parametrize("how", FAILING)
+@pytest.mark.parametrize(
+    ("kind", "stage"), [marked(kind, stage) for kind in SCENES for stage in stages(kind)]
+)
+def test_a_stage_that_does_not_end_leaves_a_result(
+    study: type[Study],
+    kind: str,
+    stage: str,
+    how: str,
+    tmp_path: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    reached: list[str] = []
+
+    def broken(_: Any) -> None:
+        reached.append(stage)
+        raise FAILING[how]
+
+    monkeypatch.setattr(study.members[stage], "compute", broken)
+    code = main(["run", SCENES[kind], "--json", "--quiet", "-o", str(tmp_path / "out")])
+    out, err = capsys.readouterr()
+    assert "please report this" not in err  # what is said of pictures that fail
+    if not reached:
+        assert code in (0, 3)
+        return
+    assert len(reached) == 1
+    if how == "is interrupted":
+        assert code == 130
+        if "nothing saved" in err:
+            assert not (tmp_path / "out").exists()
+            return
+        reason = f"interrupted during {stage.replace('_', ' ')}"
+    else:
+        assert code == 3
+        reason = "more memory" if how == "needs too much memory" else "it was made to fail"
+    found = json.loads(out)
+    assert found["status"] == "failed"
+    assert reason in found["reason"]
+    saved = wo.Result.load(tmp_path / "out")
+    assert (saved.status, saved.reason) == ("failed", found["reason"])
+    assert saved.scalars.keys() == found["scalars"].keys()
+
+
+@pytest.mark.parametrize("kind", [marked(kind) for kind in SCENES])
+def test_what_results_say_is_found_by_name_and_alone(study: type[Study], kind: str):
+    whole = wo.run(SCENES[kind])
+    there = {*whole.scalars, *(one.name for one in whole.variables)}
+    names = [name for name in study.headline if name in whole.scalars] or [*whole.scalars][:1]
+    part = wo.run(SCENES[kind], only=names)
+    assert part.status == "unchecked"
+    assert {name: part.scalars[name] for name in names} == {
+        name: whole.scalars[name] for name in names
+    }
+    made = wo.load(SCENES[kind])
+    for name in there & {*study.scalars}:
+        assert wo.Scalar is not None
+        assert json.dumps(wo.Scalar(made[name]).value) == json.dumps(whole.scalars[name].value)
+    for name in there & {*study.variables}:
+        assert (made[name] == whole[name].values).all() or made[name].dtype.kind == "f"
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_studies_travel_between_processes(kind: str):
+    made = wo.load(SCENES[kind])
+    sent = pickle.loads(pickle.dumps(made))
+    assert sent == made == made.vary()
+    assert (sent.name, sent.folder) == (made.name, made.folder)

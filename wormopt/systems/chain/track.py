@@ -1,0 +1,335 @@
+"""Kind "track": a chain whose links follow a gait by adaptive controllers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+from msgspec import field
+
+from wormopt.errors import Fault, Interrupted, SceneError, SolveError
+from wormopt.result import Check
+from wormopt.study import (
+    Given,
+    Study,
+    arrays,
+    attributes,
+    checks,
+    entry,
+    facts,
+    on_use,
+    scalar,
+    scalars,
+    stage,
+    warnings,
+    whole,
+)
+from wormopt.study.numerics import (
+    Contacts,
+    ExactContact,
+    Horizon,
+    Start,
+    Tolerances,
+    ToleranceTable,
+)
+from wormopt.systems.chain.tables import (
+    ChainTable,
+    FunnelTracker,
+    Reference,
+    Tracker,
+    faults_of_lag,
+)
+from wormopt.systems.shared.declared import (
+    CHAIN,
+    GAIT,
+    LOOP_SIGNALS,
+    REFERENCE,
+    TIME,
+    TRACKED,
+    TRACKER_EVENTS,
+    Scalars,
+    Variables,
+    over,
+)
+
+with on_use():
+    import numpy as np
+
+    from wormopt.control.reference import gait_reference
+    from wormopt.model.gait import Gait
+    from wormopt.model.model import Model
+    from wormopt.simulation.options import Tolerance, Treatment
+    from wormopt.systems.chain.loops import (
+        Links,
+        chain_for,
+        close_loop,
+        draw_links,
+        labels,
+        laws_of,
+    )
+    from wormopt.systems.chain.measured import chain_checks, chain_facts
+    from wormopt.systems.chain.tracked import (
+        Herd,
+        Tracked,
+        follow,
+        follow_all,
+        herd_signals,
+        of_trackers,
+        tracked_signals,
+    )
+    from wormopt.systems.shared.proof import CrossCheck, one_or_all, warnings_of_contact
+    from wormopt.systems.shared.settings import tolerance_of, treatment_of
+    from wormopt.systems.shared.signals import fitted, gait_arrays
+    from wormopt.systems.spiked import gait_of_shape
+
+_BANDS = ("position", "length", "input", "error_norm", "gain")
+_EACH = ("distance", "mean_speed", "time_outside_tube", "capture_time", "input_rms", "k_end")
+_NUMBERS: Scalars = {
+    "x_end": CHAIN["x_end"],
+    "v_end": CHAIN["v_end"],
+    "k_end": (
+        "count",
+        "gain at the end; for a funnel controller its current gain `gain` · *k*<sub>1</sub>",
+    ),
+    "filter_end": ("length", "*θ* at the end; unknown without a filter"),
+    "distance": CHAIN["distance"],
+    "mean_speed": CHAIN["mean_speed"],
+    **TRACKED,
+    **{name: CHAIN[name] for name in ("input_rms", "input_peak", "n_events", "n_steps")},
+}
+_OF_MEMBERS: Scalars = {
+    "distance_quantiles": (
+        "length",
+        "distances of the 5, 25, 50, 75 and 95 % quantiles of the members (ensemble)",
+    ),
+    "captured_share": ("share", "share of members in the tube at the end (ensemble)"),
+    "members": ("count", "members simulated to the end (ensemble)"),
+}
+_SIGNALS: Variables = {
+    **TIME,
+    **REFERENCE,
+    **over(LOOP_SIGNALS, "tracker"),
+    **TRACKER_EVENTS,
+    **GAIT,
+    "quantile": ("share", ("quantile",), "share of members below the quantile"),
+    **{
+        f"{name}_band": (
+            quantity,
+            ("tracker", "quantile", *own, "time"),
+            f"quantiles over the members: {what}",
+        )
+        for name in _BANDS
+        for quantity, own, what in [LOOP_SIGNALS[name]]
+    },
+    **{
+        f"member_{name}": (_NUMBERS[name][0], ("tracker", "member"), f"{name} of the member")
+        for name in _EACH
+    },
+}
+
+
+class Members(Given):
+    """Many worms, each with its own random links. Requires `[worm.random]`."""
+
+    members: int = whole(
+        2, 100000, "number of worms; the first is the worm of the scene without this table"
+    )
+
+
+class Track(Study, kind="track"):
+    """Track a gait with adaptive controllers on a chain with friction.
+
+    Each controller acts on its own copy of the worm. With several trackers every scalar is a list
+    with one entry per tracker, in the order of the scene; the attribute `trackers` holds their
+    names. Trust report: [simulations](../scenes.md#the-trust-report-of-a-simulation).
+
+    With `[ensemble]`, scalars are medians over the members, entry by entry. `capture_time` is
+    unknown if most members are never captured. `input_peak` is the largest over the samples.
+    `recheck_error` is the largest of the rechecked members (first, slowest, fastest). Unknown
+    values of a member are NaN in its variables. Bands have the quantiles 0.05, 0.25, 0.5, 0.75,
+    0.95.
+
+    At rest, `contact_force` is the force that holds the mass. `funnel` is NaN for other trackers.
+    `event_kind` counts from 0: reversal, stick, release, impact, switch (a crossing of the tube).
+    Rests are known for exact contact only.
+    """
+
+    pictures: ClassVar = {
+        name: f"wormopt.systems.chain.plots.simulation:{name}"
+        for name in ("trackers", "motion", "bands")
+    }
+
+    want: tuple[Literal["trackers", "motion", "bands"], ...] = entry(
+        "`trackers`: outputs with the *λ*-strip, error, gain, inputs, motion (in the order of "
+        "figures 5 to 8 of Zimmermann et al. 2007); `motion`: paths with time upward, thick "
+        "where a mass rests; with `[ensemble]` `bands` instead",
+        default=(),
+    )
+    worm: ChainTable = entry("the chain")
+    start: Start = entry("initial state", default=Start)
+    reference: Reference = entry("reference of the links")
+    tracker: Tracker | tuple[Tracker, ...] = entry(
+        "the controller, or one `[[tracker]]` for each controller; `feedback` selects its kind"
+    )
+    contact: Contacts = field(default_factory=ExactContact)
+    time: Horizon
+    tolerance: Tolerances = field(default_factory=ToleranceTable)
+    ensemble: Members | None = entry("simulates many worms; default: one worm", default=None)
+
+    @property
+    def trackers(self) -> tuple[Tracker, ...]:
+        """List of the controllers, also if there is only one."""
+        return self.tracker if isinstance(self.tracker, tuple) else (self.tracker,)
+
+    def tracker_key(self, index: int) -> str:
+        """Key path of a tracker."""
+        return f"tracker[{index}]" if isinstance(self.tracker, tuple) else "tracker"
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield what no single key shows."""
+        links = self.worm.links
+        yield from self.worm.faults(self.time.end, self.units)
+        yield from self.start.faults(links)
+        yield from self.reference.gait.faults(links, self.folder, "reference.gait")
+        if not self.trackers:
+            yield "tracker", "has no entries; write at least one [[tracker]]"
+        for index, tracker in enumerate(self.trackers):
+            yield from tracker.faults(self.tracker_key(index), links)
+            yield from faults_of_lag(self.tracker_key(index), tracker, self.time.end)
+        if self.ensemble is None and "bands" in self.want:
+            yield "want", '"bands" needs an ensemble; write [ensemble] members = 200'
+        if self.ensemble is not None and self.worm.random is None:
+            yield "ensemble", "would have equal members; write [worm.random]"
+        for word in ("trackers", "motion"):
+            if self.ensemble is not None and word in self.want:
+                message = f'"{word}" shows a single worm; write "bands", or leave out [ensemble]'
+                yield "want", message
+
+    # -- closed loops ------------------------------------------------------------------------------
+
+    @cached_property
+    def gait(self) -> Gait:
+        """The gait that the links follow."""
+        return gait_of_shape(self.reference.gait, self.scene, "reference.gait")
+
+    def loop(self, index: int, links: Links) -> Model:
+        """Close the loop of a tracker; SceneError if it cannot start there."""
+        plant = chain_for(self.worm, self.start, links, self.gait)
+        shift = self.reference.shift % self.gait.period
+        tracker = self.trackers[index]
+        try:
+            return close_loop(
+                plant, gait_reference(self.gait, plant.t, shift=shift), tracker, self.worm
+            )
+        except ValueError as error:
+            if not isinstance(tracker, FunnelTracker):
+                raise
+            message = f"{error}; write wider funnels, or another start"
+            raise SceneError(self.name, [(self.tracker_key(index), message)]) from None
+
+    def models(self) -> dict[str, Model]:
+        """Closed loop of every tracker, by label; links are those of the first draw."""
+        links = draw_links(self.worm, self.time.end)
+        names = labels(self.trackers)
+        return {name: self.loop(k, links) for k, name in enumerate(names)}
+
+    @property
+    def treatment(self) -> Treatment:
+        """How contact is treated."""
+        return treatment_of(self.contact)
+
+    @property
+    def accuracy(self) -> Tolerance:
+        """Tolerance of simulations."""
+        return tolerance_of(self.tolerance)
+
+    # -- motions -----------------------------------------------------------------------------------
+
+    @stage
+    def motions(self) -> Sequence[Tracked]:
+        """Motion of each tracker, with `[ensemble]` of all members."""
+        found: list[Tracked] = []
+        for tracker, (label, loop) in zip(self.trackers, self.models().items(), strict=True):
+            try:
+                found.append(self._follow(label, tracker, loop))
+            except SolveError as error:
+                alone = len(self.trackers) == 1 or self.ensemble
+                reason = error.reason if alone else f"{label}: {error.reason}"
+                partial = [*found, error.partial] if error.partial else None
+                raise SolveError(reason, error.suggestion, partial, error.code) from None
+            except Interrupted as stop:  # completed motions are not cut to an incomplete one
+                raise Interrupted(found or [stop.partial]) from None
+        return found
+
+    def _follow(self, label: str, tracker: Tracker, loop: Model) -> Tracked:
+        end, samples = self.time.end, self.time.samples
+        how = (self.treatment, self.accuracy, self.report)
+        if self.ensemble is None:
+            several = len(self.trackers)
+            return follow(label, tracker, loop, end, samples, *how, motions=several)
+        members = [draw_links(self.worm, end, k) for k in range(self.ensemble.members)]
+        return follow_all(label, tracker, loop, members, np.linspace(0.0, end, samples), *how)
+
+    @stage
+    def recheck(self) -> Sequence[CrossCheck | None]:
+        """Second route of each tracker; of an ensemble, the worst of three members."""
+        again = self.tolerance.recheck
+        return [each.recheck(self.accuracy, again, self.report) for each in self.motions]
+
+    # -- results -----------------------------------------------------------------------------------
+
+    @scalars(
+        _NUMBERS | _OF_MEMBERS,
+        headline=(
+            "distance",
+            "mean_speed",
+            "capture_time",
+            "time_outside_tube",
+            "input_rms",
+            "input_peak",
+        ),
+    )
+    def numbers(self) -> dict[str, Any]:
+        """Numbers of every tracker's motion."""
+        return of_trackers(self.motions)
+
+    @scalar(*CHAIN["recheck_error"])
+    def recheck_error(self) -> Any:
+        """Difference of both routes."""
+        return one_or_all([second and second.error for second in self.recheck])
+
+    @arrays(_SIGNALS)
+    def signals(self) -> Mapping[str, Any]:
+        """Samples up to the earliest end of all motions."""
+        herds = [each for each in self.motions if isinstance(each, Herd)]
+        found = herd_signals(herds, _BANDS, _EACH) if herds else tracked_signals(self.motions)
+        return fitted(found, _SIGNALS) | gait_arrays(self.gait) if found else {}
+
+    @attributes
+    def labels(self) -> dict[str, Any]:
+        """Names of the trackers."""
+        return {"trackers": [each.label for each in self.motions]}
+
+    # -- trust -------------------------------------------------------------------------------------
+
+    @checks
+    def checks_of_trackers(self) -> Iterator[Check]:
+        """Second routes, energies, funnels, and members that were not completed."""
+        for each, second in zip(self.motions, self.recheck, strict=True):
+            label = each.label if len(self.motions) > 1 or self.ensemble else ""
+            yield from chain_checks(second, each.energies, self.accuracy, label)
+            yield from each.own_checks(f"{label}: " if label else "")
+
+    @warnings
+    def doubts(self) -> Iterator[str]:
+        """Warnings of contact, routes, and errors that may leave the tube."""
+        yield from warnings_of_contact(self.treatment, laws_of(self.worm))
+        for each, second in zip(self.motions, self.recheck, strict=True):
+            yield from each.warnings(second, self.gait.period)
+
+    @facts
+    def simulations(self) -> dict[str, Any]:
+        """Facts of the simulations."""
+        motions, energies = zip(*((o.motion, o.energies) for o in self.motions), strict=True)
+        return chain_facts(motions, self.recheck, self.accuracy, energies)

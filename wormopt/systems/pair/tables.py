@@ -1,0 +1,116 @@
+"""Tables of the kinds of study of a magneto-elastic pair."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated
+
+from msgspec import Meta
+
+from wormopt.errors import Fault
+from wormopt.study import Given, entry, number, positive
+from wormopt.study.types import Finite, per
+from wormopt.systems.chain import Friction, SpikeFriction, ViscousFriction, faults_of_law
+
+NATURAL = math.sqrt(2)
+"""Natural frequency of the free masses against each other, over sqrt(c / m)."""
+
+Cosines = Annotated[
+    tuple[Finite, ...],
+    Meta(min_length=2, max_length=13, description="2 to 13 finite numbers, the mean first"),
+]
+
+
+class Sample(Given):
+    """The magneto-elastic link as a sample of material, in SI units; *ε* is half its strain."""
+
+    mass: float = positive("mass", "mass of each of the two masses")
+    youngs_modulus: float = positive("stress", "effective Young's modulus in the field")
+    strain: float = number(
+        "share", "*u*<sub>0</sub>, strain in the field without force", above=0, below=1
+    )
+    length: float = positive("length", "length of the link")
+    area: float = positive("area", "cross-section of the link")
+
+
+class PairTable(Given):
+    """Two equal masses on a link in a pulsating field: `eps`, or `sample` in SI scenes."""
+
+    eps: float | None = positive(
+        "share",
+        "*ε*, push of the field over stiffness times length, in scenes without units",
+        default=None,
+    )
+    sample: Sample | None = entry('sample of the link, with `units = "SI"`', default=None)
+    friction: Friction = entry(
+        "friction law of the ground, without spikes; forces over the push, velocities over "
+        "length times natural frequency; a number, or a list with one number per mass"
+    )
+    cosines: Cosines = entry(
+        "*G*(*t*) = Σ `cosines[k]` cos(*kνt*); the second number drives the swing and is not 0",
+        quantity="share",
+        default=(1.0, 1.0),
+    )
+
+    @property
+    def smallness(self) -> float:
+        """Small parameter eps of eq. 16."""
+        return self.sample.strain / 2 if self.sample else self.eps or 0.0
+
+    # Units of the dimensionless pair, in those of the scene.
+
+    @property
+    def length_unit(self) -> float:
+        """Length of the link."""
+        return self.sample.length if self.sample else 1.0
+
+    @property
+    def time_unit(self) -> float:
+        """Natural time sqrt(m / c)."""
+        s = self.sample
+        return math.sqrt(s.mass * s.length / (s.youngs_modulus * s.area)) if s else 1.0
+
+    @property
+    def speed_unit(self) -> float:
+        """Unit of velocities."""
+        return self.length_unit / self.time_unit
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield a field that drives nothing, and friction with which the pair cannot be steady."""
+        if self.cosines[1] == 0:
+            yield (
+                "cosines",
+                "has the second number 0, but this harmonic drives the pair; write another",
+            )
+        law = self.friction
+        yield from faults_of_law("friction", law, 2)
+        if isinstance(law, SpikeFriction):
+            message = "spikes do not slide back, but these masses must"
+            yield "friction", f'{message}; write kind = "coulomb", "stribeck" or "viscous"'
+            return
+        for side in ("forward", "backward"):
+            name = "drag" if isinstance(law, ViscousFriction) else side
+            if not any(number > 0 for number in per(getattr(law, name), 2)):
+                yield (
+                    "friction",
+                    f"has no resistance to motion {side}: every velocity at which both masses "
+                    f"slide {side} is steady; write friction {side}",
+                )
+
+    def faults_in(self, units: str) -> Iterator[Fault]:
+        """Yield what does not fit the units of the scene."""
+        if units == "SI" and self.sample is None:
+            yield "pair.sample", 'missing; with units = "SI" describe the link: [pair.sample]'
+        if units == "SI" and self.eps is not None:
+            yield (
+                "pair.eps",
+                "applies to scenes without units only; pair.sample.strain / 2 is eps here",
+            )
+        if units != "SI" and self.sample is not None:
+            yield "pair.sample", 'is in SI units; write units = "SI"'
+        if units != "SI" and self.eps is None:
+            yield (
+                "pair.eps",
+                "missing; write the push over stiffness times length, for example 0.0355",
+            )

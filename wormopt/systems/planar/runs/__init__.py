@@ -1,1 +1,0 @@
-"""Runs of scenes of planar worms."""
