@@ -180,12 +180,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("peristaltic.plots.worm", "worm", "course")
         | {"animation": "wormopt.systems.peristaltic.plots.worm:first_frame"},
     ),
-    "channel-worm": Kind(
-        summary="compute the velocity of a magnetisable body in a channel over the coil frequency",
-        table="wormopt.systems.channel.scenes.channel:ChannelWormScene",
-        study="wormopt.systems.channel.runs.channel_worm",
-        pictures=_drawn("channel.plots.channel", "channel_velocity"),
-    ),
     "fit": Kind(
         summary="estimate parameters from recordings of a motion, with confidence intervals",
         table="wormopt.systems.recorded.scenes.fit:FitScene",
