@@ -32,7 +32,7 @@ from wormopt.simulation.simulate import simulate
 from wormopt.systems.pair.averaged import averaged_pair
 from wormopt.systems.pair.exact import magnetic_pair
 from wormopt.systems.pair.slow import from_slow, slow_pair, to_slow
-from wormopt.systems.swinging.harmonic_masses import harmonic_masses
+from wormopt.systems.swinging.prescribed import harmonic_masses
 
 EPS, OMEGA = 0.01, math.sqrt(2)
 NU = OMEGA + 0.5 * EPS

@@ -22,7 +22,7 @@ from wormopt.errors import ArgumentError, SceneError, SolveError, UnknownNameErr
 from wormopt.plotting import figure
 from wormopt.result import Result
 from wormopt.study import load_scene
-from wormopt.systems.channel import segments
+from wormopt.systems.channel import channel_worm, segments
 from wormopt.systems.channel.closed_forms import (
     CAPSULE,
     SAMPLE_1,
@@ -36,7 +36,6 @@ from wormopt.systems.channel.closed_forms import (
 )
 from wormopt.systems.channel.curve import distances, graph_curve
 from wormopt.systems.channel.elastica import SLEEVE_RISE, exact_elastica
-from wormopt.systems.channel.runs import channel_worm
 from wormopt.systems.channel.samples import SAMPLES
 
 # mm, by sympy to 20 digits in test_errata_channel.py and of the same integrals; counts by the

@@ -27,7 +27,6 @@ from wormopt.study import load_scene, packaged_scenes
 from wormopt.systems.chain.build import chain
 from wormopt.systems.gears.adaptive import Body, geared_chain
 from wormopt.systems.gears.box import GearBox, gear_box
-from wormopt.systems.gears.case import Case
 from wormopt.systems.gears.gear import Gear, Limits
 from wormopt.systems.gears.ground import Ground
 from wormopt.systems.gears.hindsight import best_schedule, ideal_time
@@ -599,7 +598,7 @@ def test_a_table_can_be_a_gear(tmp_path: Path):
     scene = tmp_path / "own.toml"
     parts = [TEXT.partition("[[gears]]")[0], first, second, table]
     scene.write_text("[[gears]]".join(parts), encoding="utf-8")
-    slow = Case(load_scene(scene)).gears[0]
+    slow = load_scene(scene).table.sorted_gears[0]
     exact = wave(4, 3, 7.0, profile="quintic")
     assert slow.speed == pytest.approx(exact.speed, rel=1e-2)
     spike, force = slow.bears(LIMITS)

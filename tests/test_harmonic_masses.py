@@ -27,16 +27,16 @@ from wormopt.simulation.simulate import simulate
 from wormopt.study import load_scene
 from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.swinging import steady as steadies
-from wormopt.systems.swinging.harmonic_masses import (
-    extremes_of,
-    harmonic_masses,
-    imbalance,
-    smallness_of,
-    steady_masses,
+from wormopt.systems.swinging.harmonic_masses import Masses
+from wormopt.systems.swinging.prescribed import harmonic_masses, imbalance, steady_masses
+from wormopt.systems.swinging.steady import (
+    Runner,
+    SlowVelocity,
+    Steady,
+    measured,
+    sign_changes,
+    tends_to,
 )
-from wormopt.systems.swinging.runs import harmonic_masses as study
-from wormopt.systems.swinging.scenes.harmonic_masses import SwingingTable
-from wormopt.systems.swinging.steady import Runner, SlowVelocity, Steady, measured, sign_changes
 
 SCENE = "three_masses_harmonic"
 THIRDS = 2 * np.pi * np.arange(3) / 3
@@ -361,7 +361,7 @@ def test_the_exact_motion_against_one_by_hand(forward: float):
 # -- what a scene says of itself -------------------------------------------------------------------
 
 
-def worm_of(changes: Sequence[str]) -> SwingingTable:
+def worm_of(changes: Sequence[str]) -> Masses:
     table: Any = load_scene(SCENE, changes).table
     return table.worm
 
@@ -385,14 +385,14 @@ UNEQUAL = [
 def test_smallness_is_the_friction_of_a_period_beside_the_least_swing(law: str, largest: float):
     """Forces of both masses over 2 pi / 4; the whole mass 3 times the smaller speed 0.5."""
     worm = worm_of([*UNEQUAL, f"worm.friction={law}"])
-    assert smallness_of(worm) == pytest.approx(math.pi / 2 * largest / (3 * 0.5), rel=1e-4)
+    assert worm.smallness == pytest.approx(math.pi / 2 * largest / (3 * 0.5), rel=1e-4)
 
 
 def test_masses_begin_to_reverse_at_the_extremes_of_their_swings():
     """For one harmonic plus and minus the amplitudes; for two cos t + a cos 2t has four, at
     sin t = 0 and cos t = -1/(4a)."""
     worm = worm_of(UNEQUAL)
-    found = np.sort(extremes_of(worm))
+    found = np.sort(worm.extremes)
     assert found == pytest.approx([-1.0, -0.5, 0.5, 1.0], abs=1e-12)
     a = 0.8
     second = f"{{order=2, amplitude={a}, phase=[0, 180]}}"
@@ -400,7 +400,7 @@ def test_masses_begin_to_reverse_at_the_extremes_of_their_swings():
     worm = worm_of(["worm.masses=2", f"worm.harmonic=[{first}, {second}]"])
     own = [1 + a, -1 + a, -1 / (4 * a) + a * (2 / (4 * a) ** 2 - 1)]
     own.append(own[-1])
-    assert np.sort(extremes_of(worm)) == pytest.approx(
+    assert np.sort(worm.extremes) == pytest.approx(
         np.sort(np.concatenate([own, -np.array(own)])), abs=1e-9
     )
 
@@ -480,9 +480,9 @@ def test_friction_that_falls_with_velocity_lets_equals_go_either_way():
 @pytest.mark.parametrize("off", [-1e-16, 0.0, 1e-16])
 def test_a_start_on_a_root_with_round_off_stays_on_it(off: float):
     steady = [Steady(-0.7, -1.0), Steady(off, 1.0), Steady(0.7, -1.0)]
-    assert study._tends_to(0.0, steady, 1e-9) == 1
-    assert study._tends_to(1e-6, steady, 1e-9) == 2
-    assert study._tends_to(-1e-6, steady, 1e-9) == 0
+    assert tends_to(0.0, steady, 1e-9) == 1
+    assert tends_to(1e-6, steady, 1e-9) == 2
+    assert tends_to(-1e-6, steady, 1e-9) == 0
 
 
 def test_a_velocity_that_may_be_zero_is_unknown():

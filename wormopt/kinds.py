@@ -36,12 +36,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("spiked.plots.front", "front", "gait", "motion", "spikes"),
         table_file=True,
     ),
-    "gait-shift": Kind(
-        summary="switch gaits on a slope by the spike load, and optimise the switching schedule",
-        table="wormopt.systems.gears.scenes:GaitShiftScene",
-        study="wormopt.systems.gears.run",
-        pictures=_drawn("gears.plot", "shift", "transitions"),
-    ),
     "stepper": Kind(
         summary="convert a gait into stepping-motor commands and simulate the resulting motion",
         table="wormopt.systems.spiked.scenes.stepper:StepperScene",
@@ -78,12 +72,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.chain.runs.optimal_crawl",
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
-    ),
-    "harmonic-masses": Kind(
-        summary="compute the speed of masses with prescribed oscillations, averaged and exact",
-        table="wormopt.systems.swinging.scenes.harmonic_masses:HarmonicMassesScene",
-        study="wormopt.systems.swinging.runs.harmonic_masses",
-        pictures=_drawn("pair.pictures", "reversals"),
     ),
     "peristaltic-design": Kind(
         summary="design the fastest gait of a worm that anchors in a tube, with a bound",
@@ -145,12 +133,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.peristaltic.runs.worm",
         pictures=_drawn("peristaltic.plots.worm", "worm", "course")
         | {"animation": "wormopt.systems.peristaltic.plots.worm:first_frame"},
-    ),
-    "channel-worm": Kind(
-        summary="compute the velocity of a magnetisable body in a channel over the coil frequency",
-        table="wormopt.systems.channel.scenes.channel:ChannelWormScene",
-        study="wormopt.systems.channel.runs.channel_worm",
-        pictures=_drawn("channel.plots.channel", "channel_velocity"),
     ),
     "fit": Kind(
         summary="estimate parameters from recordings of a motion, with confidence intervals",

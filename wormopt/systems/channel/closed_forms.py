@@ -16,6 +16,7 @@ numbers. Units are SI, or any others that are consistent.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from numbers import Real
@@ -25,6 +26,7 @@ import casadi as ca
 import numpy as np
 
 from wormopt.errors import ArgumentError, UnknownNameError
+from wormopt.result import left_out
 from wormopt.systems.channel.samples import SAMPLES
 
 Shape = Literal["sine", "beam", "line"]
@@ -298,3 +300,27 @@ def _gauss_points() -> tuple[tuple[float, float], ...]:
 SAMPLE_1 = ChannelWorm.of("sample-1")
 SAMPLE_2 = ChannelWorm.of("sample-2")
 CAPSULE = ChannelWorm.of("capsule")
+
+
+def warnings_of_count(name: str, worm: ChannelWorm, count: int, length: float) -> Iterator[str]:
+    """Yield warnings if `count` segments k_s of `length` l_s, in m, do not fit the body."""
+    if not count:
+        yield (
+            f"{name}: the body is shorter than one segment of {1e3 * length:.4g} mm; by eq. 32 of "
+            "Zimmermann et al. it does not move"
+        )
+    elif count * length > worm.length:
+        yield (
+            f"{name}: {count} segments of {1e3 * length:.4g} mm exceed the body of "
+            f'{1e3 * worm.length:.4g} mm; worm.count = "floor" counts whole segments only'
+        )
+
+
+def warnings_of_susceptibility(value: float, label: str = "") -> Iterator[str]:
+    """Warn if the body changes the field; across a rod it does by 1 / (1 + χ / 2)."""
+    if value > 1:
+        yield left_out(
+            value / 2,
+            f"{label}a susceptibility of {value:g} changes the field in and near the body, but the "
+            "pull is computed with the field without the body",
+        )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from wormopt.result import Check
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.gears.case import Case
+from wormopt.systems.gears.box import GearBox
 from wormopt.systems.gears.gear import Limits
 from wormopt.systems.gears.hindsight import Schedule
 from wormopt.systems.gears.trip import round_trip, tried
@@ -52,13 +52,13 @@ def agreement(motion: Trajectory, again: Walk) -> Iterator[Check]:
     yield Check("gliding", max(0.0, -low), 0.0, advice)
 
 
-def transitions(case: Case) -> Iterator[Check]:
+def transitions(box: GearBox, limits: Limits) -> Iterator[Check]:
     """Integrate round trips through neighbouring gears by eq. 7, independently of gears."""
-    box, moved, wrong, way = case.box, 0.0, 0, 0.0
+    moved, wrong, way = 0.0, 0, 0.0
     for lower, (slow, fast) in enumerate(zip(box.gears, box.gears[1:], strict=False)):
         trip = round_trip(box, lower)
         low = max(slow.least, fast.least)
-        high = min(*slow.bears(case.limits), *fast.bears(case.limits))
+        high = min(*slow.bears(limits), *fast.bears(limits))
         for load in (low, high):
             trial = tried(box, trip, load)
             moved, way = max(moved, trial.moved), max(way, trial.advance)
@@ -71,7 +71,7 @@ def transitions(case: Case) -> Iterator[Check]:
     yield Check("advance through transitions, second route", way, KEPT, advice)
 
 
-def hindsight(case: Case, best: Schedule, walked: Walk, again: Walk) -> Iterator[Check]:
+def hindsight(limits: Limits, best: Schedule, walked: Walk, again: Walk) -> Iterator[Check]:
     """Check that the best schedule is feasible, within the limits, and the best.
 
     `walked` is the motion with the schedule, `again` that of the supervised worm.
@@ -80,13 +80,13 @@ def hindsight(case: Case, best: Schedule, walked: Walk, again: Walk) -> Iterator
     advice = f"computed stroke by stroke, the best schedule arrives at {walked.arrival:.9g}"
     yield Check("best schedule, second route", off, _AGREED, advice)
     over = max(
-        float(walked.spike.max()) / case.limits.spike,
-        float(walked.actuator.max()) / case.limits.actuator,
+        float(walked.spike.max()) / limits.spike,
+        float(walked.actuator.max()) / limits.actuator,
     )
     advice = "the best schedule violates a limit between its samples"
     yield Check("best schedule, loads relative to limits", over, 1 + _PEAKS, advice)
-    kept = again.spike.max() <= case.limits.spike and again.total.min() >= 0
-    if kept and again.actuator.max() <= case.limits.actuator:
+    kept = again.spike.max() <= limits.spike and again.total.min() >= 0
+    if kept and again.actuator.max() <= limits.actuator:
         faster = best.time / again.arrival
         advice = "the supervised worm is faster than the best schedule, which is not the best"
         yield Check("best schedule, time relative to supervisor", faster, 1 + _AGREED, advice)

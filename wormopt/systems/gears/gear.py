@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,6 +15,8 @@ from wormopt.numerics.chebyshev import resolve
 from wormopt.systems.gears.ground import Ground
 from wormopt.systems.gears.stroke import Stroke, loads, strokes_of
 
+# Accepted excess of link limits by rounding, as a share.
+_KEPT = 1e-9
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
 
@@ -178,3 +181,21 @@ def _forces(mass: np.ndarray, drag: float, stroke: Stroke) -> _Forces:
     low, high = resolve(lambda s: at(0.0, s), 0.0, stroke.duration, degree).extremes()
     slope = (at(1.0, none) - at(0.0, none))[:, 0]
     return _Forces(low, high, slope, len(stroke.resting))
+
+
+def faults_of_links(gear: Gear, limits: Limits) -> Iterator[str]:
+    """Yield how a gear violates the limits of its links."""
+    ends = [np.linspace(0.0, w, 65) for w in np.diff(gear.gait.breaks)]
+    size = limits.length[1]
+    for name, order, low, high in (
+        ("length", 0, *limits.length),
+        ("rate", 1, -limits.rate, limits.rate),
+        ("acceleration", 2, -limits.acceleration, limits.acceleration),
+    ):
+        values = [gear.gait.on_piece(q, s, order) for q, s in enumerate(ends)]
+        least, most = min(v.min() for v in values), max(v.max() for v in values)
+        if least < low - _KEPT * size or most > high + _KEPT * max(size, abs(high)):
+            yield (
+                f"its {name} goes from {least:.4g} to {most:.4g}, outside limits.{name}; write a "
+                "longer period or a wider limit"
+            )

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -26,6 +26,8 @@ from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.shared.proof import CrossCheck, cross_check
 from wormopt.systems.shared.signals import rests
+
+_T = TypeVar("_T")
 
 # Points between two velocities at which a mass begins or ceases to reverse, and the distance kept
 # from these, relative to the largest velocity: the second order has poles there.
@@ -128,6 +130,25 @@ def _grid(bends: Sequence[float]) -> np.ndarray:
         if high - low > 4 * away
     ]
     return np.concatenate(parts)
+
+
+def nearest(steady: Steady, among: Sequence[Steady]) -> Steady | None:
+    """Return the nearest of several steady velocities that are stable alike."""
+    alike = [other for other in among if other.stable == steady.stable]
+    return min(alike, key=lambda other: abs(other.velocity - steady.velocity), default=None)
+
+
+def tends_to(velocity: float, steady: Sequence[Steady], near: float) -> int:
+    """Steady velocity to which a slow motion converges: it stays on one, and cannot pass one."""
+    away = [abs(s.velocity - velocity) for s in steady]
+    if min(away) <= near:
+        return away.index(min(away))
+    ahead = [k for k, s in enumerate(steady) if s.velocity > velocity]
+    behind = [k for k, s in enumerate(steady) if s.velocity < velocity]
+    for k in [*ahead[:1], *behind[-1:]]:
+        if steady[k].stable:
+            return k
+    return (ahead[:1] or behind[-1:])[0]
 
 
 # -- exactly --------------------------------------------------------------------------------------
@@ -256,3 +277,11 @@ class Runner:
             "write smaller friction, or another velocity in [course]",
             code="no_periodic_motion",
         )
+
+
+def attempt(solve: Callable[[], _T]) -> tuple[_T | None, SolveError | None]:
+    """Return what a function returns, or its SolveError."""
+    try:
+        return solve(), None
+    except SolveError as error:
+        return None, error

@@ -14,6 +14,7 @@ from wormopt.magnetics.blocks import BlockField, channel_field
 from wormopt.magnetics.coils import Coil
 from wormopt.model.schedule import Schedule
 from wormopt.simulation.moreau import MoreauJean
+from wormopt.systems.channel.closed_forms import warnings_of_susceptibility
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import (
     Blocks,
@@ -24,7 +25,6 @@ from wormopt.systems.channel.rod_model import (
     straight,
     switched_blocks,
 )
-from wormopt.systems.channel.runs.channel_worm import warnings_of_susceptibility
 from wormopt.systems.channel.scenes.rod import (
     ChannelTable,
     CourseTable,

@@ -21,13 +21,10 @@ from wormopt.systems.channel.closed_forms import (
     ChannelWorm,
     segment_count,
     velocity_per_frequency,
-)
-from wormopt.systems.channel.rod_rest import RodAtRest, Sweep
-from wormopt.systems.channel.runs.channel_worm import (
-    body_of,
     warnings_of_count,
     warnings_of_susceptibility,
 )
+from wormopt.systems.channel.rod_rest import RodAtRest, Sweep
 from wormopt.systems.channel.scenes.channel import SegmentShapesScene
 from wormopt.systems.channel.segments import (
     ACCEPTED,
@@ -53,7 +50,7 @@ def run(scene: Scene[SegmentShapesScene], report: Report) -> Result:
     elastica under an assumption, or if it is not resolved.
     """
     table, begin = scene.table, time.perf_counter()
-    worm = body_of(table.worm)
+    worm = table.worm.worm()
     report("measuring assumed shapes", 0.0)
     shapes = [*assumed_shapes(worm)]
     assumed = {shape.name: shape.curve for shape in shapes}

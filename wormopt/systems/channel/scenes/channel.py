@@ -9,9 +9,8 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.study.given import Given, entry, positive, whole
-from wormopt.study.types import Pair, Positive, Title, wrong_order
-from wormopt.systems.channel.samples import SAMPLES, Sample
+from wormopt.study.given import entry, positive, whole
+from wormopt.study.types import Positive
 from wormopt.systems.channel.scenes.rod import (
     ASSUMED_COILS,
     Coils,
@@ -21,10 +20,9 @@ from wormopt.systems.channel.scenes.rod import (
     WindingTable,
 )
 from wormopt.systems.channel.scenes.rod import Degree as ElementDegree
+from wormopt.systems.channel.tables import ChannelBody
 from wormopt.systems.coils import SIScene
 
-STEEPEST, FLATTEST = 10.0, 1e-3
-"""Limits of the rise over the coil distance; below the least, l_s - L is lost in round-off."""
 Closings = Annotated[
     tuple[Literal["point_contact", "sleeve"], ...],
     Meta(min_length=1, max_length=2, description='a list of "point_contact" and "sleeve"'),
@@ -35,84 +33,6 @@ Sweep = Annotated[
     tuple[Positive, ...],
     Meta(max_length=24, description="a list of up to 24 finite numbers above 0, ascending"),
 ]
-_SIZES = ("pitch", "channel", "body", "length")
-
-
-class ChannelBodyTable(Given):
-    """A body, its channel and the coils beside it.
-
-    Keys that are left out have the values of `sample`; without a sample all sizes are required.
-    """
-
-    sample: Literal["sample-1", "sample-2", "capsule"] | None = entry(
-        "a body of K. Zimmermann et al. 2007 (WLLS); gives the keys that are left out", default=None
-    )
-    pitch: float | None = positive("length", "distance of neighbouring coils", default=None)
-    channel: float | None = positive("length", "diameter of the channel", default=None)
-    body: float | None = positive(
-        "length",
-        "diameter of the body; the channel's less a thousandth to ten times the pitch",
-        default=None,
-    )
-    length: float | None = positive(
-        "length", "length of the body, at least the pitch", default=None
-    )
-    youngs_modulus: float | None = positive(
-        "stress",
-        "Young's modulus of a solid round body, *assumed*; the capsule has none; without "
-        "it forces and energies are unknown; not used by `channel-worm`",
-        default=None,
-    )
-    count: Literal["nearest", "floor"] = entry(
-        "number of segments: the integer nearest to length over segment, or its integral part "
-        "as in eq. 32 of Zimmermann et al. is "
-        "printed",
-        default="nearest",
-    )
-
-    @property
-    def of_chapter(self) -> Sample | None:
-        """Return the named body if at most its modulus is changed."""
-        changed = any(getattr(self, name) is not None for name in _SIZES)
-        return None if self.sample is None or changed else SAMPLES[self.sample]
-
-    def size(self, name: str) -> float | None:
-        """Return a size or the modulus by its key, from the named body if the scene has none."""
-        given = getattr(self, name)
-        return getattr(SAMPLES[self.sample], name) if given is None and self.sample else given
-
-    def faults(self) -> Iterator[Fault]:
-        """Yield faults between the keys of this table."""
-        sizes = [self.size(name) for name in _SIZES]
-        missing = [name for name, size in zip(_SIZES, sizes, strict=True) if size is None]
-        for name in missing:
-            yield f"worm.{name}", 'missing; write it in m, or name a body: sample = "sample-1"'
-        if missing:
-            return
-        pitch, channel, body, length = (float(size or 0.0) for size in sizes)
-        if body >= channel:
-            yield (
-                "worm.body",
-                f"a body with a diameter of {body:g} m does not fit in a channel of {channel:g} m; "
-                f"write less than {channel:g}, or a wider worm.channel",
-            )
-        elif channel - body >= STEEPEST * pitch:
-            yield (
-                "worm.pitch",
-                f"the body would rise by {channel - body:g} m within {pitch:g} m; write more than "
-                f"{(channel - body) / STEEPEST:g}",
-            )
-        elif channel - body < FLATTEST * pitch:
-            yield (
-                "worm.body",
-                f"a body with a diameter of {body:g} m fills the channel, and its rise is lost in "
-                f"round-off; write less than {channel - FLATTEST * pitch:g}",
-            )
-        if length < pitch:
-            yield (
-                "worm.length",
-                f"{length:g} m is less than the coil distance; write at least {pitch:g}",
-            )
 
 
 class BodyScene(SIScene):
@@ -120,87 +40,11 @@ class BodyScene(SIScene):
 
     why_si: ClassVar = 'the bodies of the scene are in m and Pa; write units = "SI"'
 
-    worm: ChannelBodyTable = entry("the body")
+    worm: ChannelBody = entry("the body")
 
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults(folder)
-        yield from self.worm.faults()
-
-
-class MarkTable(Given):
-    """A measured velocity."""
-
-    frequency: float = positive("rate", "coil switches per second")
-    velocity: float = positive("speed", "velocity against the travel of the field")
-    text: Title = entry("label in the plot")
-
-
-class ChannelWormScene(BodyScene):
-    """Velocity of a body in a channel over the switching frequency of its coils, in closed form.
-
-    A magnetisable body lies in a channel beside coils that are switched in turn. The scene computes
-    the length of a segment, the number of segments, and the velocity over the frequency. The
-    velocity is eq. 32 of Zimmermann et al. 2007 [[1]](../references.md); the
-    three assumed shapes are eqs 33–35. Theory:
-    [theory-channel.md](../theory-channel.md#1-closed-forms). Only `units = "SI"`. Marks and limits
-    of a sample are from the text of that chapter. They are left out if a size is changed.
-
-    The trust report has `recheck_error` of the lengths, against centre lines as Chebyshev series,
-    `accepted`, `assumptions`, and `warnings`. Warnings report segments longer than the body, no
-    segment at all, and marks outside the stated validity of eq. 32.
-    """
-
-    scalars: ClassVar = {
-        "shapes": ("1", "`sine`, `beam`, `line`; lists below are in this order"),
-        "arc_length": ("length", "length *l*<sub>s</sub> of a segment"),
-        "segments": ("count", "*k*<sub>s</sub>"),
-        "missing_length": (
-            "length",
-            "*k*<sub>s</sub>*l*<sub>s</sub> less the length of the body; above 0 there is a "
-            "warning",
-        ),
-        "velocity_per_frequency": ("length", "velocity over switches per second"),
-        "direction": ("1", "−1: against the travel of the field; velocities are magnitudes"),
-        "rise": ("length", "*d* − *d*<sub>w</sub>"),
-        "measured": ("1", "labels of the marks"),
-        "measured_frequency": ("rate", "frequencies of the marks"),
-        "measured_velocity": ("speed", "velocities of the marks"),
-        "velocity_at": (
-            "speed", "eq. 32 at the frequency of each mark, a list over the shapes",
-        ),
-        "velocity_over_measured": ("share", "this velocity over the measured one"),
-        "valid_below": ("rate", "`valid_below` of the scene or the sample"),
-        "stops_above": ("rate", "`stops_above` of the scene or the sample"),
-    }  # fmt: skip
-    variables: ClassVar = {
-        "frequency": ("rate", ("frequency",), "coil switches per second"),
-        "velocity": ("speed", ("shape", "frequency"), "velocity against the travel of the field"),
-    }
-
-    kind: Literal["channel-worm"]
-    want: tuple[Literal["channel_velocity"], ...] = entry(
-        "`channel_velocity`: figures 19 and 20 of Zimmermann et al.", default=()
-    )
-    frequency: Pair = entry(
-        "range of coil switches per second", quantity="rate", default=(5.0, 1000.0)
-    )
-    measured: tuple[MarkTable, ...] = entry("measured marks beside those of the sample", default=())
-    valid_below: float | None = positive(
-        "rate",
-        "switches per second below which eq. 32 is valid; the sample's if left out",
-        default=None,
-    )
-    stops_above: float | None = positive(
-        "rate",
-        "switches per second above which the body stood still; the sample's if left out",
-        default=None,
-    )
-
-    def faults(self, folder: Path) -> Iterator[Fault]:
-        """Yield faults that no single key shows."""
-        yield from super().faults(folder)
-        yield from wrong_order("frequency", self.frequency, may_be_equal=False)
 
 
 class RestTable(WindingTable):
@@ -233,7 +77,7 @@ class RestTable(WindingTable):
         default=(),
     )
 
-    def faults(self, worm: ChannelBodyTable) -> Iterator[Fault]:
+    def faults(self, worm: ChannelBody) -> Iterator[Fault]:
         """Yield rods and coils that cannot be built, as key path and message."""
         if self.inner >= self.outer:
             yield "rod.inner", f"{self.inner:g} is not below rod.outer = {self.outer:g}; write less"
