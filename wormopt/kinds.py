@@ -242,12 +242,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.coils.runs.membrane",
         pictures=_drawn("coils.plots.hydrostatics", "membrane"),
     ),
-    "peristaltic-segment": Kind(
-        summary="compute a membrane segment in its coil and tube: stroke, wall force, limits",
-        table="wormopt.systems.peristaltic.scenes.segment:SegmentScene",
-        study="wormopt.systems.peristaltic.runs.segment",
-        pictures=_drawn("peristaltic.plots.segment", "segment", "stroke"),
-    ),
     "rod-frequency": Kind(
         summary="compute the velocity of a magnetisable rod over the frequency of its coils",
         table="wormopt.systems.channel.scenes.rod_frequency:RodFrequencyScene",

@@ -13,7 +13,7 @@ from wormopt.errors import Fault
 from wormopt.quantities import GRAVITY
 from wormopt.study.given import Given, entry, number, positive, says, whole
 from wormopt.systems.coils import SIScene
-from wormopt.systems.peristaltic.scenes.segment import SegmentTable
+from wormopt.systems.peristaltic.tables import SegmentTable
 from wormopt.systems.shared.declared import EVENTS, TIME, over
 
 Segments = Annotated[int, Meta(ge=1, le=30, description="a whole number from 1 to 30")]
