@@ -255,13 +255,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("channel.plots.rod", "rod_motion")
         | {"animation": "wormopt.systems.channel.plots.rod:first_frame"},
     ),
-    "peristaltic-worm": Kind(
-        summary="simulate a worm of membrane segments with coils, on the ground or in a tube",
-        table="wormopt.systems.peristaltic.scenes.worm:PeristalticWormScene",
-        study="wormopt.systems.peristaltic.runs.worm",
-        pictures=_drawn("peristaltic.plots.worm", "worm", "course")
-        | {"animation": "wormopt.systems.peristaltic.plots.worm:first_frame"},
-    ),
     "channel-worm": Kind(
         summary="compute the velocity of a magnetisable body in a channel over the coil frequency",
         table="wormopt.systems.channel.scenes.channel:ChannelWormScene",
