@@ -156,13 +156,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.pair.runs.magnetic_pair",
         pictures=_drawn("pair.pictures", "velocity"),
     ),
-    "peristaltic-design": Kind(
-        summary="design the fastest gait of a worm that anchors in a tube, with a bound",
-        table="wormopt.systems.peristaltic.scenes.design:PeristalticDesignScene",
-        study="wormopt.systems.peristaltic.runs.design",
-        pictures=_drawn("peristaltic.plots.anchored", "peristalsis")
-        | {"animation": "wormopt.systems.peristaltic.plots.anchored:first_frame"},
-    ),
     "film-flow": Kind(
         summary="compute the mean flow of a magnetic fluid film under a wave, and its field",
         table="wormopt.systems.film.scenes.film:FilmFlowScene",
