@@ -180,14 +180,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.film.runs.film_wave",
         pictures=_drawn("film.plots.film", "film_wave"),
     ),
-    "peristaltic-drag": Kind(
-        summary="optimise the gait of a peristaltic worm whose drag depends on segment length",
-        table="wormopt.systems.peristaltic.scenes.drag:PeristalticDragScene",
-        study="wormopt.systems.peristaltic.runs.drag",
-        pictures=_drawn("peristaltic.plots.drag", "drag_gait")
-        | _drawn("peristaltic.plots.body", "body")
-        | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
-    ),
     "peristaltic-switching": Kind(
         summary="optimise the switching times of the coils of a peristaltic worm",
         table="wormopt.systems.peristaltic.scenes.switching:PeristalticSwitchingScene",
