@@ -180,14 +180,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.film.runs.film_wave",
         pictures=_drawn("film.plots.film", "film_wave"),
     ),
-    "peristaltic-switching": Kind(
-        summary="optimise the switching times of the coils of a peristaltic worm",
-        table="wormopt.systems.peristaltic.scenes.switching:PeristalticSwitchingScene",
-        study="wormopt.systems.peristaltic.runs.switching",
-        pictures=_drawn("peristaltic.plots.switching", "switching")
-        | _drawn("peristaltic.plots.body", "body")
-        | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
-    ),
     "planar-design": Kind(
         summary="design a planar gait: fastest, turning, or cheapest to a pose",
         table="wormopt.systems.planar.scenes.design:PlanarDesignScene",
