@@ -221,6 +221,7 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
     def aim(self) -> DragAim:
         """The worm, its effort and limits."""
         effort, limits, L = self.effort, self.limits, self.worm.length
+        least, most = limits.length or (SHORTEST * L, float("inf"))
         return DragAim(
             segments=self.worm.segments,
             exponent=self.drag.exponent,
@@ -231,7 +232,7 @@ class PeristalticDrag(OptimalMotion, kind="peristaltic-drag"):
             drag=self.drag.coefficient,
             mean=limits.mean_length,
             keeps_length=limits.keeps_length,
-            limits=limits.length or (SHORTEST * L, float("inf")),
+            limits=(least, most),
         )
 
     @cached_property
