@@ -67,7 +67,7 @@ USES: dict[str, set[str]] = {
     "gears": {"chain", "spiked"},
     "coils": {"film"},
     "channel": {"coils"},
-    "peristaltic": {"coils"},
+    "peristaltic": set(),
     "planar": set(),
     "recorded": {"spiked"},
 }

@@ -28,8 +28,7 @@ from wormopt.systems.peristaltic.chain.chain import Body, peristaltic_worm
 from wormopt.systems.peristaltic.chain.crawl import Anchors, crawl, energy_error, second_route
 from wormopt.systems.peristaltic.chain.ground import Bed, DragGround, DryGround, Ground
 from wormopt.systems.peristaltic.chain.waves import harmonic_wave, held, switched_wave
-from wormopt.systems.peristaltic.runs.worm import WormCase
-from wormopt.systems.peristaltic.runs.worm import _warnings as worm_warnings
+from wormopt.systems.peristaltic.peristaltic_worm import Holding
 from wormopt.systems.peristaltic.segment.segment import Anchoring, Segment, Tube
 
 SEGMENT = Segment(20e-3, 5e-3, 0.3e-3, 20e3)  # the set of numbers that works, theory section 6
@@ -352,9 +351,9 @@ def test_the_scene_on_open_ground_moves_against_its_wave():
 @pytest.mark.parametrize("reserve", [0.0, 1e-3, None])
 def test_anchors_with_nothing_to_spare_are_warned_of(reserve: float | None):
     """Segments that slide use all of their friction: none is left, and nothing said so."""
-    table = load_scene("peristaltic_tube", SHORT).table
-    given = {"advance": 1e-4, "holding_reserve": reserve, "slip": 9.4e-5}
-    told = [text for text in worm_warnings(WormCase(table), given) if "no reserve" in text]
+    study = load_scene("peristaltic_tube", SHORT).table
+    vars(study)["holding"] = Holding(slip=9.4e-5, holding_reserve=reserve)
+    told = [text for text in study.warnings_of_anchors() if "no reserve" in text]
     assert len(told) == (reserve == 0)
     assert all("slide back by 9.4e-05 m" in text for text in told)
 

@@ -228,7 +228,7 @@ def test_a_polish_in_vain_names_keys_of_the_scene(monkeypatch: pytest.MonkeyPatc
     def in_vain(*_: object) -> None:
         raise SolveError("not solved", "try another guess", code="not_solved")
 
-    monkeypatch.setattr("wormopt.systems.peristaltic.runs.switching.polish", in_vain)
+    monkeypatch.setattr("wormopt.systems.peristaltic.peristaltic_switching.polish", in_vain)
     with pytest.raises(SolveError, match=r"^not solved; write limits\.period within \[2, 12\]"):
         solved("worm.segments=2", "worm.time_on=2.0")
 

@@ -73,46 +73,17 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "peristaltic-design": Kind(
-        summary="design the fastest gait of a worm that anchors in a tube, with a bound",
-        table="wormopt.systems.peristaltic.scenes.design:PeristalticDesignScene",
-        study="wormopt.systems.peristaltic.runs.design",
-        pictures=_drawn("peristaltic.plots.anchored", "peristalsis")
-        | {"animation": "wormopt.systems.peristaltic.plots.anchored:first_frame"},
-    ),
     "film-wave": Kind(
         summary="optimise the wave of a magnetic fluid film: largest transport or least field",
         table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",
         study="wormopt.systems.film.runs.film_wave",
         pictures=_drawn("film.plots.film", "film_wave"),
     ),
-    "peristaltic-drag": Kind(
-        summary="optimise the gait of a peristaltic worm whose drag depends on segment length",
-        table="wormopt.systems.peristaltic.scenes.drag:PeristalticDragScene",
-        study="wormopt.systems.peristaltic.runs.drag",
-        pictures=_drawn("peristaltic.plots.drag", "drag_gait")
-        | _drawn("peristaltic.plots.body", "body")
-        | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
-    ),
-    "peristaltic-switching": Kind(
-        summary="optimise the switching times of the coils of a peristaltic worm",
-        table="wormopt.systems.peristaltic.scenes.switching:PeristalticSwitchingScene",
-        study="wormopt.systems.peristaltic.runs.switching",
-        pictures=_drawn("peristaltic.plots.switching", "switching")
-        | _drawn("peristaltic.plots.body", "body")
-        | {"animation": "wormopt.systems.peristaltic.plots.body:first_frame"},
-    ),
     "film-forward": Kind(
         summary="compute the wave of a magnetic fluid film under a given field, and its stability",
         table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
         study="wormopt.systems.film.runs.film_forward",
         pictures=_drawn("film.plots.thin_film", "forward", "basins"),
-    ),
-    "peristaltic-segment": Kind(
-        summary="compute a membrane segment in its coil and tube: stroke, wall force, limits",
-        table="wormopt.systems.peristaltic.scenes.segment:SegmentScene",
-        study="wormopt.systems.peristaltic.runs.segment",
-        pictures=_drawn("peristaltic.plots.segment", "segment", "stroke"),
     ),
     "rod-frequency": Kind(
         summary="compute the velocity of a magnetisable rod over the frequency of its coils",
@@ -126,13 +97,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.channel.runs.rod_motion",
         pictures=_drawn("channel.plots.rod", "rod_motion")
         | {"animation": "wormopt.systems.channel.plots.rod:first_frame"},
-    ),
-    "peristaltic-worm": Kind(
-        summary="simulate a worm of membrane segments with coils, on the ground or in a tube",
-        table="wormopt.systems.peristaltic.scenes.worm:PeristalticWormScene",
-        study="wormopt.systems.peristaltic.runs.worm",
-        pictures=_drawn("peristaltic.plots.worm", "worm", "course")
-        | {"animation": "wormopt.systems.peristaltic.plots.worm:first_frame"},
     ),
     "fit": Kind(
         summary="estimate parameters from recordings of a motion, with confidence intervals",
