@@ -42,16 +42,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.gears.run",
         pictures=_drawn("gears.plot", "shift", "transitions"),
     ),
-    "stepper": Kind(
-        summary="convert a gait into stepping-motor commands and simulate the resulting motion",
-        table="wormopt.systems.spiked.scenes.stepper:StepperScene",
-        study="wormopt.systems.spiked.runs.stepper",
-        pictures=_drawn("spiked.plots.stepper", "steps"),
-        exports={
-            "steps.csv": "wormopt.systems.spiked.runs.stepper:as_csv",
-            "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
-        },
-    ),
     "linear": Kind(
         summary="analyse a chain with a tracker: poles, zeros, margins, sufficient gains",
         table="wormopt.systems.chain.scenes.linear:LinearScene",

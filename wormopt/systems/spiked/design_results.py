@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from wormopt.errors import SolveError
@@ -24,7 +23,7 @@ from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.declared import MOTION_VARIABLES
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
-from wormopt.systems.spiked.design_tables import in_scene
+from wormopt.systems.spiked.design_tables import DesignTable, Motor, in_scene
 from wormopt.systems.spiked.motion import (
     Findings,
     agreement,
@@ -33,10 +32,8 @@ from wormopt.systems.spiked.motion import (
     motion_scalars,
     motion_variables,
 )
-from wormopt.systems.spiked.scenes.gait_design import DesignTable
-from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.search.search import DONE
-from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
+from wormopt.systems.spiked.stepper.stepper import Demand, demand
 from wormopt.systems.spiked.table import excess_of
 from wormopt.systems.spiked.task import Cost, Effort
 
@@ -235,13 +232,13 @@ def _of_steps(found: Design) -> Findings:
 # -- motors --------------------------------------------------------------------------------------
 
 
-def _of_motors(table: DesignTable, motor: MotorTable, found: Design) -> Findings:
+def _of_motors(table: DesignTable, motor: Motor, found: Design) -> Findings:
     """Find which limits are the motor's, the shares of them that the gait uses, and violations.
 
     Computed from the gait alone, independently of the design's own check of its limits.
     """
     # a motor that is always ramped
-    stepper = replace(Stepper(**msgspec.structs.asdict(motor)), start_rate=0.0)
+    stepper = replace(motor.stepper, start_rate=0.0)
     asked = demand(found.gait, stepper)
     scalars = {
         **{f"{name}_limit_from": whose for name, whose in _whose(table, motor).items()},
@@ -260,7 +257,7 @@ def _check_of_motors(asked: Demand) -> Check:
     return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=asked.feasible)
 
 
-def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
+def _whose(table: DesignTable, motor: Motor) -> dict[str, list[str]]:
     """Source of the smaller limit of each link: "gait" or "motor"."""
     links, limits = table.worm.links, table.gait.limits
     rates = limits.rate_limits(links)

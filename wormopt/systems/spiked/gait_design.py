@@ -22,9 +22,8 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.declared import MOTION_VARIABLES
-from wormopt.systems.spiked.design_tables import ObjectiveTable
-from wormopt.systems.spiked.scenes.gait_design import DESIGN_SCALARS, DesignTable
+from wormopt.systems.spiked.declared import DESIGN_SCALARS, MOTION_VARIABLES
+from wormopt.systems.spiked.design_tables import DesignTable, ObjectiveTable
 
 with on_use():
     from wormopt.systems.spiked.design.design import Design
@@ -126,7 +125,7 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
 
     The proof is written to the file `certificate.json`, unless the ceiling from rates and resting
     masses is the better bound. `wormopt verify certificate.json` verifies it.
-    """  # noqa: E501  # noqa: E501
+    """  # noqa: E501
 
     headline: ClassVar = (
         "speed",

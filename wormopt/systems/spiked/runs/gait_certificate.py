@@ -14,8 +14,8 @@ from wormopt.result import Check
 from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
 from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.design.design import Design
+from wormopt.systems.spiked.design_tables import DesignTable
 from wormopt.systems.spiked.motion import Findings
-from wormopt.systems.spiked.scenes.gait_design import DesignTable
 
 # Rounding of the gait's own value, relative.
 _ROUNDING = 1e-12
