@@ -29,13 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "gait-pareto": Kind(
-        summary="compute the Pareto front of gaits between speed and a second objective",
-        table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
-        study="wormopt.systems.spiked.runs.gait_pareto",
-        pictures=_drawn("spiked.plots.front", "front", "gait", "motion", "spikes"),
-        table_file=True,
-    ),
     "gait-shift": Kind(
         summary="switch gaits on a slope by the spike load, and optimise the switching schedule",
         table="wormopt.systems.gears.scenes:GaitShiftScene",

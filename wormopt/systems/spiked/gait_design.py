@@ -30,6 +30,7 @@ with on_use():
     from wormopt.systems.spiked.design.optimize import designed
     from wormopt.systems.spiked.design_results import (
         objective_reached,
+        of_certificate,
         of_design,
         of_limits,
         with_keys,
@@ -215,8 +216,6 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
 
     @stage
     def certificate(self) -> Findings:
-        from wormopt.systems.spiked.runs.gait_certificate import of_certificate
-
         return of_certificate(self, self.design, self.report)
 
     @property
