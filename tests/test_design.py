@@ -337,7 +337,7 @@ def faults_of(result) -> set[str]:
 
 
 def test_limits_that_are_exceeded_are_faults(monkeypatch):
-    from wormopt.systems.spiked.runs import gait_design
+    from wormopt.systems.spiked import gait_design
 
     spoil(monkeypatch, gait_design, 0.8)
     motor = "motor={lead=0.5, rate_max=2.0, acceleration_max=45.0}"
@@ -380,7 +380,7 @@ FRONT = [
 
 
 def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
-    from wormopt.systems.spiked.runs import gait_pareto
+    from wormopt.systems.spiked import gait_pareto
 
     monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
     spoil(monkeypatch, gait_pareto, 0.8)
@@ -391,7 +391,7 @@ def test_a_front_without_an_accepted_gait_fails(monkeypatch, tmp_path: Path):
 
 
 def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
-    from wormopt.systems.spiked.runs import gait_pareto
+    from wormopt.systems.spiked import gait_pareto
 
     monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
     scene = wo.load_scene("pareto_speed_load", FRONT)
@@ -419,7 +419,7 @@ def test_the_front_is_monotone_and_resumes(monkeypatch, tmp_path: Path):
 def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
     fails_at: int, monkeypatch, tmp_path: Path, capsys
 ):
-    from wormopt.systems.spiked.runs import gait_pareto
+    from wormopt.systems.spiked import gait_pareto
 
     monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path / "kept")
     original, calls = gait_pareto.designed, []
@@ -469,7 +469,7 @@ def test_a_required_speed_above_the_ceiling_is_refused_before_any_search():
 
 @pytest.mark.slow
 def test_a_front_whose_first_gait_loses_a_phase_is_designed(tmp_path: Path, monkeypatch):
-    from wormopt.systems.spiked.runs import gait_pareto
+    from wormopt.systems.spiked import gait_pareto
 
     monkeypatch.setattr(gait_pareto, "checkpoints", lambda *_: tmp_path)
     changes = ["pareto.points=3", 'search.effort="quick"']

@@ -11,7 +11,7 @@ from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.plotting import figure
 from wormopt.result import Result, Variable
-from wormopt.systems.spiked.runs import gait_pareto
+from wormopt.systems.spiked import gait_pareto
 
 # Three orders: a pair of masses in turn at low speed, then the wave of three.
 CHANGES = [

@@ -591,14 +591,14 @@ def test_a_gait_from_a_file_is_commanded(tmp_path: Path):
 
 
 def test_a_result_that_leaves_the_gait_fails(monkeypatch: pytest.MonkeyPatch):
-    from wormopt.systems.spiked.runs import stepper
+    from wormopt.systems.spiked import stepper_commands
 
     def late(gait: Gait, motor_: Stepper) -> Steps:
         steps = step_times(gait, motor_)
         time = np.minimum(steps.time + 2e-3, steps.period)
         return Steps(steps.period, steps.travel, steps.start, time, steps.motor, steps.direction)
 
-    monkeypatch.setattr(stepper, "step_times", late)
+    monkeypatch.setattr(stepper_commands, "step_times", late)
     result = wo.run(SCENE)
     assert result.status == "failed"
     assert "the replayed steps differ from the gait by" in result.reason
@@ -617,7 +617,7 @@ def test_a_result_that_leaves_the_gait_fails(monkeypatch: pytest.MonkeyPatch):
         ('units="dimensionless"', "units", "SI"),
         ("bristles.backslip=-1", "bristles.backslip", "0 or above"),
         ("bristles.settle_time=18", "bristles.settle_time", "not below the period"),
-        ("tick=0", "tick", "1e-9 to 1"),
+        ("tick=0", "tick", "1e-09 to 1"),
         ("worm.links=3", "gait.shape", "2 links"),
     ],
 )

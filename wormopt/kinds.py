@@ -29,23 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "gait-pareto": Kind(
-        summary="compute the Pareto front of gaits between speed and a second objective",
-        table="wormopt.systems.spiked.scenes.gait_design:GaitParetoScene",
-        study="wormopt.systems.spiked.runs.gait_pareto",
-        pictures=_drawn("spiked.plots.front", "front", "gait", "motion", "spikes"),
-        table_file=True,
-    ),
-    "stepper": Kind(
-        summary="convert a gait into stepping-motor commands and simulate the resulting motion",
-        table="wormopt.systems.spiked.scenes.stepper:StepperScene",
-        study="wormopt.systems.spiked.runs.stepper",
-        pictures=_drawn("spiked.plots.stepper", "steps"),
-        exports={
-            "steps.csv": "wormopt.systems.spiked.runs.stepper:as_csv",
-            "steps.c": "wormopt.systems.spiked.runs.stepper:as_c",
-        },
-    ),
     "track-optimal": Kind(
         summary="compute the optimal input that keeps a chain on a gait, checked by simulation",
         table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",

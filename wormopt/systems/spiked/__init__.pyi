@@ -1,5 +1,6 @@
 from wormopt.systems.spiked.bimodal import integrate as integrate
 from wormopt.systems.spiked.crawl import Crawl as Crawl
+from wormopt.systems.spiked.declared import DESIGN_SCALARS as DESIGN_SCALARS
 from wormopt.systems.spiked.declared import MOTION_VARIABLES as MOTION_VARIABLES
 from wormopt.systems.spiked.design.optimize import designed as designed
 from wormopt.systems.spiked.design.uncertain import Believed as Believed
@@ -9,13 +10,12 @@ from wormopt.systems.spiked.design.uncertain import load_band as load_band
 from wormopt.systems.spiked.design.uncertain import on_plant as on_plant
 from wormopt.systems.spiked.design_results import of_design as of_design
 from wormopt.systems.spiked.design_results import refused as refused
+from wormopt.systems.spiked.design_tables import DesignTable as DesignTable
 from wormopt.systems.spiked.design_tables import ObjectiveTable as ObjectiveTable
 from wormopt.systems.spiked.driven import driven_worm as driven_worm
 from wormopt.systems.spiked.limits import Limits as Limits
 from wormopt.systems.spiked.motion import Findings as Findings
 from wormopt.systems.spiked.reference import gait_of_shape as gait_of_shape
-from wormopt.systems.spiked.scenes.gait_design import DESIGN_SCALARS as DESIGN_SCALARS
-from wormopt.systems.spiked.scenes.gait_design import DesignTable as DesignTable
 from wormopt.systems.spiked.shapes import AccordionShape as AccordionShape
 from wormopt.systems.spiked.shapes import BlockWaveShape as BlockWaveShape
 from wormopt.systems.spiked.shapes import FileShape as FileShape

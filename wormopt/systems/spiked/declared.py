@@ -71,3 +71,59 @@ MOTION_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
     "resting": ("count", _MASS, "1 where the mass rests"),
 }
 """Signals over one period."""
+
+DESIGN_SCALARS: dict[str, tuple[str, str]] = MOTION_SCALARS | {
+    "period": ("time", "period of one cycle, after which the motion repeats"),
+    "advance": ("length", "distance travelled per cycle"),
+    "cycles": ("count", "smallest number of cycles that fills a period allowed by `gait.period`"),
+    "mode_sequence": (
+        "count",
+        "resting masses in each phase of a cycle. The prescribed sequence is in the trust report "
+        "under `solver.sequence`; more masses may rest than it prescribes",
+    ),
+    "load_range": (
+        "force",
+        "[smallest, largest], if `worm.load` is a range; loads, forces and energies are those at "
+        "the largest load",
+    ),
+    "ceiling": ("speed", "upper bound on the mean speed from link rates and resting masses"),
+    "discretisation_error": (
+        "speed",
+        "gain in the objective from the last halving of all arcs. For energy and effort: a "
+        "first-order estimate of the gain from one more halving. Unknown for an interrupted design",
+    ),
+    "ticks": ("count", "with `gait.tick`: number of ticks per cycle"),
+    "tick_loss": (
+        "share",
+        "with `gait.tick`: relative loss in the objective compared with a free period",
+    ),
+    "free_period": ("time", "with `gait.tick`: optimal period of a cycle without `gait.tick`"),
+    "free_speed": ("speed", "with `gait.tick`: mean speed at `free_period`"),
+    "length_step": ("length", "`gait.length_step`, if given"),
+    "step_loss": (
+        "share",
+        "with `gait.length_step`: relative loss of speed if lengths move in straight lines "
+        "between rounded ticks and a mass always rests; negative if rounding gains speed",
+    ),
+    "worst_violation": ("share", "largest violation of a limit, relative to the limit"),
+    "rate_limit_from": (
+        "1",
+        "with `[motor]`: for each link the source of the smaller rate limit, `gait` or `motor`",
+    ),
+    "acceleration_limit_from": ("1", "the same for the limit on acceleration"),
+    "motor_rate_share": (
+        "share",
+        "with `[motor]`: largest link rate as a share of the motor's limit",
+    ),
+    "motor_acceleration_share": ("share", "the same for the acceleration"),
+    "length_limits": ("length", "[shortest, longest] of each link"),
+    "rate_limit": (
+        "speed",
+        "if `gait.rate` or `[motor]` is given: limits on the contraction of every link, then on "
+        "its extension",
+    ),
+    "acceleration_limit": ("acceleration", "limit on |*l*″|, for all links or for each"),
+    "spike_load_limit": ("force", "`gait.spike_load`, if given"),
+    "actuator_force_limit": ("force", "`gait.actuator_force`, if given"),
+}
+"""Scalars of every designed gait; those in the quantity of the objective are declared as speeds."""

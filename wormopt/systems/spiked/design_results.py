@@ -1,4 +1,4 @@
-"""Results of designed gaits: numbers, checks, facts, warnings, and sensitivities to limits."""
+"""Results of designed gaits: numbers, checks, warnings, sensitivities to limits, and bounds."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from wormopt.errors import SolveError
+from wormopt.progress import Report
 from wormopt.quantities import Scalar, Variable, unit_of, unit_ratio
 from wormopt.result import Check, Result
 from wormopt.study.conclude import conclude
@@ -20,11 +20,13 @@ from wormopt.study.scene import Scene
 from wormopt.study.types import per
 from wormopt.systems.shared.incline import weights
 from wormopt.systems.shared.transport import assumed
+from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
+from wormopt.systems.spiked.certify.certificate import verify
 from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.declared import MOTION_VARIABLES
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
-from wormopt.systems.spiked.design_tables import in_scene
+from wormopt.systems.spiked.design_tables import DesignTable, Motor, in_scene
 from wormopt.systems.spiked.motion import (
     Findings,
     agreement,
@@ -33,15 +35,15 @@ from wormopt.systems.spiked.motion import (
     motion_scalars,
     motion_variables,
 )
-from wormopt.systems.spiked.scenes.gait_design import DesignTable
-from wormopt.systems.spiked.scenes.stepper import MotorTable
 from wormopt.systems.spiked.search.search import DONE
-from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
+from wormopt.systems.spiked.stepper.stepper import Demand, demand
 from wormopt.systems.spiked.table import excess_of
 from wormopt.systems.spiked.task import Cost, Effort
 
 # A gait is accepted if every limit holds and the second route agrees within this share.
 _ACCEPTED = 1e-9
+# Rounding of a gait's own value, relative, in its comparison with a bound.
+_PROOF_ROUNDING = 1e-12
 # Sensitivities of larger programs take seconds; they are computed only if the picture is wanted.
 _MOST_UNKNOWNS = 3000
 _MOTORS = (
@@ -235,13 +237,13 @@ def _of_steps(found: Design) -> Findings:
 # -- motors --------------------------------------------------------------------------------------
 
 
-def _of_motors(table: DesignTable, motor: MotorTable, found: Design) -> Findings:
+def _of_motors(table: DesignTable, motor: Motor, found: Design) -> Findings:
     """Find which limits are the motor's, the shares of them that the gait uses, and violations.
 
     Computed from the gait alone, independently of the design's own check of its limits.
     """
     # a motor that is always ramped
-    stepper = replace(Stepper(**msgspec.structs.asdict(motor)), start_rate=0.0)
+    stepper = replace(motor.stepper, start_rate=0.0)
     asked = demand(found.gait, stepper)
     scalars = {
         **{f"{name}_limit_from": whose for name, whose in _whose(table, motor).items()},
@@ -260,7 +262,7 @@ def _check_of_motors(asked: Demand) -> Check:
     return Check(f"motor.{name}", short, _ACCEPTED, advice, passed=asked.feasible)
 
 
-def _whose(table: DesignTable, motor: MotorTable) -> dict[str, list[str]]:
+def _whose(table: DesignTable, motor: Motor) -> dict[str, list[str]]:
     """Source of the smaller limit of each link: "gait" or "motor"."""
     links, limits = table.worm.links, table.gait.limits
     rates = limits.rate_limits(links)
@@ -351,3 +353,75 @@ def _derivatives(
         values["sensitivity.slope"] = sum(a * b for a, b in zip(by_pull, across, strict=True))
         unit["sensitivity.slope"] = unit_ratio(objective, "angle", table.units)
     return {name: Scalar(value, unit[name]) for name, value in values.items()}
+
+
+# -- the bound on every gait -----------------------------------------------------------------------
+
+
+def of_certificate(table: DesignTable, found: Design, report: Report) -> Findings:
+    """Bound the objective of every gait, verify the proof exactly, and compare with the gait.
+
+    Without a table `[search.certify]` the bound is the one that the search began with.
+    """
+    wanted, task = table.search.proof, found.task
+    clock = time.perf_counter()
+    if wanted is not None:
+        proven = bounded(task, found.value, wanted, report, found.survey.bounded)
+    else:
+        assert found.bounded is not None
+        proven = found.bounded
+    proved = time.perf_counter()
+    cost = task.objective.minimise is not None
+    gap = gap_of(found.value, proven.bound, cost)
+    advice = "the gait is better than its proven bound, which is an error; please report this scene"
+    checks = [Check("gait over its proven bound", max(0.0, -gap), _PROOF_ROUNDING, advice)]
+    facts: dict[str, Any] = {
+        "holds_for": "every gait with any resting sequence, number of phases and cycles in which "
+        f"gait.resting = {task.limits.resting} and all other limits hold at all times",
+        "source": proven.source,
+    }
+    timings: dict[str, float] = {}
+    if proven.certificate is not None:
+        report("verifying the certificate in exact arithmetic", None)
+        verified = verify(proven.certificate)
+        advice = (
+            f"verification of the certificate failed: {verified.reason}; please report this scene"
+        )
+        checks.append(Check("certificate verified", 0.0 if verified.holds else 1.0, 0.0, advice))
+        facts["verified_inequalities"] = verified.inequalities
+        timings["verify"] = time.perf_counter() - proved
+    unit = unit_of(task.objective.quantity, table.units)
+    known = Findings(
+        {"bound": Scalar(proven.bound, unit), "gap_certified": max(0.0, gap)},
+        checks=tuple(checks),
+        facts={"certificate": facts},
+        timings=timings,
+        attributes={"certificate": proven.certificate.text} if proven.certificate else {},
+    )
+    if wanted is None:
+        return known
+    facts |= {"ended": proven.ending, "wanted_gap": wanted.gap}
+    history = np.array(proven.history)
+    courses = {"proof_bound": history[:, 1], "proof_value": 0 * history[:, 1] + found.value}
+    variables: dict[str, Any] = {"proof_time": history[:, 0]}
+    for name, values in courses.items():
+        long_name = {"proof_bound": "proven bound", "proof_value": "objective of the gait"}[name]
+        variables[name] = Variable(name, unit, ("proof",), values, long_name)
+    return known | Findings(
+        {"certified_seconds": proved - clock},
+        variables,
+        warnings=tuple(_doubts_of_proof(proven, wanted.gap)),
+        timings={"certify": proved - clock},
+    )
+
+
+def _doubts_of_proof(proven: Bounded, gap: float) -> Iterator[str]:
+    missed = f"the gap {gap:g} was not reached"
+    match proven.ending:
+        case "time limit" | "interrupted":
+            yield f"{missed} ({proven.ending}): increase search.certify.time_limit"
+        case "finest program":
+            yield (
+                f"{missed} with the largest program; either a better gait exists (try "
+                'search.effort = "thorough"), or the bound is not tight'
+            )

@@ -1,24 +1,40 @@
-"""Tables of a design: limits of the gait, objective, search and certificate."""
+"""Tables of a design: limits of the gait, motors, objective, search and certificate."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, structs
 
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, whole
+from wormopt.study.later import on_use
 from wormopt.study.types import (
     PairPerLink,
     PerLink,
     PerMass,
     PositiveOrPair,
+    SceneTable,
     Seed,
 )
 from wormopt.systems.spiked.limits import Limits, Rates, Sharing
-from wormopt.systems.spiked.task import MOST_LINKS, Certify, Cost, Effort, Objective, Search
+from wormopt.systems.spiked.tables import WormTable
+from wormopt.systems.spiked.task import (
+    MOST_LINKS,
+    Certify,
+    Cost,
+    Effort,
+    GaitProblem,
+    Objective,
+    Search,
+)
+
+with on_use():
+    from wormopt.systems.spiked.stepper.stepper import Stepper
 
 Resting = Annotated[int, Meta(ge=1, le=MOST_LINKS, description="a whole number, 1 or above")]
 Order = Annotated[
@@ -256,9 +272,117 @@ class SearchTable(Given):
             yield f"search.{key}", in_scene(message)
 
 
-def in_scene(told: str) -> str:
+class Motor(Given):
+    """A stepping motor on a threaded rod; all links have the same motor."""
+
+    lead: float = positive("length", "travel along the rod per turn")
+    steps_per_turn: int = whole(1, 100000, "full steps per turn", default=200)
+    microsteps: int = whole(1, 100000, "microsteps per full step", default=1)
+    rate_max: float = positive("rate", "largest rate, turns per time")
+    acceleration_max: float = positive(
+        "rate_change", "largest change of the rate, turns per time squared"
+    )
+    start_rate: float = number(
+        "rate",
+        "rate up to which the motor starts, stops and reverses without a ramp",
+        least=0,
+        default=0.0,
+    )
+    hysteresis: float = number(
+        "share",
+        "hysteresis as a share of a microstep: distance by which a length must pass the "
+        "middle between two positions before the motor steps",
+        least=0,
+        most=0.4,
+        default=0.05,
+    )
+
+    @property
+    def length_rate(self) -> float:
+        """Largest rate of a length."""
+        return self.lead * self.rate_max
+
+    @property
+    def length_acceleration(self) -> float:
+        """Largest acceleration of a length."""
+        return self.lead * self.acceleration_max
+
+    @property
+    def stepper(self) -> Stepper:
+        """The motor as an engine object."""
+        return Stepper(**structs.asdict(self))
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield a start rate that is too large."""
+        if self.start_rate > self.rate_max:
+            yield (
+                "start_rate",
+                f"{self.start_rate:g} is above motor.rate_max = {self.rate_max:g}; write at most "
+                "motor.rate_max",
+            )
+
+
+class DesignTable(SceneTable):
+    """Tables shared by all scenes that design gaits."""
+
+    worm: WormTable = entry("the worm")
+    gait: LimitTable = entry("the limits")
+    search: SearchTable = entry("how to search", default=SearchTable)
+    motor: Motor | None = entry(
+        "a stepping motor with a threaded rod on each link; none by default. |*l*′| ≤ `lead` "
+        "· `rate_max` and |*l*″| ≤ `lead` · `acceleration_max` hold in addition to the limits "
+        "in `[gait]`, which then need no `rate` or `acceleration`. Other keys of this table "
+        "have no effect on the design; the limits also hold below `start_rate`. Refused: "
+        "`gait.impulses`",
+        default=None,
+    )
+
+    @property
+    def limits(self) -> Limits:
+        """The limits, including those of the motors."""
+        own, motor = self.gait.limits, self.motor
+        if motor is None:
+            return own
+        return own.within(motor.length_rate, motor.length_acceleration, self.worm.links)
+
+    def task(self, objective: Objective) -> GaitProblem:
+        """The design problem for the given objective."""
+        return GaitProblem(self.worm.worm, self.limits, objective)
+
+    def faults(self, folder: Path) -> Iterator[Fault]:
+        """Yield the faults that no single key shows."""
+        yield from super().faults(folder)
+        yield from self.faults_of_design()
+
+    def faults_of_design(self) -> Iterator[Fault]:
+        """Yield what is wrong between worm, limits, motor and search."""
+        yield from self.worm.faults(self.units, loads=True)
+        yield from self._faults_of_limits()
+        yield from self.search.faults(self.worm.links, self.gait.resting)
+
+    def _faults_of_limits(self) -> Iterator[Fault]:
+        limits = self.gait.limits
+        if self.motor is not None:
+            if limits.impulses:
+                yield (
+                    "gait.impulses",
+                    "true, but motor.acceleration_max forbids jumps of velocity; remove the key",
+                )
+                return
+            given = {name: getattr(limits, name) or 1.0 for name in ("rate", "acceleration")}
+            limits = replace(limits, **given)  # the motor gives the missing ones
+        for key, message in limits.faults(self.worm.links, "gait."):
+            yield f"gait.{key}".removesuffix("."), message
+
+    def faults_of_cost(self, key: str, cost: Cost | None) -> Iterator[Fault]:
+        """Yield a fault if the cost at `key` cannot be minimised in this scene."""
+        for message in Objective(cost).faults_within(self.worm.worm, self.gait.limits):
+            yield key, in_scene(message)
+
+
+def in_scene(message: str) -> str:
     """Rewrite keys of an engine message as keys of the scene: limits are in [gait].
 
-    `told` is a name, for example "limits.rate", or a sentence with such names.
+    `message` is a name, for example "limits.rate", or a sentence with such names.
     """
-    return re.sub(r"\blimits\.(?=[a-z])", "gait.", told)
+    return re.sub(r"\blimits\.(?=[a-z])", "gait.", message)

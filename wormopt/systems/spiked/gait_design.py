@@ -22,15 +22,15 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.declared import MOTION_VARIABLES
-from wormopt.systems.spiked.design_tables import ObjectiveTable
-from wormopt.systems.spiked.scenes.gait_design import DESIGN_SCALARS, DesignTable
+from wormopt.systems.spiked.declared import DESIGN_SCALARS, MOTION_VARIABLES
+from wormopt.systems.spiked.design_tables import DesignTable, ObjectiveTable
 
 with on_use():
     from wormopt.systems.spiked.design.design import Design
     from wormopt.systems.spiked.design.optimize import designed
     from wormopt.systems.spiked.design_results import (
         objective_reached,
+        of_certificate,
         of_design,
         of_limits,
         with_keys,
@@ -126,7 +126,7 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
 
     The proof is written to the file `certificate.json`, unless the ceiling from rates and resting
     masses is the better bound. `wormopt verify certificate.json` verifies it.
-    """  # noqa: E501  # noqa: E501
+    """  # noqa: E501
 
     headline: ClassVar = (
         "speed",
@@ -216,8 +216,6 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
 
     @stage
     def certificate(self) -> Findings:
-        from wormopt.systems.spiked.runs.gait_certificate import of_certificate
-
         return of_certificate(self, self.design, self.report)
 
     @property
