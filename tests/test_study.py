@@ -945,9 +945,7 @@ def test_load_gives_the_study_of_a_scene(toy: Path):
     assert wo.run(study).scalars["reach"].value == 0.01
     assert wo.run(study, "force=4").scalars["reach"].value == 0.04
     assert wo.load(toy).result().scene == "mine"
-    with pytest.raises(
-        wo.ArgumentError, match='"track-predictive" are computed as a whole'
-    ):
+    with pytest.raises(wo.ArgumentError, match='"track-predictive" are computed as a whole'):
         wo.load("track_predictive")
     with pytest.raises(wo.SceneError, match="force: 9 is not allowed"):
         wo.load(toy, {"force": 9})
