@@ -283,11 +283,17 @@ class Study(SceneTable):
         done = self._closed(partials=False)
         with suppress(NotComputedError):
             if reason := done.stopped():
+                self.forget()
                 raise Interrupted(result.failed(reason))
             if error := done.unsolved():
                 found = result.failed(error.reason)
                 raise SolveError(error.reason, error.suggestion, found, error.code)
         return result
+
+    def forget(self) -> None:
+        """Drop what was computed, so that it is computed anew when it is asked for."""
+        for name in [name for name in vars(self) if not name.startswith("_")]:
+            del vars(self)[name]
 
     def _complete(self) -> Result:
         scalars, variables = self._scalars(), self._variables()
