@@ -437,6 +437,14 @@ class FitNumbers(Study, kind="fit-numbers"):
             "table": markdown(self.found, self.level),
         }
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Parameters at the current point of a search that did not end, for partial results."""
+        if "points" not in vars(self) or "estimation" in vars(self):
+            return super().facts
+        values = self.task.values(self.points[-1]).tolist()
+        return super().facts | {"came_to": dict(zip(self.task.names, values, strict=True))}
+
 
 def _faults_of_changes(scene: Scene[Any], changes: dict[str, Any], key: str) -> Iterator[Fault]:
     try:
