@@ -24,9 +24,8 @@ from wormopt.systems.chain import chain
 from wormopt.systems.recorded.columns import read_columns
 from wormopt.systems.recorded.recordings import Run, runs_of
 from wormopt.systems.recorded.runs import fit as fit_run
-from wormopt.systems.recorded.runs import fit_numbers as fit_numbers_run
 from wormopt.systems.recorded.scenes.fit import RecordingTable
-from wormopt.systems.recorded.scenes.fit_numbers import MeasuredTable
+from wormopt.systems.recorded.tables import Measured
 
 WORM = {
     "kind": "simulate",
@@ -475,5 +474,5 @@ model.worm = { pitch = 0.01, channel = 0.011, body = 0.004, length = 0.048 }
 
 
 def test_a_measurement_is_named_by_its_changes():
-    one = MeasuredTable(scalar="rise", value=0.02, deviation=1e-3, changes={"worm.length": 0.1})
-    assert fit_numbers_run._named(one) == "rise with worm.length = 0.1"
+    one = Measured(scalar="rise", value=0.02, deviation=1e-3, changes={"worm.length": 0.1})
+    assert one.name == "rise with worm.length = 0.1"

@@ -97,14 +97,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("recorded.plots.experiment", "course", "errors", "regions"),
         exports={"course.csv": "wormopt.systems.recorded.runs.experiment:as_csv"},
     ),
-    "fit-numbers": Kind(
-        summary="estimate keys of a scene from single measured values, such as velocities",
-        table="wormopt.systems.recorded.scenes.fit_numbers:FitNumbersScene",
-        study="wormopt.systems.recorded.runs.fit_numbers",
-        pictures=_drawn("recorded.plots.fit_numbers", "measurements")
-        | _drawn("recorded.plots.found", "parameters", "correlation"),
-        table_file=True,
-    ),
     "fit-design": Kind(
         summary="design a gait whose limits hold for a worm with fitted parameters",
         table="wormopt.systems.recorded.scenes.fit_design:FitDesignScene",

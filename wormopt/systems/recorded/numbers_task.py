@@ -18,7 +18,7 @@ from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Workers
 from wormopt.progress import silent
 from wormopt.study.scene import Scene, load_scene
-from wormopt.systems.recorded.scenes.fit_numbers import KeyUnknown, MeasuredTable, value_at
+from wormopt.systems.recorded.tables import KeyUnknown, Measured, value_at
 
 Say = Callable[[int, int], None]
 """Called with the number of finished runs and of all runs."""
@@ -45,7 +45,7 @@ class NumbersTask:
     """A fit to measured numbers; coordinates are parameters or their logarithms."""
 
     scene: Scene[Any]
-    measured: Sequence[MeasuredTable]
+    measured: Sequence[Measured]
     unknowns: Sequence[KeyUnknown]
     say: Say = untold
     runs: int = 0

@@ -23,7 +23,7 @@ from wormopt.quantities import UNITS, unit_of
 from wormopt.study.scene import Scene
 from wormopt.systems.recorded.columns import Columns
 from wormopt.systems.recorded.scenes.fit import RecordingTable, entry_of, plain_numbers
-from wormopt.systems.recorded.scenes.tables import near, scene_of
+from wormopt.systems.recorded.tables import near, scene_of
 from wormopt.units import parsed, scale
 
 _DRIVE = "recorded"

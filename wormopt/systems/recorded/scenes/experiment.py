@@ -21,7 +21,7 @@ from wormopt.study.types import (
     Title,
     wrong_order,
 )
-from wormopt.systems.recorded.scenes.tables import (
+from wormopt.systems.recorded.tables import (
     FiniteOrList,
     SceneTables,
     Span,

@@ -16,7 +16,7 @@ from wormopt.study.numerics import Contacts, ExactContact
 from wormopt.study.scene import packaged_folder
 from wormopt.study.types import Positive, SceneTable, Title
 from wormopt.systems.recorded.columns import Columns, read_columns
-from wormopt.systems.recorded.scenes.tables import (
+from wormopt.systems.recorded.tables import (
     FOUND,
     FiniteOrList,
     Level,
@@ -287,8 +287,6 @@ class FitScene(SceneTable):
         for key in ("recording", "unknown"):
             if not getattr(self, key):
                 yield key, f"no entry is given; write a table [[{key}]]"
-        for k, unknown in enumerate(self.unknown):
-            yield from unknown.faults(f"unknown[{k}]")
         yield from named_twice((unknown.name for unknown in self.unknown), "unknown")
         try:
             scene_of(self.model, folder, self.units)

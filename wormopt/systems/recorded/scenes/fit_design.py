@@ -10,7 +10,7 @@ from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number
 from wormopt.study.types import PerMass, Positive, Seed
 from wormopt.systems.recorded.scenes.fit import RecordingTable
-from wormopt.systems.recorded.scenes.tables import Seeds, named_twice
+from wormopt.systems.recorded.tables import Seeds, named_twice
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,

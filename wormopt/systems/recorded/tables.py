@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
 from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
-from wormopt.study.given import Given, entry, says, whole
+from wormopt.study.given import Given, entry, number, positive, says, whole
 from wormopt.study.scene import Scene, load_scene, scene_within
 from wormopt.study.types import Finite, Seed, Title, wrong_order
 
@@ -29,6 +29,10 @@ Level = Annotated[
 ]
 # Kinds whose scenes need an end time.
 _TIMED = ("simulate", "track")
+Keys = Annotated[
+    str | tuple[str, ...],
+    Meta(description='a key of the scene, for example "worm.density", or a list of keys'),
+]
 FiniteOrList = Annotated[
     Finite | tuple[Finite, ...],
     Meta(description="a finite number, or a list with one number per entry"),
@@ -74,24 +78,65 @@ class UnknownTable(Given):
         "estimate the logarithm, for positive parameters of unknown magnitude", default=False
     )
 
-    def faults(self, key: str) -> Iterator[Fault]:
-        """Yield the faults between the keys of this table at `key`."""
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield faults between keys."""
         low, high, start = self.lower, self.upper, self.start
         if isinstance(low, float) and isinstance(high, float):
-            yield from wrong_order(f"{key}.lower", (low, high), may_be_equal=False)
+            yield from wrong_order("lower", (low, high), may_be_equal=False)
         if isinstance(start, float) and isinstance(low, float) and start < low:
-            yield f"{key}.start", f"{start:g} is below lower = {low:g}; write a larger number"
+            yield "start", f"{start:g} is below lower = {low:g}; write a larger number"
         if isinstance(start, float) and isinstance(high, float) and start > high:
-            yield f"{key}.start", f"{start:g} is above upper = {high:g}; write a smaller number"
+            yield "start", f"{start:g} is above upper = {high:g}; write a smaller number"
         for name in ("start", "lower", "upper") if self.log else ():
             value = getattr(self, name)
             if isinstance(value, float) and value <= 0:
-                yield f"{key}.{name}", f"{value:g} has no logarithm; write a number above 0"
+                yield name, f"{value:g} has no logarithm; write a number above 0"
         if self.prior and self.prior[1] <= 0:
             yield (
-                f"{key}.prior",
+                "prior",
                 f"the standard deviation {self.prior[1]:g} is not positive; write a number above 0",
             )
+
+
+class Measured(Given):
+    """A measured number, and the scalar of the scene that it measures."""
+
+    scalar: str = entry("scalar in the results of the scene in `[model]`")
+    value: float = number("", "measured value, in the unit of the scalar")
+    deviation: float = positive(
+        "", "standard deviation, including that of the computed scalar if it has one"
+    )
+    changes: dict[str, Any] = entry(
+        'keys changed in the scene for this measurement, `{"switching.rate" = 100}`', default=dict
+    )
+    use: Literal["fit", "predict"] = entry(
+        "`fit`: used in the fit; `predict`: held out and predicted by the fit", default="fit"
+    )
+    text: Title = entry("description or source of the measurement", default="")
+
+    @property
+    def name(self) -> str:
+        """Description of the measurement, or its scalar and the changed keys."""
+        changes = ", ".join(f"{key} = {value}" for key, value in self.changes.items())
+        return self.text or self.scalar + (f" with {changes}" if changes else "")
+
+
+class KeyUnknown(UnknownTable):
+    """A parameter of the scene to estimate."""
+
+    key: Keys = entry("key of the scene in `[model]`, or a list of keys that share this parameter")
+    step: float = number(
+        "share",
+        "relative step for derivatives; with `log`, the ratio",
+        above=0,
+        most=1,
+        default=0.01,
+    )
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys as a list, even if there is only one."""
+        return self.key if isinstance(self.key, tuple) else (self.key,)
 
 
 class SearchTable(Given):
@@ -142,3 +187,14 @@ def near(name: str, known: Iterable[str]) -> str:
     known = list(known)
     close = get_close_matches(name, known, n=1)
     return f"did you mean {close[0]}?" if close else f"write one of {', '.join(known) or 'none'}"
+
+
+def value_at(scene: Scene[Any], key: str) -> Any:
+    """Value of a key of a scene; None if the key does not exist."""
+    value: Any = scene.table
+    for part in key.replace("[", ".").replace("]", "").split("."):
+        if isinstance(value, tuple) and part.isdecimal() and int(part) < len(value):
+            value = value[int(part)]
+        else:
+            value = getattr(value, part, None)
+    return value
