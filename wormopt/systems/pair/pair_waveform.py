@@ -178,7 +178,8 @@ class Aim(Given):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield conflicts between the keys."""
         if (self.maximise is None) == (self.minimise is None):
-            yield "", 'needs exactly one of maximise = "speed" and minimise = "work_per_distance"'
+            what = "no objective is given" if self.maximise is None else "two objectives are given"
+            yield "", f'{what}; write maximise = "speed" or minimise = "work_per_distance"'
         elif self.minimise and self.speed is None:
             yield (
                 "speed",
