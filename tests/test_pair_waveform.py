@@ -380,7 +380,7 @@ def test_aims_and_plants_that_cannot_be_are_refused():
         ("limits.frequency=[0.4, 0.48]", "limits.strain", "sqrt(2) / 3 = 0.471405"),
         ("limits.slope=0", "limits.slope", "above 0"),
         ("limits.strain=-1", "limits.strain", "above 0"),
-        ("aim={}", "aim", "needs exactly one of"),
+        ("aim={}", "aim", "no objective is given; write"),
         ('aim={minimise="work_per_distance"}', "aim.speed", "the cheapest motion is rest"),
         ('aim={maximise="speed", speed=0.2}', "aim.speed", "leave it out"),
         ('units="SI"', "units", '"dimensionless"'),

@@ -93,7 +93,10 @@ class Effort(Given):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield a fault unless there is one effort."""
         if (self.strain_rate is None) == (self.dissipation is None):
-            yield "", "exactly one of strain_rate and dissipation is required"
+            yield (
+                "",
+                "none or two limits of the effort are given; write either strain_rate or dissipation",
+            )
 
 
 class Limits(Given):

@@ -208,7 +208,7 @@ class Objective(Given):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield a fault unless there is one objective."""
         if (self.maximise is None) == (self.minimise is None):
-            yield "", 'exactly one of maximise = "speed" and minimise is required'
+            yield "", 'no objective or two are given; write maximise = "speed" or minimise'
         if self.speed is not None and self.minimise is None:
             yield "speed", 'needs minimise = "energy_per_distance"; leave it out'
 
