@@ -95,7 +95,7 @@ class Effort(Given):
         if (self.strain_rate is None) == (self.dissipation is None):
             yield (
                 "",
-                "none or two limits of the effort are given; write either strain_rate or dissipation",
+                "none or two limits are given; write either strain_rate or dissipation",
             )
 
 
