@@ -322,7 +322,7 @@ def test_pulses_and_steps_in_what_is_remembered_are_seen(place: float):
 
 
 def test_a_past_of_any_size_is_remembered_in_few_pieces(monkeypatch: pytest.MonkeyPatch):
-    """The signal is 0 at the start, so that only the past itself tells how exact to be."""
+    """The signal is 0 at the start, so the allowed error must come from the past itself."""
     counts: list[int] = []
 
     def counted(*given: Any) -> Any:

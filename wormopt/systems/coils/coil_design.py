@@ -332,11 +332,11 @@ class CoilDesign(OverCoils, kind="coil-design"):
     def waveform(self) -> np.ndarray:
         return self.design.values
 
-    @array("ampere_turns", "mean_field_value", "the same by the mean field")
+    @array("ampere_turns", "mean_field_value", "waveform of the best mean-field currents")
     def mean_field_pattern(self) -> np.ndarray:
         return self.contest.wave.pattern.values
 
-    @array("ampere_turns", "block_value", "the same of the best block")
+    @array("ampere_turns", "block_value", "waveform of the best block")
     def block_pattern(self) -> np.ndarray:
         return self.contest.block.pattern.values
 
