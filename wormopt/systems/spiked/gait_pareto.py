@@ -318,8 +318,7 @@ class GaitPareto(DesignTable, Study, kind="gait-pareto"):
         try:
             found = super().result(report)
         except Interrupted:
-            for name in self.members:
-                vars(self).pop(name, None)
+            self.forget()
             raise
         return found if self.whole_front.front_points else found.failed(_NONE_COUNTS)
 
