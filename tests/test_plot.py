@@ -774,7 +774,7 @@ def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: 
     assert capsys.readouterr().out.split() == [str(saved / name) for name in drawn]
     assert main(["plot", str(saved / "result.nc"), "gait", "--format", "pdf"]) == 0
     listed = json.loads((saved / "summary.json").read_text())["files"]
-    assert listed == ["result.nc", "summary.json", *drawn, "gait.pdf"]
+    assert listed == ["result.nc", "summary.json", "certificate.json", *drawn, "gait.pdf"]
     assert {path.name for path in saved.iterdir()} == set(listed)
     assert Result.load(saved).scalars == sample("limits").scalars
     # they are its own now, to be drawn again

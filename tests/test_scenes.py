@@ -420,7 +420,7 @@ KEYS = st.sampled_from(
     "pareto.points material material.field material.mu_r material.lame_eta material.u0 "
     "material.youngs_modulus_eff sample strain worm.masses worm.harmonic worm.harmonic.0.phase "
     "worm.harmonic.0.amplitude worm.harmonic.0.order worm.friction worm.frequency "
-    "course.periods".split()
+    "time.periods".split()
 )
 
 

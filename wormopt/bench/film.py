@@ -30,7 +30,7 @@ def task(_name: str, quick: bool) -> Task:
     equations and a compiled Jacobian, sparse where the method takes one. `quick`: fewer switches.
     """
     switches = _FEW if quick else _SWITCHES
-    film: CoilFilm = load_scene("fig24_travelling_wave", [f"course.switches={switches}"]).table
+    film: CoilFilm = load_scene("fig24_travelling_wave", [f"time.switches={switches}"]).table
     known = _scipy(film, "Radau")(1e-8 if quick else _REFERENCE)
     return Task(
         f"{switches} switches of the travelling wave, {film.layer.cells} cells",

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, TypeVar
@@ -71,6 +72,8 @@ class Study(SceneTable):
         found: dict[str, Member[Any]] = {n: m for n, m in seen.items() if isinstance(m, Member)}
         for whole in [one for one in found.values() if one.role == "parts"]:
             for part in members_of_parts(whole):
+                if isinstance(seen.get(part.name), property | cached_property):
+                    raise TypeError(f"{cls.__name__}.{part.name} is a part of {whole.name} too")
                 if found.setdefault(part.name, part) is part:
                     setattr(cls, part.name, part)
                 elif found[part.name].part_of not in ("", whole.name):
