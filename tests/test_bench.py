@@ -1,4 +1,4 @@
-"""`wormopt bench`: its references by a second route, its helpers, a short cut of it."""
+"""Benchmarks: their references by a second route, their helpers, a short cut of them."""
 
 import json
 import math
@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wormopt import cli
-from wormopt.bench import CASES, LADDERS, run, sweeps, work_precision
-from wormopt.bench.cases import GOAL, WORK_PRECISION, mag2_plant, track
-from wormopt.bench.driven_chain import DrivenChain, Grip, linear_flow
-from wormopt.bench.integrators import Regularised, event_loop
-from wormopt.bench.ladder import task_of
-from wormopt.bench.ocp import PEERS, even, measure_ocp
-from wormopt.bench.peers import (
+from tests.benchmarks import CASES, LADDERS, run, sweeps, work_precision
+from tests.benchmarks.__main__ import main
+from tests.benchmarks.cases import GOAL, WORK_PRECISION, mag2_plant, track
+from tests.benchmarks.ladder import task_of
+from tests.benchmarks.ocp import PEERS, even, measure_ocp
+from tests.benchmarks.peers import (
     SOLVERS,
     hand_written,
     thirds,
@@ -26,9 +24,11 @@ from wormopt.bench.peers import (
     track_rates,
     track_traced,
 )
-from wormopt.bench.planar_tasks import TASKS
-from wormopt.bench.sweeps import long_chain
-from wormopt.bench.work_precision import Effort, Point, Record, measure, time_at
+from tests.benchmarks.planar_tasks import TASKS
+from tests.benchmarks.sweeps import long_chain
+from tests.benchmarks.work_precision import Effort, Point, Record, measure, time_at
+from tests.oracles.driven_chain import DrivenChain, Grip, linear_flow
+from tests.oracles.integrators import Regularised, event_loop
 from wormopt.model.gait import Gait
 from wormopt.simulation.native.build import compiler
 from wormopt.simulation.simulate import simulate
@@ -214,8 +214,8 @@ def test_a_benchmark_is_well_formed(
         WORK_PRECISION["track14"], solvers=("wormopt", "hand-written C", "CasADi CVODES", "heyoka")
     )
     monkeypatch.setitem(WORK_PRECISION, "track14", short)
-    arguments = ["bench", "track14", "--quick", "--json", "-o", str(tmp_path / "plots")]
-    assert cli.main(arguments) == 0
+    arguments = ["track14", "--quick", "--json", "-o", str(tmp_path / "plots")]
+    assert main(arguments) == 0
     found = json.loads(capsys.readouterr().out)
     case = found["cases"]["track14"]
     assert found["machine"]["numpy"] == np.__version__
@@ -238,14 +238,14 @@ def test_chain_lengths_are_told_with_their_slope(
 ):
     monkeypatch.setattr(sweeps, "LENGTHS", (2, 50, 100))
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["bench", "chain_length", "--quick"]) == 0
+    assert main(["chain_length", "--quick"]) == 0
     told = capsys.readouterr().out
     assert "smooth: a step costs n^" in told
-    assert (tmp_path / "results" / "bench" / "chain_length.png").is_file()
+    assert (tmp_path / "results" / "benchmarks" / "chain_length.png").is_file()
 
 
 def test_the_smooth_law_tends_to_the_exact_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert cli.main(["bench", "smoothing", "--quick", "--json", "-o", str(tmp_path)]) == 0
+    assert main(["smoothing", "--quick", "--json", "-o", str(tmp_path)]) == 0
     found = json.loads(capsys.readouterr().out)["cases"]["smoothing"]
     differences = [row["difference"] for row in found["widths"]]
     assert differences == sorted(differences, reverse=True)
@@ -258,7 +258,7 @@ def test_the_smooth_law_tends_to_the_exact_one(tmp_path: Path, capsys: pytest.Ca
 def test_averages_split_at_reversals_are_exact_and_sampled_ones_are_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    assert cli.main(["bench", "averaging", "--quick", "--json", "-o", str(tmp_path)]) == 0
+    assert main(["averaging", "--quick", "--json", "-o", str(tmp_path)]) == 0
     found = json.loads(capsys.readouterr().out)["cases"]["averaging"]
     errors = {(row["method"], row["effort"]): row["error"] for row in found["averages"]}
     assert errors["wormopt, nodes", 16] < 1e-13
@@ -284,7 +284,7 @@ def test_films_by_all_integrators_come_to_the_same_end():
 
 
 def test_the_slide_is_the_same_program_for_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert cli.main(["bench", "ocp", "--quick", "--json", "-o", str(tmp_path)]) == 0
+    assert main(["ocp", "--quick", "--json", "-o", str(tmp_path)]) == 0
     found = json.loads(capsys.readouterr().out)["cases"]["ocp"]
     told = {(t["grid"], t["solver"]): t for t in found["times"]}
     grids = list(dict.fromkeys(grid for grid, _ in told))
@@ -325,7 +325,7 @@ def test_an_interrupted_benchmark_tells_what_it_knows(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(work_precision, "measure", stopped)
-    assert cli.main(["bench", "mag2", "-o", str(tmp_path)]) == 130
+    assert main(["mag2", "-o", str(tmp_path)]) == 130
     told = capsys.readouterr().out
     assert "unfinished" in told
     assert "wormopt" in told
@@ -342,23 +342,23 @@ def test_benchmarks_are_told_by_the_help_and_found_in_any_letter_case(
         yield
 
     monkeypatch.setattr(run, "bench", no_time)
-    assert cli.main(["bench", "Track14", "-o", str(tmp_path), "--json"]) == 130
+    assert main(["Track14", "-o", str(tmp_path), "--json"]) == 130
     assert asked == ["track14"]
-    for command in ("bench", "stress"):
-        with pytest.raises(SystemExit):
-            cli.main([command, "--help"])
+    with pytest.raises(SystemExit):
+        main(["--help"])
     said = capsys.readouterr().out
     assert all(name in said and what in said for name, what in CASES.items())
     assert "ours/theirs" in said
-    assert "undecided" in said
 
 
 def test_an_unknown_benchmark_is_refused(capsys: pytest.CaptureFixture[str]):
-    assert cli.main(["bench", "TRACK99"]) == 2
-    assert "track14" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["TRACK99"])
+    said = capsys.readouterr().err
+    assert "there is no TRACK99; write one of track13, track14" in said
 
 
 def test_plots_need_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     (tmp_path / "taken").write_text("")
-    assert cli.main(["bench", "mag2", "-o", str(tmp_path / "taken")]) == 2
+    assert main(["mag2", "-o", str(tmp_path / "taken")]) == 2
     assert "cannot be written" in capsys.readouterr().err

@@ -11,17 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wormopt import cli
-from wormopt.bench import planar as module
-from wormopt.bench.planar_crawl import THREE_LINKS, by_minimize, by_phases
-from wormopt.bench.planar_loop import LOOSE, force_of, held, nearest, planar_flow
-from wormopt.bench.planar_mujoco import by_mujoco
-from wormopt.bench.planar_rivals import by_scipy, by_smoothing, tripod_by_events
-from wormopt.bench.planar_tasks import TASKS, stop_under_load, triangle
-from wormopt.bench.planar_worm import Drive, PlanarWorm, block, flat, plane
-from wormopt.bench.stress import motions
-from wormopt.bench.stress.motions import judge
-from wormopt.bench.stress.planar_cells import planar_cells
+from tests.benchmarks import planar as module
+from tests.benchmarks.__main__ import main
+from tests.benchmarks.planar_crawl import THREE_LINKS, by_minimize, by_phases
+from tests.benchmarks.planar_mujoco import by_mujoco
+from tests.benchmarks.planar_rivals import by_scipy, by_smoothing, tripod_by_events
+from tests.benchmarks.planar_tasks import TASKS, stop_under_load, triangle
+from tests.oracles.planar_loop import LOOSE, force_of, held, nearest, planar_flow
+from tests.oracles.planar_worm import Drive, PlanarWorm, block, flat, plane
+from tests.stress import motions
+from tests.stress.motions import judge
+from tests.stress.planar_cells import planar_cells
 from wormopt.model.model import pack
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.simulate import simulate
@@ -241,8 +241,8 @@ def test_a_planar_benchmark_is_told_and_drawn(
         "_solvers",
         lambda _: {"wormopt": (wormopt, (1e-4, 1e-6)), "MuJoCo": (absent, (1e-2,))},
     )
-    given = ["bench", "planar_block", "--quick", "--json", "--quiet", "-o", str(tmp_path)]
-    assert cli.main(given) == 0
+    given = ["planar_block", "--quick", "--json", "--quiet", "-o", str(tmp_path)]
+    assert main(given) == 0
     found = json.loads(capsys.readouterr().out)["cases"]["planar_block"]
     assert found["done"]
     assert [row["setting"] for row in found["rows"]] == [1e-4, 1e-6]
