@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.benchmarks import LADDERS, against, history, ladder, page
+from tests.benchmarks import against, history, ladder, page
 from tests.benchmarks.__main__ import main
-from tests.benchmarks.ladder import Task, Way, lines, measure, ratios, task_of
+from tests.benchmarks.ladder import Target, Task, Way, _kept, lines, measure, ratios, task_of
 from tests.benchmarks.memory import growth
 from tests.benchmarks.run import OWN
 from wormopt.errors import ArgumentError, OutputError
@@ -28,10 +28,12 @@ def failing(_: float) -> np.ndarray:
 
 def known(*ways: Way) -> dict[str, Any]:
     """What is found of a task whose answer is (2, 4), laid out as for JSON."""
-    task = Task("two numbers", "by hand", "numbers", "steps", 1e-3, np.array([2.0, 4.0]), ways)
+    task = Task(
+        "two numbers", "by hand", "numbers", "steps", 1e-3, np.array([2.0, 4.0]), ways, far=1e5
+    )
     *_, records = measure(task, True, silent)
     return {"case": "two", "title": task.title, "source": task.source, "what": task.what,
-            "setting": task.setting, "goal": task.goal,
+            "setting": task.setting, "goal": task.goal, "targets": [],
             "solvers": [record.told for record in records]}  # fmt: skip
 
 
@@ -47,6 +49,7 @@ def test_wrong_answers_and_failures_are_told_and_do_not_count():
         Way(OWN, lambda: good, (1e-2, 1e-4)),
         Way("spoilt", lambda: lambda _: np.array([2.0, -4.0]), (1.0,)),
         Way("no number", lambda: lambda _: np.array([np.nan, 4.0]), (1.0,)),
+        Way("far", lambda: lambda _: np.array([2.0, 4.01]), (1e-9,)),
         Way("rough", lambda: lambda _: np.array([2.0, 4.1]), (1.0,)),
         Way("failing", lambda: failing, (1.0,)),
         Way("absent", missing, (1.0,)),
@@ -56,6 +59,7 @@ def test_wrong_answers_and_failures_are_told_and_do_not_count():
     assert [p["error"] for p in solvers[OWN]["points"]] == pytest.approx([1e-2, 1e-4])
     assert "wrong without a word" in solvers["spoilt"]["failures"][0]
     assert "wrong without a word" in solvers["no number"]["failures"][0]
+    assert "wrong without a word" in solvers["far"]["failures"][0]
     assert "RuntimeError: gave up" in solvers["failing"]["failures"][0]
     assert solvers["absent"]["missing"] == "not installed: peer"
     assert set(ratios(found)) == {"other"}  # a rough answer has no time to compare
@@ -63,6 +67,15 @@ def test_wrong_answers_and_failures_are_told_and_do_not_count():
     assert told.count("absent: not installed: peer") == 1
     assert "not reached" in told
     json.dumps(found, allow_nan=False)
+
+
+def test_a_target_is_met_beside_the_fastest_of_its_solvers():
+    times = {OWN: 0.2, "quick": 0.1, "slow": 0.4}
+    solvers = [{"solver": name, "points": [{"error": 1e-9, "time_s": time}]}
+               for name, time in times.items()]  # fmt: skip
+    targets = [Target(("quick", "slow"), 1.5), Target(("slow",), 1.5), Target(("absent",), 1.5)]
+    kept = [_kept(target, {"goal": 1e-6, "solvers": solvers}) for target in targets]
+    assert [(k["ratio"], k["met"]) for k in kept] == [(2.0, False), (0.5, True), (None, None)]
 
 
 def test_memory_is_what_work_makes_the_process_grow():
@@ -189,10 +202,6 @@ def test_what_is_no_version_is_refused(tmp_path: Path, capsys: Any):
 
 def test_a_checkout_is_taken_as_it_is(tmp_path: Path):
     assert against.installed(str(ROOT), tmp_path) == ROOT
-
-
-def test_every_ladder_can_be_run_by_turns():
-    assert set(LADDERS) < set(against.ALTERNATED)
 
 
 @pytest.mark.slow

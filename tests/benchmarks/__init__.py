@@ -9,7 +9,7 @@ CASES = {
     "ensembles": "many worms on springs that differ, in lanes beside one after the other",
     "smoothing": "how the smooth law tends to the exact one as v_reg tends to 0",
     "chain_length": "time of a step for 2 to 1000 links",
-    "averaging": "averages of the magneto-elastic pair, and its resonance curve",
+    "averaging": "averages of the magneto-elastic pair, beside samples and quadrature",
     "film": "a film over switched coils, beside SciPy on the same equations",
     "planar_block": "a block in the plane that stops under a load, beside SciPy and MuJoCo",
     "planar_elliptic": "the same on ground that resists more sideways",
@@ -29,6 +29,9 @@ CASES = {
 """Benchmarks and what they are, here so that the command line can tell without loading any."""
 
 LADDERS = {
+    **dict.fromkeys(("track13", "track14", "mag2", "spiked_chain", "stick_chain"), "peers"),
+    **{f"planar_{k}": "planar" for k in ("block", "elliptic", "tripod", "triangle", "crawl")},
+    "averaging": "averaging",
     "ensembles": "ensembles",
     "film": "film",
     "certificate": "certificate",

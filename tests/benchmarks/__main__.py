@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.benchmarks import CASES
+from tests.benchmarks import CASES, LADDERS
 from tests.benchmarks.command import parser
 from wormopt.__main__ import one_thread
 from wormopt.cli.codes import BAD_INPUT, DONE, INTERRUPTED, say
@@ -25,12 +25,12 @@ cases:"""
 _COLUMNS = """\
 columns of the table:
   first run      time of the first run, compilation included
-  time at 1e-09  median time of later runs with errors of 1e-9 in positions and
-                 velocities, interpolated between tolerances
+  time at 1e-09  median time of later runs with errors of 1e-9, interpolated between
+                 settings
   ours/theirs    wormopt's time over that of the solver: below 1 wormopt is faster
-  best error     smallest error of all runs
+  best error     smallest error of all runs, and its time
   memory         largest growth of the process in the first run
-  failed         runs that failed, or reported success with a wrong answer"""
+Runs that failed, or reported success with a wrong answer, are listed below the table."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -98,16 +98,16 @@ def _bench(options: argparse.Namespace) -> int:
 
 
 def _against(options: argparse.Namespace) -> int:
-    from tests.benchmarks.against import ALTERNATED, against, table
+    from tests.benchmarks.against import against, table
     from tests.benchmarks.run import machine
 
-    unable = [name for name in options.names if name not in ALTERNATED]
+    unable = [name for name in options.names if name not in LADDERS]
     if unable:
         raise ArgumentError(
             f"{', '.join(unable)}: --against cannot run this case; write one of "
-            f"{', '.join(ALTERNATED)}"
+            f"{', '.join(LADDERS)}"
         )
-    rows, code, chosen = [], DONE, options.names or ALTERNATED
+    rows, code, chosen = [], DONE, options.names or list(LADDERS)
     try:
         with shown_on_stderr(options.quiet) as report:
             for rows in against(options.against, chosen, quick=options.quick, report=report):  # noqa: B007

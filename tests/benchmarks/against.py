@@ -19,13 +19,10 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tests.benchmarks import LADDERS
 from tests.benchmarks.run import Found, aligned, seconds
 from wormopt.errors import ArgumentError
 from wormopt.progress import Report
 
-ALTERNATED = ("track13", "track14", "mag2", "spiked_chain", "stick_chain", *LADDERS)
-"""Cases that can be run by turns."""
 _HERE = Path(__file__).resolve().parents[2]
 _ROUNDS, _QUICK_ROUNDS = 7, 3
 _LONGEST = 5.0  # s of a run after which no finer setting is asked for

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from tests.benchmarks.ladder import Target
 from tests.oracles.driven_chain import DrivenChain, Grip, Plant
 from wormopt.control.lambda_tracker import Feedback, lambda_tracker
 from wormopt.control.reference import gait_reference
@@ -26,14 +27,6 @@ MAG2_EPS = 0.036
 
 MAG2_NU = math.sqrt(2.0) + 0.5 * MAG2_EPS
 """Its frequency."""
-
-
-@dataclass(frozen=True)
-class Target:
-    """A ratio of times at `GOAL` that wormopt has to keep."""
-
-    than: tuple[str, ...]  # solvers; the fastest of them counts
-    most: float  # largest time of wormopt over theirs
 
 
 @dataclass(frozen=True, eq=False)

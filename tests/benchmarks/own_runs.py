@@ -13,19 +13,12 @@ import sys
 from time import process_time
 from typing import Any
 
-_TOLERANCES = (1e-6, 1e-8, 1e-10, 1e-12)
-
 
 def ready(name: str, quick: bool) -> tuple[Any, Any, Any, float]:
     """Make a case ready: what runs it, what tells the error, the settings and the goal."""
-    from tests.benchmarks.cases import GOAL, WORK_PRECISION
     from tests.benchmarks.ladder import task_of
-    from tests.benchmarks.peers import SOLVERS
     from tests.benchmarks.run import OWN
 
-    if case := WORK_PRECISION.get(name):
-        reference = case.reference
-        return SOLVERS[OWN](case), lambda end: abs(end - reference).max(), _TOLERANCES, GOAL
     task = task_of(name, quick)
     way = next(way for way in task.ways if way.name == OWN)
     return way.make(), task.error, way.settings, task.goal

@@ -18,14 +18,15 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tests.benchmarks.cases import MAG2_EPS, MAG2_NU, Case
+from tests.benchmarks.cases import GOAL, MAG2_EPS, MAG2_NU, WORK_PRECISION, Case
+from tests.benchmarks.ladder import Run, Task, Way
+from tests.benchmarks.run import OWN
 from tests.oracles.integrators import Regularised, by_casadi, event_loop
 from wormopt.control.lambda_tracker import Feedback
 from wormopt.simulation.native.build import library
 from wormopt.simulation.options import Smooth, Tolerance
 from wormopt.simulation.simulate import simulate
 
-Run = Callable[[float], np.ndarray]
 Hand = Callable[[float, np.ndarray], np.ndarray]
 
 # Gait (15) with T = 1, l0 = 2, e = 0.15: on each third MIDDLE + WAVE cos(3 pi s).
@@ -378,7 +379,7 @@ _SCIPY = ("LSODA", "Radau", "DOP853")
 _ADAMS = {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}
 
 SOLVERS: dict[str, Callable[[Case], Run]] = {
-    "wormopt": _wormopt,
+    OWN: _wormopt,
     "hand-written C": _hand_written,
     **{f"scipy {method}": partial(_scipy, track_rates, method) for method in _SCIPY},
     "CasADi CVODES": partial(_casadi, "cvodes"),
@@ -391,3 +392,20 @@ SOLVERS: dict[str, Callable[[Case], Run]] = {
     "heyoka": _heyoka,
     **{f"event loop {method}": partial(_event_loop, method) for method in _SCIPY},
 }
+
+
+def task(name: str, quick: bool) -> Task:
+    """Positions and velocities at the end of a case; `quick`: a tolerance a decade, not two."""
+    case, share = WORK_PRECISION[name], 1 if quick else 2
+    tolerances = tuple(10.0 ** -(k / share) for k in range(4 * share, 13 * share + 1))
+    return Task(
+        case.title,
+        case.source,
+        "positions and velocities",
+        "relative tolerance",
+        GOAL,
+        case.reference,
+        [Way(solver, partial(SOLVERS[solver], case), tolerances) for solver in case.solvers],
+        far=1e5,
+        targets=case.targets,
+    )

@@ -40,7 +40,7 @@ class CrawlTask:
 
 
 THREE_LINKS = CrawlTask(
-    "three links crawl slowly, a stroke (way and turn; when the first masses rest)",
+    "three links crawl slowly, a stroke (way and turn)",
     "two other programs (docs/theory-planar.md); digits end at 5e-9",
     np.array([1.14837049, 0.0]),
     0.2954567555,

@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from tests.benchmarks.planar_rivals import Answer, Solver
-from tests.benchmarks.planar_tasks import TRIPOD_ANGLES, Task
+from tests.benchmarks.planar_tasks import TRIPOD_ANGLES, Stop
 
 _WEIGHT, _RADIUS, _REST = 1e4, 0.1, 1e-6  # of a unit mass; of the spheres; speed of rest
 _SETTLE = 2000  # steps before the start
 
 
-def by_mujoco(task: Task, *, tuned: bool = True) -> Solver:
+def by_mujoco(task: Stop, *, tuned: bool = True) -> Solver:
     """MuJoCo, asked for a time step; `tuned`: made as exact as its options allow."""
     import mujoco  # type: ignore[import-not-found]
 
@@ -43,7 +43,7 @@ def by_mujoco(task: Task, *, tuned: bool = True) -> Solver:
     return run
 
 
-def _stepped(mujoco: Any, model: Any, data: Any, task: Task, step: float) -> Answer:
+def _stepped(mujoco: Any, model: Any, data: Any, task: Stop, step: float) -> Answer:
     worm, rested = task.worm, math.nan
     data.time = 0.0
     if worm is None:  # the tripod: x, y, z, angle
@@ -64,7 +64,7 @@ def _stepped(mujoco: Any, model: Any, data: Any, task: Task, step: float) -> Ans
     return begin + data.qpos[plane], rested
 
 
-def _scene(task: Task, step: float, tuned: bool) -> str:
+def _scene(task: Stop, step: float, tuned: bool) -> str:
     worm = task.worm
     weight = _WEIGHT if tuned else 9.81
     # a fixed frame of the plane has its first tangent along y, its second along -x

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tests.benchmarks.planar_tasks import TRIPOD_ANGLES, Task
+from tests.benchmarks.planar_tasks import TRIPOD_ANGLES, Stop
 from tests.oracles.planar_worm import PlanarWorm, flat, plane
 
 Answer = tuple[np.ndarray, float]
@@ -142,7 +142,7 @@ def tripod_by_events(method: str, tolerance: float) -> Answer:
     return np.append(centre, y[2] + turn), t + time
 
 
-def by_scipy(task: Task, method: str) -> Solver:
+def by_scipy(task: Stop, method: str) -> Solver:
     """SciPy with events."""
     if task.name == "tripod":
         return lambda tolerance: tripod_by_events(method, tolerance)
@@ -151,7 +151,7 @@ def by_scipy(task: Task, method: str) -> Solver:
     return lambda tolerance: masses_by_events(worm, task.span, method, tolerance)
 
 
-def by_smoothing(task: Task) -> Solver:
+def by_smoothing(task: Stop) -> Solver:
     """SciPy with steep friction."""
     worm = task.worm
     if worm is None:

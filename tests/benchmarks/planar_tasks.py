@@ -19,7 +19,7 @@ TRIPOD_ANGLES = np.radians([90.0, 210.0, 330.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Stop:
     """A motion that all solvers are asked for."""
 
     name: str
@@ -52,13 +52,13 @@ def stop_under_load(
     return time, np.array([x, y])
 
 
-def _stopping(name: str, what: str, friction: float) -> Task:
+def _stopping(name: str, what: str, friction: float) -> Stop:
     time, place = stop_under_load(friction, 1.0, 1.0, math.pi / 2)
     worm = block([0.0, 1.0], [friction] * 3, load=(1.0, 0.0))
-    return Task(name, what, worm.model, 1.5 * time, place, time, "closed form", worm)
+    return Stop(name, what, worm.model, 1.5 * time, place, time, "closed form", worm)
 
 
-def _elliptic_block() -> Task:
+def _elliptic_block() -> Stop:
     worm = block([1.0, 1.0], [1.0, 1.0, 2.0])
     # v_t = e^-T, v_n = e^-4T, dt = psi dT: three quadratures, 16 digits by substitution
     nodes, weights = np.polynomial.legendre.leggauss(60)
@@ -67,7 +67,7 @@ def _elliptic_block() -> Task:
     time, x, y = (float(du @ (psi * f / u)) for f in (1.0, u, u**4))
     what = "a block that resists twice as much sideways, pushed aslant"
     source = "quadrature in the logarithm of the speed along"
-    return Task("elliptic", what, worm.model, 1.8, np.array([x, y]), time, source, worm)
+    return Stop("elliptic", what, worm.model, 1.8, np.array([x, y]), time, source, worm)
 
 
 def tripod() -> Model:
@@ -107,7 +107,7 @@ TASKS = {
     for task in (
         _stopping("block", "a block under half the load that would carry it off", 2.0),
         _elliptic_block(),
-        Task(
+        Stop(
             "tripod",
             "a rigid tripod that comes to pivot on a foot, then rests",
             tripod,
@@ -116,7 +116,7 @@ TASKS = {
             1.657170846008,
             "SciPy with a slowed time to a speed of 1e-13, then closed form (test_bench_planar.py)",
         ),
-        Task(
+        Stop(
             "triangle",
             "three masses that three springs drive, t = 6",
             lambda: triangle().model(),

@@ -22,13 +22,7 @@ import numpy as np
 from tests.benchmarks import LADDERS
 from wormopt.progress import Report
 
-_MODULES = {"chain_length": "sweeps", "smoothing": "sweeps"} | {
-    name: name for name in ("averaging", "ocp", "design")
-}
-_MODULES |= {
-    f"planar_{task}": "planar" for task in ("block", "elliptic", "tripod", "triangle", "crawl")
-}
-_MODULES |= dict.fromkeys(LADDERS, "ladder")
+_MODULES = dict.fromkeys(LADDERS, "ladder") | dict.fromkeys(("chain_length", "smoothing"), "sweeps")
 _PACKAGES = (
     *("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka"),
     *("rockit-meco", "yapss", "mujoco", "magpylib", "scikit-fem", "pyelastica"),
@@ -87,7 +81,7 @@ def ratios(found: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _benchmark(name: str) -> Any:
-    return import_module(f"tests.benchmarks.{_MODULES.get(name, 'work_precision')}")
+    return import_module(f"tests.benchmarks.{_MODULES.get(name, name)}")
 
 
 # -- numbers -------------------------------------------------------------------------------------
@@ -105,18 +99,10 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def compared(times: Mapping[str, float | None], own: str = OWN) -> dict[str, float]:
+def compared(times: Mapping[str, float | None]) -> dict[str, float]:
     """Our time over each of the others', where both are known."""
-    ours = times.get(own)
-    return {name: ours / t for name, t in times.items() if name != own and ours and t}
-
-
-def least(times: Iterable[tuple[str, float]]) -> dict[str, float]:
-    """Least time of each name."""
-    found: dict[str, float] = {}
-    for name, time in times:
-        found[name] = min(time, found.get(name, math.inf))
-    return found
+    ours = times.get(OWN)
+    return {name: ours / t for name, t in times.items() if name != OWN and ours and t}
 
 
 def exponent(x: Sequence[float], y: Sequence[float]) -> float | None:
@@ -177,14 +163,6 @@ def curve(
     """Plot column `y` of the rows over column `x` in the style of the k-th curve."""
     chosen = {"color": colour(k), "marker": _MARKS[k % len(_MARKS)], "markersize": 4} | style
     axes.plot([row[x] for row in rows], [row[y] for row in rows], **chosen)
-
-
-def curves(
-    axes: Any, rows: Sequence[Mapping[str, Any]], of: str, x: str, y: str, **style: Any
-) -> None:
-    """Plot a curve for each of the names in column `of`."""
-    for k, name in enumerate(dict.fromkeys(row[of] for row in rows)):
-        curve(axes, k, [row for row in rows if row[of] == name], x, y, label=name, **style)
 
 
 def save(figure: Any, path: Path, title: str = "", **legend: Any) -> None:
