@@ -19,7 +19,7 @@ from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from test_program import G1, G1_LIMITS, G1_ORDER, G1_WORM, check
 
-from wormopt.bench.design_cases import draw, task_of
+from tests.benchmarks.design_cases import draw, task_of
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.numerics.bilinear import BilinearProgram
