@@ -104,12 +104,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("recorded.plots.fit_design", "forces", "loads")
         | _drawn("spiked.plots.gaits", "gait", "motion", "spikes"),
     ),
-    "segment-shapes": Kind(
-        summary="compare assumed shapes of a segment between two coils with the exact elastica",
-        table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",
-        study="wormopt.systems.channel.runs.segment_shapes",
-        pictures=_drawn("channel.plots.channel", "segment_shapes"),
-    ),
 } | dict(studies_in(_SYSTEMS))
 
 GROUPS: dict[str, tuple[str, ...]] = {
