@@ -90,9 +90,7 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
     segment at all, and marks outside the stated validity of eq. 32.
     """
 
-    pictures: ClassVar = {
-        "channel_velocity": "wormopt.systems.channel.plots.channel:channel_velocity"
-    }
+    pictures: ClassVar = {"channel_velocity": "wormopt.systems.channel.pictures:channel_velocity"}
 
     want: tuple[Literal["channel_velocity"], ...] = entry(
         "`channel_velocity`: figures 19 and 20 of Zimmermann et al.", default=()

@@ -169,7 +169,7 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
     too small.
     """
 
-    pictures: ClassVar = {"segment_shapes": "wormopt.systems.channel.plots.channel:segment_shapes"}
+    pictures: ClassVar = {"segment_shapes": "wormopt.systems.channel.pictures:segment_shapes"}
     headline: ClassVar = (
         "shapes", "arc_length", "segments", "velocity_per_frequency", "energy_over_stiffness",
     )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from msgspec import Meta
 
 from wormopt.errors import Fault
-from wormopt.study import Given, entry, number, on_use, positive, scalars, warnings, whole
+from wormopt.study import Given, entry, number, on_use, positive, scalars, whole
 from wormopt.study.types import Positive
 from wormopt.systems.channel.samples import SAMPLES, Sample
 from wormopt.systems.shared.si import SIStudy
@@ -17,7 +17,7 @@ from wormopt.systems.shared.si import SIStudy
 with on_use():
     from wormopt.magnetics.blocks import BlockField, channel_field
     from wormopt.magnetics.coils import Coil
-    from wormopt.systems.channel.closed_forms import ChannelWorm, warnings_of_susceptibility
+    from wormopt.systems.channel.closed_forms import ChannelWorm
 
 STEEPEST, FLATTEST = 10.0, 1e-3
 """Limits of the rise over the coil distance; below the least, l_s - L is lost in round-off."""
@@ -408,7 +408,3 @@ class RodStudy(SIStudy):
             "assumed_skin": worm.skin,
             "assumed_skin_modulus": worm.youngs_modulus if worm.skin else None,
         } | self.coils.assumed
-
-    @warnings
-    def of_susceptibility(self) -> Iterator[str]:
-        yield from warnings_of_susceptibility(self.worm.susceptibility)
