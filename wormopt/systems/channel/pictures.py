@@ -77,12 +77,11 @@ def channel_velocity(result: Result) -> Figure:
     marks = zip(*(needed(result, f"measured{end}") for end in ("", "_frequency", "_velocity")),
                 strict=True)  # fmt: skip
     for k, (text, at, measured) in enumerate(marks):
-        face, told = (
-            "none" if k else RED,
-            f"{text}: {number(1e3 * measured)}\N{NO-BREAK SPACE}{raised('mm s-1')}",
-        )
-        axes.plot(at, 1e3 * measured, _MARKERS[k % 5], color=RED, markersize=5, zorder=3,
-                  markerfacecolor=face, label=told)  # fmt: skip
+        axes.plot(
+            at, 1e3 * measured, _MARKERS[k % 5], color=RED, markersize=5, zorder=3,
+            markerfacecolor="none" if k else RED,
+            label=f"{text}: {number(1e3 * measured)}\N{NO-BREAK SPACE}{raised('mm s-1')}",
+        )  # fmt: skip
     axes.set_xscale("log")
     axes.set_yscale("log")
     _limits(axes, result)
@@ -166,23 +165,16 @@ def _rod(axes: Axes, result: Result) -> None:
         place = 1e3 * known["pitch"] * (k - (known["coils_on"] - 1) / 2)
         base = wide + 1e3 * known["coil_clearance"] if k % 2 == 0 else -reach
         outer, tall = 1e3 * known["coil_outer"], reach - 1e3 * known["coil_clearance"]
-        told = None if k else "active coils"
-        axes.add_patch(Rectangle((place - outer, base), 2 * outer, tall, color=_ACTIVE, label=told))
+        axes.add_patch(Rectangle((place - outer, base), 2 * outer, tall, color=_ACTIVE,
+                                 label=None if k else "active coils"))  # fmt: skip
         axes.axvline(place, color=GREY, linewidth=0.8, linestyle=(0, (3, 3)))
     for wall in (0.0, wide):
         axes.axhline(wall, color="black", linewidth=1)
     _body(axes, x, y, result["rod_angle"].values, 2 * radius, "rod")
     axes.plot(x, y, color=_COLOURS[5])
-    lines = [
-        [(place, base), (place, base + side * 0.9 * reach * force / largest)]
-        for wall, base, side in (("upper", wide, 1), ("lower", 0.0, -1))
-        for place, force in zip(x, forces[wall], strict=True)
-        if force > 0
-    ]
-    axes.add_collection(LineCollection(
-        lines, colors=RED, linewidths=1.1,
-        label=f"wall forces, up to {number(largest)} {raised('N m-1')}",
-    ))  # fmt: skip
+    for wall, base, side in (("upper", wide, 1), ("lower", 0.0, -1)):
+        text = f"wall forces, up to {number(largest)} {raised('N m-1')}" if side > 0 else None
+        _forces(axes, x, forces[wall], base, side * 0.9 * reach / largest, label=text)
     axes.set_xlim(x.min() - 2 * radius, x.max() + 2 * radius)
     axes.set_ylim(-reach, wide + reach)
     axes.set_aspect("equal", adjustable="box")
@@ -209,19 +201,24 @@ def _body(
     axes: Axes, x: np.ndarray, y: np.ndarray, theta: np.ndarray, thick: float, name: str
 ) -> None:
     """Draw both sides of the body, half its thickness from the centre line."""
-    across = thick / 2 * np.array([-np.sin(theta), np.cos(theta)])
+    axes.fill(*_outline(x, y, theta, thick), color="#F3E3C3", linewidth=0,
+              label=f"body, {name.replace('_', ' ')}")  # fmt: skip
+
+
+def _outline(x: np.ndarray, y: np.ndarray, angle: np.ndarray, thick: float) -> np.ndarray:
+    """Return the outline of a body from its centre line and the angles of its sections."""
+    across = thick / 2 * np.array([-np.sin(angle), np.cos(angle)])
     middle = np.array([x, y])
-    outline = np.hstack([middle + across, (middle - across)[:, ::-1]])
-    axes.fill(*outline, color="#F3E3C3", linewidth=0, label=f"body, {name.replace('_', ' ')}")
+    return np.hstack([middle + across, (middle - across)[:, ::-1]])
 
 
 def _nearest(result: Result) -> list[str]:
-    told = zip(*(needed(result, name) for name in
-                 ("exact_shapes", "closest_shape", "closest_distance")), strict=True)  # fmt: skip
+    names = ("exact_shapes", "closest_shape", "closest_distance")
+    rows = zip(*(needed(result, name) for name in names), strict=True)
     return [
         f"closest to {exact.replace('_', ' ')}: "
         + (f"{name}, {number(1e3 * apart, 3)} mm" if name else "not from wall to wall")
-        for exact, name, apart in told
+        for exact, name, apart in rows
     ]
 
 
@@ -232,17 +229,17 @@ def rod_motion(result: Result) -> Figure:
     """Plot shapes over a repeat of the pattern (left), displacement and energy balance (right)."""
     drawn = sheet(7.1, 5.6, 8.2)
     if narrow():
-        shapes, way, work = drawn.subplots(3, height_ratios=(2.6, 1, 1))
+        shapes, place, work = drawn.subplots(3, height_ratios=(2.6, 1, 1))
     else:
         grid = drawn.add_gridspec(2, 2, width_ratios=(1, 1.05))
         shapes = drawn.add_subplot(grid[:, 0])
-        way, work = drawn.add_subplot(grid[0, 1]), drawn.add_subplot(grid[1, 1])
-    work.sharex(way)
+        place, work = drawn.add_subplot(grid[0, 1]), drawn.add_subplot(grid[1, 1])
+    work.sharex(place)
     _snapshots(shapes, result)
     time = result["time"].values
-    way.plot(time, 1e3 * result["centre"].values, color="black")
-    way.set_ylabel("mean position (mm)")
-    way.tick_params(labelbottom=False)
+    place.plot(time, 1e3 * result["centre"].values, color="black")
+    place.set_ylabel("mean position (mm)")
+    place.tick_params(labelbottom=False)
     for (name, colour, text), dashes in zip(_WORKS, DASHES, strict=True):
         work.plot(time, 1e3 * result[f"work_{name}"].values, color=colour, linestyle=dashes,
                   label=f"work of {text}")  # fmt: skip
@@ -313,29 +310,27 @@ def _scene(
     for wall in (-half, half):
         axes.axhline(height + wall, color="black", linewidth=1)
     x, y = (1e3 * result[f"rod_{name}"].values[frame] for name in "xy")
-    angle, radius = result["rod_angle"].values[frame], 5e2 * known["body"]
-    for part, colour in zip((slice(None, len(x) // 2 + 1), slice(len(x) // 2, None)), _BODY,
-                            strict=True):  # fmt: skip
-        across = radius * np.array([-np.sin(angle[part]), np.cos(angle[part])])
-        rim = np.hstack([
-            [x[part] + across[0], y[part] + across[1]],
-            [(x[part] - across[0])[::-1], (y[part] - across[1])[::-1]],
-        ])  # fmt: skip
-        axes.fill(rim[0], height + rim[1], color=colour, linewidth=0, zorder=2)
-    _forces(axes, result, frame, height, half)
-
-
-def _forces(axes: Axes, result: Result, frame: int, height: float, half: float) -> None:
-    """Draw wall forces on the rod as lines outside the channel."""
+    angle = result["rod_angle"].values[frame]
+    halves = slice(None, len(x) // 2 + 1), slice(len(x) // 2, None)
+    for part, colour in zip(halves, _BODY, strict=True):
+        rim = _outline(x[part], height + y[part], angle[part], 1e3 * known["body"])
+        axes.fill(*rim, color=colour, linewidth=0, zorder=2)
     largest = max(result[f"pressed_{wall}"].values.max() for wall in ("upper", "lower"))
-    x, lines = 1e3 * result["rod_x"].values[frame], []
-    for wall, side in (("upper", 1), ("lower", -1)):
+    for wall, side in (("upper", half), ("lower", -half)):
         pressed = result[f"pressed_{wall}"].values[frame]
-        for place, force in zip(x, pressed, strict=True):
-            if force > 0:
-                base = height + side * half
-                lines.append([(place, base), (place, base + side * half * force / largest)])
-    axes.add_collection(LineCollection(lines, colors=RED, linewidths=1.1, zorder=3))
+        _forces(axes, x, pressed, height + side, side / largest, zorder=3)
+
+
+def _forces(
+    axes: Axes, x: np.ndarray, forces: np.ndarray, wall: float, scale: float, **style: Any
+) -> None:
+    """Draw forces of a wall on a rod as lines outside the channel."""
+    lines = [
+        [(place, wall), (place, wall + scale * force)]
+        for place, force in zip(x, forces, strict=True)
+        if force > 0
+    ]
+    axes.add_collection(LineCollection(lines, colors=RED, linewidths=1.1, **style))
 
 
 def first_frame(result: Result) -> Figure:
@@ -396,10 +391,10 @@ def _curve(axes: Axes, result: Result) -> None:
     slope = -1e3 * float(needed(result, "velocity_per_frequency_slow"))
     best = -1e3 * float(scalar(result, "pattern_velocity") or np.nan)
     top = 1.25 * np.nanmax([*known[1], best])
-    natural = _natural(result)
-    told = f"natural frequencies: {', '.join(map('{:.3g}'.format, natural))} Hz"
+    natural = scalar(result, "eigenfrequencies") or []
+    listed = f"natural frequencies: {', '.join(map('{:.3g}'.format, natural))} Hz"
     for value in natural:
-        axes.axvline(value, color="#BBBBBB", linewidth=0.8, linestyle=(0, (2, 2)), label=told)
+        axes.axvline(value, color="#BBBBBB", linewidth=0.8, linestyle=(0, (2, 2)), label=listed)
     slow = np.geomspace(rate[0], max(top / slope, rate[0]) if slope > 0 else rate[-1])
     axes.plot(
         slow,
@@ -431,11 +426,6 @@ def _curve(axes: Axes, result: Result) -> None:
     axes.set_ylim(top=top)
     axes.set_xlabel("coil switches per second $n$ (s$^{-1}$)")
     axes.set_ylabel("velocity against\nthe field (mm s$^{-1}$)")
-
-
-def _natural(result: Result) -> list[float]:
-    found = scalar(result, "eigenfrequencies") or []
-    return [float(value) for value in found]
 
 
 def _tornado(axes: Axes, result: Result, column: int, title: str) -> None:

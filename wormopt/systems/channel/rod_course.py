@@ -127,8 +127,8 @@ class RodPoint:
 
 def checks_of_motion(point: RodPoint, what: str = "") -> Iterator[Check]:
     """Yield checks of a single motion; `what` names how it was computed."""
-    named, told = (f" {what}", f"{what}: ") if what else ("", "")
-    where = f"{told}at {point.rate:g} switches per second"
+    named, before = (f" {what}", f"{what}: ") if what else ("", "")
+    where = f"{before}at {point.rate:g} switches per second"
     if point.reason:
         yield Check(f"motion{named}", None, 0.0, f"{where} {point.reason}")
         return
