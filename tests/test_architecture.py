@@ -66,7 +66,7 @@ USES: dict[str, set[str]] = {
     "film": {"spiked"},
     "gears": {"chain", "spiked"},
     "coils": {"film"},
-    "channel": {"coils"},
+    "channel": set(),
     "peristaltic": set(),
     "planar": set(),
     "recorded": {"spiked"},

@@ -31,7 +31,7 @@ from wormopt.plotting import draw, figure, save
 from wormopt.plotting.parts import LINKS, stretches
 from wormopt.quantities import Scalar
 from wormopt.result import Result
-from wormopt.systems.channel.plots import rod
+from wormopt.systems.channel import pictures as rod
 
 SAVED = Path(__file__).parent / "results"
 # Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.

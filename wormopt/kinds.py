@@ -68,19 +68,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.film.runs.film_forward",
         pictures=_drawn("film.plots.thin_film", "forward", "basins"),
     ),
-    "rod-frequency": Kind(
-        summary="compute the velocity of a magnetisable rod over the frequency of its coils",
-        table="wormopt.systems.channel.scenes.rod_frequency:RodFrequencyScene",
-        study="wormopt.systems.channel.runs.rod_frequency",
-        pictures=_drawn("channel.plots.rod", "rod_frequency"),
-    ),
-    "rod-motion": Kind(
-        summary="simulate a magnetisable rod between walls, driven by coils switched in turn",
-        table="wormopt.systems.channel.scenes.rod:RodMotionScene",
-        study="wormopt.systems.channel.runs.rod_motion",
-        pictures=_drawn("channel.plots.rod", "rod_motion")
-        | {"animation": "wormopt.systems.channel.plots.rod:first_frame"},
-    ),
     "fit": Kind(
         summary="estimate parameters from recordings of a motion, with confidence intervals",
         table="wormopt.systems.recorded.scenes.fit:FitScene",
@@ -103,12 +90,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         study="wormopt.systems.recorded.runs.fit_design",
         pictures=_drawn("recorded.plots.fit_design", "forces", "loads")
         | _drawn("spiked.plots.gaits", "gait", "motion", "spikes"),
-    ),
-    "segment-shapes": Kind(
-        summary="compare assumed shapes of a segment between two coils with the exact elastica",
-        table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",
-        study="wormopt.systems.channel.runs.segment_shapes",
-        pictures=_drawn("channel.plots.channel", "segment_shapes"),
     ),
 } | dict(studies_in(_SYSTEMS))
 

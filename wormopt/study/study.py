@@ -62,6 +62,8 @@ class Study(SceneTable):
     """Whether results have a table file of their own."""
     exports: ClassVar[Mapping[str, str]] = {}
     """Further files by name: "module:function" giving its text of the result, or None."""
+    resumes: ClassVar[bool] = False
+    """Whether a study that was interrupted continues from there when it is run again."""
 
     schema: Literal[1] = entry("version of the scene form", default=1)
     kind: str = entry("what the scene computes", default="")
@@ -277,7 +279,8 @@ class Study(SceneTable):
         except KeyboardInterrupt as stop:
             during = [name for name, error in self._failures.items() if error is stop]
             where = f" during {during[0].replace('_', ' ')}" if during else ""
-            found = self._unfinished(f"interrupted{where}")
+            resume = "; run again to resume" if self.resumes else ""
+            found = self._unfinished(f"interrupted{where}{resume}")
             if not found.scalars and not found.variables:
                 raise
             raise Interrupted(found) from None
