@@ -56,12 +56,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "film-forward": Kind(
-        summary="compute the wave of a magnetic fluid film under a given field, and its stability",
-        table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
-        study="wormopt.systems.film.runs.film_forward",
-        pictures=_drawn("film.plots.thin_film", "forward", "basins"),
-    ),
     "rod-frequency": Kind(
         summary="compute the velocity of a magnetisable rod over the frequency of its coils",
         table="wormopt.systems.channel.scenes.rod_frequency:RodFrequencyScene",
