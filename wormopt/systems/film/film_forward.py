@@ -283,8 +283,8 @@ class FilmForward(Study, kind="film-forward"):
     """
 
     pictures: ClassVar = {
-        "forward": "wormopt.systems.film.plots.thin_film:forward",
-        "basins": "wormopt.systems.film.plots.thin_film:basins",
+        "forward": "wormopt.systems.film.pictures:forward",
+        "basins": "wormopt.systems.film.pictures:basins",
     }
     headline: ClassVar = (
         "outcome", "distance_to_wave", "distance_to_steady", "growth_rate_max", "growth_rate_end",

@@ -284,7 +284,7 @@ class FilmWave(Study, kind="film-wave"):
     and the requirements. If one is violated, the status is `failed`.
     """
 
-    pictures: ClassVar = {"film_wave": "wormopt.systems.film.plots.film:film_wave"}
+    pictures: ClassVar = {"film_wave": "wormopt.systems.film.pictures:film_wave"}
     headline: ClassVar = (
         "mean_flow", "c_constant", "mean_flow_cosine", "cosine_delta", "mean_flow_supremum",
     )  # fmt: skip
