@@ -56,18 +56,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
         wanted=("convergence",),
     ),
-    "film-wave": Kind(
-        summary="optimise the wave of a magnetic fluid film: largest transport or least field",
-        table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",
-        study="wormopt.systems.film.runs.film_wave",
-        pictures=_drawn("film.plots.film", "film_wave"),
-    ),
-    "film-forward": Kind(
-        summary="compute the wave of a magnetic fluid film under a given field, and its stability",
-        table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
-        study="wormopt.systems.film.runs.film_forward",
-        pictures=_drawn("film.plots.thin_film", "forward", "basins"),
-    ),
     "fit": Kind(
         summary="estimate parameters from recordings of a motion, with confidence intervals",
         table="wormopt.systems.recorded.scenes.fit:FitScene",

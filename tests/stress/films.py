@@ -20,12 +20,12 @@ from tests.stress.means import Judged, least, refused, zero
 from tests.stress.verdict import Case, Dice, Undecided, apart, many, spread
 from wormopt.model.model import pack
 from wormopt.systems.film.cosine import CosineWave
-from wormopt.systems.film.design.wave import fitting_cosine, largest_flow
 from wormopt.systems.film.float import CAPTURE_DELTA, float_drift, tracer_drift
 from wormopt.systems.film.given_field import film_volume, thin_film
 from wormopt.systems.film.next_order import corrected_flow, surface_correction
 from wormopt.systems.film.shapes import FourierWave
 from wormopt.systems.film.units import Fluid
+from wormopt.systems.film.wave_problem import fitting_cosine, largest_flow
 
 _TURN = 2 * math.pi
 _GAUSS = np.polynomial.legendre.leggauss(20)

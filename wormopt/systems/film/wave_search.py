@@ -18,7 +18,7 @@ from wormopt.ocp.nlp import Ipopt
 from wormopt.ocp.optimise import Optimum, optimise, refine
 from wormopt.ocp.structure import structure_of
 from wormopt.progress import Report, silent
-from wormopt.systems.film.design.wave import (
+from wormopt.systems.film.wave_problem import (
     TURN,
     WaveAim,
     WaveLimits,
@@ -64,7 +64,7 @@ class Try:
 class DesignedWave:
     """An optimal wave."""
 
-    # all solves, the last of the single wave itself, see wormopt.systems.film.design.wave
+    # all solves, the last of the single wave itself, see wormopt.systems.film.wave_problem
     stages: dict[str, Optimum]
     limits: WaveLimits  # what it keeps to
     repeats: int  # of the optimised wave in 2 pi
