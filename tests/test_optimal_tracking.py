@@ -26,7 +26,7 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
 from wormopt.systems.chain.rivals import draw_plants
-from wormopt.systems.chain.scenes.track_optimal import (
+from wormopt.systems.chain.tables import (
     GridTable,
     LeastError,
     RelaxationTable,

@@ -33,7 +33,7 @@ from wormopt.systems.chain.rival_decisions import decide, decision_jobs
 from wormopt.systems.chain.rivals import Rival, draw_plants, driven
 from wormopt.systems.chain.runs.compare_judging import scenarios
 from wormopt.systems.chain.scenes.predictive import PredictiveTable
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.chain.tables import TubeTable
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 PLANT = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}

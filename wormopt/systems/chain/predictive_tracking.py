@@ -19,7 +19,7 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.motion import Guess
 from wormopt.systems.chain.optimal_tracking import followed_by_lqr, tracking_problem
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PredictiveTable
-from wormopt.systems.chain.scenes.track_optimal import LeastError, TubeTable
+from wormopt.systems.chain.tables import LeastError, TubeTable
 
 # Ratio of the first to the last width of the smooth law: the guess is close to the optimum.
 _WIDER = 2.0

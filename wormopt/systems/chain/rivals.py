@@ -28,7 +28,7 @@ from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_
 from wormopt.systems.chain.loops import chain_for, close_loop, draw_links, labels
 from wormopt.systems.chain.optimal_tracking import knowing, lengths_of, optimal_input
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
-from wormopt.systems.chain.scenes.track_optimal import LeastError, LeastInput
+from wormopt.systems.chain.tables import LeastError, LeastInput
 
 LQR = "LQR, feed-forward"
 PLANS = ("optimal tracking", "optimal tube", "fastest crawl")

@@ -11,13 +11,16 @@ from wormopt.study.given import Given, entry, number, positive, whole
 from wormopt.study.numerics import Horizon, Start, ToleranceTable
 from wormopt.study.types import Pair, SceneTable, Seed, Title, wrong_order
 from wormopt.systems.chain.scenes.predictive import EstimationTable, PlantsTable, PredictiveTable
-from wormopt.systems.chain.scenes.track_optimal import GridTable, RelaxationTable, Share, TubeTable
 from wormopt.systems.chain.tables import (
     ChainTable,
     CoulombFriction,
     DifferenceTracker,
     FunnelTracker,
+    GridTable,
+    RelaxationTable,
+    Share,
     Tracker,
+    TubeTable,
     faults_of_lag,
 )
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, over

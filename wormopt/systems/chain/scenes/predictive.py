@@ -8,8 +8,7 @@ from typing import Literal
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, positive, whole
 from wormopt.study.types import Seed
-from wormopt.systems.chain.scenes.track_optimal import Share
-from wormopt.systems.chain.tables import ChainTable
+from wormopt.systems.chain.tables import ChainTable, Share
 
 Estimated = Literal["mass", "stiffness", "damping", "friction_forward", "friction_backward"]
 ESTIMATED: tuple[Estimated, ...] = ("mass", "friction_forward", "friction_backward")

@@ -15,8 +15,7 @@ from wormopt.systems.chain.scenes.predictive import (
     PlantsTable,
     PredictiveTable,
 )
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
-from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference
+from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, TubeTable
 from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, over
 
 SHOWN = ("error_norm", "length", "input", "position")
