@@ -601,7 +601,7 @@ class RelaxationTable(Given):
     last: float = positive("1", "product in the last solve", default=1e-3)
     time_limit: float = positive("s", "processor time limit of each of the solves", default=60.0)
 
-    def faults(self) -> Iterator[Fault]:
+    def faults_of_keys(self) -> Iterator[Fault]:
         """Yield a fault if the last product is above the first."""
         if self.last > self.first:
-            yield "relaxation.last", f"is above relaxation.first = {self.first:g}; write less"
+            yield "last", f"is above relaxation.first = {self.first:g}; write less"

@@ -281,7 +281,6 @@ class CompareScene(SceneTable):
         links = self.worm.links
         yield from self.worm.faults(self.time.end, self.units)
         yield from self.start.faults(links)
-        yield from self.relaxation.faults()
         if self.crawl is not None:
             yield from wrong_order("crawl.length", self.crawl.length, may_be_equal=False)
         if not self.reference:
