@@ -43,13 +43,6 @@ KINDS: dict[str, Kind | StudyKind] = {
         pictures=_drawn("chain.plots.comparison", "comparison", "draws"),
         table_file=True,
     ),
-    "optimal-crawl": Kind(
-        summary="optimise the inputs of a chain that crawls on dry friction: fastest or cheapest",
-        table="wormopt.systems.chain.scenes.optimal_crawl:OptimalCrawlScene",
-        study="wormopt.systems.chain.runs.optimal_crawl",
-        pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
-        wanted=("convergence",),
-    ),
     "film-wave": Kind(
         summary="optimise the wave of a magnetic fluid film: largest transport or least field",
         table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",

@@ -24,11 +24,11 @@ from wormopt.ocp.mesh import Mesh
 from wormopt.ocp.optimise import Optimum, optimise
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.systems.chain.copies import Draw, drawn_plants
-from wormopt.systems.chain.dynamic import Aim, CrawlLimits, crawl_problem, sine_guess
+from wormopt.systems.chain.dynamic import crawl_problem, sine_guess
 from wormopt.systems.chain.loops import chain_for, close_loop, draw_links, labels
 from wormopt.systems.chain.optimal_tracking import knowing, lengths_of, optimal_input
 from wormopt.systems.chain.scenes.compare_tracking import CompareScene
-from wormopt.systems.chain.tables import LeastError, LeastInput
+from wormopt.systems.chain.tables import Aim, CrawlLimits, LeastError, LeastInput
 
 LQR = "LQR, feed-forward"
 PLANS = ("optimal tracking", "optimal tube", "fastest crawl")
@@ -140,10 +140,8 @@ def _crawl(job: Job) -> Optimum:
     table = job.table.crawl
     assert table is not None
     plant = plant_of(job.table, job.gait)
-    limits = CrawlLimits(
-        (table.period, table.period), table.force, (table.length[0], table.length[1])
-    )
-    problem = crawl_problem(plant, limits, Aim(effort=table.input_weight))
+    limits = CrawlLimits(period=table.period, force=table.force, length=table.length)
+    problem = crawl_problem(plant, limits, Aim(maximise="speed", effort=table.input_weight))
     mesh = Mesh.even(1, table.arcs, Collocation(2, "radau"))
     return optimise(problem, mesh, _RELAXED, sine_guess(plant, table.period, table.force))
 

@@ -171,7 +171,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @stage
     def optimum(self) -> Optimum:
-        """The optimal input, with contact as a complementarity condition."""
         with np.errstate(all="ignore"):  # values that are not finite are checked elsewhere
             return optimal_input(
                 self.plant,
@@ -192,7 +191,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @stage
     def motion(self) -> Trajectory:
-        """The exact simulation of the optimal input."""
         span, measured = self.time, judged(self.driven, self.tube)
         return simulate_whole(
             measured,
@@ -205,7 +203,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @stage
     def recheck(self) -> CrossCheck | None:
-        """Second route of the simulation."""
         again = self.tolerance.recheck
         return cross_check(
             self.driven, self.motion, self.accuracy, recheck=again, report=self.report
@@ -215,7 +212,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @scalars(_NUMBERS)
     def numbers(self) -> dict[str, Any]:
-        """Numbers of the simulation, judged by the tube."""
         return judged_numbers(self.motion, self.tube)
 
     @scalar(
@@ -224,7 +220,6 @@ class TrackOptimal(Study, kind="track-optimal"):
         name="objective",
     )
     def reached(self) -> Scalar:
-        """Objective of the simulation."""
         missed, spent = self.numbers["error_integral"], self.numbers["input_integral"]
         if isinstance(self.objective, LeastError):
             return self._objective(missed + self.objective.input_weight * spent)
@@ -232,7 +227,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @scalar("length_squared_time", "objective of the optimiser")
     def objective_found(self) -> Scalar:
-        """Objective of the optimiser."""
         return self._objective(self.optimum.objective)
 
     def _objective(self, value: float) -> Scalar:
@@ -241,7 +235,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @scalar("count", "iterations of the optimiser, over all solves")
     def solve_iterations(self) -> int:
-        """Iterations of all solves."""
         return self.optimum.iterations
 
     @scalar(
@@ -251,7 +244,6 @@ class TrackOptimal(Study, kind="track-optimal"):
         "accepted",
     )
     def recheck_error(self) -> float:
-        """Difference of the motions of optimiser and simulation."""
         exact = self.motion.states[: self.driven.n_x]
         sizes = np.maximum(nominal_of(self.driven.x)[:, None], np.abs(exact))
         apart = np.abs(self.optimum.motion.states(self.motion.time) - exact) / sizes
@@ -259,7 +251,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @arrays(_SIGNALS)
     def signals(self) -> dict[str, Any]:
-        """Signals of the simulation over time, its events, and the gait."""
         motion = self.motion
         model = motion.system.model
         expressions = chain_expressions(model) | {"error_norm": model["error_norm"]}
@@ -275,7 +266,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @attributes
     def labels(self) -> dict[str, Any]:
-        """Name of the input in pictures."""
         return {"trackers": ["optimal input"]}
 
     # -- the trust report --------------------------------------------------------------------------
@@ -287,7 +277,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @checks
     def simulation(self) -> Iterator[Check]:
-        """Second route and energies of the simulation."""
         yield from chain_checks(self.recheck, self.energies, self.accuracy)
 
     @check(
@@ -297,12 +286,10 @@ class TrackOptimal(Study, kind="track-optimal"):
         name="exact_simulation_of_the_input_found",
     )
     def replay(self) -> float:
-        """Difference of the motions of optimiser and simulation."""
         return self.recheck_error
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of a missing second route, and of an error that leaves the tube."""
         if self.recheck is None:
             yield NOT_RECHECKED
         outside, peak = self.numbers["time_outside_tube"], self.numbers["error_peak"]
@@ -314,7 +301,6 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @facts
     def solutions(self) -> dict[str, Any]:
-        """Facts of the optimum and of its simulation."""
         optimum, second, energy = self.optimum, self.recheck, self.energies
         return {
             "treatment": "complementarity in the optimiser, exact in the simulation",
