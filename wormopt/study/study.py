@@ -353,7 +353,9 @@ class Study(SceneTable):
     def _closed(self, partials: bool) -> Study:
         """Copy that computes no stage, with what is finished and, if asked for, partial stages."""
         copy = msgspec.structs.replace(self)
-        vars(copy).update(vars(self), _closed=True, _failed=dict(self._failures))
+        vars(copy).update(
+            vars(self), _closed=True, _partials=partials, _failed=dict(self._failures)
+        )
         for name, error in self._failures.items() if partials else ():
             handed = getattr(error, "partial", None)
             if handed is not None:
@@ -380,11 +382,12 @@ class Study(SceneTable):
                 continue
             try:
                 gathered += list(of(member, getattr(self, member.name)))
-            except AbsentError:
-                if names:
+            except NotComputedError as error:
+                partly = "_closed" in vars(self) or isinstance(error, AbsentError)
+                if names or not partly:
                     raise
-            except Exception:  # what is partial need not be enough for it
-                if "_closed" not in vars(self):
+            except Exception:
+                if not vars(self).get("_partials"):  # which need not be enough for it
                     raise
         return gathered
 
