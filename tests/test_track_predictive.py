@@ -30,7 +30,7 @@ from wormopt.systems.chain.controllers import Controller, Trial
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import followed_by_lqr
 from wormopt.systems.chain.predictive import PredictiveControl, inputs_of, plan_tracking
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.chain.tables import TubeTable
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 PLANT = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}

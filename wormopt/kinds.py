@@ -29,12 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "track-optimal": Kind(
-        summary="compute the optimal input that keeps a chain on a gait, checked by simulation",
-        table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",
-        study="wormopt.systems.chain.runs.track_optimal",
-        pictures=_drawn("chain.plots.simulation", "trackers", "motion"),
-    ),
     "optimal-crawl": Kind(
         summary="optimise the inputs of a chain that crawls on dry friction: fastest or cheapest",
         table="wormopt.systems.chain.scenes.optimal_crawl:OptimalCrawlScene",

@@ -37,18 +37,16 @@ from wormopt.systems.chain.predictive import (
     PredictiveControl,
     faults_of_nominal,
 )
-from wormopt.systems.chain.scenes.track_optimal import (
-    GridTable,
-    LeastError,
-    LeastInput,
-    RelaxationTable,
-    TubeTable,
-)
 from wormopt.systems.chain.tables import (
     ChainTable,
     CoulombFriction,
     FunnelTracker,
+    GridTable,
+    LeastError,
+    LeastInput,
+    RelaxationTable,
     Tracker,
+    TubeTable,
     faults_of_lag,
 )
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, Scalars, Variables, over

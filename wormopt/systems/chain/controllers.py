@@ -16,8 +16,7 @@ from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.numerics import TimeSpan, ToleranceTable
 from wormopt.study.types import Pair, Seed, Title, wrong_order
 from wormopt.systems.chain.predictive import DrawnPlants
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
-from wormopt.systems.chain.tables import DifferenceTracker, Tracker
+from wormopt.systems.chain.tables import DifferenceTracker, Tracker, TubeTable
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.spiked import Shape
 

@@ -9,8 +9,7 @@ from typing import Literal
 from wormopt.errors import Fault, SolveError
 from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.types import Seed
-from wormopt.systems.chain.scenes.track_optimal import LeastError, TubeTable
-from wormopt.systems.chain.tables import ChainTable
+from wormopt.systems.chain.tables import ChainTable, LeastError, TubeTable
 
 with on_use():
     import numpy as np

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
+from msgspec import Meta
+
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, says, whole, wrong_count
 from wormopt.study.types import (
@@ -536,3 +538,70 @@ def _faults_of_feedforward(
         for name in feedforward.__struct_fields__:
             value = getattr(feedforward, name)
             yield from wrong_count(f"{key}.feedforward.{name}", value, links, "links")
+
+
+# -- optimal tracking ------------------------------------------------------------------------------
+
+Share = Annotated[float, Meta(ge=0, lt=1, description="a number from 0 to below 1")]
+
+
+class TubeTable(Given):
+    """Tube around the reference, and the time from which the error must stay in it."""
+
+    radius: float = positive("length", "*λ*")
+    capture: float = number(
+        "time",
+        "time from which |*e*| ≤ *λ* is required or judged; before the end of the motion",
+        least=0,
+        default=0.0,
+    )
+
+
+class LeastError(Given, tag_field="minimise", tag="error"):
+    """Minimises ∫(|*e*|² + *ρ*|*u*|²) d*t*; |·| is the Euclidean norm over the links."""
+
+    input_weight: float = positive("", "*ρ*")
+
+
+class LeastInput(Given, tag_field="minimise", tag="input"):
+    """Minimises ∫|*u*|² d*t* with the error in the tube from `tube.capture` on."""
+
+    margin: float = number(
+        "share",
+        "share of *λ* kept free for the error between grid points and for the relaxation of "
+        "complementarity",
+        least=0,
+        below=1,
+        default=0.02,
+    )
+
+
+class GridTable(Given):
+    """Grid of the optimiser, with a constant input on each arc."""
+
+    arcs: int = whole(
+        1,
+        1000,
+        "least number of arcs per period of the reference; breaks of the reference lie "
+        "between arcs",
+        default=30,
+    )
+    degree: int = whole(
+        1, 5, "polynomial degree of the states on each arc (Radau collocation)", default=2
+    )
+
+
+class RelaxationTable(Given):
+    """Largest product of speed and force, in usual sizes, that the relaxed complementarity allows.
+
+    Each solve divides it by ten, from `first` down to `last`. Not allowed: `last` above `first`.
+    """
+
+    first: float = positive("1", "product in the first solve", default=0.1)
+    last: float = positive("1", "product in the last solve", default=1e-3)
+    time_limit: float = positive("s", "processor time limit of each of the solves", default=60.0)
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield a fault if the last product is above the first."""
+        if self.last > self.first:
+            yield "last", f"is above relaxation.first = {self.first:g}; write less"

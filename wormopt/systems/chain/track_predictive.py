@@ -34,8 +34,7 @@ from wormopt.systems.chain.predictive import (
     PredictiveControl,
     faults_of_nominal,
 )
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
-from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference
+from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, TubeTable
 from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, Variables, over
 
 with on_use():
