@@ -225,7 +225,6 @@ class CompareTracking(Study, kind="compare-tracking"):
         links, end = self.worm.links, self.time.end
         yield from self.worm.faults(end, self.units)
         yield from self.start.faults(links)
-        yield from self.relaxation.faults()
         if not self.reference:
             yield "reference", "has no entries; write at least one [[reference]]"
         for k, reference in enumerate(self.reference):
