@@ -156,13 +156,14 @@ class Decisions:
 class TrackPredictive(Study, kind="track-predictive"):
     """Track a gait by model predictive control, with measured computing times.
 
-    The optimal motion over the whole time is planned with the smooth friction law, with one arc per
-    decision, and applied in open loop. The predictive controller makes a new plan at every decision
-    from the measured state. In real time it makes one step of sequential quadratic programming from
-    the previous plan; the converged controller iterates until the steps end. The chain is simulated
-    exactly between decisions. All decisions are then simulated again as one motion, from which all
-    results come. Decisions take no time in the simulation; their duration on this machine is
-    measured and compared with their period. The open-loop optimum and LQR are compared with them.
+    Predictive control is compared with the open-loop optimum and LQR. The optimal motion over the
+    whole time is planned with the smooth friction law, with one arc per decision, and applied in
+    open loop. The predictive controller makes a new plan at every decision from the measured state.
+    In real time it makes one step of sequential quadratic programming from the previous plan; the
+    converged controller iterates until the steps end. The chain is simulated exactly between
+    decisions. All decisions are then simulated again as one motion, from which all results come.
+    Decisions take no time in the simulation; their duration on this machine is measured and
+    compared with their period.
 
     Each controller is applied to the nominal plant and, except for the converged one, to the plants
     of `[plants]`, which it does not know. `[estimation]` adds a real-time controller that estimates
