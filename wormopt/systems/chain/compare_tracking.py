@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeVar
 
 from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
 from wormopt.result import NOT_RECHECKED, Check, Unchecked
@@ -86,6 +86,8 @@ with on_use():
     from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.shared.signals import fitted
     from wormopt.systems.spiked import gait_of_shape
+
+T = TypeVar("T")
 
 TRACKING, TUBE, CRAWL = "optimal tracking", "optimal tube", "fastest crawl"
 REAL_TIME, LEARNING = "predictive", "predictive + estimation"
@@ -317,22 +319,11 @@ class CompareTracking(Study, kind="compare-tracking"):
 
     @stage
     def plans(self) -> Sequence[Mapping[str, Planned]]:
-        """Plans by reference and name; the crawl has no reference, so it is the same for all."""
+        """Plans by reference and name."""
         _ = self.feedback_loops  # a tracker that cannot start is refused before long solves
-        long_first = [name for name in (TUBE, TRACKING, CRAWL) if name in self.plan_names]
-        wanted = [
-            (name, k)
-            for k in range(len(self.gaits))
-            for name in long_first
-            if not k or name != CRAWL
-        ]
         known = self.trial.draws[: self.draws.known]
-        jobs = [(name, self.gaits[k], () if k else known) for name, k in wanted]
-        made = dict(zip(wanted, self._in_processes(self.make_plan, jobs), strict=True))
-        return [
-            {name: made[name, 0 if name == CRAWL else k] for name in self.plan_names}
-            for k in range(len(self.gaits))
-        ]
+        others: list[Sequence[Draw]] = [()] * (len(self.gaits) - 1)
+        return self._in_processes(self.make_plan, self.plan_names, [known, *others])
 
     def make_plan(self, job: tuple[str, Gait, Sequence[Draw]]) -> Planned:
         """Make plans of a name for a reference, also for the known plants; it raises nothing."""
@@ -366,13 +357,8 @@ class CompareTracking(Study, kind="compare-tracking"):
     @stage
     def decisions(self) -> Sequence[Mapping[str, Decided]]:
         """Decisions of the predictive controllers, by reference and name."""
-        long_first = self.decision_names[::-1]
-        wanted = [(name, k) for k in range(len(self.gaits)) for name in long_first]
-        jobs = [(name, self.gaits[k], self.trial.draws) for name, k in wanted]
-        made = dict(zip(wanted, self._in_processes(self.make_decisions, jobs), strict=True))
-        return [
-            {name: made[name, k] for name in self.decision_names} for k in range(len(self.gaits))
-        ]
+        draws = [self.trial.draws] * len(self.gaits)
+        return self._in_processes(self.make_decisions, self.decision_names, draws)
 
     def make_decisions(self, job: tuple[str, Gait, Sequence[Draw]]) -> Decided:
         """Decide for the nominal plant and the drawn plants; it raises nothing."""
@@ -383,11 +369,22 @@ class CompareTracking(Study, kind="compare-tracking"):
         reference = gait_reference(gait, plant.t)
         return decide(plant, reference, self.time.end, self.predictive, learned, draws)
 
-    def _in_processes(self, work: Callable[[Any], Any], jobs: Sequence[Any]) -> Iterator[Any]:
+    def _in_processes(
+        self, work: Callable[[Any], T], names: Sequence[str], draws: Sequence[Sequence[Draw]]
+    ) -> Sequence[Mapping[str, T]]:
+        """Do the work of each name for each reference and its `draws`, the longest first.
+
+        The crawl has no reference, so it is the same for all.
+        """
+        several = range(len(self.gaits))
+        jobs = [(n, k) for k in several for n in reversed(names) if not k or n != CRAWL]
+        made: dict[tuple[str, int], T] = {}
         with Workers(self.workers) as workers:
-            for k, found in enumerate(workers.map(work, jobs)):
-                self.report(f"computed: {jobs[k][0]}", (k + 1) / len(jobs))
-                yield found
+            todo = [(name, self.gaits[k], draws[k]) for name, k in jobs]
+            for job, found in zip(jobs, workers.map(work, todo), strict=True):
+                made[job] = found
+                self.report(f"computed: {job[0]}", len(made) / len(jobs))
+        return [{n: made[n, 0 if n == CRAWL else k] for n in names} for k in several]
 
     # -- controllers -------------------------------------------------------------------------------
 
