@@ -29,20 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "track-predictive": Kind(
-        summary="track a gait by model predictive control, with measured computing times",
-        table="wormopt.systems.chain.scenes.track_predictive:TrackPredictiveScene",
-        study="wormopt.systems.chain.runs.track_predictive",
-        pictures=_drawn("chain.plots.predictive", "predictive", "estimates"),
-        table_file=True,
-    ),
-    "compare-tracking": Kind(
-        summary="compare adaptive trackers, LQR and optimal inputs, also with model errors",
-        table="wormopt.systems.chain.scenes.compare_tracking:CompareScene",
-        study="wormopt.systems.chain.runs.compare_tracking",
-        pictures=_drawn("chain.plots.comparison", "comparison", "draws"),
-        table_file=True,
-    ),
     "film-wave": Kind(
         summary="optimise the wave of a magnetic fluid film: largest transport or least field",
         table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta
-
 from wormopt.errors import Fault
 from wormopt.study.given import Given, entry, number, positive, says, whole, wrong_count
 from wormopt.study.types import (
@@ -544,8 +542,6 @@ def _faults_of_feedforward(
 
 
 # -- optimal tracking ------------------------------------------------------------------------------
-
-Share = Annotated[float, Meta(ge=0, lt=1, description="a number from 0 to below 1")]
 
 
 class TubeTable(Given):
