@@ -29,33 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "track-optimal": Kind(
-        summary="compute the optimal input that keeps a chain on a gait, checked by simulation",
-        table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",
-        study="wormopt.systems.chain.runs.track_optimal",
-        pictures=_drawn("chain.plots.simulation", "trackers", "motion"),
-    ),
-    "track-predictive": Kind(
-        summary="track a gait by model predictive control, with measured computing times",
-        table="wormopt.systems.chain.scenes.track_predictive:TrackPredictiveScene",
-        study="wormopt.systems.chain.runs.track_predictive",
-        pictures=_drawn("chain.plots.predictive", "predictive", "estimates"),
-        table_file=True,
-    ),
-    "compare-tracking": Kind(
-        summary="compare adaptive trackers, LQR and optimal inputs, also with model errors",
-        table="wormopt.systems.chain.scenes.compare_tracking:CompareScene",
-        study="wormopt.systems.chain.runs.compare_tracking",
-        pictures=_drawn("chain.plots.comparison", "comparison", "draws"),
-        table_file=True,
-    ),
-    "optimal-crawl": Kind(
-        summary="optimise the inputs of a chain that crawls on dry friction: fastest or cheapest",
-        table="wormopt.systems.chain.scenes.optimal_crawl:OptimalCrawlScene",
-        study="wormopt.systems.chain.runs.optimal_crawl",
-        pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
-        wanted=("convergence",),
-    ),
     "fit": Kind(
         summary="estimate parameters from recordings of a motion, with confidence intervals",
         table="wormopt.systems.recorded.scenes.fit:FitScene",
