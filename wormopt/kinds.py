@@ -29,29 +29,6 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
 
 
 KINDS: dict[str, Kind | StudyKind] = {
-    "fit": Kind(
-        summary="estimate parameters from recordings of a motion, with confidence intervals",
-        table="wormopt.systems.recorded.scenes.fit:FitScene",
-        study="wormopt.systems.recorded.runs.fit",
-        pictures=_drawn("recorded.plots.fit", "recordings")
-        | _drawn("recorded.plots.found", "parameters", "correlation")
-        | _drawn("recorded.plots.fit", "profiles", "prediction"),
-        table_file=True,
-    ),
-    "experiment": Kind(
-        summary="plan the experiment that identifies the parameters of a worm best",
-        table="wormopt.systems.recorded.scenes.experiment:ExperimentScene",
-        study="wormopt.systems.recorded.runs.experiment",
-        pictures=_drawn("recorded.plots.experiment", "course", "errors", "regions"),
-        exports={"course.csv": "wormopt.systems.recorded.runs.experiment:as_csv"},
-    ),
-    "fit-design": Kind(
-        summary="design a gait whose limits hold for a worm with fitted parameters",
-        table="wormopt.systems.recorded.scenes.fit_design:FitDesignScene",
-        study="wormopt.systems.recorded.runs.fit_design",
-        pictures=_drawn("recorded.plots.fit_design", "forces", "loads")
-        | _drawn("spiked.plots.gaits", "gait", "motion", "spikes"),
-    ),
 } | dict(studies_in(_SYSTEMS))
 
 GROUPS: dict[str, tuple[str, ...]] = {

@@ -2,6 +2,7 @@ from wormopt.systems.spiked.bimodal import integrate as integrate
 from wormopt.systems.spiked.crawl import Crawl as Crawl
 from wormopt.systems.spiked.declared import DESIGN_SCALARS as DESIGN_SCALARS
 from wormopt.systems.spiked.declared import MOTION_VARIABLES as MOTION_VARIABLES
+from wormopt.systems.spiked.design.design import Design as Design
 from wormopt.systems.spiked.design.optimize import designed as designed
 from wormopt.systems.spiked.design.uncertain import Believed as Believed
 from wormopt.systems.spiked.design.uncertain import Robust as Robust
@@ -9,7 +10,7 @@ from wormopt.systems.spiked.design.uncertain import design_believed as design_be
 from wormopt.systems.spiked.design.uncertain import load_band as load_band
 from wormopt.systems.spiked.design.uncertain import on_plant as on_plant
 from wormopt.systems.spiked.design_results import of_design as of_design
-from wormopt.systems.spiked.design_results import refused as refused
+from wormopt.systems.spiked.design_results import with_keys as with_keys
 from wormopt.systems.spiked.design_tables import DesignTable as DesignTable
 from wormopt.systems.spiked.design_tables import ObjectiveTable as ObjectiveTable
 from wormopt.systems.spiked.driven import driven_worm as driven_worm
