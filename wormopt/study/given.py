@@ -230,13 +230,13 @@ class GivenMeta(StructMeta):
             if "want" not in notes and (pictures := tuple(space.get("pictures", ()))):
                 wanted = Key("", "pictures to draw, each once", ())
                 notes["want"], space["want"] = wanted.typed(tuple[Literal[pictures], ...]), ()
+        config.setdefault("kw_only", True)
         made: Any = super().__new__(
             mcs,
             name,
             bases,
             space,
             frozen=True,
-            kw_only=True,
             dict=True,
             forbid_unknown_fields=True,
             **config,
@@ -246,8 +246,12 @@ class GivenMeta(StructMeta):
 
     if not TYPE_CHECKING:  # type checkers know the fields
 
-        def __call__(cls, /, **given: Any) -> Any:  # noqa: N805
-            return cls.made(given)
+        def __call__(cls, /, *values: Any, **given: Any) -> Any:  # noqa: N805
+            names = cls.__match_args__[: len(values)]  # none, unless kw_only=False
+            if len(names) < len(values) or given.keys() & set(names):
+                known = ", ".join(f"{name}=..." for name in cls.__struct_fields__)
+                raise ArgumentError(f"{cls.__name__}: name each argument once, as in {known}")
+            return cls.made(dict(zip(names, values, strict=True)) | given)
 
 
 class Given(Struct, metaclass=GivenMeta):

@@ -28,7 +28,8 @@ from wormopt.study import (
 )
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.design_tables import Motor
-from wormopt.systems.spiked.tables import GivenGait, WormTable
+from wormopt.systems.spiked.gait_problem import Worm
+from wormopt.systems.spiked.shapes import GivenGait
 
 with on_use():
     import numpy as np
@@ -161,7 +162,7 @@ class StepperCommands(Study, kind="stepper"):
         "the masses",
         default=(),
     )
-    worm: WormTable = entry("the worm")
+    worm: Worm = entry("the worm")
     gait: GivenGait = entry("the gait; `shape` selects the other keys")
     motor: Motor = entry("the motor of every link")
     bristles: Bristles = entry("the bristles under the masses", default=Bristles)
@@ -181,7 +182,7 @@ class StepperCommands(Study, kind="stepper"):
                 "units",
                 f'"{self.units}", but motors are commanded in s and m; write units = "SI"',
             )
-        yield from self.worm.faults(self.units)
+        yield from self.worm.faults_in_scene(self.units)
         yield from self.gait.faults(self.worm.links, self.folder)
         period = self.gait.period
         if period is not None and self.bristles.settle_time >= period:
@@ -253,7 +254,7 @@ class StepperCommands(Study, kind="stepper"):
 
     @stage
     def ideal(self) -> Crawl:
-        plant = self.worm.worm
+        plant = self.worm
         loads = plant.loads(plant.load_range[1])
         return crawl(self.lengths, plant.masses, plant.drag, loads, self.gait.sharing)
 

@@ -91,7 +91,7 @@ def _runs(scene: Scene[FitDesignScene]) -> list[Run]:
 
 def _run(scene: Scene[FitDesignScene], recording: CrawlRecording, key: str) -> Run:
     """One recording, which starts at time 0 with the worm at rest."""
-    worm = scene.table.worm.worm
+    worm = scene.table.worm
     gait = gait_of_shape(recording.gait, scene, f"{key}.gait")
     try:
         model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
@@ -118,7 +118,7 @@ def _fit(scene: Scene[FitDesignScene], runs: Sequence[Run], report: Report) -> F
 
 def believed_of(fitted: Fit, table: FitDesignScene) -> Believed:
     """Masses, drag and load from the fit or the scene, with their covariance."""
-    worm = table.worm.worm
+    worm = table.worm
     names = [*(f"mass[{i}]" for i in range(len(worm.masses))), "drag", "load"]
     numbers = np.array([*worm.masses, worm.drag, worm.load_range[0]])
     at = [names.index(name) for name in fitted.names]
@@ -185,9 +185,9 @@ def _not_converged(fitted: Fit) -> Findings:
 
 
 def _design(table: FitDesignScene, believed: Believed, report: Report) -> Robust:
-    objective = table.objective.objective
+    objective = table.objective
     return design_believed(
-        believed, table.limits, objective, table.confidence, table.search.search, report
+        believed, table.limits, objective, table.confidence, table.search, report
     )
 
 
@@ -222,7 +222,7 @@ def _of_plant(
     plant, clock = table.plant_worm, perf_counter()
     assert plant is not None
     motion, bold = on_plant(robust.design, plant), on_plant(robust.nominal, plant)
-    task = replace(robust.nominal.task, worm=plant)
+    task = robust.nominal.task.vary(worm=plant)
     known = Search(sequence=robust.nominal.sequence, workers=table.search.workers)
     best = designed(task, known, report)
     true = np.array([*plant.masses, plant.drag, plant.load_range[0]])

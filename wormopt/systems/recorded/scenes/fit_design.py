@@ -16,7 +16,7 @@ from wormopt.systems.spiked import (
     DESIGN_SCALARS,
     MOTION_VARIABLES,
     DesignTable,
-    ObjectiveTable,
+    Objective,
     Shape,
     Worm,
 )
@@ -67,7 +67,7 @@ class FitTable(Given):
 class PlantTable(Given):
     """The real worm to test the gait on; neither the fit nor the design uses it."""
 
-    mass: PerMass = entry("point masses; mass 0 is the head", quantity="mass")
+    mass: PerMass = entry("point masses; mass 0 is the head", quantity="mass", per="masses")
     drag: float = number("drag", "viscous drag on each mass", least=0, default=0.0)
     load: float = number("force", "load on each mass", least=0, default=0.0)
 
@@ -162,7 +162,7 @@ class FitDesignScene(DesignTable):
     )
     recording: tuple[CrawlRecording, ...] = entry("recorded runs of the worm")
     fit: FitTable = entry("the fit", default=FitTable)
-    objective: ObjectiveTable = entry("the objective")
+    objective: Objective = entry("the objective")
     confidence: float = number(
         "share",
         "confidence that the gait meets its limits at all times",
@@ -182,11 +182,11 @@ class FitDesignScene(DesignTable):
     def faults(self, folder: Path) -> Iterator[Fault]:
         """Check everything that no single key shows, and the files, in the scene's `folder`."""
         yield from super().faults(folder)
-        yield from self.objective.faults()
+        yield from self.objective.faults_in_scene()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
         if isinstance(self.worm.load, tuple):
             yield "worm.load", "a range or list, but the fit finds one load; write one number"
-        elif any(self.worm.worm.beyond):
+        elif any(self.worm.beyond):
             yield (
                 "worm.slope",
                 "the slope pulls unequal masses back by unequal forces, but the fit finds one "
@@ -209,9 +209,6 @@ class FitDesignScene(DesignTable):
                 yield f"{key}.use", 'runs can be held out in kind "fit" only; remove the key'
         yield from self._faults_of_forces(folder)
         yield from named_twice((one.label for one in self.recording), "recording")
-        if (plant := self.plant_worm) is not None:
-            for key, message in plant.faults():
-                yield f"plant.{key}", message
 
     def _faults_of_forces(self, folder: Path) -> Iterator[Fault]:
         """Yield a fault if no column of the text files is named like a force."""
