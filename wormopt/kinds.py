@@ -102,7 +102,7 @@ KINDS: dict[str, Kind | StudyKind] = {
         table="wormopt.systems.recorded.scenes.fit_design:FitDesignScene",
         study="wormopt.systems.recorded.runs.fit_design",
         pictures=_drawn("recorded.plots.fit_design", "forces", "loads")
-        | _drawn("spiked.plots.gaits", "gait", "motion", "spikes"),
+        | _drawn("spiked.pictures", "gait", "motion", "spikes"),
     ),
     "segment-shapes": Kind(
         summary="compare assumed shapes of a segment between two coils with the exact elastica",

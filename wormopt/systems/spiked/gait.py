@@ -123,11 +123,11 @@ class GaitMotion(Study, kind="gait"):
 
     headline: ClassVar = ("speed", "period", "resting_min", "mode_sequence", "glides")
     pictures: ClassVar = {
-        "gait": "wormopt.systems.spiked.plots.gaits:gait",
-        "motion": "wormopt.systems.spiked.plots.gaits:motion",
-        "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
-        "region": "wormopt.systems.spiked.plots.region:region",
-        "animation": "wormopt.systems.spiked.plots.animation:first_frame",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
+        "region": "wormopt.systems.spiked.pictures:region",
+        "animation": "wormopt.systems.spiked.pictures:first_frame",
     }
     wanted: ClassVar = ("gait", "motion", "spikes", "region", "animation")
 

@@ -140,12 +140,12 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "gait": "wormopt.systems.spiked.plots.gaits:gait",
-        "motion": "wormopt.systems.spiked.plots.gaits:motion",
-        "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
-        "limits": "wormopt.systems.spiked.plots.gaits:limits",
-        "certificate": "wormopt.systems.spiked.plots.certificate:certificate",
-        "animation": "wormopt.systems.spiked.plots.animation:first_frame",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
+        "limits": "wormopt.systems.spiked.pictures:limits",
+        "certificate": "wormopt.systems.spiked.pictures:certificate",
+        "animation": "wormopt.systems.spiked.pictures:first_frame",
     }
     wanted: ClassVar = ("limits",)
     exports: ClassVar = {"certificate.json": "wormopt.systems.spiked.gait_design:as_json"}

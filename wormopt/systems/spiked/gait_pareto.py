@@ -173,10 +173,10 @@ class GaitPareto(DesignTable, Study, kind="gait-pareto"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "front": "wormopt.systems.spiked.plots.front:front",
-        "gait": "wormopt.systems.spiked.plots.front:gait",
-        "motion": "wormopt.systems.spiked.plots.front:motion",
-        "spikes": "wormopt.systems.spiked.plots.front:spikes",
+        "front": "wormopt.systems.spiked.pictures:front",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
     }
     table_file: ClassVar = True
 

@@ -151,7 +151,7 @@ class StepperCommands(Study, kind="stepper"):
     gait's largest rate and `start_rate`.
     """
 
-    pictures: ClassVar = {"steps": "wormopt.systems.spiked.plots.stepper:steps"}
+    pictures: ClassVar = {"steps": "wormopt.systems.spiked.pictures:steps"}
     exports: ClassVar = {
         "steps.csv": "wormopt.systems.spiked.stepper_commands:as_csv",
         "steps.c": "wormopt.systems.spiked.stepper_commands:as_c",
