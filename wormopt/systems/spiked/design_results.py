@@ -6,10 +6,10 @@ import math
 import re
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.errors import SolveError
 from wormopt.progress import Report
@@ -26,7 +26,7 @@ from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.declared import MOTION_VARIABLES
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
-from wormopt.systems.spiked.design_tables import DesignTable, Motor
+from wormopt.systems.spiked.design_tables import DesignTable
 from wormopt.systems.spiked.gait_problem import Cost, Effort, Worm
 from wormopt.systems.spiked.motion import (
     Findings,
@@ -37,7 +37,7 @@ from wormopt.systems.spiked.motion import (
     motion_variables,
 )
 from wormopt.systems.spiked.search.search import DONE
-from wormopt.systems.spiked.stepper.stepper import Demand, demand
+from wormopt.systems.spiked.stepper.stepper import Demand, Motor, demand
 from wormopt.systems.spiked.table import excess_of
 
 # A gait is accepted if every limit holds and the second route agrees within this share.
@@ -241,9 +241,7 @@ def _of_motors(table: DesignTable, motor: Motor, found: Design) -> Findings:
 
     Computed from the gait alone, independently of the design's own check of its limits.
     """
-    # a motor that is always ramped
-    stepper = replace(motor.stepper, start_rate=0.0)
-    asked = demand(found.gait, stepper)
+    asked = demand(found.gait, structs.replace(motor, start_rate=0.0))  # always ramped
     scalars = {
         **{f"{name}_limit_from": whose for name, whose in _whose(table, motor).items()},
         "motor_rate_share": float(asked.rate.max()) / motor.rate_max,

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from msgspec import structs
-
 from wormopt.errors import Fault
-from wormopt.study.given import Given, entry, number, positive, whole
-from wormopt.study.later import on_use
+from wormopt.study.given import entry
 from wormopt.study.types import SceneTable
 from wormopt.systems.spiked.gait_problem import (
     Cost,
@@ -21,59 +18,7 @@ from wormopt.systems.spiked.gait_problem import (
     Worm,
     faults_of_cost,
 )
-
-with on_use():
-    from wormopt.systems.spiked.stepper.stepper import Stepper
-
-
-class Motor(Given):
-    """A stepping motor on a threaded rod; all links have the same motor."""
-
-    lead: float = positive("length", "travel along the rod per turn")
-    steps_per_turn: int = whole(1, 100000, "full steps per turn", default=200)
-    microsteps: int = whole(1, 100000, "microsteps per full step", default=1)
-    rate_max: float = positive("rate", "largest rate, turns per time")
-    acceleration_max: float = positive(
-        "rate_change", "largest change of the rate, turns per time squared"
-    )
-    start_rate: float = number(
-        "rate",
-        "rate up to which the motor starts, stops and reverses without a ramp",
-        least=0,
-        default=0.0,
-    )
-    hysteresis: float = number(
-        "share",
-        "hysteresis as a share of a microstep: distance by which a length must pass the "
-        "middle between two positions before the motor steps",
-        least=0,
-        most=0.4,
-        default=0.05,
-    )
-
-    @property
-    def length_rate(self) -> float:
-        """Largest rate of a length."""
-        return self.lead * self.rate_max
-
-    @property
-    def length_acceleration(self) -> float:
-        """Largest acceleration of a length."""
-        return self.lead * self.acceleration_max
-
-    @property
-    def stepper(self) -> Stepper:
-        """The motor as an engine object."""
-        return Stepper(**structs.asdict(self))
-
-    def faults_of_keys(self) -> Iterator[Fault]:
-        """Yield a start rate that is too large."""
-        if self.start_rate > self.rate_max:
-            yield (
-                "start_rate",
-                f"{self.start_rate:g} is above motor.rate_max = {self.rate_max:g}; write at most "
-                "motor.rate_max",
-            )
+from wormopt.systems.spiked.stepper.stepper import Motor
 
 
 class DesignTable(SceneTable):
