@@ -426,7 +426,8 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
     def refusing(*args):
         calls.append(args)
         if len(calls) == fails_at:
-            raise SolveError("limits.rate is too small for the limits.", "raise limits.rate")
+            key = args[0].key_of("limits.rate")
+            raise SolveError(f"{key} is too small for the limits.", f"raise {key}")
         return original(*args)
 
     monkeypatch.setattr(gait_pareto, "designed", refusing)

@@ -15,6 +15,7 @@ from wormopt.bench import design_cases, design_rivals
 from wormopt.bench.design_cases import Motion
 from wormopt.errors import SolveError
 from wormopt.numerics.bilinear import Climb, Point
+from wormopt.study.given import plain
 from wormopt.systems.shared.sequences import lasting
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.design.design import Design
@@ -47,10 +48,7 @@ def motion_of(found: Design) -> Motion:
 
 
 def case_of(worm: Worm, limits: Limits) -> design_cases.Case:
-    gait = {key: value for key, value in vars(limits).items() if value is not None}
-    if isinstance(limits.rate, Rates):
-        gait["rate"] = vars(limits.rate)
-    return {"name": "drawn", "worm": vars(worm), "gait": gait}
+    return {"name": "drawn", "worm": plain(worm), "gait": plain(limits)}
 
 
 def parts_of(case: design_cases.Case) -> tuple[Worm, Limits]:

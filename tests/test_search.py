@@ -443,7 +443,7 @@ def test_one_link_is_proven_the_best_at_once():
 @pytest.mark.parametrize("gap", [0.0, 1.0, True, "a"])
 def test_a_gap_is_a_share(gap: Any):
     with pytest.raises(
-        ArgumentError, match=r"search\.gap: not .*; write a number from 1e-5 to 0.5"
+        ArgumentError, match=r"Search: gap: .* is not allowed; write a number from 1e-05 to 0.5"
     ):
         design(G1_WORM, G1_LIMITS, search=Search(gap=gap))
 

@@ -1,7 +1,6 @@
 """Stepping motors: step times, limits, tables, bristles that slip, scenes of kind "stepper"."""
 
 import csv
-import dataclasses
 import re
 import shutil
 import subprocess
@@ -41,8 +40,7 @@ SCENE = "prototype_steps"
 
 
 def motor(travel: float = 0.01, hysteresis: float = 0.05, **limits: float) -> Stepper:
-    motor_ = Stepper(lead=travel, steps_per_turn=1, hysteresis=hysteresis)
-    return dataclasses.replace(motor_, **limits)
+    return Stepper(lead=travel, steps_per_turn=1, hysteresis=hysteresis, **limits)
 
 
 @st.composite

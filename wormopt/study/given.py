@@ -24,6 +24,7 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
+from textwrap import fill, indent
 from types import NoneType, SimpleNamespace, UnionType
 from typing import (
     TYPE_CHECKING,
@@ -50,11 +51,21 @@ from wormopt.study.overrides import Overrides, as_toml, override
 from wormopt.units import bare_number, has_unit, to_number
 
 _LARGEST = sys.float_info.max
-_SMALL = 1e-30
+_SMALL, _LARGE = 1e-30, 1e30
 
 
 class RefusedError(SceneError, ArgumentError):
     """What was given from Python cannot be used: all that is wrong, key by key."""
+
+
+def _parameters(table: Any) -> str:
+    """Section of a docstring that says what each key of a table means."""
+    text = "\n\n    Parameters\n    ----------"
+    for field in _fields(table):
+        optional = "" if field.required else ", optional"
+        text += f"\n    {field.name} : {describe(field.type)}{optional}\n"
+        text += indent(fill(meaning(field.type)[1], 88), " " * 8)
+    return text
 
 
 def check_quantity(quantity: str) -> None:
@@ -242,6 +253,9 @@ class GivenMeta(StructMeta):
             **config,
         )
         made.check_class()
+        before, examples, shown = (made.__doc__ or "").partition("\n\n    Examples\n    --------\n")
+        if examples:  # for use from Python
+            made.__doc__ = f"{before}{_parameters(made)}{examples}{shown}"
         return made
 
     if not TYPE_CHECKING:  # type checkers know the fields
@@ -377,7 +391,7 @@ def _extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
     elif isinstance(value, Mapping):
         for name, item in value.items():
             yield from _extreme_numbers(item, f"{key}.{name}")
-    elif isinstance(value, float) and not (value == 0.0 or _SMALL <= abs(value) <= 1 / _SMALL):
+    elif isinstance(value, float) and not (value == 0.0 or _SMALL <= abs(value) <= _LARGE):
         if not math.isfinite(value):
             yield key, f"{value} is not allowed; write a finite number"
             return

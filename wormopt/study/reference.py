@@ -107,8 +107,8 @@ def _prose(table: type) -> list[str]:
 
 
 def _said(docstring: str) -> str:
-    """A docstring without examples in Python."""
-    return docstring.partition("\n\nExamples\n--------\n")[0]
+    """A docstring without the parts for Python, which say what the keys say."""
+    return docstring.partition("\n\nParameters\n----------\n")[0]
 
 
 def _keys(table: type[msgspec.Struct]) -> Iterator[str]:
