@@ -60,7 +60,7 @@ def test_problems_are_scenes(tmp_path: Path):
     cases = draw(0, 60)
     for case in cases:
         file.write_text(scene_text(case), encoding="utf-8")
-        given = load_scene(file).table.gait.limits
+        given = load_scene(file).table.gait
         limits = Arrays.of(case)
         assert (given.resting, given.period_range) == (limits.resting, limits.period)
         assert np.array_equal(given.length_ranges(limits.links), limits.length)

@@ -561,7 +561,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
 
 
 def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wormopt.systems.spiked.plots.animation.FRAMES", 12)  # of 72
+    monkeypatch.setattr("wormopt.systems.spiked.pictures.FRAMES", 12)  # of 72
     path = tmp_path / "animation.gif"
     draw(sample("animation"), "animation", path, width=50)
     assert path.stat().st_size < 2_000_000

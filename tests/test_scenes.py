@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from wormopt.cli import main
 from wormopt.errors import SceneError
 from wormopt.study import Scene, load_scene, packaged_scenes
-from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.tables import BlockWave, FastGait
+from wormopt.systems.spiked.gait_problem import Limits, Rates
+from wormopt.systems.spiked.shapes import BlockWave, FastGait
 
 DESIGN = """
 schema = 1

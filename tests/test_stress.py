@@ -362,7 +362,7 @@ def test_a_design_that_breaks_a_limit_is_seen(monkeypatch: pytest.MonkeyPatch):
     true = gaits.design
 
     def hasty(worm, limits, *more, **options):
-        return true(worm, replace(limits, rate=1.01 * limits.rate), *more, **options)
+        return true(worm, limits.vary(rate=1.01 * limits.rate), *more, **options)
 
     monkeypatch.setattr(gaits, "design", hasty)
     verdict = case_named("gaits", "one link: plain 1").judge()

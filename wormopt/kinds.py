@@ -28,8 +28,7 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
             yield kind, StudyKind(summary, f"{module}:{name}")
 
 
-KINDS: dict[str, Kind | StudyKind] = {
-} | dict(studies_in(_SYSTEMS))
+KINDS: dict[str, Kind | StudyKind] = {} | dict(studies_in(_SYSTEMS))
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Spiked worms and gaits": ("gait", "gait-design", "gait-pareto", "gait-shift", "stepper"),

@@ -19,7 +19,7 @@ from tests.benchmarks.run import OWN, Found, aligned, axes, colour, finite, save
 from wormopt.progress import Report, silent
 from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.task import Search
+from wormopt.systems.spiked.gait_problem import Search
 
 ACCURACIES = (0.1, 0.03, 0.01, 0.003)
 """Distances from the bound, as parts of it."""

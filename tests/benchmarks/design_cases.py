@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.task import GaitProblem, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Rates, Worm
 
 Case = dict[str, Any]
 """``name``, and the tables ``worm`` and ``gait`` of a scene of kind gait-design."""

@@ -24,10 +24,10 @@ from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, r
 from wormopt.systems.spiked.certify.bound import Bounded, at_once
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Search
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
 from wormopt.systems.spiked.table import in_steps, speed_of
-from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
 if TYPE_CHECKING:
@@ -85,8 +85,7 @@ class Design:
 
     Examples
     --------
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
+    >>> from wormopt.systems.spiked.gait_problem import Limits, Worm
     >>> from wormopt.systems.spiked.design.optimize import design
     >>> worm = Worm(links=1, load=5.0)
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
@@ -223,7 +222,8 @@ class Design:
         """
         limits, links = self.task.limits, self.task.worm.links
         if limits.tick is None:
-            raise ArgumentError("a table needs ticks, but limits.tick is not given; write it")
+            missing = f"{limits.name}.tick"
+            raise ArgumentError(f"a table needs ticks, but {missing} is not given; write it")
         ticks = round(self.period / limits.tick)
         lengths = self.gait(np.array([limits.whole_ticks(k) for k in [*range(ticks), 0]]))
         if limits.length_step is None:
