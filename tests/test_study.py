@@ -919,8 +919,7 @@ def test_kinds_are_found_by_their_class_line(tmp_path: Path):
     (folder / "toy.py").write_text(text, encoding="utf-8")
     ((name, kind),) = studies_in(tmp_path)
     assert (name, kind.summary) == ("toy-a", "compute a toy")
-    assert kind.table == "wormopt.systems.toys.toy:Toy"
-    assert kind.study == "wormopt.systems.toys.toy"
+    assert (kind.module, kind.name) == ("wormopt.systems.toys.toy", "Toy")
 
 
 def test_a_study_is_a_scene_and_a_scene_gives_it_back():

@@ -2,84 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from difflib import get_close_matches
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any
 
 import msgspec
 
 from wormopt.errors import Fault, SceneError
 from wormopt.kinds import KINDS, near
-from wormopt.shown import lines
 from wormopt.study.given import read_table, read_value
 from wormopt.study.overrides import Overrides, as_toml, override
-from wormopt.study.plausible import surprises
+from wormopt.study.study import Scene, Study
 from wormopt.study.swept import Swept
 from wormopt.study.types import FOLDER
 
-if TYPE_CHECKING:
-    from wormopt.study.study import Study
-
 _NO_SCHEMA = "missing; write 1"
-TableT = TypeVar("TableT", bound="Study", covariant=True)
-
-
-@dataclass(frozen=True)
-class Scene(Generic[TableT]):
-    """What a user asks for: pure data.
-
-    Parameters
-    ----------
-    name : str
-        Stem of the file name, or as it was called.
-    folder : Path
-        Folder of the file; file names in the scene are relative to it.
-    table : Study
-        The content, of the class of the scene's kind.
-    sweep : Swept, optional
-        Which keys are varied when the scene is swept.
-
-    Examples
-    --------
-    >>> scene = load_scene("fast_gait")
-    >>> scene.name, scene.table.kind, scene.table.worm.links
-    ('fast_gait', 'gait', 2)
-    """
-
-    name: str
-    folder: Path
-    table: TableT
-    sweep: Swept | None = None
-
-    def __repr__(self) -> str:
-        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
-
-    @property
-    def title(self) -> str:
-        """Title given in the scene, its name otherwise."""
-        return self.table.title or self.name
-
-    @property
-    def text(self) -> str:
-        """Every key of the scene, defaults included, as JSON text."""
-        table = _without_none(msgspec.to_builtins(self.table))
-        return json.dumps(table, ensure_ascii=False, sort_keys=True)
-
-    @property
-    def key(self) -> str:
-        """Hash of the content: scenes that ask for the same have the same key."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Numbers that are hardly meant as they stand: 300 m of link, say."""
-        return tuple(surprises(self.table, self.table.units))
 
 
 def load_scene(
@@ -265,9 +206,3 @@ def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[Study, Swe
     if table is None or faults:
         raise SceneError(file, faults)
     return table, swept
-
-
-def _without_none(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
-    return value

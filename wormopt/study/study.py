@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -10,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import msgspec
 
@@ -18,13 +20,14 @@ from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
 from wormopt.result import Check, Result, Status, Unchecked, left_out
-from wormopt.shown import brief
+from wormopt.shown import brief, lines
 from wormopt.study.given import Given, bare, entry, tables_in
 from wormopt.study.later import load
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
 from wormopt.study.overrides import Overrides
 from wormopt.study.plausible import surprises
 from wormopt.study.reference import quantity_of
+from wormopt.study.swept import Swept
 from wormopt.study.types import FOLDER, Title
 
 T = TypeVar("T")
@@ -126,8 +129,6 @@ class Study(Given):
     @property
     def scene(self) -> Any:
         """The study as a Scene."""
-        from wormopt.study.scene import Scene
-
         return Scene(self.name, self.folder, self)
 
     def placed(self, name: str, folder: Path) -> None:
@@ -470,6 +471,68 @@ def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, d
     if not checks and not doubts:
         doubts = {"nothing confirms the numbers: no check of them was made": None}
     return ("unchecked" if doubts else "ok"), doubts
+
+
+TableT = TypeVar("TableT", bound=Study, covariant=True)
+
+
+@dataclass(frozen=True)
+class Scene(Generic[TableT]):
+    """What a user asks for: pure data.
+
+    Parameters
+    ----------
+    name : str
+        Stem of the file name, or as it was called.
+    folder : Path
+        Folder of the file; file names in the scene are relative to it.
+    table : Study
+        The content, of the class of the scene's kind.
+    sweep : Swept, optional
+        Which keys are varied when the scene is swept.
+
+    Examples
+    --------
+    >>> from wormopt.study import load_scene
+    >>> scene = load_scene("fast_gait")
+    >>> scene.name, scene.table.kind, scene.table.worm.links
+    ('fast_gait', 'gait', 2)
+    """
+
+    name: str
+    folder: Path
+    table: TableT
+    sweep: Swept | None = None
+
+    def __repr__(self) -> str:
+        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
+
+    @property
+    def title(self) -> str:
+        """Title given in the scene, its name otherwise."""
+        return self.table.title or self.name
+
+    @property
+    def text(self) -> str:
+        """Every key of the scene, defaults included, as JSON text."""
+        table = _without_none(msgspec.to_builtins(self.table))
+        return json.dumps(table, ensure_ascii=False, sort_keys=True)
+
+    @property
+    def key(self) -> str:
+        """Hash of the content: scenes that ask for the same have the same key."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Numbers that are hardly meant as they stand: 300 m of link, say."""
+        return tuple(surprises(self.table, self.table.units))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value
 
 
 class _Amount:
