@@ -13,7 +13,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.progress import silent
-from wormopt.systems.spiked import design_results, gait_design
+from wormopt.systems.spiked import gait_design
 from wormopt.systems.spiked.certify.program import Program
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
@@ -134,8 +134,8 @@ def test_a_proof_without_time_still_gives_a_result_with_its_picture(
 def test_a_wrong_certificate_is_a_failure(monkeypatch, name: str, wrong: Any, said: str):
     from dataclasses import replace
 
-    true = getattr(design_results, name)
-    monkeypatch.setattr(design_results, name, lambda *given: replace(true(*given), **wrong))
+    true = getattr(gait_design, name)
+    monkeypatch.setattr(gait_design, name, lambda *given: replace(true(*given), **wrong))
     result = run()
     assert result.status == "failed"
     assert said in result.reason

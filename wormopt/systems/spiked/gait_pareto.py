@@ -38,12 +38,12 @@ from wormopt.systems.spiked.gait_problem import COST_WORDS, Cost, Objective
 with on_use():
     import numpy as np
 
+    from wormopt.study.conclude import conclude
     from wormopt.systems.shared.checkpoints import checkpoints
     from wormopt.systems.shared.sequences import Sequence_, canonical
     from wormopt.systems.spiked.design.design import Design, objective_of
     from wormopt.systems.spiked.design.optimize import designed
     from wormopt.systems.spiked.design_results import COST_SCALARS, of_design, with_keys
-    from wormopt.systems.spiked.motion import Findings
     from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 
 # A limit binds if its slack is smaller than this share of its size.
@@ -250,9 +250,16 @@ class GaitPareto(DesignTable, Study, kind="gait-pareto"):
             raise with_keys(error, self) from None
         if found.ended == "interrupted":
             raise KeyboardInterrupt
-        cost = {name: objective_of(found.motion, against)}
-        known = Findings(cost, attributes={"binding": _binding(found)})
-        result = (of_design(self, found) | known).result(self.scene)
+        known = of_design(self, found)
+        result = conclude(
+            self.scene,
+            known.scalars | {name: objective_of(found.motion, against)},
+            known.variables,
+            checks=known.checks,
+            facts=known.facts,
+            warnings=known.warnings,
+            attributes={"binding": _binding(found)},
+        )
         _keep(result, folder)
         return Point(result, name)
 

@@ -60,7 +60,8 @@ def run(scene: Scene[FitDesignScene], report: Report) -> Result:
         robust = _design(table, believed, report)
     except SolveError as error:
         raise refused(error, scene) from None
-    found |= of_design(table, robust.design)
+    gait = of_design(table, robust.design)
+    found |= Findings(gait.scalars, gait.variables, gait.checks, gait.facts, gait.warnings)
     found |= _of_design(table, robust, believed)
     found |= Findings(timings={"design": perf_counter() - clock})
     if table.plant is not None:
