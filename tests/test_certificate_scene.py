@@ -176,9 +176,9 @@ def test_python_proves_what_a_scene_proves():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"gap": "a"}, "gap: not 'a'; write a number from 1e-5 to 0.5"),
-        ({"gap": 0.6}, "gap: not 0.6; write a number"),
-        ({"time_limit": 0}, "time_limit: not 0; write a finite number above 0"),
+        ({"gap": "a"}, 'Certify: gap: "a" is not allowed; write a number from 1e-05 to 0.5'),
+        ({"gap": 0.6}, "Certify: gap: 0.6 is not allowed; write a number"),
+        ({"time_limit": 0}, "Certify: time_limit: 0 is not allowed; write a finite number above 0"),
     ],
 )
 def test_a_proof_refuses_what_it_cannot_use(given: dict[str, Any], said: str):

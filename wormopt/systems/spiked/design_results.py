@@ -29,7 +29,7 @@ from wormopt.systems.spiked.motion import (
 )
 from wormopt.systems.spiked.search.search import DONE
 from wormopt.systems.spiked.stepper.stepper import Demand, demand
-from wormopt.systems.spiked.table import excess_of
+from wormopt.systems.spiked.verify import excess_of
 
 # A gait is accepted if every limit holds and the second route agrees within this share.
 _ACCEPTED = 1e-9
