@@ -13,7 +13,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, Interrupted, SceneError
 from wormopt.progress import silent
-from wormopt.systems.spiked import design_results, gait_design
+from wormopt.systems.spiked import gait_design
 from wormopt.systems.spiked.certify.program import Program
 from wormopt.systems.spiked.design.optimize import designed
 from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
@@ -134,8 +134,8 @@ def test_a_proof_without_time_still_gives_a_result_with_its_picture(
 def test_a_wrong_certificate_is_a_failure(monkeypatch, name: str, wrong: Any, said: str):
     from dataclasses import replace
 
-    true = getattr(design_results, name)
-    monkeypatch.setattr(design_results, name, lambda *given: replace(true(*given), **wrong))
+    true = getattr(gait_design, name)
+    monkeypatch.setattr(gait_design, name, lambda *given: replace(true(*given), **wrong))
     result = run()
     assert result.status == "failed"
     assert said in result.reason
@@ -176,9 +176,9 @@ def test_python_proves_what_a_scene_proves():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"gap": "a"}, "gap: not 'a'; write a number from 1e-5 to 0.5"),
-        ({"gap": 0.6}, "gap: not 0.6; write a number"),
-        ({"time_limit": 0}, "time_limit: not 0; write a finite number above 0"),
+        ({"gap": "a"}, 'Certify: gap: "a" is not allowed; write a number from 1e-05 to 0.5'),
+        ({"gap": 0.6}, "Certify: gap: 0.6 is not allowed; write a number"),
+        ({"time_limit": 0}, "Certify: time_limit: 0 is not allowed; write a finite number above 0"),
     ],
 )
 def test_a_proof_refuses_what_it_cannot_use(given: dict[str, Any], said: str):

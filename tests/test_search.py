@@ -55,7 +55,7 @@ from wormopt.systems.spiked.gait_problem import (
 from wormopt.systems.spiked.search import search as search_module
 from wormopt.systems.spiked.search import trial
 from wormopt.systems.spiked.search.orders import first_orders, letters_of
-from wormopt.systems.spiked.search.race import Race, Start
+from wormopt.systems.spiked.search.search import Race, Start
 
 OWN = Search(sequence=G1_ORDER, effort="quick", workers=1)
 

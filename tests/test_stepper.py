@@ -39,7 +39,7 @@ from wormopt.systems.spiked.stepper.steps import (
 SCENE = "prototype_steps"
 
 
-def motor(travel: float = 0.01, hysteresis: float = 0.05, **limits: float) -> Stepper:
+def motor(travel: float = 0.01, hysteresis: float = 0.05, **limits: Any) -> Stepper:
     return Stepper(lead=travel, steps_per_turn=1, hysteresis=hysteresis, **limits)
 
 

@@ -21,7 +21,7 @@ from wormopt.systems.spiked.design.optimize import design, designed, ticked
 from wormopt.systems.spiked.design.sensitivity import sensitivities
 from wormopt.systems.spiked.files import gait_of_result
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Limits, Objective, Search, Worm
-from wormopt.systems.spiked.table import in_steps, speed_of
+from wormopt.systems.spiked.verify import in_steps, speed_of
 
 WORM = Worm(links=1, load=5.0)
 LONG = Limits(period=(0.3, 1.0), length=(0.6, 1.4), rate=1.0, acceleration=20.0)

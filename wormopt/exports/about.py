@@ -16,7 +16,7 @@ from wormopt.model.gait import Gait
 from wormopt.result import Result
 from wormopt.shown import one_line
 from wormopt.systems.spiked.files import gait_of_result
-from wormopt.systems.spiked.table import in_steps
+from wormopt.systems.spiked.verify import in_steps
 from wormopt.version import VERSION
 
 # So much of a step is no step; so few steps make no cycle.

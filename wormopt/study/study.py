@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar, cast
 
 import msgspec
 
@@ -309,19 +309,33 @@ class Study(Given):
             del vars(self)[name]
 
     def _complete(self) -> Result:
-        scalars, variables = self._scalars(), self._variables()
-        checks, warned = self._checks(), [*self._given_warnings(), *self._warnings()]
+        return self.concluded(
+            self._scalars(), self._variables(), self._checks(), self._warnings(),
+            self._joined("fact"), self._joined("attribute"),
+        )  # fmt: skip
+
+    def concluded(
+        self,
+        scalars: Mapping[str, Any],
+        variables: Iterable[Variable],
+        checks: Sequence[Check],
+        warnings: Iterable[str],
+        facts: Mapping[str, Any],
+        attributes: Mapping[str, Any],
+    ) -> Result:
+        """Make a result: failed where a check is, unchecked where a warning says so."""
+        warned = [*self._given_warnings(), *warnings]
         status, reasons = status_of(checks, warned)
-        trust = {**self.facts, **self._joined("fact")}
+        trust = {**self.facts, **facts}
         if checks:
             trust["checks"] = {one.name: one.found() for one in checks}
         return self._made(
             status=status,
             reason="; ".join(reasons),
-            scalars=scalars,
-            variables=variables,
+            scalars=dict(scalars),
+            variables=tuple(variables),
             trust=trust | {"warnings": [*dict.fromkeys(warned)]},
-            attributes=self._joined("attribute"),
+            attributes=attributes,
         )
 
     def _partly(self, names: Names) -> Result:
@@ -413,21 +427,33 @@ class Study(Given):
     def _scalars(self, names: Names = ()) -> dict[str, Scalar]:
         def of(member: Member[Any], found: Any) -> Iterator[tuple[str, Scalar]]:
             for name, one in member.reported(found, names):
-                quantity = member.declares[name][0] if name in member.declares else ""
-                yield name, one if isinstance(one, Scalar) else Scalar(one, _unit(quantity, self))
+                yield name, self.with_unit(name, one, member.declares)
 
         return dict(self._gathered("scalar", of, names))
 
     def _variables(self, names: Names = ()) -> tuple[Variable, ...]:
         def of(member: Member[Any], found: Any) -> Iterator[Variable]:
             for name, one in member.reported(found, names):
-                if isinstance(one, Variable):
-                    yield one
-                elif one is not None:
-                    quantity, dims, what = member.declares[name]
-                    yield Variable(name, _unit(quantity, self), tuple(dims), one, what)
+                if one is not None:
+                    yield self.variable(name, one, member.declares)
 
         return tuple(self._gathered("array", of, names))
+
+    def with_unit(
+        self, name: str, value: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
+    ) -> Scalar:
+        """Scalar of a name that the study declares, or one that is known already."""
+        quantity = (self.scalars if declared is None else declared).get(name, ("",))[0]
+        return value if isinstance(value, Scalar) else Scalar(value, _unit(quantity, self))
+
+    def variable(
+        self, name: str, values: Any, declared: Mapping[str, tuple[Any, ...]] | None = None
+    ) -> Variable:
+        """Variable of a name that the study declares, or one that is known already."""
+        if isinstance(values, Variable):
+            return values
+        quantity, dims, what = (self.variables if declared is None else declared)[name]
+        return Variable(name, _unit(quantity, self), tuple(dims), values, what)
 
     def _checks(self, names: Names = ()) -> list[Check]:
         def of(member: Member[Any], found: Any) -> Iterator[Check]:
@@ -531,7 +557,8 @@ class Scene(Generic[TableT]):
 
 def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _without_none(item) for key, item in value.items() if item is not None}
+        table = cast("dict[str, Any]", value)
+        return {key: _without_none(item) for key, item in table.items() if item is not None}
     return value
 
 

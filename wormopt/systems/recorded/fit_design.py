@@ -52,7 +52,7 @@ with on_use():
         Believed,
         Crawl,
         Design,
-        Findings,
+        DesignReport,
         Robust,
         Search,
         design_believed,
@@ -358,7 +358,7 @@ class FitDesign(DesignTable, kind="fit-design"):
             raise with_keys(error, self) from None
 
     @stage
-    def second_route(self) -> Findings:
+    def second_route(self) -> DesignReport:
         return of_design(self, self.design.design)
 
     @scalars(

@@ -33,6 +33,7 @@ with on_use():
     from wormopt.systems.shared.transport import assumed
     from wormopt.systems.spiked.bimodal import BimodalMotion
     from wormopt.systems.spiked.crawl import Crawl, crawl
+    from wormopt.systems.spiked.files import gait_of_shape
     from wormopt.systems.spiked.motion import (
         agreement,
         cross_check,
@@ -40,7 +41,6 @@ with on_use():
         motion_scalars,
         motion_variables,
     )
-    from wormopt.systems.spiked.reference import gait_of_shape
     from wormopt.systems.spiked.region import Region
     from wormopt.systems.spiked.stretches import Drive
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from time import perf_counter
 from typing import Any, ClassVar, Literal
 
 from wormopt.errors import Fault, SolveError
 from wormopt.model.given import per
+from wormopt.quantities import Scalar, Variable, unit_of, unit_ratio
 from wormopt.result import Check, Result
 from wormopt.study import (
+    array,
     arrays,
     attributes,
     checks,
@@ -21,21 +26,29 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.systems.shared.declared import GAIT
+from wormopt.systems.shared.incline import weights
 from wormopt.systems.spiked.declared import DESIGN_SCALARS, MOTION_VARIABLES
 from wormopt.systems.spiked.design_tables import DesignTable
-from wormopt.systems.spiked.gait_problem import Objective
+from wormopt.systems.spiked.gait_problem import Objective, Worm
 
 with on_use():
+    import numpy as np
+
+    from wormopt.systems.spiked.certify.bound import Bounded, bounded, gap_of
+    from wormopt.systems.spiked.certify.certificate import Verification, verify
     from wormopt.systems.spiked.design.design import Design
     from wormopt.systems.spiked.design.optimize import designed
-    from wormopt.systems.spiked.design_results import (
-        objective_reached,
-        of_certificate,
-        of_design,
-        of_limits,
-        with_keys,
+    from wormopt.systems.spiked.design.sensitivity import (
+        Sensitivity,
+        scaling_error,
+        sensitivities,
     )
-    from wormopt.systems.spiked.motion import Findings
+    from wormopt.systems.spiked.design_results import DesignReport, of_design, with_keys
+
+# Rounding of a gait's own value, relative, in its comparison with a bound.
+_PROOF_ROUNDING = 1e-12
+# Sensitivities of larger programs take seconds; they are computed only if the picture is wanted.
+_MOST_UNKNOWNS = 3000
 
 _PROOF_SCALARS = {
     "bound": (
@@ -54,13 +67,6 @@ _PROOF_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
     "proof_time": ("s", ("proof",), "time spent on the proof"),
     "proof_bound": ("speed", ("proof",), "proven bound"),
     "proof_value": ("speed", ("proof",), "objective of the gait"),
-}
-_ELASTICITY: dict[str, tuple[str, tuple[str, ...], str]] = {
-    "limit_elasticity": (
-        "1",
-        ("limit",),
-        "relative sensitivity of the objective to the limit",
-    ),
 }
 
 
@@ -206,16 +212,29 @@ class GaitDesign(DesignTable, kind="gait-design"):
             raise with_keys(error, self) from None
 
     @stage
-    def second_route(self) -> Findings:
-        return of_design(self, self.design) | Findings(objective_reached(self, self.design))
+    def second_route(self) -> DesignReport:
+        return of_design(self, self.design)
 
     @stage
-    def sensitivity(self) -> Findings:
-        return of_limits(self, self.design)
+    def sensitivity(self) -> Sequence[Sensitivity]:
+        return sensitivities(self.design)
 
     @stage
-    def certificate(self) -> Findings:
-        return of_certificate(self, self.design, self.report)
+    def certificate(self) -> tuple[Bounded, float]:
+        """The bound, and the time spent on it; without `[search.certify]` that of the search."""
+        found, clock = self.design, perf_counter()
+        if self.search.certify is None:
+            assert found.bounded is not None
+            return found.bounded, 0.0
+        known = found.survey.bounded
+        proven = bounded(found.task, found.value, self.search.certify, self.report, known)
+        return proven, perf_counter() - clock
+
+    @stage
+    def verification(self) -> Verification | None:
+        """The certificate verified in exact arithmetic."""
+        certificate = self.proven.certificate
+        return None if certificate is None else verify(certificate)
 
     @property
     def is_complete(self) -> bool:
@@ -226,15 +245,46 @@ class GaitDesign(DesignTable, kind="gait-design"):
     def has_proof(self) -> bool:
         """Whether there is a bound, and a sound gait to compare with it."""
         found = self.design
-        bounded = self.search.certify is not None or found.bounded is not None
-        return self.is_complete and bounded and (self.second_route | self.sensitivity).holds
+        has_bound = self.search.certify is not None or found.bounded is not None
+        sound = self.is_complete and all(check.passed for check in self.second_route.checks)
+        return has_bound and sound
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether the bound is that of `[search.certify]`."""
+        return self.has_proof and self.search.certify is not None
+
+    @cached_property
+    def why_insensitive(self) -> str:
+        """Why there are no sensitivities to limits; "" if there are."""
+        trial = self.design.trial
+        if trial is None:
+            return "a smooth cost is minimised by another solver, whose multipliers are not kept"
+        if len(trial.point.x) > _MOST_UNKNOWNS and "limits" not in self.want:
+            return 'the program is large; add "limits" to want'
+        return ""
+
+    @property
+    def is_sensitive(self) -> bool:
+        """Whether sensitivities to limits are known."""
+        return self.is_complete and not self.why_insensitive
+
+    @property
+    def proven(self) -> Bounded:
+        """The bound on the objective of every gait."""
+        return self.certificate[0]
+
+    @property
+    def certified_gap(self) -> float:
+        """Largest possible improvement; negative if the gait is better than its bound."""
+        cost = self.objective.minimise is not None
+        return gap_of(self.design.value, self.proven.bound, cost)
 
     def stopped(self) -> str:
         """Why the design is not complete."""
         if not self.is_complete:
             return "interrupted: this is the best gait so far; the search did not finish"
-        proof = self.certificate.facts["certificate"] if self.has_proof else {}
-        if proof.get("ended") == "interrupted":
+        if self.is_certified and self.proven.ending == "interrupted":
             return "interrupted: the gait is complete, its bound is not tight"
         return ""
 
@@ -247,50 +297,152 @@ class GaitDesign(DesignTable, kind="gait-design"):
         }
     )
     def numbers(self) -> Mapping[str, Any]:
-        return self.second_route.scalars
+        return {**self.second_route.scalars, "objective": self.second_route.objective}
 
-    @scalars({}, when="is_complete")
-    def sensitivities(self) -> Mapping[str, Any]:
-        return self.sensitivity.scalars
+    @scalars({}, when="is_sensitive")
+    def derivatives(self) -> Mapping[str, Any]:
+        return scalars_of(self.sensitivity, self.worm, self.objective.quantity, self.units)
 
     @scalars(_PROOF_SCALARS, when="has_proof")
     def bounds(self) -> Mapping[str, Any]:
-        return self.certificate.scalars
+        bound = Scalar(self.proven.bound, unit_of(self.objective.quantity, self.units))
+        known = {"bound": bound, "gap_certified": max(0.0, self.certified_gap)}
+        return known | ({"certified_seconds": self.certificate[1]} if self.is_certified else {})
 
     @arrays(MOTION_VARIABLES | GAIT)
     def signals(self) -> Mapping[str, Any]:
         return self.second_route.variables
 
-    @arrays(_ELASTICITY, when="is_complete")
-    def elasticities(self) -> Mapping[str, Any]:
-        return self.sensitivity.variables
+    @array("1", "limit", "relative sensitivity of the objective to the limit", when="is_sensitive")
+    def limit_elasticity(self) -> np.ndarray:
+        return np.array([limit.elasticity for limit in self.sensitivity])
 
-    @arrays(_PROOF_VARIABLES, when="has_proof")
+    @arrays(_PROOF_VARIABLES, when="is_certified")
     def bound_over_time(self) -> Mapping[str, Any]:
-        return self.certificate.variables
-
-    @property
-    def _all(self) -> Findings:
-        found = self.second_route
-        if self.is_complete:
-            found |= self.sensitivity
-        return found | self.certificate if self.has_proof else found
+        time, bound = np.array(self.proven.history).T[:2]
+        unit = unit_of(self.objective.quantity, self.units)
+        shown = {"proof_bound": bound, "proof_value": 0 * bound + self.design.value}
+        return {"proof_time": time} | {
+            name: Variable(name, unit, ("proof",), values, _PROOF_VARIABLES[name][2])
+            for name, values in shown.items()
+        }
 
     @checks
     def verdicts(self) -> Iterator[Check]:
-        yield from self._all.checks
+        yield from self.second_route.checks
+        if not self.has_proof:
+            return
+        advice = (
+            "the gait is better than its proven bound, which is an error; please report this scene"
+        )
+        over = max(0.0, -self.certified_gap)
+        yield Check("gait over its proven bound", over, _PROOF_ROUNDING, advice)
+        if (verified := self.verification) is not None:
+            advice = (
+                f"verification of the certificate failed: {verified.reason}; please report this "
+                "scene"
+            )
+            yield Check("certificate verified", 0.0 if verified.holds else 1.0, 0.0, advice)
 
     @facts
     def evidence(self) -> Mapping[str, Any]:
-        return self._all.facts
+        known = dict(self.second_route.facts)
+        if self.is_sensitive:
+            known["sensitivity"] = {
+                "method": "multipliers of the program under a change of each limit; the resting "
+                "sequence is kept",
+                "one_sided": [limit.name for limit in self.sensitivity if limit.one_sided],
+                "scaling_error": scaling_error(self.sensitivity, self.objective),
+            }
+        elif self.is_complete:
+            known["sensitivity"] = f"unknown: {self.why_insensitive}"
+        if self.has_proof:
+            known["certificate"] = self._of_certificate()
+        return known
+
+    def _of_certificate(self) -> dict[str, Any]:
+        """What is proven, and how."""
+        known: dict[str, Any] = {
+            "holds_for": "every gait with any resting sequence, number of phases and cycles in "
+            f"which gait.resting = {self.gait.resting} and all other limits hold at all times",
+            "source": self.proven.source,
+        }
+        if self.verification is not None:
+            known["verified_inequalities"] = self.verification.inequalities
+        if self.search.certify is not None:
+            known |= {"ended": self.proven.ending, "wanted_gap": self.search.certify.gap}
+        return known
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        yield from self._all.warnings
+        yield from self.second_route.warnings
+        if self.search.certify is None or not self.has_proof:
+            return
+        missed = f"the gap {self.search.certify.gap:g} was not reached"
+        match self.proven.ending:
+            case "time limit" | "interrupted":
+                yield f"{missed} ({self.proven.ending}): increase search.certify.time_limit"
+            case "finest program":
+                yield (
+                    f"{missed} with the largest program; either a better gait exists (try "
+                    'search.effort = "thorough"), or the bound is not tight'
+                )
+            case _:
+                pass
 
     @attributes
     def shown(self) -> Mapping[str, Any]:
-        return self._all.attributes
+        certificate = self.proven.certificate if self.has_proof else None
+        known = {} if certificate is None else {"certificate": certificate.text}
+        if not self.is_sensitive:
+            return known
+        weight = (".pull", ".slope") if _has_weights(self.worm) else ("", "")
+        return known | {
+            "limits": {
+                "objective": self.objective.minimise or "speed",
+                "name": [limit.name.replace(*weight) for limit in self.sensitivity],
+                "value": [limit.value for limit in self.sensitivity],
+                "unit": [unit_of(limit.quantity, self.units) for limit in self.sensitivity],
+                "one_sided": [limit.one_sided for limit in self.sensitivity],
+            }
+        }
+
+
+def _has_weights(worm: Worm) -> bool:
+    """Whether a slope pulls the masses by unequal forces, which are then in `pull`."""
+    return bool(worm.slope) and len(set(worm.masses)) > 1
+
+
+def scalars_of(
+    known: Sequence[Sensitivity], worm: Worm, objective: str, units: str
+) -> dict[str, Scalar]:
+    """Scalars ``sensitivity.KEY``; lists where a key has one number per link or mass.
+
+    `objective` is the quantity of the objective.
+    """
+    values: dict[str, Any] = {}
+    quantities: dict[str, str] = {}
+    for limit in known:
+        if _has_weights(worm) and limit.name.startswith("worm.pull"):
+            continue
+        name = re.sub(r"\[\d+\]", "", limit.name.partition(".")[2])
+        quantities[name] = limit.quantity
+        if "[" in limit.name:
+            values.setdefault(name, []).append(limit.derivative)
+        else:
+            values[name] = limit.derivative
+    if worm.slope:  # derivative by the loads, times m g cos(slope)
+        across = weights(math.pi / 2 - worm.slope, worm.gravity, worm.masses)
+        part = "worm.pull" if _has_weights(worm) else "worm.load"  # which the weight is in
+        loads = [limit.derivative for limit in known if limit.name.startswith(part)]
+        if len(loads) != len(across) or (len(loads) == 2 and not _has_weights(worm)):
+            loads = [sum(loads) / len(across)] * len(across)
+        values["slope"] = sum(a * b for a, b in zip(loads, across, strict=True))
+        quantities["slope"] = "angle"
+    return {
+        f"sensitivity.{name}": Scalar(value, unit_ratio(objective, quantities[name], units))
+        for name, value in values.items()
+    }
 
 
 def as_json(result: Result) -> str | None:

@@ -42,7 +42,6 @@ with on_use():
     from wormopt.systems.spiked.design.design import Design, objective_of
     from wormopt.systems.spiked.design.optimize import designed
     from wormopt.systems.spiked.design_results import COST_SCALARS, of_design, with_keys
-    from wormopt.systems.spiked.motion import Findings
     from wormopt.systems.spiked.search.orders import is_mirror_symmetric
 
 # A limit binds if its slack is smaller than this share of its size.
@@ -249,9 +248,13 @@ class GaitPareto(DesignTable, kind="gait-pareto"):
             raise with_keys(error, self) from None
         if found.ended == "interrupted":
             raise KeyboardInterrupt
-        cost = {name: objective_of(found.motion, against)}
-        known = Findings(cost, attributes={"binding": _binding(found)})
-        result = (of_design(self, found) | known).result(self.scene)
+        known = of_design(self, found)
+        scalars = known.scalars | {name: objective_of(found.motion, against)}
+        result = self.concluded(
+            {name: self.with_unit(name, value) for name, value in scalars.items()},
+            [self.variable(name, values) for name, values in known.variables.items()],
+            known.checks, known.warnings, known.facts, {"binding": _binding(found)},
+        )  # fmt: skip
         _keep(result, folder)
         return Point(result, name)
 

@@ -38,8 +38,8 @@ with on_use():
     from wormopt.result import Result
     from wormopt.systems.spiked.bimodal import BimodalMotion
     from wormopt.systems.spiked.crawl import Crawl, crawl
+    from wormopt.systems.spiked.files import gait_of_shape
     from wormopt.systems.spiked.motion import agreement, cross_check, gait_arrays, motion_facts
-    from wormopt.systems.spiked.reference import gait_of_shape
     from wormopt.systems.spiked.stepper.bristles import BristleMotion, ratchet
     from wormopt.systems.spiked.stepper.steps import (
         Steps,

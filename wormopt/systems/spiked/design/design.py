@@ -27,8 +27,7 @@ from wormopt.systems.spiked.design.canonical import chosen
 from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Search
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import BENT, Trial, Trier
-from wormopt.systems.spiked.table import in_steps, speed_of
-from wormopt.systems.spiked.verify import violations
+from wormopt.systems.spiked.verify import in_steps, speed_of, violations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
