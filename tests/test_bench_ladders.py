@@ -195,9 +195,9 @@ def test_one_page_shows_every_case_of_a_folder(tmp_path: Path, monkeypatch: Any,
 def test_what_is_no_version_is_refused(tmp_path: Path, capsys: Any):
     with pytest.raises(ArgumentError, match="neither a checkout"):
         against.installed(str(tmp_path / "no.whl"), tmp_path / "older")
-    assert main(["smoothing", "--against", str(ROOT)]) == 2
+    assert main(["ocp", "--against", str(ROOT)]) == 2
     told = capsys.readouterr().err
-    assert "smoothing: --against cannot run this case; write one of track13" in told
+    assert "ocp: --against cannot run this case; write one of track13" in told
 
 
 def test_a_checkout_is_taken_as_it_is(tmp_path: Path):
