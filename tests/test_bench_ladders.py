@@ -22,6 +22,10 @@ def missing() -> Any:
     raise ModuleNotFoundError("no peer", name="peer")
 
 
+def unmade() -> Any:
+    raise RuntimeError("gave up")
+
+
 def failing(_: float) -> np.ndarray:
     raise RuntimeError("gave up")
 
@@ -52,6 +56,7 @@ def test_wrong_answers_and_failures_are_told_and_do_not_count():
         Way("far", lambda: lambda _: np.array([2.0, 4.01]), (1e-9,)),
         Way("rough", lambda: lambda _: np.array([2.0, 4.1]), (1.0,)),
         Way("failing", lambda: failing, (1.0,)),
+        Way("unmade", unmade, (1.0,)),
         Way("absent", missing, (1.0,)),
         Way("other", lambda: good, (1e-5,)),
     )
@@ -60,7 +65,8 @@ def test_wrong_answers_and_failures_are_told_and_do_not_count():
     assert "wrong without a word" in solvers["spoilt"]["failures"][0]
     assert "wrong without a word" in solvers["no number"]["failures"][0]
     assert "wrong without a word" in solvers["far"]["failures"][0]
-    assert "RuntimeError: gave up" in solvers["failing"]["failures"][0]
+    assert solvers["failing"]["failures"] == ["1: RuntimeError: gave up"]
+    assert solvers["unmade"]["failures"] == ["1: RuntimeError: gave up"]
     assert solvers["absent"]["missing"] == "not installed: peer"
     assert set(ratios(found)) == {"other"}  # a rough answer has no time to compare
     told = "\n".join(lines(found))
@@ -195,9 +201,9 @@ def test_one_page_shows_every_case_of_a_folder(tmp_path: Path, monkeypatch: Any,
 def test_what_is_no_version_is_refused(tmp_path: Path, capsys: Any):
     with pytest.raises(ArgumentError, match="neither a checkout"):
         against.installed(str(tmp_path / "no.whl"), tmp_path / "older")
-    assert main(["smoothing", "--against", str(ROOT)]) == 2
+    assert main(["ocp", "--against", str(ROOT)]) == 2
     told = capsys.readouterr().err
-    assert "smoothing: --against cannot run this case; write one of track13" in told
+    assert "ocp: --against cannot run this case; write one of track13" in told
 
 
 def test_a_checkout_is_taken_as_it_is(tmp_path: Path):

@@ -237,7 +237,7 @@ def test_each_case_throws_its_own_dice_the_same_every_time():
         yield "one", 0.0
 
     for _ in range(2):
-        for case in many("questions", compare, 2, quick=False):
+        for case in many([("questions", compare, 2)], quick=False):
             case.judge()
     assert thrown[:2] == thrown[2:]
     assert thrown[0] != thrown[1]

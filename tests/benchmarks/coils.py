@@ -9,10 +9,10 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from scipy.special import ellipe, ellipk
 
 from tests.benchmarks.ladder import Run, Task, Way
 from tests.benchmarks.run import OWN
+from tests.oracles.windings import loop_by_integrals
 from wormopt.magnetics.coils import Coil, CoilRow, field_by_quadrature
 
 _COIL, _HEIGHT = Coil(2e-3, 4.5e-3, 20e-3), 12e-3  # in m: the line is 2 mm over the winding
@@ -85,16 +85,11 @@ def _magpylib() -> Field:
 
 
 def _loops(rho: np.ndarray, nodes: int) -> np.ndarray:
-    """W. R. Smythe, Static and Dynamic Electricity (1968), 7.10: a loop of one ampere."""
     places, weights = np.polynomial.legendre.leggauss(_ALONG * nodes)
     found = np.zeros((2, len(rho)))
     for a, share in zip(*_over_radius(nodes), strict=True):
         for place, weight in zip(places, weights / 2, strict=True):
-            z = _HEIGHT - place * _COIL.length / 2
-            far, near = (a + rho) ** 2 + z * z, (a - rho) ** 2 + z * z
-            m = 4 * a * rho / far
-            K, E = ellipk(m), ellipe(m)
-            radial = z / rho * ((a * a + rho**2 + z * z) / near * E - K)
-            axial = K + (a * a - rho**2 - z * z) / near * E
-            found += share * weight / (2 * np.pi * np.sqrt(far)) * np.array([radial, axial])
+            s = np.full_like(rho, _HEIGHT - place * _COIL.length / 2)
+            axial, radial = loop_by_integrals(a, rho, s)
+            found += share * weight * np.array([radial, axial])
     return found

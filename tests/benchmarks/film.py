@@ -80,7 +80,7 @@ def _followed(
     pattern: Any = jacobian.sparsity_out(0)
     rows, columns = np.array(pattern.row()), np.array(pattern.colind())
     shape = (layer.cells - 1, layer.cells - 1)
-    for k in range(film.course.switches):
+    for k in range(film.time.switches):
         u = currents.on_piece(k % currents.pieces, np.zeros(1))[:, 0]
 
         def slope(_t: float, y: np.ndarray, u: np.ndarray = u) -> np.ndarray:

@@ -187,9 +187,10 @@ def _descend(task: Task, record: Record, longest: float) -> None:
         record.missing = f"not installed: {error.name}"
         return
     except Exception as error:  # whatever a peer does wrong
-        record.failures.append(f"{way.settings[0]:.4g}: {why(error)}")
-    if record.run is None:
-        return
+        if record.run is None:
+            record.failures.append(f"{way.settings[0]:.4g}: {why(error)}")
+            return
+    assert record.run is not None
     for setting in way.settings:
         try:
             time, answer = timed(record.run, setting)

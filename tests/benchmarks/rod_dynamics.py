@@ -13,6 +13,7 @@ from scipy.sparse.linalg import eigsh
 
 from tests.benchmarks.ladder import Run, Task, Way
 from tests.benchmarks.run import OWN
+from tests.oracles.beams import thick_beam
 from wormopt.analysis.vibration import vibration_modes
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import channel_rod
@@ -23,7 +24,7 @@ _PINNED = {"across": [0, -1]}
 
 def task(_name: str, _quick: bool) -> Task:
     """The lowest frequencies across of a rubber rod of twelve diameters."""
-    exact = np.array([timoshenko(_rod(1, 2), k + 1) for k in range(_COUNT)])
+    exact = np.array([thick_beam(_rod(1, 2), k + 1) for k in range(_COUNT)])
     ways = [
         *(Way(OWN if d == 3 else f"{OWN}, degree {d}", partial(_own, d, exact), meshes)
           for d, meshes in ((3, (4, 8, 16)), (2, (4, 8, 16, 32)))),
@@ -44,17 +45,6 @@ def task(_name: str, _quick: bool) -> Task:
 
 def _rod(elements: int, degree: int) -> Rod:
     return Rod(48e-3, 4e-3, 5e4, 1100.0, elements=elements, degree=degree)
-
-
-def timoshenko(rod: Rod, half_waves: int) -> float:
-    """Lower frequency of a beam with pinned ends: the smaller root of its closed equation, Hz."""
-    k = half_waves * math.pi / rod.length
-    resist, rho = rod.stiffness(), rod.density
-    mass, turning = rho * rod.area, rho * rod.second_moment
-    a = mass * turning / resist.shearing
-    b = mass + k**2 * (turning + mass * resist.bending / resist.shearing)
-    c = resist.bending * k**4
-    return math.sqrt(2 * c / (b + math.sqrt(b**2 - 4 * a * c))) / (2 * math.pi)
 
 
 def _own(degree: int, exact: np.ndarray) -> Run:

@@ -17,10 +17,10 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import solve_bvp
 from scipy.sparse.linalg import spsolve
-from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from tests.benchmarks.ladder import Run, Task, Way
 from tests.benchmarks.run import OWN
+from tests.oracles.beams import bent_cantilever
 from wormopt.systems.channel.rod import Rod, Stiffness
 
 _ANGLE, _HARD = 1.1, 50.0  # of the tip; resistance to stretching and shearing
@@ -32,7 +32,7 @@ _RADIUS, _DAMPING, _SPAN = 0.2, 6.0, 8.0  # of PyElastica's rod, which comes to 
 
 def task(_name: str, quick: bool) -> Task:
     """Place and angle of the tip."""
-    force, along, across = elastica(_ANGLE)
+    force, along, across = bent_cantilever(_ANGLE)
     ways = [
         *(Way(OWN if d == 3 else f"{OWN}, degree {d}", partial(_own, d, force), meshes)
           for d, meshes in ((3, (2, 4, 8, 16, 32)), (2, (4, 8, 16, 32, 64)))),
@@ -49,15 +49,6 @@ def task(_name: str, quick: bool) -> Task:
         np.array([along, across, _ANGLE]),
         ways,
     )
-
-
-def elastica(angle: float) -> tuple[float, float, float]:
-    """Force, and place of the tip, of an inextensible cantilever, told by the angle of the tip."""
-    m = (1 + math.sin(angle)) / 2
-    phi = math.asin(1 / math.sqrt(2 * m))
-    force = (ellipk(m) - ellipkinc(phi, m)) ** 2
-    across = 1 - 2 / math.sqrt(force) * (ellipe(m) - ellipeinc(phi, m))
-    return float(force), math.sqrt(2 * math.sin(angle) / force), float(across)
 
 
 def _own(degree: int, force: float) -> Run:

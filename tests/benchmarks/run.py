@@ -22,7 +22,6 @@ import numpy as np
 from tests.benchmarks import LADDERS
 from wormopt.progress import Report
 
-_MODULES = dict.fromkeys(LADDERS, "ladder") | dict.fromkeys(("chain_length", "smoothing"), "sweeps")
 _PACKAGES = (
     *("casadi", "numpy", "scipy", "numba", "diffrax", "scikit-sundae", "heyoka"),
     *("rockit-meco", "yapss", "mujoco", "magpylib", "scikit-fem", "pyelastica"),
@@ -81,7 +80,7 @@ def ratios(found: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _benchmark(name: str) -> Any:
-    return import_module(f"tests.benchmarks.{_MODULES.get(name, name)}")
+    return import_module(f"tests.benchmarks.{'ladder' if name in LADDERS else name}")
 
 
 # -- numbers -------------------------------------------------------------------------------------
@@ -141,12 +140,12 @@ def why(error: Exception) -> str:
 # -- pictures ------------------------------------------------------------------------------------
 
 
-def axes(across: str, up: str, figure: Any = None, place: int = 111) -> tuple[Any, Any]:
-    """Figure and logarithmic axes with labels; `place` in a `figure` that is there already."""
+def axes(across: str, up: str) -> tuple[Any, Any]:
+    """Figure and logarithmic axes with labels."""
     from matplotlib.figure import Figure  # once there is something to draw
 
-    figure = figure or Figure(figsize=(8, 4.5), layout="constrained")
-    found = figure.add_subplot(place, xscale="log", yscale="log", xlabel=across, ylabel=up)
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    found = figure.add_subplot(xscale="log", yscale="log", xlabel=across, ylabel=up)
     found.grid(visible=True, color="#E6E6E6", linewidth=0.6)
     found.spines[["top", "right"]].set_visible(False)
     return figure, found

@@ -1,1 +1,1 @@
-"""Methods that share no code with wormopt, for tests, benchmarks and the stress matrix."""
+"""Methods that compute without wormopt's solvers, for tests, benchmarks and stress tests."""

@@ -7,7 +7,7 @@ roots found one by one; to second order as the limit of ever steeper smooth laws
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from functools import partial
 from itertools import pairwise
 
@@ -15,12 +15,11 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import root_scalar
 
-from tests.stress.verdict import Case, Dice, apart, many, spread
+from tests.stress.verdict import Case, Dice, Judged, apart, many, spread
 from wormopt.analysis.average import average
 from wormopt.model.friction import Coulomb
 from wormopt.model.model import Contact, Model, Signal
 
-Found = Iterator[tuple[str, float]]
 _HARMONICS, _INSTANTS = 3, 64
 
 
@@ -82,7 +81,7 @@ def _ask(model: Model, period: float, order: int, x: ca.SX, places: np.ndarray) 
     return np.array(ca.Function("F", [x], [averaged.ode]).map(places.shape[1])(places))
 
 
-def _smooth(order: int, dice: Dice) -> Found:
+def _smooth(order: int, dice: Dice) -> Judged:
     states, period = int(dice.integers(1, 4)), spread(dice, 1e-3, 1e3)
     size = spread(dice, 1e-3, 1.0) / period
     field = Field(dice, states, period, size)
@@ -158,7 +157,7 @@ class Shaken:
         return float(values.mean() + (slope * _swing(values[None], self.period)[0]).mean())
 
 
-def _friction(dice: Dice) -> Found:
+def _friction(dice: Dice) -> Judged:
     shaken = Shaken(dice)
     model, v = shaken.model()
     speeds = shaken.swing * dice.uniform(-1.5, 1.5, 6)
@@ -167,7 +166,7 @@ def _friction(dice: Dice) -> Found:
     yield "averaged friction", apart(found, known, 1e-9, shaken.ahead + shaken.behind)
 
 
-def _friction_twice(dice: Dice) -> Found:
+def _friction_twice(dice: Dice) -> Judged:
     """Steep laws of four widths: their errors have parts as the width and as its square."""
     shaken = Shaken(dice)
     model, v = shaken.model()
@@ -182,15 +181,12 @@ def _friction_twice(dice: Dice) -> Found:
         yield "second order", abs(value - known) / (abs(known - near) + 1e-6 * size)
 
 
-def cases(*, quick: bool) -> list[Case]:
+def cases(*, quick: bool) -> Iterable[Case]:
     """Smooth fields and friction, to first and to second order; `quick`: two of each."""
-    return [
-        case
-        for group, compare, count in (
-            ("averages: smooth, order 1", partial(_smooth, 1), 25),
-            ("averages: smooth, order 2", partial(_smooth, 2), 25),
-            ("averages: friction, order 1", _friction, 30),
-            ("averages: friction, order 2", _friction_twice, 25),
-        )
-        for case in many(group, compare, count, quick=quick)
-    ]
+    kinds = (
+        ("averages: smooth, order 1", partial(_smooth, 1), 25),
+        ("averages: smooth, order 2", partial(_smooth, 2), 25),
+        ("averages: friction, order 1", _friction, 30),
+        ("averages: friction, order 2", _friction_twice, 25),
+    )
+    return many(kinds, quick=quick)

@@ -14,9 +14,9 @@ import casadi as ca
 import numpy as np
 from scipy.integrate import quad, solve_ivp
 
-from tests.stress.means import Judged, refused, zero
+from tests.stress.means import refused, zero
 from tests.stress.rods import RODS
-from tests.stress.verdict import Case, Dice, apart, many, spread
+from tests.stress.verdict import Case, Dice, Judged, apart, many, spread
 from wormopt.analysis.vibration import vibration_modes
 from wormopt.model.model import pack
 from wormopt.systems.channel.closed_forms import STEEPEST, ChannelWorm, Shape
@@ -45,8 +45,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         *RODS,
         ("no bodies", _no_body, 5),
     )
-    for group, compare, count in kinds:
-        yield from many(group, compare, count, quick=quick, span=0.2)
+    return many(kinds, quick=quick, span=0.2)
 
 
 # -- assumed segments ------------------------------------------------------------------------------

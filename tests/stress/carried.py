@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tests.stress.means import Judged, refused, zero
-from tests.stress.verdict import Compare, Dice, Undecided, apart, spread
+from tests.stress.means import refused, zero
+from tests.stress.verdict import Dice, Judged, Kind, Undecided, apart, spread
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body
 from wormopt.systems.film.cosine import CosineWave
@@ -230,7 +230,7 @@ def _not_carried(dice: Dice) -> Judged:
     yield "friction", refused(lambda: carried_body(body, mass=1.0, forward=more), "LyingBody")
 
 
-CARRIED: tuple[tuple[str, Compare, int], ...] = (
+CARRIED: tuple[Kind, ...] = (
     ("forces on floats", _weighty, 10),
     ("forces on plates", _plate, 10),
     ("heavy floats", _followed, 10),

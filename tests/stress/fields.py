@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import quad
 
-from tests.stress.means import STENCIL, Judged, refused, zero
+from tests.oracles.windings import loop_by_integrals, seen, summed
+from tests.stress.means import STENCIL, refused, zero
 from tests.stress.rows import ROWS
-from tests.stress.verdict import Case, Dice, apart, many, spread
-from tests.stress.windings import loop_by_integrals, seen, summed
+from tests.stress.verdict import Case, Dice, Judged, apart, many, spread
 from wormopt.magnetics import hydrostatics
 from wormopt.magnetics.coils import CoilRow
 from wormopt.magnetics.hydrostatics import Langevin
@@ -44,8 +44,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         *ROWS,
         ("no fields", _no_field, 5),
     )
-    for group, compare, count in kinds:
-        yield from many(group, compare, count, quick=quick, span=0.1)
+    return many(kinds, quick=quick, span=0.1)
 
 
 # -- coils -----------------------------------------------------------------------------------------

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.integrate import quad, solve_ivp
 
 from tests.stress.carried import CARRIED
-from tests.stress.means import Judged, least, refused, zero
-from tests.stress.verdict import Case, Dice, Undecided, apart, many, spread
+from tests.stress.means import least, refused, zero
+from tests.stress.verdict import Case, Dice, Judged, Undecided, apart, many, spread
 from wormopt.model.model import pack
 from wormopt.systems.film.cosine import CosineWave
 from wormopt.systems.film.float import CAPTURE_DELTA, float_drift, tracer_drift
@@ -46,8 +46,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         *CARRIED,
         ("no films", _no_film, 5),
     )
-    for group, compare, count in kinds:
-        yield from many(group, compare, count, quick=quick, span=0.1)
+    return many(kinds, quick=quick, span=0.1)
 
 
 # -- cosine waves ----------------------------------------------------------------------------------

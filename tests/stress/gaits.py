@@ -8,7 +8,7 @@ link has no better gait. Problems without an answer must be refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import root_scalar
 
 from tests.stress.crawl_route import Crawling, most_speed
-from tests.stress.verdict import Case, Dice, above, apart, many, spread
+from tests.stress.verdict import Case, Dice, Judged, Kind, above, apart, many, spread
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.certify.certificate import verify
@@ -27,8 +27,6 @@ from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.gait_problem import Cost, Limits, Objective, Search, Worm
-
-Found = Iterator[tuple[str, float]]
 
 # -- crawls --------------------------------------------------------------------------------------
 
@@ -80,7 +78,7 @@ _PROFILES = ("cosine", "trapezoid", "quintic")
 Make = Callable[[Dice, int, float, float], Gait]
 
 
-def _crawl(make: Make, dice: Dice, *, hard: bool = False) -> Found:
+def _crawl(make: Make, dice: Dice, *, hard: bool = False) -> Judged:
     links = int(dice.integers(1, 6))
     period = spread(dice, 1e-3, 1e6) if hard else spread(dice, 0.3, 3.0)
     size = spread(dice, 1e-9, 1e3) if hard else 1.0
@@ -94,7 +92,7 @@ def _crawl(make: Make, dice: Dice, *, hard: bool = False) -> Found:
     yield from _compared(motion, Crawling(gait, mass, drag, load))
 
 
-def _compared(motion: Crawl, other: Crawling) -> Found:
+def _compared(motion: Crawl, other: Crawling) -> Judged:
     """Everything that quadrature or steps tell of a crawl."""
     fastest = np.abs(other.extremes_of_links(1)).max()
     masses = len(other.mass)
@@ -122,7 +120,7 @@ def _mean_drag(other: Crawling) -> float:
     return other.drag * len(other.mass) * other.advance / other.gait.period
 
 
-def _crawls(quick: bool) -> Iterator[Case]:
+def _crawls() -> Iterator[Kind]:
     kinds: dict[str, tuple[Make, int]] = {
         "smooth": (_smooth, 45),
         "corners": (_cornered, 20),
@@ -131,10 +129,9 @@ def _crawls(quick: bool) -> Iterator[Case]:
         "still": (_still, 8),
     }
     for name, (make, count) in kinds.items():
-        yield from many(f"crawls: {name}", partial(_crawl, make), count, quick=quick)
+        yield f"crawls: {name}", partial(_crawl, make), count
     for name, make in (("smooth", _smooth), ("waves", _wave), ("sines", _sine)):
-        hard = partial(_crawl, make, hard=True)
-        yield from many(f"extreme crawls: {name}", hard, 15, quick=quick)
+        yield f"extreme crawls: {name}", partial(_crawl, make, hard=True), 15
 
 
 # -- designs -------------------------------------------------------------------------------------
@@ -218,7 +215,7 @@ def _asked(dice: Dice, links: int, *, hard: str = "") -> Asked:
     return Asked(links, tuple(mass.tolist()), load, period, span, rate, acceleration)
 
 
-def _held(found: Design, asked: Asked) -> Found:
+def _held(found: Design, asked: Asked) -> Judged:
     """Whether a designed gait keeps to what was asked, and is as fast as it says."""
     gait = found.gait
     other = Crawling(gait, np.array(asked.mass), asked.drag, asked.load)
@@ -245,7 +242,7 @@ def _held(found: Design, asked: Asked) -> Found:
     yield "bound of rates", above(found.speed, bound, 1e-8)
 
 
-def _one_link(hard: str, dice: Dice) -> Found:
+def _one_link(hard: str, dice: Dice) -> Judged:
     asked = _asked(dice, 1, hard=hard)
     found = asked.design()
     yield from _held(found, asked)
@@ -255,14 +252,14 @@ def _one_link(hard: str, dice: Dice) -> Found:
         yield "more than can be had", above(found.speed, best, 1e-7)
 
 
-def _links(hard: str, dice: Dice) -> Found:
+def _links(hard: str, dice: Dice) -> Judged:
     asked = _asked(dice, int(dice.integers(2, 4)), hard=hard)
     found = asked.design()
     yield from _held(found, asked)
     yield "slower than all links alike", above(asked.together, found.speed, 1e-6)
 
 
-def _loaded(dice: Dice) -> Found:
+def _loaded(dice: Dice) -> Judged:
     """Few spikes carry little: a limit a little above what even slow gaits need."""
     easy = _asked(dice, int(dice.integers(1, 3)))
     need = len(easy.mass) * easy.load
@@ -272,7 +269,7 @@ def _loaded(dice: Dice) -> Found:
     yield from _held(found, asked)
 
 
-def _draggy(dice: Dice) -> Found:
+def _draggy(dice: Dice) -> Judged:
     """Drag holds a worm back as load does: no slower than without."""
     easy = _asked(dice, int(dice.integers(1, 3)))
     drag = easy.load / easy.rate * dice.uniform(0.1, 3.0)
@@ -282,7 +279,7 @@ def _draggy(dice: Dice) -> Found:
     yield "slower than all links alike", above(easy.together, found.speed, 1e-3)
 
 
-def _cheap(minimise: Cost, dice: Dice) -> Found:
+def _cheap(minimise: Cost, dice: Dice) -> Judged:
     """Least costs at a speed that the worm can well keep up."""
     links = 1 if minimise == "energy_per_distance" else int(dice.integers(1, 3))
     asked = _asked(dice, links)
@@ -301,7 +298,7 @@ def _cheap(minimise: Cost, dice: Dice) -> Found:
     yield "less than a mean", above(whole / asked.links, found.value, 1e-9)
 
 
-def _resting(dice: Dice) -> Found:
+def _resting(dice: Dice) -> Judged:
     """Several masses rest at any time."""
     easy = _asked(dice, int(dice.integers(2, 4)))
     asked = Asked(**{**vars(easy), "resting": 2})
@@ -309,7 +306,7 @@ def _resting(dice: Dice) -> Found:
     yield from _held(found, asked)
 
 
-def _impossible(dice: Dice) -> Found:
+def _impossible(dice: Dice) -> Judged:
     """Refused is right: spikes too weak for the load, speeds above any bound."""
     easy = _asked(dice, int(dice.integers(1, 4)))
     objective = Objective()
@@ -328,26 +325,23 @@ def _impossible(dice: Dice) -> Found:
     yield f"found {found.speed:.6g} where nothing can be", np.inf
 
 
-def _designs(quick: bool) -> Iterator[Case]:
+def _designs() -> Iterator[Kind]:
     for hard in ("", "periods", "ranges", "mass ratios", "loads"):
         name = hard or "plain"
-        yield from many(f"one link: {name}", partial(_one_link, hard), 12, quick=quick)
-        yield from many(f"designs: {name}", partial(_links, hard), 8, quick=quick)
-    for name, compare, count in (
-        ("spike loads", _loaded, 12),
-        ("drag", _draggy, 8),
-        ("two rest", _resting, 8),
-        ("least peaks", partial(_cheap, "peak_spike_load"), 10),
-        ("least energy", partial(_cheap, "energy_per_distance"), 6),
-        ("impossible", _impossible, 14),
-    ):
-        yield from many(f"designs: {name}", compare, count, quick=quick)
+        yield f"one link: {name}", partial(_one_link, hard), 12
+        yield f"designs: {name}", partial(_links, hard), 8
+    yield "designs: spike loads", _loaded, 12
+    yield "designs: drag", _draggy, 8
+    yield "designs: two rest", _resting, 8
+    yield "designs: least peaks", partial(_cheap, "peak_spike_load"), 10
+    yield "designs: least energy", partial(_cheap, "energy_per_distance"), 6
+    yield "designs: impossible", _impossible, 14
 
 
 # -- certificates --------------------------------------------------------------------------------
 
 
-def _certified(links: int, hard: str, dice: Dice) -> Found:
+def _certified(links: int, hard: str, dice: Dice) -> Judged:
     """No motion that is known beats the bound, which is not above that of rates."""
     asked = _asked(dice, links, hard=hard)
     proof = certify(asked.design(), gap=0.03, time_limit=3.0)
@@ -363,13 +357,13 @@ def _certified(links: int, hard: str, dice: Dice) -> Found:
     yield "gap", apart(proof.gap, proof.bound / speed - 1, 1e-6, 1.0)
 
 
-def _certificates(quick: bool) -> Iterator[Case]:
+def _certificates() -> Iterator[Kind]:
     for hard in ("", "periods", "ranges", "mass ratios", "loads"):
         name = f"certificates: {hard or 'plain'}"
-        yield from many(f"{name}, one link", partial(_certified, 1, hard), 7, quick=quick)
-        yield from many(f"{name}, two links", partial(_certified, 2, hard), 3, quick=quick)
+        yield f"{name}, one link", partial(_certified, 1, hard), 7
+        yield f"{name}, two links", partial(_certified, 2, hard), 3
 
 
-def cases(*, quick: bool) -> list[Case]:
+def cases(*, quick: bool) -> Iterable[Case]:
     """Crawls, designs and certificates; `quick`: two of each kind."""
-    return [*_crawls(quick), *_designs(quick), *_certificates(quick)]
+    return many([*_crawls(), *_designs(), *_certificates()], quick=quick)

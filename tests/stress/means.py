@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 from scipy.optimize import brentq, minimize_scalar
 
 from wormopt.errors import WormoptError
 
-Judged = Iterator[tuple[str, float]]
 Function = Callable[[float], float]
 
 STENCIL = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))

@@ -8,14 +8,14 @@ implicit Euler with the friction that lets the block end nearest to rest.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable
 from functools import partial
 
 import casadi as ca
 import numpy as np
 
 from tests.stress.optimal_crawls import OPTIMAL_CRAWLS
-from tests.stress.verdict import Case, Dice, apart, many, spread
+from tests.stress.verdict import Case, Dice, Judged, apart, many, spread
 from wormopt.model.friction import Coulomb
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
@@ -26,8 +26,6 @@ from wormopt.ocp.optimise import Contacts, Optimum, optimise
 from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.ocp.switching import optimise_switching_times
 from wormopt.systems.block.block import block
-
-Found = Iterator[tuple[str, float]]
 
 
 class Slide:
@@ -74,7 +72,7 @@ def _treatment(slide: Slide, time: float, dice: Dice) -> Contacts:
     return Regularised(0.03 * speed, 0.3 * speed)
 
 
-def _forward(decades: float, dice: Dice) -> Found:
+def _forward(decades: float, dice: Dice) -> Judged:
     """From rest to rest."""
     slide = Slide(dice, decades=decades)
     time = slide.fastest(slide.way)
@@ -90,7 +88,7 @@ def _forward(decades: float, dice: Dice) -> Found:
     yield "steps without events", _far_by_steps(slide, found, 0.0, slide.way)
 
 
-def _back(decades: float, dice: Dice) -> Found:
+def _back(decades: float, dice: Dice) -> Judged:
     """Thrown forward from 0, back to rest there."""
     slide = Slide(dice, decades=decades)
     speed = math.sqrt(2 * slide.way * slide.slower)  # it turns back after the way
@@ -110,7 +108,7 @@ def _back(decades: float, dice: Dice) -> Found:
     yield "steps without events", _far_by_steps(slide, found, speed, 0.0)
 
 
-def _effort(decades: float, dice: Dice) -> Found:
+def _effort(decades: float, dice: Dice) -> Judged:
     """Least integral of the force squared, in less time than it takes to pay for a rest.
 
     The acceleration falls linearly, from 6 d/T^2 to its opposite.
@@ -147,18 +145,15 @@ def _far_by_steps(slide: Slide, found: Optimum, speed: float, end: float) -> flo
     return abs(x - end) / (slide.way * 40 / steps)
 
 
-def cases(*, quick: bool) -> list[Case]:
+def cases(*, quick: bool) -> Iterable[Case]:
     """Slides forward, back, and with least effort; `quick`: two of each."""
-    return [
-        case
-        for group, compare, count in (
-            ("optima: forward", partial(_forward, 0.0), 25),
-            ("optima: forward, any sizes", partial(_forward, 3.0), 20),
-            ("optima: back", partial(_back, 0.0), 15),
-            ("optima: back, any sizes", partial(_back, 3.0), 10),
-            ("optima: effort", partial(_effort, 0.0), 20),
-            ("optima: effort, any sizes", partial(_effort, 3.0), 15),
-            *OPTIMAL_CRAWLS,
-        )
-        for case in many(group, compare, count, quick=quick)
-    ]
+    kinds = (
+        ("optima: forward", partial(_forward, 0.0), 25),
+        ("optima: forward, any sizes", partial(_forward, 3.0), 20),
+        ("optima: back", partial(_back, 0.0), 15),
+        ("optima: back, any sizes", partial(_back, 3.0), 10),
+        ("optima: effort", partial(_effort, 0.0), 20),
+        ("optima: effort, any sizes", partial(_effort, 3.0), 15),
+        *OPTIMAL_CRAWLS,
+    )
+    return many(kinds, quick=quick)

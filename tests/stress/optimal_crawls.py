@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from tests.stress.means import Judged, least, refused
-from tests.stress.verdict import Compare, Dice, Undecided, above, apart, spread
+from tests.stress.means import least, refused
+from tests.stress.verdict import Dice, Judged, Kind, Undecided, above, apart, spread
 from wormopt.model.friction import Coulomb
 from wormopt.model.modes import ModeSequence
 from wormopt.numerics.collocation import Collocation
@@ -144,7 +144,7 @@ def _no_crawl(dice: Dice) -> Judged:
     yield "share", refused(lambda: CapsuleTable(share=more, friction=1.0, stroke=1.0), "below 1")
 
 
-OPTIMAL_CRAWLS: tuple[tuple[str, Compare, int], ...] = (
+OPTIMAL_CRAWLS: tuple[Kind, ...] = (
     ("optima: pairs of masses", _pair, 8),
     ("optima: capsules", _capsule, 6),
     ("optima: crawls", _chain, 8),

@@ -11,8 +11,8 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import linprog
 
-from tests.stress.means import Judged, refused
-from tests.stress.verdict import Compare, Dice, Undecided, apart, spread
+from tests.stress.means import refused
+from tests.stress.verdict import Dice, Judged, Kind, Undecided, apart, spread
 from wormopt.model.gait import Gait
 from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
 from wormopt.systems.peristaltic.anchored.gait import anchored_wave
@@ -184,7 +184,7 @@ def _slide(dice: Dice) -> Judged:
     yield "force", refused(lambda: common_velocity(v, ahead, back, beyond), "exceeds the friction")
 
 
-GAITS: tuple[tuple[str, Compare, int], ...] = (
+GAITS: tuple[Kind, ...] = (
     ("gaits on drag", _drag, 15),
     ("best small gaits", _small, 10),
     ("waves of currents", _waves, 6),

@@ -16,8 +16,8 @@ from scipy.integrate import solve_ivp
 
 from tests.oracles.driven_chain import Grip, Plant
 from tests.oracles.integrators import event_loop
-from tests.stress.means import Judged, refused
-from tests.stress.verdict import Compare, Dice, apart, spread
+from tests.stress.means import refused
+from tests.stress.verdict import Dice, Judged, Kind, apart, spread
 from wormopt.model.model import Model, pack
 from wormopt.quantities import GRAVITY
 from wormopt.simulation.trajectory import Trajectory
@@ -229,7 +229,7 @@ def _no_worm(dice: Dice) -> Judged:
     yield "drag", refused(lambda: DragGround(-more), "coefficient")
 
 
-WORMS: tuple[tuple[str, Compare, int], ...] = (
+WORMS: tuple[Kind, ...] = (
     ("worms on drag", _on_drag, 12),
     ("worms on dry ground", _on_dry_ground, 12),
     ("worms in tubes", _in_tubes, 12),

@@ -12,8 +12,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from tests.stress.means import Judged, refused
-from tests.stress.verdict import Compare, Dice, apart, spread
+from tests.stress.means import refused
+from tests.stress.verdict import Dice, Judged, Kind, apart, spread
 from wormopt.analysis.resting import Loaded, Rest
 from wormopt.systems.channel.rod import Rod
 from wormopt.systems.channel.rod_model import channel_rod
@@ -172,7 +172,7 @@ def _no_rest(dice: Dice) -> Judged:
     yield "nowhere", refused(lambda: loaded.rest(nowhere), "finite places")
 
 
-RODS: tuple[tuple[str, Compare, int], ...] = (
+RODS: tuple[Kind, ...] = (
     ("rods between walls", _between, 14),
     ("rods on a wall", _pressed_flat, 6),
     ("no rods at rest", _no_rest, 2),

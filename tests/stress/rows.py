@@ -12,9 +12,9 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
-from tests.stress.means import STENCIL, Judged, refused
-from tests.stress.verdict import Compare, Dice, above, apart, spread
-from tests.stress.windings import seen
+from tests.oracles.windings import seen
+from tests.stress.means import STENCIL, refused
+from tests.stress.verdict import Dice, Judged, Kind, above, apart, spread
 from wormopt.magnetics.blocks import BlockField, block_field
 from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.systems.coils.row_currents import TravellingTarget, fit_currents
@@ -146,7 +146,7 @@ def _no_row(dice: Dice) -> Judged:
     yield "nodes", few
 
 
-ROWS: tuple[tuple[str, Compare, int], ...] = (
+ROWS: tuple[Kind, ...] = (
     ("blocks of coils", _block, 10),
     ("currents for a field", _fit, 10),
     ("no rows", _no_row, 3),

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import fsolve
 
-from tests.stress.means import Judged, least, refused, zero
+from tests.stress.means import least, refused, zero
 from tests.stress.peristaltic_gaits import GAITS
 from tests.stress.peristaltic_worms import WORMS
-from tests.stress.verdict import Case, Dice, Undecided, apart, many, spread
+from tests.stress.verdict import Case, Dice, Judged, Undecided, apart, many, spread
 from wormopt.magnetics.winding import Coil
 from wormopt.systems.peristaltic.anchored.ceilings import mode_bound
 from wormopt.systems.peristaltic.drag.small_gaits import small_gaits
@@ -45,8 +45,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         *WORMS,
         ("no segments", _no_segment, 5),
     )
-    for group, compare, count in kinds:
-        yield from many(group, compare, count, quick=quick, span=0.1)
+    return many(kinds, quick=quick, span=0.1)
 
 
 # -- energies --------------------------------------------------------------------------------------

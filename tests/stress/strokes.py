@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tests.stress.means import STENCIL, Judged, refused
+from tests.stress.means import STENCIL, refused
 from tests.stress.resistive import Chain, Heading, connection, resisted
-from tests.stress.verdict import Compare, Dice, above, apart, spread
+from tests.stress.verdict import Dice, Judged, Kind, above, apart, spread
 from wormopt.numerics.collocation import Collocation
 from wormopt.ocp.mesh import Mesh
 from wormopt.systems.planar.body.shape import chain_shape
@@ -159,7 +159,7 @@ def _no_stroke(dice: Dice) -> Judged:
     yield "one angle", refused(lambda: heights(scallop), "two shape variables")
 
 
-STROKES: tuple[tuple[str, Compare, int], ...] = (
+STROKES: tuple[Kind, ...] = (
     ("curvatures of swimmers", _curvature, 12),
     ("heights of swimmers", _heights, 8),
     ("best strokes", _best, 4),

@@ -16,10 +16,10 @@ from scipy.integrate import quad, solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import minimize
 
-from tests.stress.means import Judged, least, refused, zero
+from tests.stress.means import least, refused, zero
 from tests.stress.resistive import Chain, Heading, connection, resisted, turned
 from tests.stress.strokes import STROKES
-from tests.stress.verdict import Case, Dice, Undecided, above, apart, many, spread
+from tests.stress.verdict import Case, Dice, Judged, Undecided, above, apart, many, spread
 from wormopt.model.planar_friction import Elliptic
 from wormopt.systems.planar.body.se2 import circle_of, compose
 from wormopt.systems.planar.body.shape import chain_shape
@@ -51,8 +51,7 @@ def cases(*, quick: bool) -> Iterable[Case]:
         *STROKES,
         ("no swimmers", _no_swimmer, 5),
     )
-    for group, compare, count in kinds:
-        yield from many(group, compare, count, quick=quick, span=0.1)
+    return many(kinds, quick=quick, span=0.1)
 
 
 # -- bodies ----------------------------------------------------------------------------------------

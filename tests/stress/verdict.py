@@ -19,8 +19,11 @@ from wormopt.errors import SolveError, WormoptError
 
 Class = Literal["right", "refused", "wrong", "undecided"]
 Dice = np.random.Generator
-Compare = Callable[[Dice], Iterable[tuple[str, float]]]
-"""Yields what was compared and its distance, over what is allowed."""
+Judged = Iterator[tuple[str, float]]
+"""What was compared and its distance, over what is allowed."""
+Compare = Callable[[Dice], Judged]
+Kind = tuple[str, Compare, int]
+"""A group, what compares, and the number of cases."""
 
 
 class Undecided(Exception):
@@ -76,12 +79,11 @@ class Case:
         return Verdict(self.name, self.group, self.core, kind, reason, 1.0, off)
 
 
-def many(
-    group: str, compare: Compare, count: int, *, quick: bool, span: float = 0
-) -> Iterator[Case]:
-    """So many cases of one kind, two if `quick`."""
-    for k in range(min(count, 2) if quick else count):
-        yield Case(f"{group} {k}", group, compare, span=span)
+def many(kinds: Iterable[Kind], *, quick: bool, span: float = 0) -> Iterator[Case]:
+    """So many cases of each kind, at most two if `quick`."""
+    for group, compare, count in kinds:
+        for k in range(min(count, 2) if quick else count):
+            yield Case(f"{group} {k}", group, compare, span=span)
 
 
 def apart(found: ArrayLike, known: ArrayLike, share: float, size: float = 0.0) -> float:

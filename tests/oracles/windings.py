@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from scipy.special import ellipe, ellipkm1
@@ -13,8 +14,12 @@ from wormopt.magnetics.winding import Coil
 _CUTS = (0.0, 1e-3, 1e-2, 0.05, 0.2, 0.5, 1.0)
 
 
-def loop_by_integrals(a: np.ndarray, rho: float, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axial and radial field of loops of one ampere, by K and E; off the axis."""
+def loop_by_integrals(a: Any, rho: Any, s: Any) -> tuple[Any, Any]:
+    """Axial and radial field of loops of one ampere, by K and E; off the axis.
+
+    W. R. Smythe, Static and Dynamic Electricity (1968), 7.10. Radii of loops, distances of points
+    from the axis and from the plane of the loop: numbers or arrays that fit.
+    """
     far, near = (a + rho) ** 2 + s**2, (a - rho) ** 2 + s**2
     K, E = ellipkm1(near / far), ellipe(4 * a * rho / far)
     unit = 1 / (2 * math.pi * np.sqrt(far))
