@@ -365,7 +365,7 @@ class FilmForward(Study, kind="film-forward"):
             assert self.wave is not None  # the scene's faults ensure it
             return WaveField(self.wave, self.film.tension_number)
         try:
-            field = GivenField(given.pressure(self.folder, self.units, self.film.scales))
+            field = GivenField(given.pressure(self.folder, self.units, self.film.fluid))
             field.slope(self.grid.points)
         except (ArgumentError, ValueError, OSError, KeyError) as error:
             key = "field.samples" if given.samples is not None else "field.file"
@@ -571,7 +571,7 @@ class FilmForward(Study, kind="film-forward"):
 
     @warnings
     def of_theory(self) -> Iterator[str]:
-        yield from self.film.scales.warnings() if self.film.scales else ()
+        yield from self.film.fluid.warnings() if self.film.fluid else ()
         yield from reach_warnings(self.wave, self.film.thinness) if self.wave else ()
         yield from () if self.tolerance.recheck else (NOT_RECHECKED,)
 
