@@ -114,7 +114,7 @@ class Start(Given):
         return thickness
 
 
-class Steps(Given):
+class StepTolerance(Given):
     """Tolerances of the simulation."""
 
     relative: float = number(
@@ -302,7 +302,7 @@ class FilmForward(Study, kind="film-forward"):
     start: Start = entry("the film at time 0", default=Start)
     course: Duration = entry("duration of the simulation", default=Duration)
     grid: Resolution = entry("resolution of the film", default=Resolution)
-    tolerance: Steps = entry("tolerances of the simulation", default=Steps)
+    tolerance: StepTolerance = entry("tolerances of the simulation", default=StepTolerance)
     branch: Continuation | None = entry(
         "continuation of steady films in the amplitude; default: none", default=None
     )
