@@ -321,7 +321,13 @@ def _scales(dice: Dice) -> Judged:
         spread(dice, 0.01, 1),
     )
     omega = spread(dice, 1e-2, 1e4)
-    oil, k = Fluid(mu_r, eta, rho, gamma, depth, wavelength, omega), _TURN / wavelength
+    oil, k = (
+        Fluid(
+            mu_r=mu_r, viscosity=eta, density=rho, surface_tension=gamma, depth=depth,
+            wavelength=wavelength, frequency=omega,
+        ),
+        _TURN / wavelength,
+    )  # fmt: skip
     shear = eta * (omega / k) / depth  # stress; the pressure drives it over a wavelength / 2 pi
     yield "pressure", apart(oil.pressure, shear / (depth * k), 1e-12)
     yield "tension", apart(oil.tension, gamma * depth * k**2 / (shear / (depth * k)), 1e-12)

@@ -66,7 +66,7 @@ class Setting:
     # phases to the thickness of the prescribed wave
     wave: Callable[[np.ndarray], np.ndarray] | None
     duration: Duration = Duration()  # noqa: RUF009  frozen
-    grid: Resolution = Resolution()  # noqa: RUF009  frozen
+    resolution: Resolution = Resolution()  # noqa: RUF009  frozen
     tolerance: Tolerance = Tolerance()  # noqa: RUF009  frozen
 
     def given(self, points: int) -> dict[str, Any]:
@@ -138,7 +138,7 @@ def _rates(points: int, order: int) -> Rates:
 
 def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | None:
     """Steady film closest to `thickness` (points,) by Newton's method, None without one."""
-    order, rates = setting.grid.order, _rates(points, setting.grid.order)
+    order, rates = setting.resolution.order, _rates(points, setting.resolution.order)
     p = rates.parameters(setting.given(points))
     x, found = newton(rates, film_volume(thickness, order=order)[None], p)
     if not found[0]:
@@ -151,7 +151,7 @@ def steady(setting: Setting, points: int, thickness: np.ndarray) -> Steady | Non
 
 def flow(setting: Setting, thickness: np.ndarray) -> np.ndarray:
     """Flow Q (points,) of a film of given thickness (points,)."""
-    points, order = len(thickness), setting.grid.order
+    points, order = len(thickness), setting.resolution.order
     model, rates = film_model(points, order), _rates(points, order)
     at = ca.Function("flow", [pack(model.x), pack(model.p)], [model["flow"]])
     state = film_volume(thickness, order=order)
@@ -192,7 +192,7 @@ def _integrated(
     setting: Setting, points: int, report: Report
 ) -> tuple[np.ndarray, np.ndarray, int, bool]:
     """Times, thickness at these times, steps, and whether the integrator gave up."""
-    order, turn = setting.grid.order, 2 * math.pi
+    order, turn = setting.resolution.order, 2 * math.pi
     kept = np.linspace(0.0, setting.duration.periods * turn, setting.duration.samples)
     state = film_volume(setting.start(grid(points)), order=order)
     times, states = [kept[:1]], [state[:, None]]
@@ -221,7 +221,7 @@ def _leg(
     failed = False
     try:
         motion = simulate(
-            film_model(points, setting.grid.order),
+            film_model(points, setting.resolution.order),
             span,
             x0={"volume": state},
             p=setting.given(points),
@@ -245,7 +245,7 @@ def _broken(
     first = int(np.flatnonzero(h.min(axis=0) < setting.duration.rupture)[0])
     if first == 0:
         return time[:1], h[:, :1], (float(time[0]), float(grid(points)[int(np.argmin(h[:, 0]))]))
-    order = setting.grid.order
+    order = setting.resolution.order
     state = film_volume(h[:, first - 1], order=order)
     span = (float(time[first - 1]), float(time[first]))
     close, found, _, _ = _leg(setting, points, state, span, np.linspace(*span, _CLOSER)[1:])
@@ -278,15 +278,15 @@ def resolved(setting: Setting, report: Report = silent, *, once: bool = False) -
 
     `once`: a single resolution suffices where its harmonics have decayed.
     """
-    points = setting.grid.points
+    points = setting.resolution.points
     found = Resolved(follow(setting, points, report), None, None)
-    while 2 * points <= setting.grid.most:
+    while 2 * points <= setting.resolution.most:
         if once and found.course.outcome != "unresolved" and found.course.tail < _ENOUGH:
             break
         points *= 2
         finer = follow(setting, points, report)
         found = Resolved(finer, found.course, _difference(found.course, finer))
-        if found.difference is not None and found.difference <= setting.grid.agreement:
+        if found.difference is not None and found.difference <= setting.resolution.agreement:
             break
     return found
 
@@ -395,12 +395,12 @@ class CarriedFilm:
     (0.0, 0.0)
     """
 
-    xi: np.ndarray  # (points,) phases
-    thickness: np.ndarray  # (points,) over the mean
-    distance: float  # largest difference of thickness from the wave wanted
-    mean_flow: float  # 1 + C
-    growth: float  # largest growth rate of a small deviation
-    residual: float  # of Newton's method
+    xi: np.ndarray
+    thickness: np.ndarray
+    distance: float
+    mean_flow: float
+    growth: float
+    residual: float
 
 
 def carried_film(wave: CosineWave, pressure: np.ndarray, tension: float) -> CarriedFilm | None:

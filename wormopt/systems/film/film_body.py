@@ -195,14 +195,14 @@ class FilmBody(Study, kind="film-body"):
 
     @scalar("1", "mass per area times *ω d*/*η*")
     def mass(self) -> float:
-        fluid = self.film.scales
+        fluid = self.film.fluid
         if fluid is None:
             return self.body.mass or 0.0
         return self.bulk * fluid.frequency * fluid.depth / fluid.viscosity
 
     @scalar("1", "weight per area times (*k d*)²/(*η ω*)", when="floats")
     def weight(self) -> float:
-        fluid = self.film.scales
+        fluid = self.film.fluid
         if fluid is None:
             return self.body.weight or 0.0
         return self.bulk * GRAVITY * fluid.eps / self.film.stress_unit
@@ -210,7 +210,7 @@ class FilmBody(Study, kind="film-body"):
     @cached_property
     def frictions(self) -> tuple[float, float]:
         """Friction against motion with the wave, and opposite to it."""
-        body, fluid = self.body, self.film.scales
+        body, fluid = self.body, self.film.fluid
         if fluid is None:
             forward = body.friction_forward or 0.0
             backward = forward if body.friction_backward is None else body.friction_backward
@@ -485,5 +485,5 @@ class FilmBody(Study, kind="film-body"):
                 "heavy float dents the surface",
             )
         yield from warnings_of_motion(self.motion, self.second_route)
-        yield from self.film.scales.warnings() if self.film.scales else ()
+        yield from self.film.fluid.warnings() if self.film.fluid else ()
         yield from reach_warnings(self.carried.wave, self.film.thinness)

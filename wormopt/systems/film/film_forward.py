@@ -114,7 +114,7 @@ class Start(Given):
         return thickness
 
 
-class Steps(Given):
+class StepTolerance(Given):
     """Tolerances of the simulation."""
 
     relative: float = number(
@@ -302,7 +302,7 @@ class FilmForward(Study, kind="film-forward"):
     start: Start = entry("the film at time 0", default=Start)
     course: Duration = entry("duration of the simulation", default=Duration)
     grid: Resolution = entry("resolution of the film", default=Resolution)
-    tolerance: Steps = entry("tolerances of the simulation", default=Steps)
+    tolerance: StepTolerance = entry("tolerances of the simulation", default=StepTolerance)
     branch: Continuation | None = entry(
         "continuation of steady films in the amplitude; default: none", default=None
     )
@@ -365,7 +365,7 @@ class FilmForward(Study, kind="film-forward"):
             assert self.wave is not None  # the scene's faults ensure it
             return WaveField(self.wave, self.film.tension_number)
         try:
-            field = GivenField(given.pressure(self.folder, self.units, self.film.scales))
+            field = GivenField(given.pressure(self.folder, self.units, self.film.fluid))
             field.slope(self.grid.points)
         except (ArgumentError, ValueError, OSError, KeyError) as error:
             key = "field.samples" if given.samples is not None else "field.file"
@@ -571,7 +571,7 @@ class FilmForward(Study, kind="film-forward"):
 
     @warnings
     def of_theory(self) -> Iterator[str]:
-        yield from self.film.scales.warnings() if self.film.scales else ()
+        yield from self.film.fluid.warnings() if self.film.fluid else ()
         yield from reach_warnings(self.wave, self.film.thinness) if self.wave else ()
         yield from () if self.tolerance.recheck else (NOT_RECHECKED,)
 

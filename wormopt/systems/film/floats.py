@@ -559,7 +559,7 @@ class Float(Study, kind="float"):
 
     @warnings
     def of_theory(self) -> Iterator[str]:
-        yield from self.film.scales.warnings() if self.film.scales else ()
+        yield from self.film.fluid.warnings() if self.film.fluid else ()
         yield from reach_warnings(self.wave, self.film.thinness)
 
 

@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from wormopt.errors import ArgumentError, Fault, SceneError
-from wormopt.study import Given, entry, number, on_use, positive, whole
+from wormopt.study import Given, entry, number, on_use, whole
 from wormopt.study.types import Finite
+from wormopt.systems.film.units import Fluid
 from wormopt.systems.spiked import why_unreadable
 from wormopt.tables import SUFFIXES
 
@@ -22,7 +23,6 @@ with on_use():
     from wormopt.systems.film.cosine import CosineWave
     from wormopt.systems.film.given_field import read_field
     from wormopt.systems.film.shapes import FourierWave, Wave
-    from wormopt.systems.film.units import Fluid
 
 Share = Annotated[float, Meta(gt=0, lt=1, description="a number above 0 and below 1")]
 SharePair = Annotated[
@@ -42,18 +42,6 @@ Samples = Annotated[
 Name = Annotated[str, Meta(min_length=1, description="text that is not empty")]
 MOST_PERIODS = 20_000
 """Upper limit of the wave periods of a simulated float."""
-
-
-class FluidTable(Given):
-    """Fluid, film and wave, with `units = "SI"` only."""
-
-    mu_r: float = number("1", "relative permeability", above=1)
-    viscosity: float = positive("viscosity", "dynamic viscosity")
-    density: float = positive("density", "density of the fluid")
-    surface_tension: float = number("surface_tension", "surface tension; 0: none", least=0)
-    depth: float = positive("length", "mean thickness of the film")
-    wavelength: float = positive("length", "wavelength of the wave")
-    frequency: float = positive("angular_frequency", "frequency of the wave")
 
 
 class Film(Given):
@@ -84,51 +72,45 @@ class Film(Given):
         least=0,
         default=None,
     )
-    fluid: FluidTable | None = entry("fluid of the film, in SI scenes", default=None)
-
-    @property
-    def scales(self) -> Fluid | None:
-        """Fluid and scales in SI units, None in scenes without units."""
-        given = self.fluid
-        return given and Fluid(**{name: getattr(given, name) for name in given.__struct_fields__})
+    fluid: Fluid | None = entry("fluid of the film, in SI scenes", default=None)
 
     # Units of dimensionless results, in those of the scene.
 
     @property
     def length_unit(self) -> float:
         """Unit of lengths along the film."""
-        return 1 / self.scales.wave_number if self.scales else 1.0
+        return 1 / self.fluid.wave_number if self.fluid else 1.0
 
     @property
     def height_unit(self) -> float:
         """Unit of lengths across the film."""
-        return self.scales.depth if self.scales else 1.0
+        return self.fluid.depth if self.fluid else 1.0
 
     @property
     def time_unit(self) -> float:
         """Unit of times."""
-        return 1 / self.scales.frequency if self.scales else 1.0
+        return 1 / self.fluid.frequency if self.fluid else 1.0
 
     @property
     def speed_unit(self) -> float:
         """Unit of speeds, that of the wave."""
-        return self.scales.speed if self.scales else 1.0
+        return self.fluid.speed if self.fluid else 1.0
 
     @property
     def stress_unit(self) -> float:
         """Unit of forces per area, eta omega / (k d)."""
-        one = self.scales
+        one = self.fluid
         return one.viscosity * one.frequency / one.eps if one else 1.0
 
     @property
     def thinness(self) -> float | None:
         """Depth times wave number, if it is known."""
-        return self.scales.eps if self.scales else self.eps
+        return self.fluid.eps if self.fluid else self.eps
 
     @property
     def tension_number(self) -> float:
         """Dimensionless surface tension."""
-        return self.scales.tension if self.scales else self.tension or 0.0
+        return self.fluid.tension if self.fluid else self.tension or 0.0
 
     def wave(self, scene: str) -> Wave:
         """Make the wave; SceneError if its thickness is not positive everywhere."""

@@ -150,11 +150,10 @@ class WaveLimits:
     WaveLimits(tension=0.8, thickness=(0.5, 1.5), field=8.0, gradient=None)
     """
 
-    tension: float  # number W of surface tension, positive
-    thickness: tuple[float, float]  # least and largest h, around the mean 1
-    # largest range of (mu - 1) H² / (8 pi); None: the range is what is sought
+    tension: float
+    thickness: tuple[float, float]
     field: float | None = None
-    gradient: float | None = None  # its largest slope by the phase; None: it may jump
+    gradient: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "thickness", check_thickness(self.thickness))
@@ -219,9 +218,8 @@ class WaveAim:
     """
 
     seek: Seek = "mean_flow"
-    mean_flow: float | None = None  # with "field": least mean flow, 0 to 1
-    capture: bool = False  # with "field": whether a small float is to be held
-    # with "drift": a margin below 0 that no wave within the limits exceeds
+    mean_flow: float | None = None
+    capture: bool = False
     margin: float | None = None
 
     def __post_init__(self) -> None:
