@@ -13,6 +13,7 @@ from wormopt.errors import SolveError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
+    arrays,
     attributes,
     checks,
     entry,
@@ -136,21 +137,13 @@ class Frames:
     coils_on: np.ndarray = signal("count", "frame", "number of coils in the block")
 
 
-@dataclass(frozen=True)
-class Repeated:
-    """Mean velocities with other steps and meshes."""
-
-    velocity_again: list[float] = value(
-        "speed", "mean velocity for each of `convergence.steps`, then `convergence.elements`"
-    )
-    step_again: np.ndarray | None = signal("share", "step_again", "step")
-    velocity_by_step: np.ndarray | None = signal("speed", "step_again", "mean velocity")
-    error_by_step: np.ndarray | None = signal("speed", "step_again", "error of the mean velocity")
-    elements_again: np.ndarray | None = signal("count", "elements_again", "elements")
-    velocity_by_elements: np.ndarray | None = signal("speed", "elements_again", "mean velocity")
-    error_by_elements: np.ndarray | None = signal(
-        "speed", "elements_again", "error of the mean velocity"
-    )
+def _over(name: str, quantity: str) -> dict[str, tuple[str, tuple[str, ...], str]]:
+    """Return the variables of motions with another step or mesh."""
+    return {
+        f"{name}_again": (quantity, (f"{name}_again",), name),
+        f"velocity_by_{name}": ("speed", (f"{name}_again",), "mean velocity"),
+        f"error_by_{name}": ("speed", (f"{name}_again",), "error of the mean velocity"),
+    }
 
 
 class RodMotion(RodStudy, kind="rod-motion"):
@@ -427,18 +420,23 @@ class RodMotion(RodStudy, kind="rod-motion"):
             coils_on=blocks.count[piece],
         )
 
-    @parts(Repeated)
-    def repeated(self) -> Repeated:
-        found: dict[str, np.ndarray | None] = {}
+    @scalar("speed", "mean velocity for each of `convergence.steps`, then `convergence.elements`")
+    def velocity_again(self) -> list[float]:
+        return [other.velocity for _, _, other in self.repetitions]
+
+    @arrays(_over("step", "share") | _over("elements", "count"))
+    def repeated(self) -> dict[str, np.ndarray]:
+        found = {}
         for kind in ("step", "elements"):
-            rows = [(size, other) for name, size, other in self.repetitions if name == kind]
-            columns = {
-                f"{kind}_again": [size for size, _ in rows],
-                f"velocity_by_{kind}": [other.velocity for _, other in rows],
-                f"error_by_{kind}": [other.error for _, other in rows],
-            }
-            found |= {name: np.array(column) if rows else None for name, column in columns.items()}
-        return Repeated([other.velocity for _, _, other in self.repetitions], **found)
+            rows = [
+                (size, other.velocity, other.error)
+                for name, size, other in self.repetitions
+                if name == kind
+            ]
+            if rows:
+                columns = map(np.array, zip(*rows, strict=True))
+                found |= dict(zip(_over(kind, ""), columns, strict=True))
+        return found
 
     @attributes
     def drawn(self) -> dict[str, Any]:
