@@ -95,7 +95,7 @@ class ChannelBody(Given):
     )
 
     @property
-    def of_chapter(self) -> Sample | None:
+    def published(self) -> Sample | None:
         """Return the named body if at most its modulus is changed."""
         changed = any(getattr(self, name) is not None for name in _SIZES)
         return None if self.sample is None or changed else SAMPLES[self.sample]
