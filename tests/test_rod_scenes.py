@@ -173,7 +173,7 @@ def test_the_mean_of_what_repeats_itself_is_exact(speed: float, phase: float, sw
     t = np.linspace(0.0, 20.0, 4001)
     place = speed * t + swing * np.sin(2 * np.pi * t + phase)
     mean = mean_velocity(t, place, cycle=1.0, settle=0.25)
-    assert mean.value == pytest.approx(speed, abs=1e-9)
+    assert mean.velocity == pytest.approx(speed, abs=1e-9)
     assert mean.error < 1e-9
     assert mean.settled or mean.error < 1e-12
 
@@ -184,7 +184,7 @@ def test_intervals_of_noise_hold_the_truth_as_often_as_they_say():
     for _ in range(draws):
         place = np.append(0.0, np.cumsum(random.normal(0.3, 1.0, 32)))
         mean = mean_velocity(np.arange(33.0), place, cycle=1.0, settle=0.25)
-        inside += abs(mean.value - 0.3) <= mean.error
+        inside += abs(mean.velocity - 0.3) <= mean.error
     assert abs(inside / draws - 0.95) < 3 * np.sqrt(0.95 * 0.05 / draws)
 
 

@@ -118,12 +118,12 @@ class ChannelVelocity(BodyStudy, kind="channel-worm"):
     @cached_property
     def marks(self) -> tuple[Mark, ...]:
         """Measured velocities of the sample and of the scene."""
-        sample = self.worm.of_chapter
+        sample = self.worm.published
         return (sample.marks if sample else ()) + self.measured
 
     def _limit(self, name: str) -> float | None:
         """Return a frequency limit by its key, from the named body if the scene has none."""
-        sample = self.worm.of_chapter
+        sample = self.worm.published
         return getattr(self, name) or (getattr(sample, name) if sample else None)
 
     @parts(Numbers)

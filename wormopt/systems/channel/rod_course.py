@@ -43,16 +43,24 @@ _BLOCK = 512
 
 @dataclass(frozen=True)
 class Mean:
-    """A mean velocity, positive with the field."""
+    """A mean velocity."""
 
-    value: float  # m/s
-    error: float  # half the width of its 95 % interval, m/s
-    settled: bool  # both halves after `settle` agree within errors
+    settled: bool  # both halves of the averaged time agree within errors
+    velocity: float = value(
+        "speed",
+        "mean velocity after `course.settle`, positive with the field",
+        name="velocity_mean",
+    )
+    error: float = value(
+        "speed",
+        "half the width of its 95 % interval, by means over batches of whole repeats",
+        name="velocity_error",
+    )
 
     @property
     def direction(self) -> int:
-        """Return 1 with the field, -1 against it, 0 if the interval contains both."""
-        return 0 if not abs(self.value) > self.error else int(math.copysign(1, self.value))
+        """1 with the field, -1 against it, 0 if the interval contains both or is unknown."""
+        return 0 if not abs(self.velocity) > self.error else int(math.copysign(1, self.velocity))
 
 
 def mean_velocity(time: np.ndarray, centre: np.ndarray, cycle: float, settle: float) -> Mean:
@@ -67,8 +75,7 @@ def mean_velocity(time: np.ndarray, centre: np.ndarray, cycle: float, settle: fl
     ends = time[-1] - size * np.arange(batches, -1, -1)
     parts = np.diff(np.interp(ends, time, centre)) / size
     halves = [_interval(part) for part in (parts[: batches // 2], parts[batches // 2 :])]
-    value, error = _interval(parts)
-    return Mean(value, error, not differ(*halves[0], *halves[1]))
+    return Mean(not differ(*halves[0], *halves[1]), *_interval(parts))
 
 
 def _interval(parts: np.ndarray) -> tuple[float, float]:
@@ -84,22 +91,10 @@ def differ(one: float, one_error: float, other: float, other_error: float) -> fl
 
 
 @dataclass(frozen=True)
-class RodPoint:
+class RodPoint(Mean):
     """Results of one motion; NaN if it failed or they are unknown."""
 
-    settled: bool  # both halves of the averaged time agree in mean
-    penetration: float  # largest depth in a wall, over the room of the centre line
     rate: float = value("rate", "switches per second")
-    velocity: float = value(
-        "speed",
-        "mean velocity after `course.settle`, positive with the field",
-        name="velocity_mean",
-    )
-    error: float = value(
-        "speed",
-        "half the width of its 95 % interval, by means over batches of whole repeats",
-        name="velocity_error",
-    )
     arc_length: float = value(
         "length",
         "mean length of the rod from coil to coil of a block just before the coils change; "
@@ -111,18 +106,14 @@ class RodPoint:
     field_error: float = value(
         "share", "largest error of the series of *H*², over the largest *H*²"
     )
+    penetration: float = math.nan  # largest depth in a wall, over the room of the centre line
     reason: str = ""  # why the motion failed; empty otherwise
 
     @classmethod
     def lost(cls, rate: float, reason: str) -> RodPoint:
         """Return the point of a motion that failed at `rate` switches per second."""
-        unknown = math.nan
-        return cls(False, unknown, rate, unknown, unknown, unknown, unknown, unknown, reason)
-
-    @property
-    def direction(self) -> int:
-        """Return 1 with the field, -1 against it, 0 if it is not certain."""
-        return Mean(self.velocity, self.error, self.settled).direction
+        names = ("velocity", "error", "arc_length", "energy_error", "field_error")
+        return cls(settled=False, rate=rate, reason=reason, **dict.fromkeys(names, math.nan))
 
 
 def checks_of_motion(point: RodPoint, what: str = "") -> Iterator[Check]:

@@ -157,7 +157,7 @@ def _columns(name: str, points: list[RodPoint]) -> dict[str, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Curve:
+class Velocities:
     """Velocities over the frequencies of the scene."""
 
     velocity_mean: list[float] = value("speed", "velocities over `rates`, positive with the field")
@@ -430,10 +430,10 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
 
     # -- results -----------------------------------------------------------------------------------
 
-    @parts(Curve)
-    def of_curve(self) -> Curve:
+    @parts(Velocities)
+    def of_curve(self) -> Velocities:
         points, first = self.curve, self.curve[0]
-        return Curve(
+        return Velocities(
             velocity_mean=[point.velocity for point in points],
             velocity_error=[point.error for point in points],
             direction=[point.direction for point in points],
@@ -476,7 +476,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
 
     @parts(Eigenfrequencies)
     def natural(self) -> Eigenfrequencies:
-        rod, channel = self.at(1.0).rod_on_mesh, self.channel
+        rod, channel = self.at(1.0).rod, self.channel
         whole, part = (
             channel_rod(one, channel.diameter, channel.friction)
             for one in (rod, replace(rod, length=self.coils.pitch))

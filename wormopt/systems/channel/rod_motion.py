@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -13,6 +13,7 @@ from wormopt.errors import SolveError
 from wormopt.result import Check
 from wormopt.study import (
     Given,
+    arrays,
     attributes,
     checks,
     entry,
@@ -136,21 +137,13 @@ class Frames:
     coils_on: np.ndarray = signal("count", "frame", "number of coils in the block")
 
 
-@dataclass(frozen=True)
-class Repeated:
-    """Mean velocities with other steps and meshes."""
-
-    velocity_again: list[float] = value(
-        "speed", "mean velocity for each of `convergence.steps`, then `convergence.elements`"
-    )
-    step_again: np.ndarray | None = signal("share", "step_again", "step")
-    velocity_by_step: np.ndarray | None = signal("speed", "step_again", "mean velocity")
-    error_by_step: np.ndarray | None = signal("speed", "step_again", "error of the mean velocity")
-    elements_again: np.ndarray | None = signal("count", "elements_again", "elements")
-    velocity_by_elements: np.ndarray | None = signal("speed", "elements_again", "mean velocity")
-    error_by_elements: np.ndarray | None = signal(
-        "speed", "elements_again", "error of the mean velocity"
-    )
+def _over(name: str, quantity: str) -> dict[str, tuple[str, tuple[str, ...], str]]:
+    """Return the variables of motions with another step or mesh."""
+    return {
+        f"{name}_again": (quantity, (f"{name}_again",), name),
+        f"velocity_by_{name}": ("speed", (f"{name}_again",), "mean velocity"),
+        f"error_by_{name}": ("speed", (f"{name}_again",), "error of the mean velocity"),
+    }
 
 
 class RodMotion(RodStudy, kind="rod-motion"):
@@ -220,7 +213,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
         return repeats * self.cycle
 
     @cached_property
-    def rod_on_mesh(self) -> Rod:
+    def rod(self) -> Rod:
         """The rod."""
         worm, mesh = self.worm, self.mesh
         return Rod(
@@ -239,7 +232,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
     def schedule(self) -> Schedule:
         """Times and strengths of the blocks."""
         turns = self.coils.ampere_turns
-        strength = magnetic_strength(self.rod_on_mesh, self.worm.susceptibility, turns)
+        strength = magnetic_strength(self.rod, self.worm.susceptibility, turns)
         return block_schedule(self.blocks, self.coils.pitch, strength)
 
     @property
@@ -266,14 +259,14 @@ class RodMotion(RodStudy, kind="rod-motion"):
     @cached_property
     def stepper(self) -> MoreauJean:
         """Time stepper of the rod, compiled once for all materials, frictions and rates."""
-        rod = self.rod_on_mesh
+        rod = self.rod
         sizes = rod.length, rod.diameter, rod.poisson_ratio, rod.elements, rod.degree, rod.skin
         return _stepper(*sizes, self.channel.diameter, self.fields)
 
     @property
     def start(self) -> np.ndarray:
         """State of a straight rod at rest, one repeat of the pattern from coil 0."""
-        state = straight(self.rod_on_mesh, along=self.switching.every * self.coils.pitch)
+        state = straight(self.rod, along=self.switching.every * self.coils.pitch)
         return np.concatenate([state[signal.name] for signal in self.stepper.model.x])
 
     @cached_property
@@ -327,19 +320,17 @@ class RodMotion(RodStudy, kind="rod-motion"):
     @cached_property
     def mean_place(self) -> np.ndarray:
         """Mean position of the rod at all times, in m."""
-        rod = self.rod_on_mesh
+        rod = self.rod
         return rod.weights @ self.motion.states[: rod.count] / rod.length
 
     @parts(RodPoint)
     def point(self) -> RodPoint:
-        steps, n = self.motion, self.rod_on_mesh.count
+        steps, n = self.motion, self.rod.count
         mean = mean_velocity(steps.time, self.mean_place, self.cycle, self.course.settle)
         across = steps.states[n : 2 * n]
         return RodPoint(
+            **asdict(mean),
             rate=self.switching.rate,
-            velocity=mean.value,
-            error=mean.error,
-            settled=mean.settled,
             energy_error=energy_error(self.stepper.model, steps, self.numbers),
             penetration=max(float(np.abs(across).max()) / self.room - 1, 0.0),
             field_error=max(field.error for field in self.fields),
@@ -352,7 +343,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
         NaN if the rod never reached over a block. Durations of coils are rounded to whole switches.
         """
         steps, rate, found = self.motion, self.switching.rate, []
-        n, pitch = self.rod_on_mesh.count, self.coils.pitch
+        n, pitch = self.rod.count, self.coils.pitch
         count, repeat = round(self.switching.duration), self.switching.every * self.coils.pitch
         switches = np.arange(round(steps.time[-1] * rate))
         for k in switches[switches > self.course.settle * len(switches)]:
@@ -414,7 +405,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
         kept = np.searchsorted(steps.time, np.linspace(since, steps.time[-1], _FRAMES))
         kept = np.clip(kept, 1, len(steps.time) - 1)
         time = steps.time[kept]
-        x, y, angle = np.split(steps.states[: 3 * self.rod_on_mesh.count, kept].T, 3, axis=1)
+        x, y, angle = np.split(steps.states[: 3 * self.rod.count, kept].T, 3, axis=1)
         inside = np.mod(time - 1e-9 * self.cycle, blocks.breaks[-1])
         piece = np.searchsorted(blocks.breaks, inside, side="right") - 1
         turn = np.round((time - inside) / blocks.breaks[-1]) * 2 * self.switching.every
@@ -429,18 +420,23 @@ class RodMotion(RodStudy, kind="rod-motion"):
             coils_on=blocks.count[piece],
         )
 
-    @parts(Repeated)
-    def repeated(self) -> Repeated:
-        found: dict[str, np.ndarray | None] = {}
+    @scalar("speed", "mean velocity for each of `convergence.steps`, then `convergence.elements`")
+    def velocity_again(self) -> list[float]:
+        return [other.velocity for _, _, other in self.repetitions]
+
+    @arrays(_over("step", "share") | _over("elements", "count"))
+    def repeated(self) -> dict[str, np.ndarray]:
+        found = {}
         for kind in ("step", "elements"):
-            rows = [(size, other) for name, size, other in self.repetitions if name == kind]
-            columns = {
-                f"{kind}_again": [size for size, _ in rows],
-                f"velocity_by_{kind}": [other.velocity for _, other in rows],
-                f"error_by_{kind}": [other.error for _, other in rows],
-            }
-            found |= {name: np.array(column) if rows else None for name, column in columns.items()}
-        return Repeated([other.velocity for _, _, other in self.repetitions], **found)
+            rows = [
+                (size, other.velocity, other.error)
+                for name, size, other in self.repetitions
+                if name == kind
+            ]
+            if rows:
+                columns = map(np.array, zip(*rows, strict=True))
+                found |= dict(zip(_over(kind, ""), columns, strict=True))
+        return found
 
     @attributes
     def drawn(self) -> dict[str, Any]:

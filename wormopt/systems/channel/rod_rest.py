@@ -238,9 +238,9 @@ def rest_of(worm: ChannelWorm, table: RodOverCoils, report: Report) -> RodAtRest
     The modulus of `worm` must be known. Raises SolveError if there is no rest, or the body does not
     reach over the coils ("no_segment").
     """
-    report("rod: field of the coils", 0.65)
+    report("rod: field of the coils", None)
     bench = _Bench(worm, table, table.elements)
-    report("rod: coming to rest", 0.7)
+    report("rod: coming to rest", None)
     rest = bench.at(table.ampere_turns, bench.bent)
     k = bench.middle_segment
     curve = bench.segment(rest, k)
@@ -302,7 +302,7 @@ def sweep_of(
     places, warnings = bench.bent, []
     # from strong fields, which hold the rod on both walls, to weak ones
     for done, j in enumerate(np.argsort(turns)[::-1]):
-        report(f"rod: {turns[j]:g} ampere-turns", 0.75 + 0.05 * done / len(turns))
+        report(f"rod: {turns[j]:g} ampere-turns", done / len(turns))
         rest = bench.at(float(turns[j]), places)
         if doubt := _doubt(rest):
             warnings.append(f"rod.sweep: left out at {turns[j]:g} ampere-turns: {doubt}")

@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from wormopt.study import Given, entry, positive
 from wormopt.study.types import Title
 
+STEEPEST, FLATTEST = 10.0, 1e-3
+"""Limits of the rise over the pitch: up to the largest, arc lengths are exact to round-off; below
+the least, the excess of a segment's length over the pitch is lost in it."""
+
 
 class Mark(Given):
     """A measured velocity."""

@@ -11,7 +11,7 @@ from msgspec import Meta
 from wormopt.errors import Fault
 from wormopt.study import Given, entry, number, on_use, positive, scalars, whole
 from wormopt.study.types import Positive
-from wormopt.systems.channel.samples import SAMPLES, Sample
+from wormopt.systems.channel.samples import FLATTEST, SAMPLES, STEEPEST, Sample
 from wormopt.systems.shared.si import SIStudy
 
 with on_use():
@@ -19,8 +19,6 @@ with on_use():
     from wormopt.magnetics.coils import Coil
     from wormopt.systems.channel.closed_forms import ChannelWorm
 
-STEEPEST, FLATTEST = 10.0, 1e-3
-"""Limits of the rise over the coil distance; below the least, l_s - L is lost in round-off."""
 _SIZES = ("pitch", "channel", "body", "length")
 
 AmpereTurns = Annotated[
@@ -97,7 +95,7 @@ class ChannelBody(Given):
     )
 
     @property
-    def of_chapter(self) -> Sample | None:
+    def published(self) -> Sample | None:
         """Return the named body if at most its modulus is changed."""
         changed = any(getattr(self, name) is not None for name in _SIZES)
         return None if self.sample is None or changed else SAMPLES[self.sample]
