@@ -83,7 +83,6 @@ with on_use():
     from wormopt.systems.chain.optimal_tracking import optimal_input
     from wormopt.systems.chain.predictive import Decided, decide
     from wormopt.systems.shared.proof import accepted_error
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.shared.signals import fitted
     from wormopt.systems.spiked import gait_of_shape
 
@@ -620,9 +619,7 @@ class CompareTracking(Study, kind="compare-tracking"):
         """Second routes, energies and funnels of the nominal plant."""
         for reference, row in zip(self.reference, self.runs, strict=True):
             for each in row:
-                yield from each.checks(
-                    tolerance_of(self.tolerance), f"{reference.name}, {each.name}"
-                )
+                yield from each.checks(self.tolerance.options, f"{reference.name}, {each.name}")
 
     @facts
     def computed_by(self) -> dict[str, Any]:
@@ -634,7 +631,7 @@ class CompareTracking(Study, kind="compare-tracking"):
             "recheck": {
                 "route": next((each.second.route for each in first if each.second), None),
                 "error": {each.name: each.second and each.second.error for each in first},
-                "accepted": accepted_error(tolerance_of(self.tolerance)),
+                "accepted": accepted_error(self.tolerance.options),
             },
             "energy_balance": max(residuals, default=None),
             "plans": [{n: made.numbers for n, made in row.items()} for row in self.plans],

@@ -54,7 +54,6 @@ with on_use():
     from wormopt.systems.chain.optimal_tracking import knowing, lengths_of
     from wormopt.systems.chain.predictive import loose_tolerance
     from wormopt.systems.shared.proof import CrossCheck, cross_check
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.shared.signals import sample, simulate_whole
     from wormopt.systems.spiked import GaitProblem, Limits, Objective, Search, Worm, designed
 
@@ -370,7 +369,7 @@ class Trial:
         With poor measurements a motion ends when its error is far outside the tube, and its plant
         is lost. Raises SolveError if the nominal motion fails although measurements are exact.
         """
-        plain, tolerance = controller.model, tolerance_of(self.tolerance)
+        plain, tolerance = controller.model, self.tolerance.options
         model = judged(plain, self.tube)
         if self.measurement:
             far = ca.dot(model["error"], model["error"]) - (_LOST * self.tube.radius) ** 2

@@ -52,12 +52,11 @@ with on_use():
     from wormopt.model.friction import Law
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model
-    from wormopt.simulation.options import Exact, Tolerance, Treatment
+    from wormopt.simulation.options import Exact
     from wormopt.systems.chain.frozen import Frozen, bisect, settled, task_of, without_dry_friction
     from wormopt.systems.chain.loops import chain_for, close_loop, draw_links, laws_of
     from wormopt.systems.chain.tracked import Tracked, follow
     from wormopt.systems.shared.proof import CrossCheck, warnings_of_contact
-    from wormopt.systems.shared.settings import tolerance_of, treatment_of
     from wormopt.systems.spiked import gait_of_shape
 
 MOST_LINKS = 12
@@ -306,16 +305,6 @@ class Linear(Study, kind="linear"):
         velocity = {"velocity": np.array(self.point.velocity)}
         return linearise(self.plant, output="length", x=velocity, v_reg=self.point.v_reg)
 
-    @property
-    def treatment(self) -> Treatment:
-        """How contact is treated."""
-        return treatment_of(self.contact)
-
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of simulations."""
-        return tolerance_of(self.tolerance)
-
     # -- the adaptive motion -----------------------------------------------------------------------
 
     @stage
@@ -324,7 +313,7 @@ class Linear(Study, kind="linear"):
         reference = gait_reference(self.gait, self.plant.t, shift=self._shift)
         loop = close_loop(self.plant, reference, self.tracker, self.worm)
         span = self.time.end, self.time.samples
-        how = self.treatment, self.accuracy, self.report
+        how = self.contact.options, self.tolerance.options, self.report
         try:
             return follow("tracker", self.tracker, loop, *span, *how)
         except (SolveError, Interrupted) as error:
@@ -334,7 +323,7 @@ class Linear(Study, kind="linear"):
     @stage
     def recheck(self) -> CrossCheck | None:
         """Second route of this motion."""
-        return self.motion.recheck(self.accuracy, self.tolerance.recheck, self.report)
+        return self.motion.recheck(self.tolerance.options, self.tolerance.recheck, self.report)
 
     @scalar("count", "*k* at the end of the adaptive motion")
     def gain_learned(self) -> float:
@@ -461,7 +450,7 @@ class Linear(Study, kind="linear"):
             gains_tried.append(gain)
             share = min(1.0, len(gains_tried) / _STEPS)
             self.report(f"simulating with the gain {gain:.4g}", share)
-            return frozen.error(gain, self.time.end, self.treatment, self.accuracy)
+            return frozen.error(gain, self.time.end, self.contact.options, self.tolerance.options)
 
         least, most = self.gains.least, self.gains.most
         needed, trials = bisect(simulated, least, most, self.tube_radius, self.gain_learned)
@@ -493,10 +482,12 @@ class Linear(Study, kind="linear"):
             )
             yield _agree("static gains of the impulse responses", _static(loop), _HARMONICS)
             if self._settled <= _LONGEST * self.gait.period:
-                simulated = self._free.error(loop.gain, self._settled, Exact(), self.accuracy)
+                simulated = self._free.error(
+                    loop.gain, self._settled, Exact(), self.tolerance.options
+                )
                 what = "error by simulation without dry friction"
                 yield _agree(what, self.task.error(loop) / simulated - 1, _HARMONICS)
-        if self.error_sure is not None and isinstance(self.treatment, Exact):
+        if self.error_sure is not None and isinstance(self.contact, ExactContact):
             share = self.bisection.error_learned / self.error_sure
             advice = "the error with frozen gain exceeds its bound; write a larger time.end"
             yield Check("error against its bound", share, 1.0, advice)
@@ -520,7 +511,7 @@ class Linear(Study, kind="linear"):
         """Warnings of routes, contact, gains and slow motions."""
         if self.recheck is None:
             yield NOT_RECHECKED
-        yield from warnings_of_contact(self.treatment, self.laws)
+        yield from warnings_of_contact(self.contact.options, self.laws)
         sufficient = {
             "gain_linear": self.gain_linear,
             "gain_simulated": self.bisection.gain_simulated,

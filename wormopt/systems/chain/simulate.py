@@ -53,7 +53,6 @@ with on_use():
     from wormopt.control.reference import gait_reference
     from wormopt.model.gait import Gait
     from wormopt.model.model import Model, Output
-    from wormopt.simulation.options import Tolerance
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain.loops import build_chain, draw_links, laws_of
     from wormopt.systems.chain.measured import (
@@ -72,7 +71,6 @@ with on_use():
         warnings_of_contact,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of, treatment_of
     from wormopt.systems.shared.signals import (
         chain_expressions,
         event_arrays,
@@ -306,19 +304,14 @@ class Simulate(Study, kind="simulate"):
 
     # -- motions -----------------------------------------------------------------------------------
 
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of simulations."""
-        return tolerance_of(self.tolerance)
-
     @stage
     def motion(self) -> Trajectory:
         """The motion, of a chain with its powers."""
         model = measure_power(self.plain) if self.worm else self.plain
-        treatment, span = treatment_of(self.contact), self.time
+        treatment, span = self.contact.options, self.time
         try:
             return simulate_whole(
-                model, span.end, span.samples, treatment, self.accuracy, self.report
+                model, span.end, span.samples, treatment, self.tolerance.options, self.report
             )
         except (ValueError, RuntimeError, NotImplementedError) as error:
             if self.worm:
@@ -330,7 +323,7 @@ class Simulate(Study, kind="simulate"):
         """Second route."""
         again = self.tolerance.recheck
         return cross_check(
-            self.plain, self.motion, self.accuracy, recheck=again, report=self.report
+            self.plain, self.motion, self.tolerance.options, recheck=again, report=self.report
         )
 
     @cached_property
@@ -403,7 +396,7 @@ class Simulate(Study, kind="simulate"):
     @checks
     def checks_of_motion(self) -> Iterator[Check]:
         """Second route and energy balance."""
-        yield from chain_checks(self.recheck, self.energies, self.accuracy)
+        yield from chain_checks(self.recheck, self.energies, self.tolerance.options)
 
     @warnings
     def doubts(self) -> Iterator[str]:
@@ -417,8 +410,10 @@ class Simulate(Study, kind="simulate"):
     def simulation(self) -> dict[str, Any]:
         """Facts of the simulation."""
         if self.worm:
-            return chain_facts([self.motion], [self.recheck], self.accuracy, [self.energies])
-        return motion_facts([self.motion], [self.recheck], self.accuracy)
+            return chain_facts(
+                [self.motion], [self.recheck], self.tolerance.options, [self.energies]
+            )
+        return motion_facts([self.motion], [self.recheck], self.tolerance.options)
 
 
 def _own_signals(model: Model) -> dict[str, tuple[ca.SX, str]]:

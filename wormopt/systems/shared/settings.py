@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
-from wormopt.study.numerics import ContactTable, SmoothContact, ToleranceTable
+from wormopt.simulation.options import Tolerance, Treatment
+from wormopt.study.numerics import ContactTable, ToleranceTable
 
 
 def treatment_of(contact: ContactTable) -> Treatment:
     """Treatment of contact given in a scene."""
-    return Smooth(contact.v_reg) if isinstance(contact, SmoothContact) else Exact()
+    return contact.options
 
 
 def tolerance_of(table: ToleranceTable) -> Tolerance:
     """Tolerance given in a scene."""
-    return Tolerance(table.relative, table.absolute, table.max_steps, table.max_step)
+    return table.options
