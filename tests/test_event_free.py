@@ -186,8 +186,8 @@ def test_what_steps_without_events_do_not_know_is_refused():
     ("scene", "shorter"),
     [
         ("stiction", ["time.end=10"]),
-        ("three_masses_harmonic", ["course.periods=10"]),
-        ("fig13_magnetic_pair", ["course.end=10", "averaging.nodes=8"]),
+        ("three_masses_harmonic", ["time.periods=10"]),
+        ("fig13_magnetic_pair", ["time.end=10", "averaging.nodes=8"]),
         ("spiked_chain", ["time.end=2"]),
     ],
 )

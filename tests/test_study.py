@@ -467,6 +467,15 @@ def test_names_are_used_once():
             @scalar("force", "force")
             def force(self) -> float: ...  # noqa: F811
 
+    with pytest.raises(TypeError, match=r"_Own\.time is a part of pulled too"):
+
+        class _Own(Study):
+            @property
+            def time(self) -> Any: ...
+
+            @parts(Pulled)
+            def pulled(self) -> Any: ...
+
     with pytest.raises(TypeError, match=r"_Twice\.time is a part of two members"):
 
         class _Twice(Study):

@@ -28,62 +28,7 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
             yield kind, StudyKind(summary, f"{module}:{name}")
 
 
-KINDS: dict[str, Kind | StudyKind] = {
-    "film-wave": Kind(
-        summary="optimise the wave of a magnetic fluid film: largest transport or least field",
-        table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",
-        study="wormopt.systems.film.runs.film_wave",
-        pictures=_drawn("film.plots.film", "film_wave"),
-    ),
-    "film-forward": Kind(
-        summary="compute the wave of a magnetic fluid film under a given field, and its stability",
-        table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
-        study="wormopt.systems.film.runs.film_forward",
-        pictures=_drawn("film.plots.thin_film", "forward", "basins"),
-    ),
-    "rod-frequency": Kind(
-        summary="compute the velocity of a magnetisable rod over the frequency of its coils",
-        table="wormopt.systems.channel.scenes.rod_frequency:RodFrequencyScene",
-        study="wormopt.systems.channel.runs.rod_frequency",
-        pictures=_drawn("channel.plots.rod", "rod_frequency"),
-    ),
-    "rod-motion": Kind(
-        summary="simulate a magnetisable rod between walls, driven by coils switched in turn",
-        table="wormopt.systems.channel.scenes.rod:RodMotionScene",
-        study="wormopt.systems.channel.runs.rod_motion",
-        pictures=_drawn("channel.plots.rod", "rod_motion")
-        | {"animation": "wormopt.systems.channel.plots.rod:first_frame"},
-    ),
-    "fit": Kind(
-        summary="estimate parameters from recordings of a motion, with confidence intervals",
-        table="wormopt.systems.recorded.scenes.fit:FitScene",
-        study="wormopt.systems.recorded.runs.fit",
-        pictures=_drawn("recorded.plots.fit", "recordings")
-        | _drawn("recorded.plots.found", "parameters", "correlation")
-        | _drawn("recorded.plots.fit", "profiles", "prediction"),
-        table_file=True,
-    ),
-    "experiment": Kind(
-        summary="plan the experiment that identifies the parameters of a worm best",
-        table="wormopt.systems.recorded.scenes.experiment:ExperimentScene",
-        study="wormopt.systems.recorded.runs.experiment",
-        pictures=_drawn("recorded.plots.experiment", "course", "errors", "regions"),
-        exports={"course.csv": "wormopt.systems.recorded.runs.experiment:as_csv"},
-    ),
-    "fit-design": Kind(
-        summary="design a gait whose limits hold for a worm with fitted parameters",
-        table="wormopt.systems.recorded.scenes.fit_design:FitDesignScene",
-        study="wormopt.systems.recorded.runs.fit_design",
-        pictures=_drawn("recorded.plots.fit_design", "forces", "loads")
-        | _drawn("spiked.plots.gaits", "gait", "motion", "spikes"),
-    ),
-    "segment-shapes": Kind(
-        summary="compare assumed shapes of a segment between two coils with the exact elastica",
-        table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",
-        study="wormopt.systems.channel.runs.segment_shapes",
-        pictures=_drawn("channel.plots.channel", "segment_shapes"),
-    ),
-} | dict(studies_in(_SYSTEMS))
+KINDS: dict[str, Kind | StudyKind] = {} | dict(studies_in(_SYSTEMS))
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Spiked worms and gaits": ("gait", "gait-design", "gait-pareto", "gait-shift", "stepper"),

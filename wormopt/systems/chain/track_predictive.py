@@ -559,11 +559,8 @@ class TrackPredictive(Study, kind="track-predictive"):
                 continue
             yield from self._slow(name, each.run)
             others = self.on_plants.get(name)
-            failed = {"": each.run.unsolved}
-            failed |= (
-                {" for other plants": sum(run.unsolved for run in others.runs)} if others else {}
-            )
-            for where, count in failed.items():
+            elsewhere = sum(run.unsolved for run in others.runs) if others else 0
+            for count, where in ((each.run.unsolved, ""), (elsewhere, " for other plants")):
                 if count:
                     yield f"{name}: {count} decisions{where} failed; the previous plan continued"
             if others and others.drawn.failed:
@@ -594,16 +591,10 @@ class TrackPredictive(Study, kind="track-predictive"):
             "without other load; the other durations are wall-clock times."
         )
         yield from ("", "## A plant with the smooth law of the model", "")
-        open_loop, *decided = self.true_model
-        excess = [f"{cost / open_loop - 1:.2g}" for cost in decided]
+        costs = dict(zip((OPEN, REAL_TIME, CONVERGED), self.true_model, strict=True))
         yield from markdown_table(
             ["", "cost", "excess over the open loop"],
-            [
-                [name, f"{cost:.8g}", share]
-                for name, cost, share in zip(
-                    (OPEN, REAL_TIME, CONVERGED), self.true_model, ("0", *excess), strict=True
-                )
-            ],
+            [[name, f"{c:.8g}", f"{c / costs[OPEN] - 1:.2g}"] for name, c in costs.items()],
         )
         if self.plants is not None:
             title = f"## {self.plants.members} plants, ±{self.plants.spread:.0%}"
@@ -615,9 +606,8 @@ class TrackPredictive(Study, kind="track-predictive"):
                 ["estimated", "error before estimation", "error at the end"],
                 [[n.replace("_", " "), f"{first:.1%}", f"{end:.1%}"] for n, (first, end) in errors],
             )
-            yield ""
-            what = "root mean squares of logarithms over plants, and over masses or links."
-            yield f"Errors are {what}"
+            mean = "root mean squares of logarithms over plants, and over masses or links"
+            yield from ("", f"Errors are {mean}.")
 
     def _nominal_table(self) -> Iterator[str]:
         timing = self.timing

@@ -17,7 +17,6 @@ from wormopt.result import Check
 from wormopt.study import (
     Given,
     Scene,
-    Study,
     array,
     arrays,
     attributes,
@@ -37,10 +36,10 @@ from wormopt.study.given import meaning
 from wormopt.study.members import NotComputedError
 from wormopt.systems.recorded.tables import (
     FOUND,
+    FromScene,
     KeyUnknown,
     Level,
     Measured,
-    SceneTables,
     named_twice,
     near,
     scene_of,
@@ -89,7 +88,7 @@ class Estimates:
     gain: float | None = None  # gain by the best neighbour of a compass search
 
 
-class FitNumbers(Study, kind="fit-numbers"):
+class FitNumbers(FromScene, kind="fit-numbers"):
     """Estimate keys of a scene from single measured values, such as velocities.
 
     An example is a set of velocities at several frequencies. `[model]` may contain any scene. It is
@@ -115,7 +114,6 @@ class FitNumbers(Study, kind="fit-numbers"):
         "intervals; `correlation`: of the errors",
         default=(),
     )
-    model: SceneTables
     measured: tuple[Measured, ...] = entry("measurements")
     unknown: tuple[KeyUnknown, ...] = entry("parameters to estimate")
     search: NumberSearch = entry("the search", default=NumberSearch)
@@ -179,8 +177,7 @@ class FitNumbers(Study, kind="fit-numbers"):
 
     @stage
     def begun(self) -> Looked:
-        with np.errstate(all="ignore"):  # values that are not finite are found where they matter
-            begun = self.task.look([self.task.start])[0]
+        begun = self.task.look([self.task.start])[0]
         if not np.isfinite(begun.values[self.task.fitted]).all():
             reason = f"cannot be computed at the start of the search: {begun.reasons[0]}"
             raise SolveError(f"the scene in [model] {reason}", "write another start")
@@ -189,8 +186,7 @@ class FitNumbers(Study, kind="fit-numbers"):
     @stage
     def estimation(self) -> Estimates:
         _ = self.begun
-        with np.errstate(all="ignore"):
-            return self._by_compass() if self.search.method == "compass" else self._by_slopes()
+        return self._by_compass() if self.search.method == "compass" else self._by_slopes()
 
     def _by_slopes(self) -> Estimates:
         """Minimise by Gauss-Newton steps."""
@@ -243,9 +239,8 @@ class FitNumbers(Study, kind="fit-numbers"):
     @cached_property
     def covariance(self) -> np.ndarray:
         """Covariance of the coordinates, (n, n), infinite where not identifiable."""
-        with np.errstate(all="ignore"):
-            nominal = self.task.nominal
-            return covariance_of(spectrum(self.estimation.jacobian, nominal), nominal)
+        nominal = self.task.nominal
+        return covariance_of(spectrum(self.estimation.jacobian, nominal), nominal)
 
     @cached_property
     def errors(self) -> dict[str, float]:
@@ -267,8 +262,7 @@ class FitNumbers(Study, kind="fit-numbers"):
             Number(unknown.name, self.unit(unknown), float(began))
             for unknown, began in zip(self.unknown, task.values(task.start), strict=True)
         ]
-        with np.errstate(all="ignore"):
-            return Found.of(numbers, task, self.estimation.theta, self.covariance, self.level)
+        return Found.of(numbers, task, self.estimation.theta, self.covariance, self.level)
 
     def unit(self, unknown: KeyUnknown) -> str:
         """Return the unit of a key from its declaration in the table of the scene."""
@@ -311,8 +305,7 @@ class FitNumbers(Study, kind="fit-numbers"):
         "distance of the end of the search from the minimum by derivatives, in standard errors",
     )
     def offset(self) -> float:
-        with np.errstate(all="ignore"):
-            return offset_of(self.estimation.residuals, self.estimation.jacobian, self.free)
+        return offset_of(self.estimation.residuals, self.estimation.jacobian, self.free)
 
     @cached_property
     def reductions(self) -> dict[str, float]:

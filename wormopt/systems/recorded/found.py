@@ -120,11 +120,11 @@ def markdown(found: Found, level: float) -> str:
 def unit_of_directions(model: Model, directions: Mapping[str, np.ndarray], units: str) -> str:
     """Unit of a parameter from the signals that depend on it, "1" if their units differ."""
     signals = {s.name: s.unit for s in (*model.x, *model.p, *model.u)}
-    found = {told(signals.get(name, "1"), units) for name in directions}
+    found = {unit_of_signal(signals.get(name, "1"), units) for name in directions}
     return found.pop() if len(found) == 1 else "1"
 
 
-def told(unit: str, units: str) -> str:
+def unit_of_signal(unit: str, units: str) -> str:
     """Unit of a signal: that of its quantity, or its own."""
     if unit in UNITS:
         return unit_of(unit, units)

@@ -11,9 +11,14 @@ from msgspec import Meta
 
 from wormopt.errors import Fault, SceneError
 from wormopt.files import is_there
-from wormopt.study.given import Given, entry, number, positive, says, whole
-from wormopt.study.scene import Scene, load_scene, scene_within
-from wormopt.study.types import Finite, Seed, Title, wrong_order
+from wormopt.study import Given, Scene, Study, entry, load_scene, number, on_use, positive
+from wormopt.study.given import says
+from wormopt.study.members import Member
+from wormopt.study.scene import scene_within
+from wormopt.study.types import Finite, Title, wrong_order
+
+with on_use():
+    import numpy as np
 
 Prior = Annotated[
     tuple[Finite, ...],
@@ -46,6 +51,7 @@ SceneTables = Annotated[
         '`model = "my_worm.py:build"`',
     ),
 ]
+Which = Annotated[str, says("", "label of the model, if the scene in `[model]` has several")]
 FOUND = {
     "estimate": ("count", ("unknown",), "estimates, each in its own unit"),
     "standard_error": ("count", ("unknown",), "standard errors of the estimates"),
@@ -56,7 +62,18 @@ FOUND = {
 """Arrays of the estimates in results."""
 
 
-class UnknownTable(Given):
+class FromScene(Study):
+    """Base of studies of parameters of another scene, that in `[model]`."""
+
+    model: SceneTables
+
+    def computed(self, member: Member[Any]) -> Any:
+        """Compute a member; numbers that are not finite are found where they matter."""
+        with np.errstate(all="ignore"):
+            return super().computed(member)
+
+
+class Parameter(Given):
     """A parameter to estimate, and prior knowledge of it."""
 
     name: Title = entry("name of the parameter in results")
@@ -121,7 +138,7 @@ class Measured(Given):
         return self.text or self.scalar + (f" with {changes}" if changes else "")
 
 
-class KeyUnknown(UnknownTable):
+class KeyUnknown(Parameter):
     """A parameter of the scene to estimate."""
 
     key: Keys = entry("key of the scene in `[model]`, or a list of keys that share this parameter")
@@ -137,19 +154,6 @@ class KeyUnknown(UnknownTable):
     def keys(self) -> tuple[str, ...]:
         """Keys as a list, even if there is only one."""
         return self.key if isinstance(self.key, tuple) else (self.key,)
-
-
-class SearchTable(Given):
-    """Starts of the search for the best fit."""
-
-    seeds: int = whole(
-        1,
-        1000,
-        "largest number of starts: the given one, and others spread around it within the "
-        "bounds; the search ends once three starts have ended at the best fit",
-        default=6,
-    )
-    seed: Seed = entry("seed of the random spread of the starts", quantity="count", default=0)
 
 
 def named_twice(names: Iterable[str], key: str) -> Iterator[Fault]:

@@ -2,6 +2,7 @@ from wormopt.systems.spiked.bimodal import integrate as integrate
 from wormopt.systems.spiked.crawl import Crawl as Crawl
 from wormopt.systems.spiked.declared import DESIGN_SCALARS as DESIGN_SCALARS
 from wormopt.systems.spiked.declared import MOTION_VARIABLES as MOTION_VARIABLES
+from wormopt.systems.spiked.design.design import Design as Design
 from wormopt.systems.spiked.design.optimize import designed as designed
 from wormopt.systems.spiked.design.uncertain import Believed as Believed
 from wormopt.systems.spiked.design.uncertain import Robust as Robust
@@ -9,11 +10,15 @@ from wormopt.systems.spiked.design.uncertain import design_believed as design_be
 from wormopt.systems.spiked.design.uncertain import load_band as load_band
 from wormopt.systems.spiked.design.uncertain import on_plant as on_plant
 from wormopt.systems.spiked.design_results import of_design as of_design
-from wormopt.systems.spiked.design_results import refused as refused
+from wormopt.systems.spiked.design_results import with_keys as with_keys
 from wormopt.systems.spiked.design_tables import DesignTable as DesignTable
-from wormopt.systems.spiked.design_tables import ObjectiveTable as ObjectiveTable
 from wormopt.systems.spiked.driven import driven_worm as driven_worm
-from wormopt.systems.spiked.limits import Limits as Limits
+from wormopt.systems.spiked.gait_problem import GaitProblem as GaitProblem
+from wormopt.systems.spiked.gait_problem import Limits as Limits
+from wormopt.systems.spiked.gait_problem import Links as Links
+from wormopt.systems.spiked.gait_problem import Objective as Objective
+from wormopt.systems.spiked.gait_problem import Search as Search
+from wormopt.systems.spiked.gait_problem import Worm as Worm
 from wormopt.systems.spiked.motion import Findings as Findings
 from wormopt.systems.spiked.reference import gait_of_shape as gait_of_shape
 from wormopt.systems.spiked.shapes import AccordionShape as AccordionShape
@@ -23,8 +28,3 @@ from wormopt.systems.spiked.shapes import Shape as Shape
 from wormopt.systems.spiked.shapes import why_unreadable as why_unreadable
 from wormopt.systems.spiked.stretches import Drive as Drive
 from wormopt.systems.spiked.stretches import periodic_stretches as periodic_stretches
-from wormopt.systems.spiked.tables import Links as Links
-from wormopt.systems.spiked.task import GaitProblem as GaitProblem
-from wormopt.systems.spiked.task import Objective as Objective
-from wormopt.systems.spiked.task import Search as Search
-from wormopt.systems.spiked.task import Worm as Worm
