@@ -938,7 +938,8 @@ def test_a_study_is_a_scene_and_a_scene_gives_it_back():
 def toy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A scene of the kind, in a folder that is the current one; track-predictive is no study."""
     monkeypatch.setitem(KINDS, "toy-pull", StudyKind("pull", f"{__name__}:Pull"))
-    old = Kind("track", KINDS["track-predictive"].table, "none", {})
+    study = KINDS["track-predictive"]
+    old = Kind("track", study.table, study.study, {})
     monkeypatch.setitem(KINDS, "track-predictive", old)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(
