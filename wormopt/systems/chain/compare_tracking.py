@@ -41,12 +41,12 @@ from wormopt.systems.chain.tables import (
     ChainTable,
     CoulombFriction,
     FunnelTracker,
-    GridTable,
+    Grid,
     LeastError,
     LeastInput,
-    RelaxationTable,
+    Relaxation,
     Tracker,
-    TubeTable,
+    Tube,
     faults_of_lag,
 )
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, Scalars, Variables, over
@@ -191,7 +191,7 @@ class CompareTracking(Study, kind="compare-tracking"):
     reference: tuple[NamedReference, ...] = entry(
         "tables `[[reference]]`: gaits to follow; known plants use the first"
     )
-    tube: TubeTable = entry("tube that all controllers are judged by, from the time of capture on")
+    tube: Tube = entry("tube that all controllers are judged by, from the time of capture on")
     tracker: tuple[Tracker, ...] = entry(
         "tables `[[tracker]]`: controllers that do not know the plant; their `tube_radius` is "
         "`tube.radius`"
@@ -211,10 +211,8 @@ class CompareTracking(Study, kind="compare-tracking"):
         "adds predictive control with parameter estimation; default: none", default=None
     )
     draws: Draws = entry("plants with drawn parameters")
-    grid: GridTable = entry("grid of the optimiser", default=GridTable)
-    relaxation: RelaxationTable = entry(
-        "relaxation of contact in the optimiser", default=RelaxationTable
-    )
+    grid: Grid = entry("grid of the optimiser", default=Grid)
+    relaxation: Relaxation = entry("relaxation of contact in the optimiser", default=Relaxation)
     workers: int = whole(1, 64, "number of processes for the optimisation", default=2)
     time: Horizon
     tolerance: ToleranceTable = entry(

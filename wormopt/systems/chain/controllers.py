@@ -16,7 +16,7 @@ from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.numerics import TimeSpan, ToleranceTable
 from wormopt.study.types import Pair, Seed, Title, wrong_order
 from wormopt.systems.chain.predictive import DrawnPlants
-from wormopt.systems.chain.tables import Aim, CrawlLimits, DifferenceTracker, Tracker, TubeTable
+from wormopt.systems.chain.tables import Aim, CrawlLimits, DifferenceTracker, Tracker, Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.spiked import Shape
 
@@ -357,7 +357,7 @@ class Judged:
 class Trial:
     """Plants and conditions for which controllers are judged."""
 
-    tube: TubeTable
+    tube: Tube
     time: TimeSpan
     tolerance: ToleranceTable
     measurement: Measurement | None  # None: exact
@@ -429,7 +429,7 @@ class Trial:
                 yield k, Scenario(p=draw, schedules=values(inputs, "input"))
 
 
-def numbers_on(draw: Draw, model: Model, tube: TubeTable, end: float) -> dict[str, Any] | None:
+def numbers_on(draw: Draw, model: Model, tube: Tube, end: float) -> dict[str, Any] | None:
     """Quantities of a controlled plant with drawn parameters; None where its simulation fails."""
     model, times = judged(model, tube), np.linspace(0.0, end, _SAMPLES)
     try:

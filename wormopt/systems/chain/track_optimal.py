@@ -26,12 +26,12 @@ from wormopt.study import (
 from wormopt.study.numerics import Horizon, Start, ToleranceTable
 from wormopt.systems.chain.tables import (
     ChainTable,
-    GridTable,
+    Grid,
     LeastError,
     LeastInput,
     Reference,
-    RelaxationTable,
-    TubeTable,
+    Relaxation,
+    Tube,
 )
 from wormopt.systems.shared.declared import (
     CHAIN,
@@ -120,12 +120,10 @@ class TrackOptimal(Study, kind="track-optimal"):
     worm: ChainTable = entry("the chain, without `random`")
     start: Start = entry("initial state", default=Start)
     reference: Reference = entry("reference of the links")
-    tube: TubeTable = entry("tube around the reference")
+    tube: Tube = entry("tube around the reference")
     objective: LeastError | LeastInput = entry("minimised quantity")
-    grid: GridTable = entry("grid of the optimiser", default=GridTable)
-    relaxation: RelaxationTable = entry(
-        "relaxation of contact in the optimiser", default=RelaxationTable
-    )
+    grid: Grid = entry("grid of the optimiser", default=Grid)
+    relaxation: Relaxation = entry("relaxation of contact in the optimiser", default=Relaxation)
     time: Horizon
     tolerance: ToleranceTable = entry("tolerance of the exact simulation", default=ToleranceTable)
 

@@ -34,7 +34,7 @@ from wormopt.systems.chain.predictive import (
     PredictiveControl,
     faults_of_nominal,
 )
-from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, TubeTable
+from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, Tube
 from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, Variables, over
 
 with on_use():
@@ -190,7 +190,7 @@ class TrackPredictive(Study, kind="track-predictive"):
     worm: ChainTable = entry("the nominal chain, without `random`")
     start: Start = entry("initial state", default=Start)
     reference: Reference = entry("reference of the links")
-    tube: TubeTable = entry("tube that all controllers are judged by")
+    tube: Tube = entry("tube that all controllers are judged by")
     predictive: PredictiveControl = entry("predictive controller")
     estimation: ParameterEstimation | None = entry(
         "estimation of parameters during the motion; default: none", default=None
