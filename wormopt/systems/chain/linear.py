@@ -327,7 +327,6 @@ class Linear(Study, kind="linear"):
 
     @scalar("count", "*k* at the end of the adaptive motion")
     def gain_learned(self) -> float:
-        """Gain at the end."""
         return float(self.motion.numbers["k_end"])
 
     @scalar(
@@ -335,12 +334,10 @@ class Linear(Study, kind="linear"):
         "time of the last entry of the adaptive motion into the tube; unknown if there is none",
     )
     def capture_time(self) -> float | None:
-        """Last entry into the tube."""
         return self.motion.numbers["capture_time"]
 
     @scalar("length", "*λ*")
     def tube_radius(self) -> float:
-        """Radius of the tube."""
         return self.tracker.tube_radius
 
     # -- linear theory -----------------------------------------------------------------------------
@@ -357,12 +354,10 @@ class Linear(Study, kind="linear"):
 
     @scalar("rate", "zero of the chain at `point`: minus the slope of all friction over the mass")
     def common_zero(self) -> float:
-        """Zero that all outputs share."""
         return float(_apart(self.point_model.zeros, self.point_model.shifts).real.max())
 
     @scalar("count", "1 if the chain at `point` is minimum phase, otherwise 0")
     def minimum_phase(self) -> int:
-        """Whether it is minimum phase."""
         return int(self.point_model.minimum_phase)
 
     @scalar(
@@ -371,7 +366,6 @@ class Linear(Study, kind="linear"):
         "mass; if it is positive, a high-gain tracker has the right sign",
     )
     def gain_definite(self) -> float:
-        """Definiteness of the high-frequency gain."""
         gain = normal_form(self.plant, output="length").gain_at()
         masses = next(s.value for s in self.plant.p if s.name == "mass")
         mass = np.mean(np.asarray(masses, dtype=float))
@@ -419,7 +413,6 @@ class Linear(Study, kind="linear"):
         "unknown above `gains.most`",
     )
     def gain_linear(self) -> float | None:
-        """Sufficient gain without dry friction."""
         gains = np.array([loop.gain for loop in self.loops])
         return least_gain(lambda gain: self.task.error(self.loop(gain)), gains, self.tube_radius)
 
@@ -430,13 +423,11 @@ class Linear(Study, kind="linear"):
         "bound",
     )
     def gain_sure(self) -> float | None:
-        """Sufficient gain for every friction force."""
         gains = np.array([loop.gain for loop in self.loops])
         return least_gain(lambda gain: self.task.bound(self.loop(gain)), gains, self.tube_radius)
 
     @scalar("length", "bound of `error_learned` by linear theory; unknown if friction has no bound")
     def error_sure(self) -> float | None:
-        """Bound of the error."""
         return _finite(self.task.bound(self.learned))
 
     # -- constant gains, simulated -----------------------------------------------------------------
@@ -466,7 +457,6 @@ class Linear(Study, kind="linear"):
 
     @checks
     def checks_of_routes(self) -> Iterator[Check]:
-        """Second routes of the motion, the poles, the margins and the errors."""
         if self.recheck:
             yield self.recheck.check
         loop = self.learned
@@ -508,7 +498,6 @@ class Linear(Study, kind="linear"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of routes, contact, gains and slow motions."""
         if self.recheck is None:
             yield NOT_RECHECKED
         yield from warnings_of_contact(self.contact.options, self.laws)
@@ -532,7 +521,6 @@ class Linear(Study, kind="linear"):
 
     @facts
     def left_out(self) -> dict[str, Any]:
-        """What is no pole."""
         return {
             "hidden": "the position of the worm is a shift, which is no pole or zero of the loop"
         }

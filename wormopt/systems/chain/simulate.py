@@ -338,7 +338,6 @@ class Simulate(Study, kind="simulate"):
         headline=("distance", "mean_speed", "input_rms", "input_peak", "x_end", "v_end"),
     )
     def numbers(self) -> Mapping[str, Any]:
-        """Numbers of a chain's motion, or the ends of a model's signals."""
         if self.worm:
             return chain_numbers(self.motion)
         ends = {f"{n}_end": Scalar(v.values[..., -1], v.unit) for n, v in self._own.items()}
@@ -346,12 +345,10 @@ class Simulate(Study, kind="simulate"):
 
     @scalar(*CHAIN["recheck_error"])
     def recheck_error(self) -> float | None:
-        """Difference of both routes."""
         return self.recheck and self.recheck.error
 
     @arrays(_SIGNALS)
     def signals(self) -> Mapping[str, Any]:
-        """Signals over time, and events."""
         motion, events = self.motion, event_arrays([self.motion], several=False)
         if not len(motion.time):
             return events
@@ -381,7 +378,6 @@ class Simulate(Study, kind="simulate"):
 
     @attributes
     def shown(self) -> dict[str, Any]:
-        """Names of contacts, and of the signals in the picture."""
         model = self.motion.system.model
         names = [*(_SHOWN if self.worm else _own_signals(model))]
         if not model.contacts:
@@ -395,12 +391,10 @@ class Simulate(Study, kind="simulate"):
 
     @checks
     def checks_of_motion(self) -> Iterator[Check]:
-        """Second route and energy balance."""
         yield from chain_checks(self.recheck, self.energies, self.tolerance.options)
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of contact and routes."""
         system = self.motion.system
         laws = laws_of(self.worm) if self.worm else [contact.law for contact in system.contacts]
         yield from warnings_of_contact(system.treatment, laws)
@@ -408,7 +402,6 @@ class Simulate(Study, kind="simulate"):
 
     @facts
     def simulation(self) -> dict[str, Any]:
-        """Facts of the simulation."""
         if self.worm:
             return chain_facts(
                 [self.motion], [self.recheck], self.tolerance.options, [self.energies]

@@ -272,31 +272,26 @@ class Track(Study, kind="track"):
         ),
     )
     def numbers(self) -> dict[str, Any]:
-        """Numbers of every tracker's motion."""
         return of_trackers(self.motions)
 
     @scalar(*CHAIN["recheck_error"])
     def recheck_error(self) -> Any:
-        """Difference of both routes."""
         return one_or_all([second and second.error for second in self.recheck])
 
     @arrays(_SIGNALS)
     def signals(self) -> Mapping[str, Any]:
-        """Samples up to the earliest end of all motions."""
         herds = [each for each in self.motions if isinstance(each, Herd)]
         found = herd_signals(herds, _BANDS, _EACH) if herds else tracked_signals(self.motions)
         return fitted(found, _SIGNALS) | gait_arrays(self.gait) if found else {}
 
     @attributes
     def labels(self) -> dict[str, Any]:
-        """Names of the trackers."""
         return {"trackers": [each.label for each in self.motions]}
 
     # -- trust -------------------------------------------------------------------------------------
 
     @checks
     def checks_of_trackers(self) -> Iterator[Check]:
-        """Second routes, energies, funnels, and members that were not completed."""
         for each, second in zip(self.motions, self.recheck, strict=True):
             label = each.label if len(self.motions) > 1 or self.ensemble else ""
             yield from chain_checks(second, each.energies, self.tolerance.options, label)
@@ -304,13 +299,11 @@ class Track(Study, kind="track"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of contact, routes, and errors that may leave the tube."""
         yield from warnings_of_contact(self.contact.options, laws_of(self.worm))
         for each, second in zip(self.motions, self.recheck, strict=True):
             yield from each.warnings(second, self.gait.period)
 
     @facts
     def simulations(self) -> dict[str, Any]:
-        """Facts of the simulations."""
         motions, energies = zip(*((o.motion, o.energies) for o in self.motions), strict=True)
         return chain_facts(motions, self.recheck, self.tolerance.options, energies)

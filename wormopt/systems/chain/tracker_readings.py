@@ -401,19 +401,16 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @scalar(*CHAIN["recheck_error"])
     def recheck_error(self) -> list[float | None]:
-        """Differences of both routes."""
         return [second and second.error for second in self.recheck]
 
     @arrays(_SIGNALS)
     def signals(self) -> Mapping[str, Any]:
-        """Signals of the shown reading, with both trackers."""
         if len(self.shown) < len(TRACKERS):  # of a partial result
             return {}
         return fitted(tracked_signals(self.shown), _SIGNALS)
 
     @attributes
     def names(self) -> dict[str, Any]:
-        """Names and meanings of trackers, sentences and choices; the table."""
         choices, found = self.readings.choices, self.judged
         picked = zip(choices.items(), found.reading_choice[found.chosen], strict=True)
         return {
@@ -429,7 +426,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @checks
     def checks_of_readings(self) -> Iterator[Check]:
-        """Mirror images, second routes, energies, and gains as judged."""
         found = self.judged
         yield from _mirror(self.example, self.listed, found.gain_end)
         gains = found.gain_end[:, found.chosen]
@@ -439,7 +435,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @warnings
     def doubts(self) -> Iterator[str]:
-        """Warnings of contact and routes."""
         chosen = self.listed[self.judged.chosen]
         yield from warnings_of_contact(self.contact.options, [Coulomb(*chosen.friction)])
         for each, second in zip(self.shown, self.recheck, strict=True):
@@ -447,7 +442,6 @@ class TrackerReadings(Study, kind="tracker-readings"):
 
     @facts
     def simulations(self) -> dict[str, Any]:
-        """Facts of the simulations."""
         motions, energies = zip(*((o.motion, o.energies) for o in self.shown), strict=True)
         return chain_facts(motions, self.recheck, self.tolerance.options, energies)
 
