@@ -349,14 +349,17 @@ def test_all_faults_are_found_at_once(tmp_path: Path):
     assert len(str(caught.value).splitlines()) == 5
 
 
-def test_all_faults_across_keys_are_found_at_once(tmp_path: Path):
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"worm.mass": [1], "objective.speed": 1},
+        {"gait.resting": 3, "search.sequence": [[0], [9]]},  # where tables meet
+    ],
+)
+def test_all_faults_across_keys_are_found_at_once(tmp_path: Path, changes: dict[str, Any]):
     with pytest.raises(SceneError) as caught:
-        load(tmp_path, DESIGN, "worm.mass=[1]", "gait.resting=3", "objective.speed=1")
-    assert {key for key, _ in caught.value.faults} == {
-        "worm.mass",
-        "gait.resting",
-        "objective.speed",
-    }
+        load(tmp_path, DESIGN, *(f"{key}={value}" for key, value in changes.items()))
+    assert {key.partition("[")[0] for key, _ in caught.value.faults} == changes.keys()
 
 
 @pytest.mark.parametrize(

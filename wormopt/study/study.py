@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -10,23 +12,23 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar
 
 import msgspec
 
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Check, Result, left_out
-from wormopt.shown import brief
-from wormopt.study.conclude import status_of
-from wormopt.study.given import bare, entry, tables_in
+from wormopt.result import Check, Result, Status, Unchecked, left_out
+from wormopt.shown import brief, lines
+from wormopt.study.given import Given, bare, entry, tables_in
 from wormopt.study.later import load
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
 from wormopt.study.overrides import Overrides
 from wormopt.study.plausible import surprises
 from wormopt.study.reference import quantity_of
-from wormopt.study.types import FOLDER, SceneTable
+from wormopt.study.swept import Swept
+from wormopt.study.types import FOLDER, Title
 
 T = TypeVar("T")
 Names = Sequence[str]
@@ -44,7 +46,7 @@ class _Progress:
     )  # seconds of stages within the running ones
 
 
-class Study(SceneTable):
+class Study(Given):
     """Base of all kinds of study.
 
     Fields are what a user gives. Members, declared by the decorators of `wormopt.study.members`,
@@ -54,6 +56,12 @@ class Study(SceneTable):
 
     units_of_texts: ClassVar[str] = "dimensionless"
     members: ClassVar[Mapping[str, Member[Any]]] = {}
+    scalars: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    """Quantity and meaning of scalars whose names are known, by name."""
+    variables: ClassVar[Mapping[str, tuple[str, tuple[str, ...], str]]] = {}
+    """Quantity, dimensions and meaning of variables whose names are known, by name."""
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Scalars that answer what was asked, reported first; the first five if empty."""
     pictures: ClassVar[Mapping[str, str]] = {}
     """Pictures by name: "module:function" that draws one of a Result."""
     wanted: ClassVar[tuple[str, ...]] = ()
@@ -67,6 +75,11 @@ class Study(SceneTable):
 
     schema: Literal[1] = entry("version of the scene form", default=1)
     kind: str = entry("what the scene computes", default="")
+    title: Title = entry("title of pictures and reports; its name if left out", default="")
+    units: Literal["dimensionless", "SI"] = entry(
+        "names of the units in the results; nothing is converted", default="dimensionless"
+    )
+    want: tuple[str, ...] = entry("pictures to draw, each once", default=())
 
     def __init_subclass__(cls, **config: Any) -> None:
         super().__init_subclass__(**config)
@@ -116,14 +129,7 @@ class Study(SceneTable):
     @property
     def scene(self) -> Any:
         """The study as a Scene."""
-        from wormopt.study.scene import Scene
-
         return Scene(self.name, self.folder, self)
-
-    @property
-    def checks_itself(self) -> bool:
-        """Whether a table that was read is checked already."""
-        return True
 
     def placed(self, name: str, folder: Path) -> None:
         """Note the name and the folder of the scene."""
@@ -142,7 +148,8 @@ class Study(SceneTable):
     def wrong(self) -> Iterator[Fault]:
         """Yield all that is wrong with keys that are right each by itself."""
         found = list(super().wrong())
-        yield from found or SceneTable.faults(self, self.folder)
+        twice = sorted({word for word in self.want if self.want.count(word) > 1})
+        yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
 
     def __reduce__(self) -> Any:
         place = {name: one for name, one in vars(self).items() if name in _PLACE}
@@ -274,13 +281,13 @@ class Study(SceneTable):
         try:
             result = self._partly(names) if names else self._complete()
         except SolveError as error:
-            found = self._unfinished(str(error))
+            found = self.unfinished(str(error))
             raise SolveError(error.reason, error.suggestion, found, error.code) from None
         except KeyboardInterrupt as stop:
             during = [name for name, error in self._failures.items() if error is stop]
             where = f" during {during[0].replace('_', ' ')}" if during else ""
             resume = "; run again to resume" if self.resumes else ""
-            found = self._unfinished(f"interrupted{where}{resume}")
+            found = self.unfinished(f"interrupted{where}{resume}")
             if not found.scalars and not found.variables:
                 raise
             raise Interrupted(found) from None
@@ -344,7 +351,7 @@ class Study(SceneTable):
             },
         )
 
-    def _unfinished(self, reason: str) -> Result:
+    def unfinished(self, reason: str) -> Result:
         """Result of the stages that are finished; arrays also of what failed stages handed over."""
         done, begun = self._closed(partials=False), self._closed(partials=True)
         return self._made(
@@ -453,6 +460,79 @@ class Study(SceneTable):
         for name in path.split("."):
             found = getattr(found, name)
         return found
+
+
+def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
+    """Status of a result by its checks and warnings, and the reasons for it."""
+    failed = dict.fromkeys(check.advice for check in checks if not check.passed)
+    if failed:
+        return "failed", failed
+    doubts = dict.fromkeys(str(text) for text in warned if isinstance(text, Unchecked))
+    if not checks and not doubts:
+        doubts = {"nothing confirms the numbers: no check of them was made": None}
+    return ("unchecked" if doubts else "ok"), doubts
+
+
+TableT = TypeVar("TableT", bound=Study, covariant=True)
+
+
+@dataclass(frozen=True)
+class Scene(Generic[TableT]):
+    """What a user asks for: pure data.
+
+    Parameters
+    ----------
+    name : str
+        Stem of the file name, or as it was called.
+    folder : Path
+        Folder of the file; file names in the scene are relative to it.
+    table : Study
+        The content, of the class of the scene's kind.
+    sweep : Swept, optional
+        Which keys are varied when the scene is swept.
+
+    Examples
+    --------
+    >>> from wormopt.study import load_scene
+    >>> scene = load_scene("fast_gait")
+    >>> scene.name, scene.table.kind, scene.table.worm.links
+    ('fast_gait', 'gait', 2)
+    """
+
+    name: str
+    folder: Path
+    table: TableT
+    sweep: Swept | None = None
+
+    def __repr__(self) -> str:
+        return lines(f"Scene {self.name} ({self.table.kind}): {self.title}")
+
+    @property
+    def title(self) -> str:
+        """Title given in the scene, its name otherwise."""
+        return self.table.title or self.name
+
+    @property
+    def text(self) -> str:
+        """Every key of the scene, defaults included, as JSON text."""
+        table = _without_none(msgspec.to_builtins(self.table))
+        return json.dumps(table, ensure_ascii=False, sort_keys=True)
+
+    @property
+    def key(self) -> str:
+        """Hash of the content: scenes that ask for the same have the same key."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Numbers that are hardly meant as they stand: 300 m of link, say."""
+        return tuple(surprises(self.table, self.table.units))
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return value
 
 
 class _Amount:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Workers
 from wormopt.progress import silent
 from wormopt.study.scene import Scene, load_scene
@@ -211,7 +210,7 @@ def _compute(job: _Job) -> _Answer:
     scene, changes = job
     try:
         changed = load_scene(scene, changes)
-        result = KINDS[changed.table.kind].run(changed, silent)
+        result = changed.table.result(silent)
     except (SolveError, SceneError, ArgumentError) as error:
         return {}, str(error)
     numbers = {
