@@ -26,10 +26,10 @@ from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
 from wormopt.systems.chain.tables import (
-    GridTable,
+    Grid,
     LeastError,
-    RelaxationTable,
-    TubeTable,
+    Relaxation,
+    Tube,
 )
 from wormopt.systems.spiked.construct import fast_gait
 
@@ -68,7 +68,7 @@ def test_breaks_of_a_model_are_those_of_all_its_schedules():
 # -- optimal tracking ------------------------------------------------------------------------------
 
 PLANT: dict[str, Any] = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
-TUBE = TubeTable(radius=0.2, capture=1.0)
+TUBE = Tube(radius=0.2, capture=1.0)
 
 
 def test_without_friction_optimal_tracking_is_the_lq_optimum():
@@ -86,8 +86,8 @@ def test_without_friction_optimal_tracking_is_the_lq_optimum():
         end,
         LeastError(input_weight=rho),
         TUBE,
-        GridTable(arcs=90, degree=3),
-        RelaxationTable(),
+        Grid(arcs=90, degree=3),
+        Relaxation(),
         period=1.0,
     )
     gain = np.array([[2.0, -1.0], [-1.0, 2.0]])
@@ -116,7 +116,7 @@ def test_without_friction_optimal_tracking_is_the_lq_optimum():
     assert optimum <= found.objective <= optimum * (1 + 2e-5)
     coarse = optimal_input(
         plant, gait_reference(gait, plant.t), end, LeastError(input_weight=rho), TUBE,
-        GridTable(arcs=45, degree=3), RelaxationTable(), period=1.0,
+        Grid(arcs=45, degree=3), Relaxation(), period=1.0,
     )  # fmt: skip
     ratio = (coarse.objective - optimum) / (found.objective - optimum)
     assert 3.5 < ratio < 4.5

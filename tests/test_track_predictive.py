@@ -30,7 +30,7 @@ from wormopt.systems.chain.controllers import Controller, Trial
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import followed_by_lqr
 from wormopt.systems.chain.predictive import PredictiveControl, inputs_of, plan_tracking
-from wormopt.systems.chain.tables import TubeTable
+from wormopt.systems.chain.tables import Tube
 from wormopt.systems.spiked.construct import fast_gait, travelling_sine
 
 PLANT = {"mass": 1.0, "stiffness": 10.0, "damping": 5.0, "rest_length": 2.0}
@@ -108,8 +108,8 @@ def test_where_the_model_is_right_real_time_costs_no_more_than_the_open_loop():
     plan = plan_tracking(plant, reference, 1.0, table)
 
     def cost(course: wo.Gait) -> float:
-        model = judged(drive(with_reference(plant, reference), course), TubeTable(radius=0.2))
-        numbers = judged_numbers(simulate(model, 1.0, contact=Smooth(0.05)), TubeTable(radius=0.2))
+        model = judged(drive(with_reference(plant, reference), course), Tube(radius=0.2))
+        numbers = judged_numbers(simulate(model, 1.0, contact=Smooth(0.05)), Tube(radius=0.2))
         return numbers["error_integral"] + 1e-4 * numbers["input_integral"]
 
     open_loop = cost(inputs_of(plan))

@@ -41,12 +41,12 @@ from wormopt.systems.chain.tables import (
     ChainTable,
     CoulombFriction,
     FunnelTracker,
-    GridTable,
+    Grid,
     LeastError,
     LeastInput,
-    RelaxationTable,
+    Relaxation,
     Tracker,
-    TubeTable,
+    Tube,
     faults_of_lag,
 )
 from wormopt.systems.shared.declared import JUDGED, LOOP_SIGNALS, TIME, Scalars, Variables, over
@@ -83,7 +83,6 @@ with on_use():
     from wormopt.systems.chain.optimal_tracking import optimal_input
     from wormopt.systems.chain.predictive import Decided, decide
     from wormopt.systems.shared.proof import accepted_error
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.shared.signals import fitted
     from wormopt.systems.spiked import gait_of_shape
 
@@ -192,7 +191,7 @@ class CompareTracking(Study, kind="compare-tracking"):
     reference: tuple[NamedReference, ...] = entry(
         "tables `[[reference]]`: gaits to follow; known plants use the first"
     )
-    tube: TubeTable = entry("tube that all controllers are judged by, from the time of capture on")
+    tube: Tube = entry("tube that all controllers are judged by, from the time of capture on")
     tracker: tuple[Tracker, ...] = entry(
         "tables `[[tracker]]`: controllers that do not know the plant; their `tube_radius` is "
         "`tube.radius`"
@@ -212,10 +211,8 @@ class CompareTracking(Study, kind="compare-tracking"):
         "adds predictive control with parameter estimation; default: none", default=None
     )
     draws: Draws = entry("plants with drawn parameters")
-    grid: GridTable = entry("grid of the optimiser", default=GridTable)
-    relaxation: RelaxationTable = entry(
-        "relaxation of contact in the optimiser", default=RelaxationTable
-    )
+    grid: Grid = entry("grid of the optimiser", default=Grid)
+    relaxation: Relaxation = entry("relaxation of contact in the optimiser", default=Relaxation)
     workers: int = whole(1, 64, "number of processes for the optimisation", default=2)
     time: Horizon
     tolerance: ToleranceTable = entry(
@@ -620,9 +617,7 @@ class CompareTracking(Study, kind="compare-tracking"):
         """Second routes, energies and funnels of the nominal plant."""
         for reference, row in zip(self.reference, self.runs, strict=True):
             for each in row:
-                yield from each.checks(
-                    tolerance_of(self.tolerance), f"{reference.name}, {each.name}"
-                )
+                yield from each.checks(self.tolerance.options, f"{reference.name}, {each.name}")
 
     @facts
     def computed_by(self) -> dict[str, Any]:
@@ -634,7 +629,7 @@ class CompareTracking(Study, kind="compare-tracking"):
             "recheck": {
                 "route": next((each.second.route for each in first if each.second), None),
                 "error": {each.name: each.second and each.second.error for each in first},
-                "accepted": accepted_error(tolerance_of(self.tolerance)),
+                "accepted": accepted_error(self.tolerance.options),
             },
             "energy_balance": max(residuals, default=None),
             "plans": [{n: made.numbers for n, made in row.items()} for row in self.plans],

@@ -16,7 +16,7 @@ from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.numerics import TimeSpan, ToleranceTable
 from wormopt.study.types import Pair, Seed, Title, wrong_order
 from wormopt.systems.chain.predictive import DrawnPlants
-from wormopt.systems.chain.tables import Aim, CrawlLimits, DifferenceTracker, Tracker, TubeTable
+from wormopt.systems.chain.tables import Aim, CrawlLimits, DifferenceTracker, Tracker, Tube
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.spiked import Shape
 
@@ -54,7 +54,6 @@ with on_use():
     from wormopt.systems.chain.optimal_tracking import knowing, lengths_of
     from wormopt.systems.chain.predictive import loose_tolerance
     from wormopt.systems.shared.proof import CrossCheck, cross_check
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.shared.signals import sample, simulate_whole
     from wormopt.systems.spiked import GaitProblem, Limits, Objective, Search, Worm, designed
 
@@ -358,7 +357,7 @@ class Judged:
 class Trial:
     """Plants and conditions for which controllers are judged."""
 
-    tube: TubeTable
+    tube: Tube
     time: TimeSpan
     tolerance: ToleranceTable
     measurement: Measurement | None  # None: exact
@@ -370,7 +369,7 @@ class Trial:
         With poor measurements a motion ends when its error is far outside the tube, and its plant
         is lost. Raises SolveError if the nominal motion fails although measurements are exact.
         """
-        plain, tolerance = controller.model, tolerance_of(self.tolerance)
+        plain, tolerance = controller.model, self.tolerance.options
         model = judged(plain, self.tube)
         if self.measurement:
             far = ca.dot(model["error"], model["error"]) - (_LOST * self.tube.radius) ** 2
@@ -430,7 +429,7 @@ class Trial:
                 yield k, Scenario(p=draw, schedules=values(inputs, "input"))
 
 
-def numbers_on(draw: Draw, model: Model, tube: TubeTable, end: float) -> dict[str, Any] | None:
+def numbers_on(draw: Draw, model: Model, tube: Tube, end: float) -> dict[str, Any] | None:
     """Quantities of a controlled plant with drawn parameters; None where its simulation fails."""
     model, times = judged(model, tube), np.linspace(0.0, end, _SAMPLES)
     try:

@@ -479,8 +479,9 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         "speed",
         "minimised quantity; minus the speed when the speed is maximised; energy over mass "
         "and distance has the unit of an acceleration",
+        name="objective",
     )
-    def objective(self) -> Scalar:
+    def minimised(self) -> Scalar:
         quantity = "acceleration" if self.aim.minimise else "speed"
         return Scalar(self.optimum.objective, unit_of(quantity, self.units))
 

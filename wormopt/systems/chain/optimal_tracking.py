@@ -28,11 +28,11 @@ from wormopt.progress import Report, silent
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
 from wormopt.systems.chain.tables import (
-    GridTable,
+    Grid,
     LeastError,
     LeastInput,
-    RelaxationTable,
-    TubeTable,
+    Relaxation,
+    Tube,
 )
 
 # Default weight of the error in the LQR that starts the solves, in usual sizes.
@@ -56,7 +56,7 @@ def tracking_problem(
     reference: Reference,
     end: float,
     objective: LeastError | LeastInput,
-    tube: TubeTable,
+    tube: Tube,
 ) -> Problem:
     """State optimal tracking from the plant's initial state to the time `end`.
 
@@ -145,9 +145,9 @@ def optimal_input(
     reference: Reference,
     end: float,
     objective: LeastError | LeastInput,
-    tube: TubeTable,
-    grid: GridTable,
-    relaxation: RelaxationTable,
+    tube: Tube,
+    grid: Grid,
+    relaxation: Relaxation,
     *,
     period: float,
     report: Report = silent,

@@ -9,7 +9,7 @@ from typing import Literal
 from wormopt.errors import Fault, SolveError
 from wormopt.study import Given, entry, number, on_use, positive, whole
 from wormopt.study.types import Seed
-from wormopt.systems.chain.tables import ChainTable, LeastError, TubeTable
+from wormopt.systems.chain.tables import ChainTable, LeastError, Tube
 
 with on_use():
     import numpy as np
@@ -206,7 +206,7 @@ def plan_tracking(
     weight = control.input_weight
     bounded, free = limited(plant, control.force), limited(plant, None)
     objective = LeastError(input_weight=weight)
-    problem = tracking_problem(bounded, reference, end, objective, TubeTable(radius=1.0))
+    problem = tracking_problem(bounded, reference, end, objective, Tube(radius=1.0))
     breaks = problem.model.breaks(end)
     mesh = Mesh.over(breaks, control.period, Collocation(_DEGREE, "radau"))
     guess = Guess.of(followed_by_lqr(free, reference, end, 1 / weight))

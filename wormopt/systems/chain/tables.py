@@ -544,7 +544,7 @@ def _faults_of_feedforward(
 # -- optimal tracking ------------------------------------------------------------------------------
 
 
-class TubeTable(Given):
+class Tube(Given):
     """Tube around the reference, and the time from which the error must stay in it."""
 
     radius: float = positive("length", "*λ*")
@@ -575,7 +575,7 @@ class LeastInput(Given, tag_field="minimise", tag="input"):
     )
 
 
-class GridTable(Given):
+class Grid(Given):
     """Grid of the optimiser, with a constant input on each arc."""
 
     arcs: int = whole(
@@ -590,7 +590,7 @@ class GridTable(Given):
     )
 
 
-class RelaxationTable(Given):
+class Relaxation(Given):
     """Largest product of speed and force, in usual sizes, that the relaxed complementarity allows.
 
     Each solve divides it by ten, from `first` down to `last`. Not allowed: `last` above `first`.

@@ -26,12 +26,12 @@ from wormopt.study import (
 from wormopt.study.numerics import Horizon, Start, ToleranceTable
 from wormopt.systems.chain.tables import (
     ChainTable,
-    GridTable,
+    Grid,
     LeastError,
     LeastInput,
     Reference,
-    RelaxationTable,
-    TubeTable,
+    Relaxation,
+    Tube,
 )
 from wormopt.systems.shared.declared import (
     CHAIN,
@@ -55,7 +55,7 @@ with on_use():
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of
     from wormopt.ocp.optimise import Optimum
-    from wormopt.simulation.options import Exact, Tolerance
+    from wormopt.simulation.options import Exact
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain.loops import chain_for, draw_links
     from wormopt.systems.chain.measured import (
@@ -68,7 +68,6 @@ with on_use():
     from wormopt.systems.chain.optimal_tracking import optimal_input
     from wormopt.systems.shared.optimum import statistics
     from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.shared.signals import (
         chain_expressions,
         event_arrays,
@@ -121,12 +120,10 @@ class TrackOptimal(Study, kind="track-optimal"):
     worm: ChainTable = entry("the chain, without `random`")
     start: Start = entry("initial state", default=Start)
     reference: Reference = entry("reference of the links")
-    tube: TubeTable = entry("tube around the reference")
+    tube: Tube = entry("tube around the reference")
     objective: LeastError | LeastInput = entry("minimised quantity")
-    grid: GridTable = entry("grid of the optimiser", default=GridTable)
-    relaxation: RelaxationTable = entry(
-        "relaxation of contact in the optimiser", default=RelaxationTable
-    )
+    grid: Grid = entry("grid of the optimiser", default=Grid)
+    relaxation: Relaxation = entry("relaxation of contact in the optimiser", default=Relaxation)
     time: Horizon
     tolerance: ToleranceTable = entry("tolerance of the exact simulation", default=ToleranceTable)
 
@@ -146,11 +143,6 @@ class TrackOptimal(Study, kind="track-optimal"):
             yield "tube.capture", f"is not before time.end = {self.time.end:g}; write less"
 
     # -- computing ---------------------------------------------------------------------------------
-
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of the simulation."""
-        return tolerance_of(self.tolerance)
 
     @cached_property
     def gait(self) -> Gait:
@@ -197,7 +189,7 @@ class TrackOptimal(Study, kind="track-optimal"):
             span.end,
             span.samples,
             Exact(),
-            self.accuracy,
+            self.tolerance.options,
             lambda _, fraction: self.report("simulating", fraction),
         )
 
@@ -205,7 +197,7 @@ class TrackOptimal(Study, kind="track-optimal"):
     def recheck(self) -> CrossCheck | None:
         again = self.tolerance.recheck
         return cross_check(
-            self.driven, self.motion, self.accuracy, recheck=again, report=self.report
+            self.driven, self.motion, self.tolerance.options, recheck=again, report=self.report
         )
 
     # -- results -----------------------------------------------------------------------------------
@@ -277,7 +269,7 @@ class TrackOptimal(Study, kind="track-optimal"):
 
     @checks
     def simulation(self) -> Iterator[Check]:
-        yield from chain_checks(self.recheck, self.energies, self.accuracy)
+        yield from chain_checks(self.recheck, self.energies, self.tolerance.options)
 
     @check(
         _ACCEPTED,
@@ -309,6 +301,6 @@ class TrackOptimal(Study, kind="track-optimal"):
             "replay": {"error": self.recheck_error, "accepted": _ACCEPTED},
             "recheck": second and second.facts,
             "energy_balance": energy and energy.residual,
-            "accepted_energy": accepted_error(self.accuracy),
+            "accepted_energy": accepted_error(self.tolerance.options),
             "solves": statistics(optimum),
         }

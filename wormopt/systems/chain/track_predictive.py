@@ -34,7 +34,7 @@ from wormopt.systems.chain.predictive import (
     PredictiveControl,
     faults_of_nominal,
 )
-from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, TubeTable
+from wormopt.systems.chain.tables import ChainTable, CoulombFriction, Reference, Tube
 from wormopt.systems.shared.declared import GAIT, JUDGED, LOOP_SIGNALS, TIME, Variables, over
 
 with on_use():
@@ -52,7 +52,7 @@ with on_use():
     from wormopt.model.model import Model
     from wormopt.model.values import nominal_of
     from wormopt.progress import silent
-    from wormopt.simulation.options import Exact, Smooth, Tolerance, Treatment
+    from wormopt.simulation.options import Exact, Smooth, Treatment
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain.controllers import numbers_on
     from wormopt.systems.chain.copies import Draw, drawn_plants, numbers_of
@@ -67,7 +67,6 @@ with on_use():
         plan_tracking,
     )
     from wormopt.systems.shared.proof import CrossCheck, accepted_error, cross_check
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.shared.signals import fitted, gait_arrays, sample, simulate_whole
     from wormopt.systems.spiked import gait_of_shape
 
@@ -191,7 +190,7 @@ class TrackPredictive(Study, kind="track-predictive"):
     worm: ChainTable = entry("the nominal chain, without `random`")
     start: Start = entry("initial state", default=Start)
     reference: Reference = entry("reference of the links")
-    tube: TubeTable = entry("tube that all controllers are judged by")
+    tube: Tube = entry("tube that all controllers are judged by")
     predictive: PredictiveControl = entry("predictive controller")
     estimation: ParameterEstimation | None = entry(
         "estimation of parameters during the motion; default: none", default=None
@@ -249,11 +248,6 @@ class TrackPredictive(Study, kind="track-predictive"):
         decide = {REAL_TIME: control.real_time, **learning, CONVERGED: control.converged}
         return {OPEN: None, LQR: None, **decide}
 
-    @property
-    def accuracy(self) -> Tolerance:
-        """Tolerance of simulations of the nominal plant."""
-        return tolerance_of(self.tolerance)
-
     def driven(self, inputs: Gait | None) -> Model:
         """Plant with inputs over time, or with LQR."""
         if inputs is None:
@@ -287,13 +281,13 @@ class TrackPredictive(Study, kind="track-predictive"):
             estimation=learned.settings(self.predictive) if learned and name == LEARNING else None,
             p=draw,
             contact=contact or Exact(),
-            tolerance=self.accuracy if draw is None else loose_tolerance(),
+            tolerance=self.tolerance.options if draw is None else loose_tolerance(),
         )
 
     def replay(self, model: Model, contact: Treatment) -> Trajectory:
         """Simulate a controlled nominal plant as one motion."""
         end, samples, model = self.time.end, self.time.samples, judged(model, self.tube)
-        return simulate_whole(model, end, samples, contact, self.accuracy, silent)
+        return simulate_whole(model, end, samples, contact, self.tolerance.options, silent)
 
     # -- motions -----------------------------------------------------------------------------------
 
@@ -325,7 +319,7 @@ class TrackPredictive(Study, kind="track-predictive"):
         inputs = run.inputs if run else inputs_of(self.plan) if name == OPEN else None
         model, again = self.driven(inputs), self.tolerance.recheck and inputs is not None
         motion = self.replay(model, Exact())
-        second = cross_check(model, motion, self.accuracy, recheck=again, report=silent)
+        second = cross_check(model, motion, self.tolerance.options, recheck=again, report=silent)
         return Controlled(motion, second, judged_numbers(motion, self.tube), run)
 
     @stage
@@ -512,7 +506,7 @@ class TrackPredictive(Study, kind="track-predictive"):
     def checks_of_motions(self) -> Iterator[Check]:
         """Second routes and energies, and decisions simulated again as one motion."""
         for name, each in self.motions.items():
-            yield from chain_checks(each.second, balance(each.motion), self.accuracy, name)
+            yield from chain_checks(each.second, balance(each.motion), self.tolerance.options, name)
             if each.run is not None:
                 yield self._replayed(name, each.motion, each.run)
 
@@ -520,7 +514,7 @@ class TrackPredictive(Study, kind="track-predictive"):
         whole = motion.states[: self.plant.n_x, -1]
         size = np.maximum(nominal_of(self.plant.x), np.abs(whole))
         error = float(np.max(np.abs(run.states[:, -1] - whole) / size))
-        accepted = accepted_error(self.accuracy)
+        accepted = accepted_error(self.tolerance.options)
         advice = (
             f"{name}: the decisions simulated as one motion end elsewhere, by {error:.2g} "
             f"of the states' size, where {accepted:.2g} is accepted; write a smaller "
@@ -552,7 +546,7 @@ class TrackPredictive(Study, kind="track-predictive"):
             "treatment": "smooth law in the optimiser, exact in every simulation",
             "recheck": {
                 "error": {n: each.second and each.second.error for n, each in self.motions.items()},
-                "accepted": accepted_error(self.accuracy),
+                "accepted": accepted_error(self.tolerance.options),
             },
             "plan": {"violation": self.plan.violation, "steps": self.plan.steps},
         }

@@ -32,7 +32,6 @@ with on_use():
     import numpy as np
     from scipy.optimize import minimize_scalar
 
-    from wormopt.simulation.options import Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.film.body import HeavyFloat, LyingBody, carried_body, mean_velocity
@@ -44,7 +43,6 @@ with on_use():
         cross_check,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of
 
 # Keys that apply to one type of body, or to one system of units, only.
 _GROUND = ("friction_forward", "friction_backward", "friction_coefficient")
@@ -260,11 +258,6 @@ class FilmBody(Study, kind="film-body"):
     # -- the motion --------------------------------------------------------------------------------
 
     @cached_property
-    def exactness(self) -> Tolerance:
-        """Tolerance of the simulation."""
-        return tolerance_of(self.tolerance)
-
-    @cached_property
     def model(self) -> Any:
         """Model of the body in the wave."""
         forward, backward = self.frictions
@@ -278,13 +271,18 @@ class FilmBody(Study, kind="film-body"):
         end = _TURN * self.periods
         times = np.linspace(0.0, end, self.course.samples)
         return simulate(
-            self.model, end, times=times, dense=True, tolerance=self.exactness, report=self.report
+            self.model,
+            end,
+            times=times,
+            dense=True,
+            tolerance=self.tolerance.options,
+            report=self.report,
         )
 
     @stage
     def second_route(self) -> CrossCheck | None:
         return cross_check(
-            self.model, self.motion, self.exactness, recheck=self.tolerance.recheck,
+            self.model, self.motion, self.tolerance.options, recheck=self.tolerance.recheck,
             report=self.report,
         )  # fmt: skip
 
@@ -455,13 +453,13 @@ class FilmBody(Study, kind="film-body"):
                 f"the {name} of the body differs by {error:.2g} from the integral of the "
                 "forces; lower the tolerance"
             )
-            yield Check(name, error, accepted_error(self.exactness), advice)
+            yield Check(name, error, accepted_error(self.tolerance.options), advice)
 
     @facts
     def route(self) -> dict[str, Any]:
-        exactness, second = self.exactness, self.second_route
+        asked, second = self.tolerance, self.second_route
         return {
-            "tolerance": {"relative": exactness.relative, "absolute": exactness.absolute},
+            "tolerance": {"relative": asked.relative, "absolute": asked.absolute},
             "route": self.motion.route,
             "recheck": second and second.facts,
         }

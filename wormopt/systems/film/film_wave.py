@@ -31,7 +31,6 @@ from wormopt.study import (
 )
 from wormopt.study.numerics import MeshTable
 from wormopt.study.types import Pair, Positive, wrong_order
-from wormopt.systems.shared.declared import OPTIMUM
 
 with on_use():
     import numpy as np
@@ -437,11 +436,11 @@ class FilmWave(Study, kind="film-wave"):
     def n_phases(self) -> int:
         return self.wave.repeats * self.wave.motion.mesh.phases
 
-    @scalar(*OPTIMUM["defect_max"])
+    @scalar("share", "largest local error of an arc, relative to nominal sizes of states")
     def defect_max(self) -> float:
         return float(self.wave.optimum.defects.max())
 
-    @scalar(*OPTIMUM["solve_iterations"])
+    @scalar("count", "iterations of all solves together")
     def solve_iterations(self) -> int:
         return sum(stage.iterations for stage in self.wave.stages.values())
 

@@ -34,7 +34,6 @@ from wormopt.systems.film.tables import MOST_PERIODS, Film, Length, Ride
 with on_use():
     import numpy as np
 
-    from wormopt.simulation.options import Tolerance
     from wormopt.simulation.simulate import simulate
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.film.body import mean_velocity
@@ -57,7 +56,6 @@ with on_use():
         one_or_all,
         warnings_of_motion,
     )
-    from wormopt.systems.shared.settings import tolerance_of
 
 _TURN = 2 * math.pi
 # Least number of times the wave overtakes a body, and least number of simulated periods.
@@ -305,11 +303,6 @@ class Float(Study, kind="float"):
     # -- simulation --------------------------------------------------------------------------------
 
     @cached_property
-    def exactness(self) -> Tolerance:
-        """Tolerance of the simulation."""
-        return tolerance_of(self.tolerance)
-
-    @cached_property
     def end(self) -> float:
         """End of the simulation: the wave overtakes every body that is not held several times."""
         drifts = [drift for several in self.drifts for drift in several]
@@ -321,13 +314,20 @@ class Float(Study, kind="float"):
         """Simulate a model."""
         times = np.linspace(0.0, self.end, self.course.samples)
         return simulate(
-            model, self.end, times=times, dense=True, tolerance=self.exactness, report=self.report
+            model,
+            self.end,
+            times=times,
+            dense=True,
+            tolerance=self.tolerance.options,
+            report=self.report,
         )
 
     def again(self, model: Any, motion: Trajectory) -> CrossCheck | None:
         """Simulate a model by a second route."""
         recheck = self.tolerance.recheck
-        return cross_check(model, motion, self.exactness, recheck=recheck, report=self.report)
+        return cross_check(
+            model, motion, self.tolerance.options, recheck=recheck, report=self.report
+        )
 
     @cached_property
     def model_of_floats(self) -> Any:
@@ -502,7 +502,7 @@ class Float(Study, kind="float"):
     @property
     def accepted(self) -> float:
         """Accepted errors of drifts, streamlines and heights."""
-        return accepted_error(self.exactness)
+        return accepted_error(self.tolerance.options)
 
     @property
     def accepted_phase(self) -> float:
@@ -534,8 +534,8 @@ class Float(Study, kind="float"):
         rides = self.rides
         found = {
             "tolerance": {
-                "relative": self.exactness.relative,
-                "absolute": self.exactness.absolute,
+                "relative": self.tolerance.relative,
+                "absolute": self.tolerance.absolute,
             },
             "route": one_or_all([ride.motion.route for ride in rides]),
             "recheck": one_or_all([ride.cross_check and ride.cross_check.facts for ride in rides]),

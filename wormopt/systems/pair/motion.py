@@ -41,7 +41,6 @@ with on_use():
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.pair.exact import magnetic_pair, scaled_law
     from wormopt.systems.shared.proof import CrossCheck, cross_check
-    from wormopt.systems.shared.settings import tolerance_of
 
 # Distance of the average of first order from its steady state from which it has not converged.
 _CONVERGED = 1e-9
@@ -202,7 +201,7 @@ class MagneticPair(PairStudy, kind="magnetic-pair"):
     @cached_property
     def settings(self) -> dict[str, Any]:
         """What all simulations have in common."""
-        return {"p": {"frequency": self.nu}, "tolerance": tolerance_of(self.tolerance)}
+        return {"p": {"frequency": self.nu}, "tolerance": self.tolerance.options}
 
     @property
     def times(self) -> np.ndarray:

@@ -25,7 +25,7 @@ from wormopt.study import (
     on_use,
     parts,
     positive,
-    scalars,
+    scalar,
     signal,
     stage,
     value,
@@ -37,7 +37,8 @@ from wormopt.study.numerics import MeshTable
 from wormopt.study.types import NonNegative, PositiveOrPair, Seed, per, wrong_order
 from wormopt.systems.chain import CoulombFriction, Friction, faults_of_law
 from wormopt.systems.pair.tables import NATURAL
-from wormopt.systems.shared.declared import INSTANT, OPTIMUM
+from wormopt.systems.shared.declared import INSTANT
+from wormopt.systems.shared.optimal_motion import OptimumNumbers, optimum_numbers
 
 with on_use():
     import numpy as np
@@ -73,7 +74,6 @@ with on_use():
     from wormopt.systems.shared.optimum import (
         cross_check,
         optimum_facts,
-        optimum_scalars,
         replay_check,
         sample_motion,
         warnings_of_optimum,
@@ -384,13 +384,20 @@ class PairWaveform(Study, kind="pair-waveform"):
 
     # -- results -----------------------------------------------------------------------------------
 
-    @scalars(OPTIMUM)
-    def of_optimum(self) -> dict[str, Any]:
-        found = optimum_scalars(self.solves, self.second_route)
-        if self.objective.minimise:
-            unit = unit_of("energy_per_distance", self.units)
-            found["objective"] = Scalar(found["objective"], unit)
-        return found
+    @parts(OptimumNumbers)
+    def numbers(self) -> OptimumNumbers:
+        return optimum_numbers(self.solves)
+
+    @scalar(
+        "speed", "value that was minimised; a speed is maximised as its negative", name="objective"
+    )
+    def minimised(self) -> Scalar:
+        quantity = "energy_per_distance" if self.objective.minimise else "speed"
+        return Scalar(self.numbers.minimised, unit_of(quantity, self.units))
+
+    @scalar("share", "largest difference at the end from a simulation with the optimal inputs")
+    def recheck_error(self) -> float | None:
+        return self.second_route.error
 
     @parts(InHarmonicField)
     def harmonic(self) -> InHarmonicField:

@@ -59,7 +59,6 @@ with on_use():
     from wormopt.model.model import Model
     from wormopt.systems.recorded.found import label_of, unit_of_directions, unit_of_signal
     from wormopt.systems.recorded.recordings import model_of
-    from wormopt.systems.shared.settings import treatment_of
 
 # Largest accepted difference of the criterion by the second route, and violation of limits.
 _AGREED, _KEPT = 1e-4, 1e-6
@@ -392,7 +391,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
             np.arange(1, samples + 1) * end / samples,
             [one.choice(model, end) for one in self.choose],
             {name: _ends(ends) for name, ends in self.limits.items()},
-            contact=treatment_of(self.contact),
+            contact=self.contact.options,
         )
         known = self.estimates.among(experiment.names, _slopes(experiment))
         experiment = replace(experiment, known=known)

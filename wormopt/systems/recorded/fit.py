@@ -64,7 +64,6 @@ with on_use():
     )
     from wormopt.systems.recorded.recordings import Run, model_of, runs_of
     from wormopt.systems.shared.proof import one_or_all
-    from wormopt.systems.shared.settings import treatment_of
 
 Names = Annotated[
     str | tuple[str, ...],
@@ -228,7 +227,7 @@ class FitRecordings(FromScene, kind="fit"):
                 raise SceneError(self.name, [(f"unknown[{k}]", what)]) from None
             unknowns.append(unknown)
         recordings = [run.recording for run in runs if run.fitted]
-        contact = treatment_of(self.contact)
+        contact = self.contact.options
         try:
             return FitTask(model, recordings, unknowns, contact=contact, loss=self.loss)
         except ArgumentError as error:

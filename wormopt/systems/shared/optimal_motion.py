@@ -91,6 +91,25 @@ class OptimumNumbers:
     phase_times: list[float] = value("time", "start times of the phases, and the end time")
 
 
+def optimum_numbers(optima: Mapping[str, Optimum]) -> OptimumNumbers:
+    """Numbers of programs solved one after another, of which the last is the result."""
+    optimum = [*optima.values()][-1]
+    modes, times = modes_of(optimum)
+    rms, peak = input_sizes(optimum.motion)
+    return OptimumNumbers(
+        duration=optimum.motion.duration,
+        minimised=optimum.objective,
+        input_rms=rms,
+        input_peak=peak,
+        defect_max=float(optimum.defects.max()),
+        complementarity_max=optimum.complementarity,
+        solve_iterations=sum(one.iterations for one in optima.values()),
+        n_phases=len(modes),
+        mode_sequence=modes,
+        phase_times=times,
+    )
+
+
 class OptimalMotion(Study):
     """An optimal motion: a kind gives `solve`, `expressions`, `defect` and its arrays."""
 
@@ -162,20 +181,7 @@ class OptimalMotion(Study):
 
     @parts(OptimumNumbers)
     def numbers(self) -> OptimumNumbers:
-        optimum, (modes, times) = self.optimum, modes_of(self.optimum)
-        rms, peak = input_sizes(optimum.motion)
-        return OptimumNumbers(
-            duration=optimum.motion.duration,
-            minimised=optimum.objective,
-            input_rms=rms,
-            input_peak=peak,
-            defect_max=float(optimum.defects.max()),
-            complementarity_max=optimum.complementarity,
-            solve_iterations=sum(one.iterations for one in self.optimisation.optima.values()),
-            n_phases=len(modes),
-            mode_sequence=modes,
-            phase_times=times,
-        )
+        return optimum_numbers(self.optimisation.optima)
 
     @scalar("share", "largest difference at the end from a simulation with the optimal inputs")
     def recheck_error(self) -> float | None:

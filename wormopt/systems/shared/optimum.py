@@ -190,29 +190,6 @@ def modes_of(optimum: Optimum) -> tuple[list[list[int]], list[float]]:
 # -- numbers ---------------------------------------------------------------------------------------
 
 
-def optimum_scalars(stages: Mapping[str, Optimum], second: CrossCheck) -> dict[str, Any]:
-    """Scalars of `OPTIMUM`; inputs are None, unknown, if they act by impulses.
-
-    The last of `stages` is the result, `second` its simulation.
-    """
-    optimum = [*stages.values()][-1]
-    modes, times = modes_of(optimum)
-    rms, peak = input_sizes(optimum.motion)
-    return {
-        "time": optimum.motion.duration,
-        "objective": optimum.objective,
-        "input_rms": rms,
-        "input_peak": peak,
-        "defect_max": float(optimum.defects.max()),
-        "complementarity_max": optimum.complementarity,
-        "recheck_error": second.error,
-        "solve_iterations": sum(o.iterations for o in stages.values()),
-        "n_phases": len(modes),
-        "mode_sequence": modes,
-        "phase_times": times,
-    }
-
-
 def input_sizes(motion: Motion) -> tuple[float | None, float | None]:
     """Root mean square of u over time, and the largest |u_j|; None if inputs act by impulses."""
     if motion.program.problem.impulses:
@@ -245,14 +222,6 @@ def statistics(optimum: Optimum) -> dict[str, Any]:
         "build_s": optimum.build_s,
         "solve_s": optimum.solve_s,
         "functions_s": optimum.functions_s,
-    }
-
-
-def optimum_timings(stages: Mapping[str, Optimum]) -> dict[str, float]:
-    """Seconds to ``build`` and to ``solve`` the programs of all stages."""
-    return {
-        "build": sum(o.build_s for o in stages.values()),
-        "solve": sum(o.solve_s for o in stages.values()),
     }
 
 

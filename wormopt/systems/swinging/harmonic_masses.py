@@ -40,7 +40,6 @@ with on_use():
     from wormopt.simulation.trajectory import Trajectory
     from wormopt.systems.chain import laws_of
     from wormopt.systems.shared.proof import accepted_error, count_events, warnings_of_motion
-    from wormopt.systems.shared.settings import tolerance_of
     from wormopt.systems.swinging.prescribed import harmonic_masses, steady_masses
     from wormopt.systems.swinging.steady import (
         Orbit,
@@ -468,7 +467,7 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
         runner = Runner(
             measured(self.worm.model(place=True)),
             self.worm.period,
-            tolerance_of(self.tolerance),
+            self.tolerance.options,
             self.report,
         )
         tried = [
@@ -495,14 +494,14 @@ class HarmonicMasses(Study, kind="harmonic-masses"):
             end,
             x0={"center_velocity": self.start.velocity},
             times=np.linspace(0.0, end, self.time.samples),
-            tolerance=tolerance_of(self.tolerance),
+            tolerance=self.tolerance.options,
             route="radau" if stiff else "auto",
         )
 
     @property
     def accepted(self) -> float:
         """Accepted error of exact velocities."""
-        return accepted_error(tolerance_of(self.tolerance)) * self.size
+        return accepted_error(self.tolerance.options) * self.size
 
     # -- results -----------------------------------------------------------------------------------
 
