@@ -283,9 +283,9 @@ class PlannedExperiment(FromScene, kind="experiment"):
 
     headline: ClassVar = ("shrinkage", "shrinkage_median", "prediction_error")
     pictures: ClassVar = {
-        "course": "wormopt.systems.recorded.plots.experiment:course",
-        "errors": "wormopt.systems.recorded.plots.experiment:errors",
-        "regions": "wormopt.systems.recorded.plots.experiment:regions",
+        "course": "wormopt.systems.recorded.pictures:course",
+        "errors": "wormopt.systems.recorded.pictures:errors",
+        "regions": "wormopt.systems.recorded.pictures:regions",
     }
     exports: ClassVar = {"course.csv": "wormopt.systems.recorded.experiment:as_csv"}
 

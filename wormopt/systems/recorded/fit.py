@@ -134,11 +134,11 @@ class FitRecordings(FromScene, kind="fit"):
     """
 
     pictures: ClassVar = {
-        "recordings": "wormopt.systems.recorded.plots.fit:recordings",
-        "parameters": "wormopt.systems.recorded.plots.found:parameters",
-        "correlation": "wormopt.systems.recorded.plots.found:correlation",
-        "profiles": "wormopt.systems.recorded.plots.fit:profiles",
-        "prediction": "wormopt.systems.recorded.plots.fit:prediction",
+        "recordings": "wormopt.systems.recorded.pictures:recordings",
+        "parameters": "wormopt.systems.recorded.pictures:parameters",
+        "correlation": "wormopt.systems.recorded.pictures:correlation",
+        "profiles": "wormopt.systems.recorded.pictures:profiles",
+        "prediction": "wormopt.systems.recorded.pictures:prediction",
     }
     table_file = True
 

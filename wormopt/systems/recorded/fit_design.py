@@ -206,8 +206,8 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "forces": "wormopt.systems.recorded.plots.fit_design:forces",
-        "loads": "wormopt.systems.recorded.plots.fit_design:loads",
+        "forces": "wormopt.systems.recorded.pictures:forces",
+        "loads": "wormopt.systems.recorded.pictures:loads",
         "gait": "wormopt.systems.spiked.plots.gaits:gait",
         "motion": "wormopt.systems.spiked.plots.gaits:motion",
         "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
@@ -387,6 +387,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         name="confidence",
     )
     def confidence_of_limits(self) -> float:
+        _ = self.design  # without a design there are no limits to hold
         return self.confidence
 
     @scalar("1", "size of the confidence ellipsoid, in standard errors", when="converged")
@@ -424,7 +425,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         return designed(replace(nominal.task, worm=plant), known, self.report)
 
     @parts(OnPlant, when="is_tested")
-    def tested(self) -> OnPlant:
+    def test_on_plant(self) -> OnPlant:
         plant = self.plant_worm
         assert plant is not None
         motion, bold = (on_plant(one, plant) for one in (self.design.design, self.design.nominal))
@@ -456,7 +457,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
             return
         yield from self.second_route.checks
         if self.is_tested:
-            yield from self._checks_of_plant(self.tested.motion)
+            yield from self._checks_of_plant(self.test_on_plant.motion)
 
     def _checks_of_plant(self, motion: Crawl) -> Iterator[Check]:
         limits: dict[str, Any] = {

@@ -103,9 +103,9 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     """
 
     pictures: ClassVar = {
-        "measurements": "wormopt.systems.recorded.plots.fit_numbers:measurements",
-        "parameters": "wormopt.systems.recorded.plots.found:parameters",
-        "correlation": "wormopt.systems.recorded.plots.found:correlation",
+        "measurements": "wormopt.systems.recorded.pictures:measurements",
+        "parameters": "wormopt.systems.recorded.pictures:parameters",
+        "correlation": "wormopt.systems.recorded.pictures:correlation",
     }
     table_file = True
 
