@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
+from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check
 from wormopt.study import (
@@ -30,7 +30,7 @@ from wormopt.study import (
 )
 from wormopt.study.types import PerMass, Positive, Seed
 from wormopt.systems.recorded.recording_file import RecordingFile
-from wormopt.systems.recorded.tables import named_twice
+from wormopt.systems.recorded.tables import named_twice, refused_at
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,
@@ -304,10 +304,8 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         """Give the run of a recording, which starts at time 0 with the worm at rest."""
         worm = self.worm.worm
         gait = gait_of_shape(recording.gait, self.scene)
-        try:
+        with refused_at(self, "gait"):
             model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
-        except ArgumentError as error:
-            raise SceneError(self.name, [("gait", str(error))]) from None
         run = run_of(recording, self.folder, model, self.units)
         read = run.recording
         begun = replace(read, model=read.model or model, span=(0.0, float(read.times[-1])))
@@ -319,10 +317,8 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         model, asked = recordings[0].model, self.fit
         assert model is not None
         unknowns = [Unknown(name) for name in asked.numbers]
-        try:
+        with refused_at(self, "fit"):
             task = FitTask(model, recordings, unknowns, noise=asked.noise or None)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("fit", str(error))]) from None
         return fit(task, seeds=asked.seeds, seed=asked.seed, report=self.report)
 
     @cached_property
