@@ -1,7 +1,5 @@
 """Of gaits that are equally fast, the same one is designed whatever rounding does."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from designs import kept
@@ -10,9 +8,8 @@ import wormopt as wo
 from wormopt.systems.spiked.design import design as designs
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed
-from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Search, Worm
 from wormopt.systems.spiked.search.trial import Trier
-from wormopt.systems.spiked.task import GaitProblem, Search, Worm
 
 ROBOT = {
     "schema": 1,
@@ -28,7 +25,7 @@ ROBOT = {
 
 def problem(name: str) -> tuple[GaitProblem, Search]:
     scene = wo.load_scene(ROBOT if name == "robot" else name)
-    return scene.table.task(scene.table.objective.objective), scene.table.search.search
+    return scene.table.task(scene.table.objective), scene.table.search
 
 
 def nudged(task: GaitProblem, rng: np.random.Generator) -> GaitProblem:
@@ -42,9 +39,9 @@ def nudged(task: GaitProblem, rng: np.random.Generator) -> GaitProblem:
         return value + int(rng.integers(-4, 5)) * float(np.spacing(value))
 
     names = ("length", "rate", "acceleration", "spike_load")
-    limits = replace(task.limits, **{name: off(getattr(task.limits, name)) for name in names})
-    worm = replace(task.worm, mass=off(task.worm.mass), load=off(task.worm.load))
-    return replace(task, worm=worm, limits=limits)
+    limits = task.limits.vary(**{name: off(getattr(task.limits, name)) for name in names})
+    worm = task.worm.vary(mass=off(task.worm.mass), load=off(task.worm.load))
+    return task.vary(worm=worm, limits=limits)
 
 
 def lengths(found: Design) -> np.ndarray:
@@ -87,7 +84,7 @@ def test_a_cycle_begins_with_the_smallest_order():
 
 @pytest.mark.parametrize("order", [((1,), (2,), (0,)), ((2,), (1,), (0,))])
 def test_an_order_that_is_asked_for_is_kept(order):
-    found = design(WORM, LIMITS, search=replace(QUICK, sequence=order))
+    found = design(WORM, LIMITS, search=QUICK.vary(sequence=order))
     assert found.sequence == order
     assert found.trial is not None
     turned, _ = designs.chosen(Trier(found.task), found.trial, turn=True)
@@ -110,10 +107,10 @@ def test_links_are_as_long_as_they_can_be():
     [
         (WORM, LIMITS),
         (Worm(3, load=5.0), LIMITS),
-        pytest.param(Worm(4, load=5.0), replace(LIMITS, resting=2), marks=pytest.mark.slow),
+        pytest.param(Worm(4, load=5.0), LIMITS.vary(resting=2), marks=pytest.mark.slow),
         pytest.param(Worm(6, load=5.0), LIMITS, marks=pytest.mark.slow),
         pytest.param(Worm(2, load=5.0, drag=0.5), LIMITS, marks=pytest.mark.slow),
-        pytest.param(WORM, replace(LIMITS, spike_load=27.0), marks=pytest.mark.slow),
+        pytest.param(WORM, LIMITS.vary(spike_load=27.0), marks=pytest.mark.slow),
     ],
 )
 def test_the_choice_costs_nothing(worm: Worm, limits: Limits, monkeypatch: pytest.MonkeyPatch):

@@ -16,7 +16,7 @@ from wormopt.progress import silent
 from wormopt.systems.spiked import design_results, gait_design
 from wormopt.systems.spiked.certify.program import Program
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.task import GaitProblem, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Search, Worm
 
 OWN = [
     "search.sequence=[[0],[1],[2]]", 'search.effort="quick"', "search.workers=1",
@@ -163,8 +163,8 @@ def test_proofs_that_cannot_be_had_are_refused(changes: list[str], said: str):
 
 def test_python_proves_what_a_scene_proves():
     scene = wo.load_scene("certified_gait", OWN)
-    task = scene.table.task(scene.table.objective.objective)
-    found = designed_once(task, scene.table.search.search)
+    task = scene.table.task(scene.table.objective)
+    found = designed_once(task, scene.table.search)
     told = wo.certify(found, gap=2e-2)
     result = wo.run(scene)
     assert told.bound == value(result, "bound")

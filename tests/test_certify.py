@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from itertools import combinations, pairwise, product
@@ -28,8 +28,15 @@ from wormopt.systems.spiked.certify.program import Level, Outer, Program
 from wormopt.systems.spiked.certify.statement import Statement
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.optimize import designed as designed_by
-from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.task import Certify, GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import (
+    Certify,
+    GaitProblem,
+    Limits,
+    Objective,
+    Rates,
+    Search,
+    Worm,
+)
 from wormopt.systems.spiked.verify import violations
 
 SPEED = Objective()
@@ -152,7 +159,7 @@ def extremes_as_limits(
     forces = worm.drag * motion.velocity.c
     forces[1:] += worm.masses * motion.velocity.derivative().c
     own = least_of(PPoly(forces.mean(axis=2), motion.velocity.x))
-    worm = replace(worm, load=(max(0.0, -own) + margin) * WIDER)
+    worm = worm.vary(load=(max(0.0, -own) + margin) * WIDER)
     crawled = crawl(gait, worm.masses, worm.drag, worm.load, sharing)  # type: ignore[arg-type]
     low, high = (v * WIDER for v in crawled.extremes("rate"))
     shortest, longest = crawled.extremes("length")
@@ -293,7 +300,7 @@ def coasting() -> tuple[GaitProblem, float]:
     coasting = (1.0 - 2 * load * stop) / k
     best = (0.5 - stop - 1 / 20) + 1 / 40 + coasting
     task = g1(links=1)
-    task = replace(task, worm=Worm(links=1, mass=1.0, drag=k, load=load))
+    task = task.vary(worm=Worm(links=1, mass=1.0, drag=k, load=load))
     return task, best
 
 
@@ -311,7 +318,7 @@ def test_one_link_is_bounded_by_its_closed_form(given_):
     )
     task = GaitProblem(Worm(links=1, mass=given_["masses"], load=load), limits, SPEED)
     periods = given_["period"] / np.geomspace(1.0, 10.0, 60)  # every shorter one counts
-    best = max(one_link_speed(task.worm, replace(limits, period=float(t))) for t in periods)
+    best = max(one_link_speed(task.worm, limits.vary(period=float(t))) for t in periods)
     found = bound_of(task, best, 0.02)
     assert best * (1 - 1e-12) <= found.bound <= best * 1.02  # the best lies between two of these
     assert found.certificate is not None
@@ -435,8 +442,8 @@ def test_limits_hold_under_every_load_of_a_range():
 def test_tighter_limits_never_raise_a_bound():
     loose = g1(spike_load=30.0, actuator_force=25.0)
     for tighter in ({"spike_load": 25.0}, {"actuator_force": 20.0}, {"sigma_margin": 1.0}):
-        limits = replace(loose.limits, **tighter)
-        assert solved(replace(loose, limits=limits), 1, 1, 3) <= solved(loose, 1, 1, 3) + 1e-7
+        limits = loose.limits.vary(**tighter)
+        assert solved(loose.vary(limits=limits), 1, 1, 3) <= solved(loose, 1, 1, 3) + 1e-7
 
 
 def test_a_peak_load_is_bounded_from_below():

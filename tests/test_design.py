@@ -25,9 +25,8 @@ from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.design import objective_of
 from wormopt.systems.spiked.design.optimize import design, designed
 from wormopt.systems.spiked.files import gait_of_result
-from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Rates, Search, Worm
 from wormopt.systems.spiked.search.trial import Trier
-from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
 from wormopt.systems.spiked.verify import violations
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
@@ -116,7 +115,7 @@ def test_drag_bends_the_arcs_and_they_are_resolved():
 def test_halving_every_arc_confirms_the_discretisation_error():
     """What is left by the last halving, against halving once more with a higher degree."""
     own = Search(sequence=((0,), (1,), (2,)))
-    found = design(replace(G1_WORM, drag=0.5), G1_LIMITS, search=own)
+    found = design(G1_WORM.vary(drag=0.5), G1_LIMITS, search=own)
     trial = found.trial
     assert trial is not None
     finer = Trier(found.task).finer(trial, 1e-9, trial.program.degree + 1)
@@ -136,7 +135,7 @@ def test_uphill_gait_keeps_two_masses_at_rest():
 @cache
 def best_wave(links: int, resting: int) -> float:
     """Speed of the fastest block-rest wave of trapezoidal rate within the limits of G1."""
-    limits = replace(G1_LIMITS, resting=resting)
+    limits = G1_LIMITS.vary(resting=resting)
     for stroke in np.linspace(0.6, 0.02, 30):
         for ramp in (0.15, 0.3, 0.5):
             length = (1 - stroke / 2, 1 + stroke / 2)
@@ -427,7 +426,8 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
     def refusing(*args):
         calls.append(args)
         if len(calls) == fails_at:
-            raise SolveError("limits.rate is too small for the limits.", "raise limits.rate")
+            key = args[0].key_of("limits.rate")
+            raise SolveError(f"{key} is too small for the limits.", f"raise {key}")
         return original(*args)
 
     monkeypatch.setattr(gait_pareto, "designed", refusing)
@@ -444,7 +444,7 @@ def test_a_front_says_in_words_of_the_scene_why_there_is_no_gait(
 
 def test_impulses_reach_what_accelerations_cannot():
     """Rates may jump without an acceleration limit; momentum still falls no faster than by load."""
-    limits = replace(G1_LIMITS, acceleration=None, impulses=True)
+    limits = G1_LIMITS.vary(acceleration=None, impulses=True)
     own = Search(sequence=((0,), (2,), (1,)), workers=1)
     found = design(G1_WORM, limits, search=own)
     motion = crawl(found.gait, G1_WORM.masses, 0.0, 5.0)

@@ -63,7 +63,7 @@ def test_numbers_that_no_recording_tells_are_said(tmp_path: Path):
         ({"fit.numbers": []}, "fit.numbers: the list is empty"),
         ({"plant.mass": [1.0, 1.0]}, "plant.mass: 2 entries"),
         ({"confidence": 1.0}, "confidence: .*from 0.5 to below 1"),
-        ({"worm.links": 3}, 'recording.0..gait.shape: "fast" has 2 links'),
+        ({"worm.links": 3, "plant.mass": 1.0}, 'recording.0..gait.shape: "fast" has 2 links'),
     ],
 )
 def test_scenes_that_do_not_fit_together_are_refused(changes: dict, told: str):

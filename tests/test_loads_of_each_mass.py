@@ -16,8 +16,7 @@ from wormopt.systems.spiked.construct import travelling_sine
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design
 from wormopt.systems.spiked.design.sensitivity import scaling_error, sensitivities
-from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.task import GaitProblem, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Search, Worm
 
 MASSES, LOADS = (1.0, 2.0, 1.5), (0.5, 4.0, 9.0)
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
@@ -102,9 +101,9 @@ def test_sensitivities_by_each_load_are_those_of_designs(
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        ((0.0, 1.0, 2.0, 3.0), "worm.load: 4 entries for 3 masses"),
-        ((0.0, -1.0, 2.0), "worm.load: not -1"),
-        ((2.0, 1.0), "worm.load: the range .2, 1. is empty"),
+        ((0.0, 1.0, 2.0, 3.0), "Worm: load: 4 entries for 3 masses"),
+        ((0.0, -1.0, 2.0), r"Worm: load.1.: -1.* is not allowed"),
+        ((2.0, 1.0), "Worm: load: the range .2, 1. is empty"),
     ],
 )
 def test_loads_that_fit_no_worm_are_refused(load: tuple[float, ...], message: str):

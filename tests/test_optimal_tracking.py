@@ -25,8 +25,7 @@ from wormopt.study import load_scene
 from wormopt.systems.chain.build import chain
 from wormopt.systems.chain.measured import judged, judged_numbers
 from wormopt.systems.chain.optimal_tracking import optimal_input
-from wormopt.systems.chain.rivals import draw_plants
-from wormopt.systems.chain.scenes.track_optimal import (
+from wormopt.systems.chain.tables import (
     GridTable,
     LeastError,
     RelaxationTable,
@@ -348,14 +347,14 @@ def test_who_knows_the_plant_does_better_on_it(compared: Result):
 
 
 def test_drawn_plants_are_the_same_whatever_their_number():
-    few = load_scene("compare_tracking", ["draws.members=3", "draws.known=0"]).table
-    many = load_scene("compare_tracking").table
+    few = wo.load("compare_tracking", ["draws.members=3", "draws.known=0"])
+    many = wo.load("compare_tracking")
     gait = fast_gait(1.0)
-    for a, b in zip(draw_plants(few, gait), draw_plants(many, gait), strict=False):
+    for a, b in zip(few.plants(gait), many.plants(gait), strict=False):
         for name, values in a.items():
             np.testing.assert_array_equal(values, b[name])
             assert np.all(np.abs(values / np.mean(values) - 1) < 1)
-    factors = np.array([each["friction_backward"] for each in draw_plants(many, gait)]) / 10
+    factors = np.array([each["friction_backward"] for each in many.plants(gait)]) / 10
     assert 0.7 <= factors.min() < 0.72
     assert 1.28 < factors.max() <= 1.3
 

@@ -12,8 +12,7 @@ from wormopt.systems.spiked.ceiling import ceiling
 from wormopt.systems.spiked.certify.certified import certify
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Search, Worm
 
 QUICK = Search(effort="quick", workers=1)
 

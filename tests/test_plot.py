@@ -31,7 +31,7 @@ from wormopt.plotting import draw, figure, save
 from wormopt.plotting.parts import LINKS, stretches
 from wormopt.quantities import Scalar
 from wormopt.result import Result
-from wormopt.systems.channel.plots import rod
+from wormopt.systems.channel import pictures as rod
 
 SAVED = Path(__file__).parent / "results"
 # Packaged scenes whose results are drawn, by picture; those saved are made by results/make.py.
@@ -561,7 +561,7 @@ def test_a_picture_that_cannot_be_written_leaves_the_old_one(tmp_path: Path):
 
 
 def test_the_animation_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("wormopt.systems.spiked.plots.animation.FRAMES", 12)  # of 72
+    monkeypatch.setattr("wormopt.systems.spiked.pictures.FRAMES", 12)  # of 72
     path = tmp_path / "animation.gif"
     draw(sample("animation"), "animation", path, width=50)
     assert path.stat().st_size < 2_000_000
@@ -774,7 +774,7 @@ def test_plot_draws_what_the_scene_wants_beside_the_result(saved: Path, capsys: 
     assert capsys.readouterr().out.split() == [str(saved / name) for name in drawn]
     assert main(["plot", str(saved / "result.nc"), "gait", "--format", "pdf"]) == 0
     listed = json.loads((saved / "summary.json").read_text())["files"]
-    assert listed == ["result.nc", "summary.json", *drawn, "gait.pdf"]
+    assert listed == ["result.nc", "summary.json", "certificate.json", *drawn, "gait.pdf"]
     assert {path.name for path in saved.iterdir()} == set(listed)
     assert Result.load(saved).scalars == sample("limits").scalars
     # they are its own now, to be drawn again

@@ -1,6 +1,5 @@
 """The bilinear program of one order of rest, and what designs of it keep, by independent routes."""
 
-from dataclasses import replace
 from functools import cache
 from math import sqrt
 from typing import Any
@@ -12,18 +11,18 @@ from hypothesis import example, given, reject, settings
 from hypothesis import strategies as st
 from test_certify import one_link_speed, one_links
 
-from wormopt.bench import design_cases, design_rivals
-from wormopt.bench.design_cases import Motion
+from tests.benchmarks import design_cases, design_rivals
+from tests.benchmarks.design_cases import Motion
 from wormopt.errors import SolveError
 from wormopt.numerics.bilinear import Climb, Point
+from wormopt.study.given import plain
 from wormopt.systems.shared.sequences import lasting
 from wormopt.systems.spiked.bimodal import integrate
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Rates, Search, Worm
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import GaitProblem, Search, Worm
 
 G1 = 14 * sqrt(1394) / 125 - 839 / 250  # theory: masses rest in the order 0, 2, 1
 G1_WORM = Worm(links=2, load=5.0)
@@ -49,10 +48,7 @@ def motion_of(found: Design) -> Motion:
 
 
 def case_of(worm: Worm, limits: Limits) -> design_cases.Case:
-    gait = {key: value for key, value in vars(limits).items() if value is not None}
-    if isinstance(limits.rate, Rates):
-        gait["rate"] = vars(limits.rate)
-    return {"name": "drawn", "worm": vars(worm), "gait": gait}
+    return {"name": "drawn", "worm": plain(worm), "gait": plain(limits)}
 
 
 def parts_of(case: design_cases.Case) -> tuple[Worm, Limits]:
@@ -92,12 +88,10 @@ def test_one_link_is_designed_to_its_closed_form(given_: dict[str, Any]):
     )
     worm = Worm(links=1, mass=given_["masses"], load=load)
     found = design(worm, limits, search=Search(sequence=((0,), (1,)), effort="quick"))
-    best = max(
-        one_link_speed(worm, replace(limits, period=given_["period"] / k)) for k in range(1, 30)
-    )
+    best = max(one_link_speed(worm, limits.vary(period=given_["period"] / k)) for k in range(1, 30))
     assert found.speed == pytest.approx(best, rel=1e-9)
     assert found.speed == pytest.approx(
-        one_link_speed(worm, replace(limits, period=given_["period"] / found.cycles)), rel=1e-9
+        one_link_speed(worm, limits.vary(period=given_["period"] / found.cycles)), rel=1e-9
     )
     assert max(found.violations.values()) <= 1e-9
     assert found.motion.extremes("sigma")[0][0] >= limits.sigma_margin - 1e-9 * load
@@ -110,7 +104,7 @@ def test_the_speed_of_one_link_by_hand():
     assert sorted(found.durations) == pytest.approx([0.5, 0.5], abs=1e-12)
     # up and down without a plateau a stroke takes 0.15 v with v^2 = stroke / 0.075: five of 0.03
     # there and back in a period, and a small one in the time that is left
-    short = design(Worm(1, load=5.0), replace(G1_LIMITS, length=(0.7, 0.73)))
+    short = design(Worm(1, load=5.0), G1_LIMITS.vary(length=(0.7, 0.73)))
     left = 1.0 - 10 * 0.15 * np.sqrt(0.03 / 0.075)
     assert len(short.sequence) * short.cycles == 12
     assert short.speed == pytest.approx(5 * 0.03 + 0.075 * (left / 0.3) ** 2, abs=1e-12)
@@ -155,8 +149,8 @@ orders = st.sampled_from([((0,), (2,)), G1_ORDER, ((0,), (1,), (2,)), ((0,), (1,
     st.integers(1, 2),
 )
 def test_halving_the_arcs_never_loses(room, acceleration, drag, sequence, arcs, degree):
-    limits = replace(G1_LIMITS, length=(0.7, 0.7 + room), acceleration=acceleration)
-    task = GaitProblem(replace(G1_WORM, drag=drag), limits)
+    limits = G1_LIMITS.vary(length=(0.7, 0.7 + room), acceleration=acceleration)
+    task = GaitProblem(G1_WORM.vary(drag=drag), limits)
     program, found = climbed(task, sequence, arcs, degree)
     for raised in (None, degree + 1):
         finer, start = program.finer(found, raised)
@@ -177,7 +171,7 @@ def test_halving_the_arcs_never_loses(room, acceleration, drag, sequence, arcs, 
 @settings(max_examples=examples(10), derandomize=True)
 @given(st.floats(0.3, 1.0), st.floats(8.0, 40.0), orders)
 def test_sharpening_ends_at_rounding_and_loses_nothing(room, acceleration, sequence):
-    limits = replace(G1_LIMITS, length=(0.7, 0.7 + room), acceleration=acceleration)
+    limits = G1_LIMITS.vary(length=(0.7, 0.7 + room), acceleration=acceleration)
     program, found = climbed(GaitProblem(G1_WORM, limits), sequence, 8, 1)
     best = program.bilinear.climb(found, Climb(1e-12, 60))
     sharp, multipliers = program.bilinear.sharpen(best)

@@ -21,30 +21,18 @@ from wormopt.magnetics.coils import Coil, CoilRow
 from wormopt.numerics.compass import Look, compass
 from wormopt.progress import silent
 from wormopt.simulation.moreau import MoreauJean
+from wormopt.systems.channel import rod_frequency
 from wormopt.systems.channel.rod import Rod
+from wormopt.systems.channel.rod_course import RodPoint, mean_velocity
+from wormopt.systems.channel.rod_frequency import rod_points
 from wormopt.systems.channel.rod_model import (
     block_load,
     block_schedule,
     magnetic_strength,
     switched_blocks,
 )
-from wormopt.systems.channel.runs import rod_course, rod_frequency
-from wormopt.systems.channel.runs.rod_case import RodCase
-from wormopt.systems.channel.runs.rod_course import (
-    RodPoint,
-    finer,
-    follow,
-    mean_velocity,
-    rod_points,
-)
-from wormopt.systems.channel.scenes.rod import (
-    ChannelTable,
-    CourseTable,
-    MeshTable,
-    PatternTable,
-    WormTable,
-    ZigzagTable,
-)
+from wormopt.systems.channel.rod_motion import RodMotion
+from wormopt.systems.channel.tables import Channel, Course, Mesh, Worm
 
 MU0 = 4e-7 * np.pi
 COIL = Coil(2e-3, 9e-3, 20e-3)
@@ -239,30 +227,28 @@ def test_compass_seldom_takes_noise_for_a_gain():
 # --- one motion --------------------------------------------------------------------------
 
 
-def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodCase:
-    """A coarse rod, followed for a short time."""
+def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodMotion:
+    """A coarse rod, simulated for a short time."""
     coarse = {"mesh": {"elements": 10, "degree": 1}, "course": {"cycles": 4, "duration": 0.05}}
-    plain = RodCase(
-        WormTable(), ChannelTable(), ZigzagTable(), PatternTable(), MeshTable(), CourseTable(), rate
-    )
+    plain = RodMotion(units="SI", switching={"rate": rate})
     return plain.varied(**(coarse | tables))
 
 
 def test_a_rod_in_a_travelling_field_goes_against_it_and_balances_its_energy():
     fine = {"elements": 10, "degree": 1, "step": 4e-5}
-    course = follow(case(mesh=fine, course={"cycles": 6}))
-    assert course.point.velocity < 0
-    assert course.point.energy_error < 1e-2
-    assert 0 <= course.point.penetration < 0.05
-    assert course.steps.pressed.min() >= 0
+    crawl = case(mesh=fine, course={"cycles": 6})
+    assert crawl.point.velocity < 0
+    assert crawl.point.energy_error < 1e-2
+    assert 0 <= crawl.point.penetration < 0.05
+    assert crawl.motion.pressed.min() >= 0
     # Coulomb: no more than friction times what presses, but for rounding of summed impulses
-    assert np.all(np.abs(course.steps.rubbed) <= 0.5 * course.steps.pressed + 1e-10)
+    assert np.all(np.abs(crawl.motion.rubbed) <= 0.5 * crawl.motion.pressed + 1e-10)
 
 
 def test_without_a_field_nothing_moves():
-    course = follow(case(coils={"ampere_turns": 1e-6}))
-    assert np.ptp(course.centre) < 1e-12
-    assert course.point.velocity == pytest.approx(0.0, abs=1e-12)
+    still = case(coils={"ampere_turns": 1e-6})
+    assert np.ptp(still.mean_place) < 1e-12
+    assert still.point.velocity == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.slow
@@ -286,13 +272,13 @@ def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: An
     first = rod_points(cases[:1], tmp_path, silent, "testing")
     assert len(list(tmp_path.glob("*.json"))) == 1
 
-    told: list[RodCase] = []
+    told: list[RodMotion] = []
 
-    def pretend(one: RodCase, folder: Path) -> RodPoint:
+    def pretend(one: RodMotion, folder: Path) -> RodPoint:
         told.append(one)
-        return RodPoint.lost(one.rate, "never followed")
+        return RodPoint.lost(one.switching.rate, "never followed")
 
-    monkeypatch.setattr(rod_course, "_follow_and_keep", pretend)
+    monkeypatch.setattr(rod_frequency, "_simulate_and_keep", pretend)
     again = rod_points(cases, tmp_path, silent, "testing")
     assert told == cases[1:]
     assert again[0] == first[0]
@@ -301,8 +287,8 @@ def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: An
 
 def test_a_damaged_file_counts_as_missing(tmp_path: Path):
     one = case(100.0)
-    rod_course._file(one, tmp_path).write_text("{")
-    assert rod_course.kept(one, tmp_path) is None
+    rod_frequency._file(one, tmp_path).write_text("{")
+    assert rod_frequency.kept(one, tmp_path) is None
 
 
 def points(velocities: dict[float, float]) -> Any:
@@ -312,9 +298,13 @@ def points(velocities: dict[float, float]) -> Any:
         del folder, report, text
         rates, speeds = np.array(list(velocities)), np.array(list(velocities.values()))
         return [
-            RodPoint(one.rate, float(speed), 1e-4, True, 1e-4, 1e-3, 1e-3, 0.0125, 1.0)
-            for one, speed in zip(cases, np.interp([c.rate for c in cases], rates, speeds),
-                                  strict=True)
+            RodPoint(
+                rate=one.switching.rate, velocity=float(speed), error=1e-4, settled=True,
+                energy_error=1e-4, penetration=1e-3, field_error=1e-3, arc_length=0.0125,
+            )
+            for one, speed in zip(
+                cases, np.interp([c.switching.rate for c in cases], rates, speeds), strict=True
+            )
         ]  # fmt: skip
 
     return find
@@ -361,9 +351,9 @@ def test_lost_motions_are_kept_and_told(tmp_path: Path, monkeypatch: Any):
     def fail(*given: Any) -> Any:
         raise wo.SolveError("the motion is no longer a number")
 
-    monkeypatch.setattr(rod_course, "follow", fail)
+    monkeypatch.setattr(RodMotion, "point", property(fail))
     (found,) = rod_points([case()], tmp_path, silent, "testing")
-    back = rod_course.kept(case(), tmp_path)
+    back = rod_frequency.kept(case(), tmp_path)
     assert back is not None
     assert found.reason == back.reason == lost.reason
     assert np.isnan([found.velocity, back.velocity, back.arc_length]).all()
@@ -392,7 +382,7 @@ def test_motions_that_are_all_lost_end_the_study(monkeypatch: Any):
     monkeypatch.setattr(
         rod_frequency,
         "rod_points",
-        lambda cases, *_: [RodPoint.lost(c.rate, "lost") for c in cases],
+        lambda cases, *_: [RodPoint.lost(c.switching.rate, "lost") for c in cases],
     )
     with pytest.raises(wo.SolveError, match="lost; write a shorter"):
         wo.run(wo.load_scene("fig22_frequency_response"))
@@ -432,8 +422,8 @@ def test_nothing_is_called_sensitive_where_nothing_changes(monkeypatch: Any):
 
 def test_half_the_step_is_half_of_the_step_that_is_taken():
     given = case(mesh={"elements": 10, "degree": 1, "step": 1e-5})
-    assert finer(given).mesh.step == 5e-6
-    assert finer(given, 15).mesh.step is None
+    assert given.finer().mesh.step == 5e-6
+    assert given.finer(15).mesh.step is None
 
 
 def test_a_stopped_study_keeps_its_curve(monkeypatch: Any):
@@ -445,11 +435,7 @@ def test_a_stopped_study_keeps_its_curve(monkeypatch: Any):
             raise KeyboardInterrupt
         return points(CURVE)(cases, *others)
 
-    known = points(CURVE)
     monkeypatch.setattr(rod_frequency, "rod_points", stopped)
-    monkeypatch.setattr(
-        rod_frequency, "kept", lambda one, folder: known([one], folder, silent, "")[0]
-    )
     with pytest.raises(Interrupted) as stop:
         wo.run(wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]"]))
     partial: Any = stop.value.partial
@@ -495,10 +481,9 @@ def test_velocity_over_frequency_rises_rolls_off_and_turns():
     """
     packaged = {"elements": 16, "degree": 2}
     found = [
-        follow(case(rate, mesh=packaged, course={"cycles": 5, "duration": 2.0}))
-        for rate in (10, 250, 700)
+        case(rate, mesh=packaged, course={"cycles": 5, "duration": 2.0}) for rate in (10, 250, 700)
     ]
-    slow, still, fast = (course.point.velocity for course in found)
+    slow, still, fast = (motion.point.velocity for motion in found)
     assert slow < -0.015
     assert abs(still) < 0.2 * abs(slow)
     assert fast > 0.01
@@ -585,19 +570,17 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
     A rod over four repeats of a pattern of P = 5 coils, 3 of them on; e is the excess length of
     its own segments. Ends that are not gripped and slip at high friction leave some per cent.
     """
-    long = RodCase(
-        WormTable(length=0.2, diameter=1e-3, damping_time=5e-4),
-        ChannelTable(diameter=5e-3, friction=friction),
-        ZigzagTable(),
-        PatternTable(every=5),
-        MeshTable(elements=50),
-        CourseTable(cycles=5, duration=0.1, settle=0.25),
-        rate=5.0,
+    long = RodMotion(
+        units="SI",
+        worm=Worm(length=0.2, diameter=1e-3, damping_time=5e-4),
+        channel=Channel(diameter=5e-3, friction=friction),
+        switching={"every": 5, "rate": 5.0},
+        mesh=Mesh(elements=50),
+        course=Course(cycles=5, duration=0.1, settle=0.25),
     )
-    course = follow(long)
-    excess = course.point.arc_length / long.coils.pitch - 1
+    excess = long.point.arc_length / long.coils.pitch - 1
     law = long.field_speed * excess * (5 - 2) / (5 + 2 * excess)
-    assert low < -course.point.velocity / law < high
+    assert low < -long.point.velocity / law < high
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Limits of a design task as linear forms: what is left of each, against the forces themselves."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from effort import examples
@@ -9,10 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp
 
-from wormopt.systems.spiked.limits import Limits, Rates, Sharing
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Rates, Sharing, Worm
 from wormopt.systems.spiked.programs.scaled_limits import ScaledLimits
 from wormopt.systems.spiked.sharing import share_load
-from wormopt.systems.spiked.task import GaitProblem, Objective, Worm
 
 LOAD = 2.0
 STRENGTHS = (10.0, 20.0, 40.0, 30.0)
@@ -65,12 +62,12 @@ def test_spikes_together_carry_what_their_sharing_allows(
 def test_what_is_not_limited_has_no_form():
     """Without limits on actuators there are the links and the sum of the reactions."""
     limits = scaled()
-    free = replace(limits.task.limits, spike_load=None, actuator_force=None)
-    *links, whole = ScaledLimits(replace(limits.task, limits=free)).forms((0, 2))
+    free = limits.task.limits.vary(spike_load=None, actuator_force=None)
+    *links, whole = ScaledLimits(limits.task.vary(limits=free)).forms((0, 2))
     assert whole.above == np.inf
     assert len(links) == 3
-    free = replace(free, acceleration=None, impulses=True)
-    nothing = ScaledLimits(replace(limits.task, limits=free))
+    free = free.vary(acceleration=None, impulses=True)
+    nothing = ScaledLimits(limits.task.vary(limits=free))
     *links, _ = nothing.forms((0, 2))
     assert [(f.below, f.above) for f in links] == [(np.inf, np.inf)] * 3
     assert [*nothing.spikes, *nothing.actuator_most] == [np.inf] * 7
@@ -166,6 +163,6 @@ def test_units_are_the_largest_rate_the_longest_period_and_the_mean_mass():
     assert limits.drag == pytest.approx(0.3 * 4 / 1.25, rel=1e-12)
     assert limits.spikes * limits.force == pytest.approx(STRENGTHS, rel=1e-12)
     assert limits.actuator_most * limits.force == pytest.approx([15.0, 25.0, 18.0], rel=1e-12)
-    double = replace(limits.task.limits, period=8.0, rate=6.0)
-    other = ScaledLimits(replace(limits.task, limits=double), like=limits)
+    double = limits.task.limits.vary(period=8.0, rate=6.0)
+    other = ScaledLimits(limits.task.vary(limits=double), like=limits)
     assert (other.speed, other.time, other.longest_period) == (3.0, 4.0, 2.0)

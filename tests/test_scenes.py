@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from wormopt.cli import main
 from wormopt.errors import SceneError
 from wormopt.study import Scene, load_scene, packaged_scenes
-from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.tables import BlockWave, FastGait
+from wormopt.systems.spiked.gait_problem import Limits, Rates
+from wormopt.systems.spiked.shapes import BlockWave, FastGait
 
 DESIGN = """
 schema = 1
@@ -420,7 +420,7 @@ KEYS = st.sampled_from(
     "pareto.points material material.field material.mu_r material.lame_eta material.u0 "
     "material.youngs_modulus_eff sample strain worm.masses worm.harmonic worm.harmonic.0.phase "
     "worm.harmonic.0.amplitude worm.harmonic.0.order worm.friction worm.frequency "
-    "course.periods".split()
+    "time.periods".split()
 )
 
 

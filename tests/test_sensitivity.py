@@ -1,6 +1,5 @@
 """What limits are worth: by formulas, by solving again with the limit moved, by units."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +23,7 @@ from wormopt.systems.spiked.design.sensitivity import (
     scaling_error,
     sensitivities,
 )
-from wormopt.systems.spiked.limits import Limits, Rates
-from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Rates, Search, Worm
 
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 G1 = Worm(2, load=5.0)
@@ -108,7 +106,7 @@ def test_two_masses_have_a_formula(rate, acceleration, load, mass, period):
 
 def test_where_more_limits_meet_than_need_to_no_single_one_helps():
     """The stroke of a link is just what its rate allows: speed is 0.425 by either."""
-    limits = replace(LIMITS, length=(0.7, 0.7 + 0.425))
+    limits = LIMITS.vary(length=(0.7, 0.7 + 0.425))
     found = design(Worm(1, load=5.0), limits, search=Search(sequence=((0,), (1,)), effort="quick"))
     assert found.speed == pytest.approx(0.425, abs=1e-9)
     known = by_name(sensitivities(found))
@@ -137,7 +135,7 @@ def test_g1_solved_again():
 
 @pytest.mark.slow
 def test_spike_limit_solved_again():
-    assert_confirmed(design(G1, replace(LIMITS, spike_load=27.0)))
+    assert_confirmed(design(G1, LIMITS.vary(spike_load=27.0)))
 
 
 def test_cost_solved_again():
@@ -155,8 +153,8 @@ def test_lists_add_up_to_the_one_number():
     """Also where a family of gaits is the best, as here: single multipliers differ by half."""
     search = Search(sequence=ORDER, effort="quick")
     one = by_name(sensitivities(design(G1, LIMITS, search=search)))
-    each = replace(LIMITS, rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
-    worm = replace(G1, mass=(1.0, 1.0, 1.0))
+    each = LIMITS.vary(rate=Rates(1.0, (1.0, 1.0)), acceleration=(20.0, 20.0))
+    worm = G1.vary(mass=(1.0, 1.0, 1.0))
     many = by_name(sensitivities(design(worm, each, search=search)))
     for name, parts in (
         ("limits.acceleration", ["limits.acceleration[0]", "limits.acceleration[1]"]),
@@ -193,8 +191,8 @@ def test_other_units_describe_the_same_worm(seed):
 
 
 def test_names_are_those_of_the_scene_and_each_moves_its_own_number():
-    limits = replace(LIMITS, period=(0.5, 1.0), rate=Rates(1.0, (1.0, 2.0)), spike_load=40.0)
-    task = GaitProblem(replace(G1, load=(4.0, 4.0)), limits)
+    limits = LIMITS.vary(period=(0.5, 1.0), rate=Rates(1.0, (1.0, 2.0)), spike_load=40.0)
+    task = GaitProblem(G1.vary(load=(4.0, 4.0)), limits)
     moved = {limit.name: limit.moved(1.1 * limit.value) for limit in limits_of(task)}
     assert list(moved) == [
         "limits.period.shortest", "limits.period.longest", "limits.length.shortest",
@@ -245,7 +243,7 @@ def test_smooth_costs_have_none():
 
 @pytest.mark.slow
 def test_drag_solved_again():
-    assert_confirmed(design(replace(G1, drag=0.5), LIMITS))
+    assert_confirmed(design(G1.vary(drag=0.5), LIMITS))
 
 
 @pytest.mark.slow
@@ -285,6 +283,6 @@ def test_random_problems_solved_again(worm: Worm, limits: Limits):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limits", [LIMITS, replace(LIMITS, spike_load=27.0)])
+@pytest.mark.parametrize("limits", [LIMITS, LIMITS.vary(spike_load=27.0)])
 def test_whole_designs_again(limits: Limits):
     assert_confirmed(design(G1, limits), designed_again)

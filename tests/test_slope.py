@@ -59,7 +59,7 @@ def test_gravity_is_the_users_and_adds_to_the_load():
         "design_fast_gait", {"worm.gravity": 2, "worm.slope": 0.5, "worm.load": [1, 3]}
     )
     pull = 2 * math.sin(0.5)
-    assert scene.table.worm.worm.load_range == pytest.approx((1 + pull, 3 + pull))
+    assert scene.table.worm.load_range == pytest.approx((1 + pull, 3 + pull))
 
 
 def test_what_a_slope_is_worth_to_a_designed_gait():

@@ -8,10 +8,9 @@ from wormopt.numerics.bilinear_rows import BilinearRows
 from wormopt.numerics.linearised import Excess
 from wormopt.systems.spiked.crawl import crawl
 from wormopt.systems.spiked.design.optimize import design
-from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Search, Worm
 from wormopt.systems.spiked.programs.program import GaitProgram, WaveProgram
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
 
 LIMITS = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
 ORDERS = [((0,), (2,)), ((0,), (1,), (2,)), ((0,), (0, 1), (1,), (1, 2), (2,), (0, 2))]

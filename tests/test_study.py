@@ -27,7 +27,7 @@ from hypothesis import given
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError, WormoptError
-from wormopt.kind import StudyKind
+from wormopt.kind import Kind, StudyKind
 from wormopt.kinds import KINDS, studies_in
 from wormopt.quantities import Scalar
 from wormopt.result import Check
@@ -466,6 +466,15 @@ def test_names_are_used_once():
 
             @scalar("force", "force")
             def force(self) -> float: ...  # noqa: F811
+
+    with pytest.raises(TypeError, match=r"_Own\.time is a part of pulled too"):
+
+        class _Own(Study):
+            @property
+            def time(self) -> Any: ...
+
+            @parts(Pulled)
+            def pulled(self) -> Any: ...
 
     with pytest.raises(TypeError, match=r"_Twice\.time is a part of two members"):
 
@@ -927,8 +936,10 @@ def test_a_study_is_a_scene_and_a_scene_gives_it_back():
 
 @pytest.fixture
 def toy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A scene of the kind, in a folder that is the current one."""
+    """A scene of the kind, in a folder that is the current one; track-predictive is no study."""
     monkeypatch.setitem(KINDS, "toy-pull", StudyKind("pull", f"{__name__}:Pull"))
+    old = Kind("track", KINDS["track-predictive"].table, "none", {})
+    monkeypatch.setitem(KINDS, "track-predictive", old)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(
         'schema = 1\nkind = "toy-pull"\nforce = 2\n[spring]\nlength = 1\n', encoding="utf-8"

@@ -26,7 +26,7 @@ import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import ArgumentError, SceneError
 from wormopt.model.gait import Gait
-from wormopt.systems.film.runs.film_fields import _read_table
+from wormopt.systems.film.given_field import _read_table
 from wormopt.systems.film.shapes import grid
 from wormopt.systems.recorded.recording_file import RecordingFile
 from wormopt.systems.recorded.recordings import runs_of

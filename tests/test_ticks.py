@@ -1,7 +1,6 @@
 """Gaits for a controller: cycles of whole ticks, what they cost, and tables that repeat."""
 
 import re
-from dataclasses import replace
 from functools import cache
 from math import ceil
 from pathlib import Path
@@ -21,13 +20,12 @@ from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import design, designed, ticked
 from wormopt.systems.spiked.design.sensitivity import sensitivities
 from wormopt.systems.spiked.files import gait_of_result
-from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Limits, Objective, Search, Worm
 from wormopt.systems.spiked.table import in_steps, speed_of
-from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 WORM = Worm(links=1, load=5.0)
 LONG = Limits(period=(0.3, 1.0), length=(0.6, 1.4), rate=1.0, acceleration=20.0)
-SHORT = replace(LONG, length=(0.9, 1.1))  # whole strokes within the period
+SHORT = LONG.vary(length=(0.9, 1.1))  # whole strokes within the period
 QUICK = Search(sequence=((0,), (1,)), effort="quick")
 
 
@@ -43,7 +41,7 @@ def free(limits: Limits) -> Design:
 
 @cache
 def at(limits: Limits, thousandths: int) -> Design:
-    limits_of_ticks = replace(limits, tick=thousandths / 1000)
+    limits_of_ticks = limits.vary(tick=thousandths / 1000)
     return ticked(GaitProblem(WORM, limits_of_ticks), QUICK, free(limits), silent)
 
 
@@ -84,7 +82,7 @@ def test_a_tick_that_the_best_cycle_is_whole_of_costs_nothing():
 
 def test_of_several_cycles_a_period_each_lasts_whole_ticks():
     """A period of 1.1 may be one cycle of 11 ticks, or 11 of one; 0.55 is neither."""
-    limits = replace(SHORT, period=1.1)
+    limits = SHORT.vary(period=1.1)
     assert free(limits).cycles == 2
     found = at(limits, 100)
     assert (found.period, found.cycles) == (1.1, 1)
@@ -100,7 +98,7 @@ def test_of_several_cycles_a_period_each_lasts_whole_ticks():
 def test_the_next_numbers_of_ticks(
     period: float | tuple[float, float], tick: float, counts: dict[float, tuple[int, ...]]
 ):
-    limits = replace(LONG, period=period, tick=tick)
+    limits = LONG.vary(period=period, tick=tick)
     assert {near: limits.ticks_of(near) for near in counts} == counts
     low, high = (round(end / tick, 6) for end in limits.period_range)
     for near, chosen in counts.items():  # against all that some number of cycles allows
@@ -116,7 +114,7 @@ def test_the_next_numbers_of_ticks(
     "cost", ["peak_spike_load", pytest.param("energy_per_distance", marks=pytest.mark.slow)]
 )
 def test_costs_are_solved_again_too(cost: Cost):
-    task = GaitProblem(WORM, replace(SHORT, tick=0.2), Objective(cost, 0.2))
+    task = GaitProblem(WORM, SHORT.vary(tick=0.2), Objective(cost, 0.2))
     found = designed(task, QUICK, silent)
     assert found.period == pytest.approx(0.2 * round(found.period / 0.2), rel=1e-15)
     assert found.speed >= 0.2 * (1 - 1e-9)
@@ -240,7 +238,7 @@ def test_exported_lengths_are_multiples_of_a_step(tmp_path: Path):
 
 
 def test_python_has_the_table():
-    limits = replace(LONG, tick=0.09, length_step=0.001)
+    limits = LONG.vary(tick=0.09, length_step=0.001)
     found = ticked(GaitProblem(WORM, limits), QUICK, free(LONG), silent)
     assert found.table.shape == (1, 12)
     assert np.abs(found.table - found.gait(0.09 * np.arange(12) + 1e-15)).max() <= 0.0005 + 1e-9

@@ -1,7 +1,5 @@
 """Limits held over all time: excess over every one, solved by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from effort import examples
@@ -11,7 +9,7 @@ from test_crawl import safe_load, smooth_gaits
 
 from wormopt.model.gait import Gait
 from wormopt.systems.spiked.crawl import Crawl, crawl
-from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.gait_problem import Limits, Rates
 from wormopt.systems.spiked.verify import violations
 
 # A link that differs by direction in all it does: rate from 1 down to -2 at acceleration -1, back
@@ -78,7 +76,7 @@ ALWAYS = {
     ],
 )
 def test_excess_over_each_limit_is_that_solved_by_hand(changed: dict, expected: dict):
-    found = violations(one_link(), replace(LIMITS, **changed))
+    found = violations(one_link(), LIMITS.vary(**changed))
     everything = {k: v for k, v in (ALWAYS | expected).items() if v is not None}
     assert found == pytest.approx(everything, abs=1e-12)
 
@@ -87,7 +85,7 @@ def test_the_other_way_round_the_negative_force_is_the_large_one():
     """Extension and contraction change places, and so do the masses: force f becomes -f."""
     course = np.array([8.0, 0.0, 0.0]) - COURSE
     motion = crawl(Gait(BREAKS, course[:, None]), [3.0, 1.0], 0.5, 4.0)
-    found = violations(motion, replace(LIMITS, length=(3.5, 6.5), actuator_force=6.4))
+    found = violations(motion, LIMITS.vary(length=(3.5, 6.5), actuator_force=6.4))
     assert found["limits.actuator_force"] == pytest.approx(0.25, abs=1e-12)
     assert found["limits.length"] == pytest.approx(0.0, abs=1e-12)
 
@@ -110,11 +108,9 @@ def test_the_other_way_round_the_negative_force_is_the_large_one():
     ],
 )
 def test_every_link_has_its_own_limits(changed: dict, key: str, excess: float):
-    wide = replace(LIMITS, length=(0.1, 9.0), rate=9.0, acceleration=9.0)
+    wide = LIMITS.vary(length=(0.1, 9.0), rate=9.0, acceleration=9.0)
     assert violations(two_links(), wide)[key] < 0
-    assert violations(two_links(), replace(wide, **changed))[key] == pytest.approx(
-        excess, abs=1e-12
-    )
+    assert violations(two_links(), wide.vary(**changed))[key] == pytest.approx(excess, abs=1e-12)
 
 
 @pytest.mark.parametrize(("piece", "gap"), [(0, 0.0), (1, 0.1), (2, 0.3)])
@@ -124,7 +120,7 @@ def test_lengths_that_jump_do_not_close(piece: int, gap: float):
     course[piece, 0] += gap
     found = violations(crawl(Gait(BREAKS, course[:, None]), [1.0, 3.0], 0.5, 4.0), LIMITS)
     assert found["closed"] == pytest.approx(gap / 4.5, abs=1e-12)
-    impulsive = replace(LIMITS, impulses=True)
+    impulsive = LIMITS.vary(impulses=True)
     found = violations(crawl(Gait(BREAKS, course[:, None]), [1.0, 3.0], 0.5, 4.0), impulsive)
     assert found["closed"] == pytest.approx(gap / 4.5, abs=1e-12)
 
@@ -143,19 +139,19 @@ def test_rates_that_jump_do_not_close_unless_impulses_are_allowed():
     motion = crawl(SAWTOOTH, [1.0, 1.0], 0.0, 1.0)
     limits = Limits(period=3.0, length=(1.0, 1.5), rate=0.5)
     assert violations(motion, limits)["closed"] == pytest.approx(0.75 / 0.5, abs=1e-12)
-    assert violations(motion, replace(limits, impulses=True))["closed"] == 0.0
+    assert violations(motion, limits.vary(impulses=True))["closed"] == 0.0
 
 
 def test_no_spike_bears_an_impulse():
     limits = Limits(period=3.0, length=(1.0, 1.5), rate=0.5, impulses=True)
     motion = crawl(SAWTOOTH, [1.0, 1.0], 0.0, 1.0)
     assert motion.impulses
-    assert violations(motion, replace(limits, spike_load=1e9))["limits.spike_load"] == np.inf
+    assert violations(motion, limits.vary(spike_load=1e9))["limits.spike_load"] == np.inf
     assert "limits.spike_load" not in violations(motion, limits)
     # where both rates give the whole worm the same momentum there is none
     calm = crawl(SAWTOOTH, [1.0, 2.0], 0.0, 1.0)
     assert not calm.impulses
-    found = violations(calm, replace(limits, spike_load=4.0))
+    found = violations(calm, limits.vary(spike_load=4.0))
     assert found["limits.spike_load"] == pytest.approx(-0.5, abs=1e-12)  # two loads of 1
 
 
@@ -186,5 +182,5 @@ def test_a_limit_drawn_around_samples_holds_and_one_drawn_within_does_not(
             for share, excess in ((1.01, -0.01 / 1.01), (0.9, 0.1 / 0.9)):
                 each = np.full(len(tops), 1e3 * tops.max())
                 each[row] = share * tops[row]
-                found = violations(motion, replace(wide, **{name: tuple(each)}))
+                found = violations(motion, wide.vary(**{name: tuple(each)}))
                 assert found[f"limits.{name}"] == pytest.approx(excess, abs=1e-3)

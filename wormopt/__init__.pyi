@@ -2,12 +2,12 @@
 # ruff: noqa: I001
 
 # Group: Worms and gaits
-from wormopt.systems.spiked.task import Worm as Worm
-from wormopt.systems.spiked.limits import Limits as Limits
-from wormopt.systems.spiked.limits import Rates as Rates
-from wormopt.systems.spiked.task import Objective as Objective
-from wormopt.systems.spiked.task import Search as Search
-from wormopt.systems.spiked.task import GaitProblem as GaitProblem
+from wormopt.systems.spiked.gait_problem import Worm as Worm
+from wormopt.systems.spiked.gait_problem import Limits as Limits
+from wormopt.systems.spiked.gait_problem import Rates as Rates
+from wormopt.systems.spiked.gait_problem import Objective as Objective
+from wormopt.systems.spiked.gait_problem import Search as Search
+from wormopt.systems.spiked.gait_problem import GaitProblem as GaitProblem
 from wormopt.systems.spiked.design.design import Design as Design
 from wormopt.systems.spiked.design.optimize import design as design
 from wormopt.systems.spiked.design.sensitivity import Sensitivity as Sensitivity

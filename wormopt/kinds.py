@@ -28,66 +28,7 @@ def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
             yield kind, StudyKind(summary, f"{module}:{name}")
 
 
-KINDS: dict[str, Kind | StudyKind] = {
-    "track-optimal": Kind(
-        summary="compute the optimal input that keeps a chain on a gait, checked by simulation",
-        table="wormopt.systems.chain.scenes.track_optimal:TrackOptimalScene",
-        study="wormopt.systems.chain.runs.track_optimal",
-        pictures=_drawn("chain.plots.simulation", "trackers", "motion"),
-    ),
-    "track-predictive": Kind(
-        summary="track a gait by model predictive control, with measured computing times",
-        table="wormopt.systems.chain.scenes.track_predictive:TrackPredictiveScene",
-        study="wormopt.systems.chain.runs.track_predictive",
-        pictures=_drawn("chain.plots.predictive", "predictive", "estimates"),
-        table_file=True,
-    ),
-    "compare-tracking": Kind(
-        summary="compare adaptive trackers, LQR and optimal inputs, also with model errors",
-        table="wormopt.systems.chain.scenes.compare_tracking:CompareScene",
-        study="wormopt.systems.chain.runs.compare_tracking",
-        pictures=_drawn("chain.plots.comparison", "comparison", "draws"),
-        table_file=True,
-    ),
-    "optimal-crawl": Kind(
-        summary="optimise the inputs of a chain that crawls on dry friction: fastest or cheapest",
-        table="wormopt.systems.chain.scenes.optimal_crawl:OptimalCrawlScene",
-        study="wormopt.systems.chain.runs.optimal_crawl",
-        pictures=_drawn("chain.plots.optimum", "signals", "convergence"),
-        wanted=("convergence",),
-    ),
-    "film-wave": Kind(
-        summary="optimise the wave of a magnetic fluid film: largest transport or least field",
-        table="wormopt.systems.film.scenes.film_wave:FilmWaveScene",
-        study="wormopt.systems.film.runs.film_wave",
-        pictures=_drawn("film.plots.film", "film_wave"),
-    ),
-    "film-forward": Kind(
-        summary="compute the wave of a magnetic fluid film under a given field, and its stability",
-        table="wormopt.systems.film.scenes.film_forward:FilmForwardScene",
-        study="wormopt.systems.film.runs.film_forward",
-        pictures=_drawn("film.plots.thin_film", "forward", "basins"),
-    ),
-    "rod-frequency": Kind(
-        summary="compute the velocity of a magnetisable rod over the frequency of its coils",
-        table="wormopt.systems.channel.scenes.rod_frequency:RodFrequencyScene",
-        study="wormopt.systems.channel.runs.rod_frequency",
-        pictures=_drawn("channel.plots.rod", "rod_frequency"),
-    ),
-    "rod-motion": Kind(
-        summary="simulate a magnetisable rod between walls, driven by coils switched in turn",
-        table="wormopt.systems.channel.scenes.rod:RodMotionScene",
-        study="wormopt.systems.channel.runs.rod_motion",
-        pictures=_drawn("channel.plots.rod", "rod_motion")
-        | {"animation": "wormopt.systems.channel.plots.rod:first_frame"},
-    ),
-    "segment-shapes": Kind(
-        summary="compare assumed shapes of a segment between two coils with the exact elastica",
-        table="wormopt.systems.channel.scenes.channel:SegmentShapesScene",
-        study="wormopt.systems.channel.runs.segment_shapes",
-        pictures=_drawn("channel.plots.channel", "segment_shapes"),
-    ),
-} | dict(studies_in(_SYSTEMS))
+KINDS: dict[str, Kind | StudyKind] = {} | dict(studies_in(_SYSTEMS))
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Spiked worms and gaits": ("gait", "gait-design", "gait-pareto", "gait-shift", "stepper"),

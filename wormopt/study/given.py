@@ -24,6 +24,7 @@ from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
+from textwrap import fill, indent
 from types import NoneType, SimpleNamespace, UnionType
 from typing import (
     TYPE_CHECKING,
@@ -50,11 +51,38 @@ from wormopt.study.overrides import Overrides, as_toml, override
 from wormopt.units import bare_number, has_unit, to_number
 
 _LARGEST = sys.float_info.max
-_SMALL = 1e-30
+_SMALL, _LARGE = 1e-30, 1e30
+# Names that keys had before, and what they are called now: the first that a table knows.
+_RENAMED = {
+    "aim": ("objective",),
+    "count": ("segments",),
+    "course": ("time", "route"),
+    "duration": ("end",),
+    "grid": ("mesh",),
+    "inner": ("inner_radius",),
+    "modulus": ("youngs_modulus",),
+    "outer": ("outer_radius",),
+    "pace": ("rate",),
+    "points": ("samples",),
+    "rate": ("frequency",),
+    "rates": ("frequencies",),
+    "time": ("end",),
+    "tube": ("pipe",),
+}
 
 
 class RefusedError(SceneError, ArgumentError):
     """What was given from Python cannot be used: all that is wrong, key by key."""
+
+
+def _parameters(table: Any) -> str:
+    """Section of a docstring that says what each key of a table means."""
+    text = "\n\n    Parameters\n    ----------"
+    for field in _fields(table):
+        optional = "" if field.required else ", optional"
+        text += f"\n    {field.name} : {describe(field.type)}{optional}\n"
+        text += indent(fill(meaning(field.type)[1], 88), " " * 8)
+    return text
 
 
 def check_quantity(quantity: str) -> None:
@@ -230,24 +258,31 @@ class GivenMeta(StructMeta):
             if "want" not in notes and (pictures := tuple(space.get("pictures", ()))):
                 wanted = Key("", "pictures to draw, each once", ())
                 notes["want"], space["want"] = wanted.typed(tuple[Literal[pictures], ...]), ()
+        config.setdefault("kw_only", True)
         made: Any = super().__new__(
             mcs,
             name,
             bases,
             space,
             frozen=True,
-            kw_only=True,
             dict=True,
             forbid_unknown_fields=True,
             **config,
         )
         made.check_class()
+        before, examples, shown = (made.__doc__ or "").partition("\n\n    Examples\n    --------\n")
+        if examples:  # for use from Python
+            made.__doc__ = f"{before}{_parameters(made)}{examples}{shown}"
         return made
 
     if not TYPE_CHECKING:  # type checkers know the fields
 
-        def __call__(cls, /, **given: Any) -> Any:  # noqa: N805
-            return cls.made(given)
+        def __call__(cls, /, *values: Any, **given: Any) -> Any:  # noqa: N805
+            names = cls.__match_args__[: len(values)]  # none, unless kw_only=False
+            if len(names) < len(values) or given.keys() & set(names):
+                known = ", ".join(f"{name}=..." for name in cls.__struct_fields__)
+                raise ArgumentError(f"{cls.__name__}: name each argument once, as in {known}")
+            return cls.made(dict(zip(names, values, strict=True)) | given)
 
 
 class Given(Struct, metaclass=GivenMeta):
@@ -373,7 +408,7 @@ def _extreme_numbers(value: object, key: str = "") -> Iterator[Fault]:
     elif isinstance(value, Mapping):
         for name, item in value.items():
             yield from _extreme_numbers(item, f"{key}.{name}")
-    elif isinstance(value, float) and not (value == 0.0 or _SMALL <= abs(value) <= 1 / _SMALL):
+    elif isinstance(value, float) and not (value == 0.0 or _SMALL <= abs(value) <= _LARGE):
         if not math.isfinite(value):
             yield key, f"{value} is not allowed; write a finite number"
             return
@@ -634,6 +669,8 @@ def _listed_in(kind: Any) -> Any:
 def _unknown(key: str, table: type[Given], known: list[str]) -> str:
     config = table.__struct_config__
     where = f' with {config.tag_field} = "{config.tag}"' if config.tag_field else ""
+    if renamed := [new for new in _RENAMED.get(key, ()) if new in known]:
+        return f"unknown key{where}; it is called {renamed[0]} now"
     close = get_close_matches(key, known, n=1)
     below = [] if close else list(_paths_to(key, table))
     if close or len(below) == 1:

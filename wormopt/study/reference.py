@@ -36,7 +36,7 @@ def schema(kind: str) -> dict[str, Any]:
     found = {**about, **found, "$defs": parts}
     parts[table.__name__]["properties"]["sweep"] = sweep
     for part in parts.values():
-        part["description"] = inspect.cleandoc(part.get("description", ""))
+        part["description"] = _said(inspect.cleandoc(part.get("description", "")))
     for part in (*tables_below(table), Swept):
         properties = parts[part.__name__]["properties"]
         for field in msgspec.structs.fields(part):
@@ -103,7 +103,12 @@ def quantity_of(table: type[msgspec.Struct], key: str) -> str:
 
 def _prose(table: type) -> list[str]:
     """Paragraphs of a docstring after its first line."""
-    return [part for part in (inspect.getdoc(table) or "").split("\n\n")[1:] if part]
+    return [part for part in _said(inspect.getdoc(table) or "").split("\n\n")[1:] if part]
+
+
+def _said(docstring: str) -> str:
+    """A docstring without the parts for Python, which say what the keys say."""
+    return docstring.partition("\n\nParameters\n----------\n")[0]
 
 
 def _keys(table: type[msgspec.Struct]) -> Iterator[str]:

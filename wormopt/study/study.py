@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, TypeVar
@@ -61,6 +62,8 @@ class Study(SceneTable):
     """Whether results have a table file of their own."""
     exports: ClassVar[Mapping[str, str]] = {}
     """Further files by name: "module:function" giving its text of the result, or None."""
+    resumes: ClassVar[bool] = False
+    """Whether a study that was interrupted continues from there when it is run again."""
 
     schema: Literal[1] = entry("version of the scene form", default=1)
     kind: str = entry("what the scene computes", default="")
@@ -71,6 +74,8 @@ class Study(SceneTable):
         found: dict[str, Member[Any]] = {n: m for n, m in seen.items() if isinstance(m, Member)}
         for whole in [one for one in found.values() if one.role == "parts"]:
             for part in members_of_parts(whole):
+                if isinstance(seen.get(part.name), property | cached_property):
+                    raise TypeError(f"{cls.__name__}.{part.name} is a part of {whole.name} too")
                 if found.setdefault(part.name, part) is part:
                     setattr(cls, part.name, part)
                 elif found[part.name].part_of not in ("", whole.name):
@@ -274,7 +279,8 @@ class Study(SceneTable):
         except KeyboardInterrupt as stop:
             during = [name for name, error in self._failures.items() if error is stop]
             where = f" during {during[0].replace('_', ' ')}" if during else ""
-            found = self._unfinished(f"interrupted{where}")
+            resume = "; run again to resume" if self.resumes else ""
+            found = self._unfinished(f"interrupted{where}{resume}")
             if not found.scalars and not found.variables:
                 raise
             raise Interrupted(found) from None
@@ -353,7 +359,9 @@ class Study(SceneTable):
     def _closed(self, partials: bool) -> Study:
         """Copy that computes no stage, with what is finished and, if asked for, partial stages."""
         copy = msgspec.structs.replace(self)
-        vars(copy).update(vars(self), _closed=True, _failed=dict(self._failures))
+        vars(copy).update(
+            vars(self), _closed=True, _partials=partials, _failed=dict(self._failures)
+        )
         for name, error in self._failures.items() if partials else ():
             handed = getattr(error, "partial", None)
             if handed is not None:
@@ -380,11 +388,12 @@ class Study(SceneTable):
                 continue
             try:
                 gathered += list(of(member, getattr(self, member.name)))
-            except AbsentError:
-                if names:
+            except NotComputedError as error:
+                partly = "_closed" in vars(self) or isinstance(error, AbsentError)
+                if names or not partly:
                     raise
-            except Exception:  # what is partial need not be enough for it
-                if "_closed" not in vars(self):
+            except Exception:
+                if not vars(self).get("_partials"):  # which need not be enough for it
                     raise
         return gathered
 

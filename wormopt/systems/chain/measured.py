@@ -18,7 +18,7 @@ from wormopt.result import Check
 from wormopt.simulation.functions import System
 from wormopt.simulation.options import Tolerance
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.scenes.track_optimal import TubeTable
+from wormopt.systems.chain.tables import TubeTable
 from wormopt.systems.shared.declared import JUDGED
 from wormopt.systems.shared.proof import CrossCheck, accepted_error, motion_facts, one_or_all
 from wormopt.systems.shared.signals import at_ends

@@ -27,7 +27,7 @@ from wormopt.ocp.problem import Constraint, Ends, Problem
 from wormopt.progress import Report, silent
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.systems.chain.scenes.track_optimal import (
+from wormopt.systems.chain.tables import (
     GridTable,
     LeastError,
     LeastInput,

@@ -152,7 +152,7 @@ class FilmBody(Study, kind="film-body"):
     thousand tolerances. A second route must end at the same state.
     """
 
-    pictures: ClassVar = {"carried": "wormopt.systems.film.plots.body:carried"}
+    pictures: ClassVar = {"carried": "wormopt.systems.film.pictures:carried"}
     headline: ClassVar = ("drift", "drift_massless", "held", "settled", "speed_max")
 
     want: tuple[Literal["carried"], ...] = entry(

@@ -153,7 +153,7 @@ class FilmFlow(Study, kind="film-flow"):
     0.1 give a warning.
     """
 
-    pictures: ClassVar = {"film": "wormopt.systems.film.plots.film:film"}
+    pictures: ClassVar = {"film": "wormopt.systems.film.pictures:film"}
     headline: ClassVar = (
         "c_constant", "mean_flow", "mean_flow_corrected", "mean_flow_bar", "mean_flow_per_eps2",
     )  # fmt: skip

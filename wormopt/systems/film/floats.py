@@ -235,8 +235,8 @@ class Float(Study, kind="float"):
     """
 
     pictures: ClassVar = {
-        "ride": "wormopt.systems.film.plots.film:ride",
-        "floats": "wormopt.systems.film.plots.body:floats",
+        "ride": "wormopt.systems.film.pictures:ride",
+        "floats": "wormopt.systems.film.pictures:floats",
     }
     headline: ClassVar = (
         "float_drift", "float_drift_closed", "float_drift_error", "float_drift_corrected",

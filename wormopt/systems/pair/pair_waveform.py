@@ -310,7 +310,7 @@ class PairWaveform(Study, kind="pair-waveform"):
     )
     pair: DrivenPair = entry("the pair")
     limits: Limits = entry("limits of the field")
-    aim: Aim = entry("objective of the waveform")
+    objective: Aim = entry("objective of the waveform")
     mesh: Annotated[MeshTable, says("", "mesh in time; default: 100 arcs")] = field(
         default_factory=lambda: MeshTable(arcs=100)
     )
@@ -326,7 +326,7 @@ class PairWaveform(Study, kind="pair-waveform"):
     @cached_property
     def goal(self) -> FieldAim:
         """Objective of the waveform."""
-        return FieldAim(self.aim.maximise, self.aim.speed)
+        return FieldAim(self.objective.maximise, self.objective.speed)
 
     @cached_property
     def free(self) -> Model:
@@ -387,7 +387,7 @@ class PairWaveform(Study, kind="pair-waveform"):
     @scalars(OPTIMUM)
     def of_optimum(self) -> dict[str, Any]:
         found = optimum_scalars(self.solves, self.second_route)
-        if self.aim.minimise:
+        if self.objective.minimise:
             unit = unit_of("energy_per_distance", self.units)
             found["objective"] = Scalar(found["objective"], unit)
         return found
@@ -428,7 +428,7 @@ class PairWaveform(Study, kind="pair-waveform"):
             work_per_distance=orbit.work_per_distance,
             drift=orbit.drift,
             push_left=proof.left,
-            gain=_gain(proof, self.harmonic_field, fastest=self.aim.maximise is not None),
+            gain=_gain(proof, self.harmonic_field, fastest=self.objective.maximise is not None),
         )
 
     @arrays(SIGNALS)
@@ -499,18 +499,18 @@ class PairWaveform(Study, kind="pair-waveform"):
                 "beyond limits.strain; so there is no harmonic field about it, and gain is unknown"
             )
             return
-        if self.aim.maximise and not proof.speed > orbit.speed:
+        if self.objective.maximise and not proof.speed > orbit.speed:
             yield (
                 "in the simulation the waveform is not faster than the harmonic field: "
                 f"{proof.speed:.6g} against {orbit.speed:.6g}; write search.starts to try more"
             )
-        if self.aim.minimise and not harmonic.reached:
+        if self.objective.minimise and not harmonic.reached:
             yield (
-                "no harmonic field within the limits reaches aim.speed; the best has "
+                "no harmonic field within the limits reaches objective.speed; the best has "
                 f"{orbit.speed:.6g}, and gain is unknown"
             )
         spent, least = orbit.work_per_distance, proof.orbit.work_per_distance
-        if self.aim.minimise and harmonic.reached and spent and least and not least < spent:
+        if self.objective.minimise and harmonic.reached and spent and least and not least < spent:
             yield (
                 "in the simulation the waveform does not need less work than the harmonic field: "
                 f"{least:.6g} against {spent:.6g}; write search.starts to try more"

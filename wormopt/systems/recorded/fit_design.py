@@ -36,7 +36,7 @@ from wormopt.systems.spiked import (
     DESIGN_SCALARS,
     MOTION_VARIABLES,
     DesignTable,
-    ObjectiveTable,
+    Objective,
     Shape,
     Worm,
 )
@@ -109,7 +109,7 @@ class CrawlFit(Given):
 class Plant(Given):
     """The real worm to test the gait on; neither the fit nor the design uses it."""
 
-    mass: PerMass = entry("point masses; mass 0 is the head", quantity="mass")
+    mass: PerMass = entry("point masses; mass 0 is the head", quantity="mass", per="masses")
     drag: float = number("drag", "viscous drag on each mass", least=0, default=0.0)
     load: float = number("force", "load on each mass", least=0, default=0.0)
 
@@ -220,7 +220,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
     )
     recording: tuple[CrawlRecording, ...] = entry("recorded runs of the worm")
     fit: CrawlFit = entry("the fit", default=CrawlFit)
-    objective: ObjectiveTable = entry("the objective")
+    objective: Objective = entry("the objective")
     confidence: float = number(
         "share",
         "confidence that the gait meets its limits at all times",
@@ -240,11 +240,11 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield everything that no single key shows, and what is wrong in the files."""
         yield from self.faults_of_design()
-        yield from self.objective.faults()
+        yield from self.objective.faults_in_scene()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
         if isinstance(self.worm.load, tuple):
             yield "worm.load", "a range or list, but the fit finds one load; write one number"
-        elif any(self.worm.worm.beyond):
+        elif any(self.worm.beyond):
             yield (
                 "worm.slope",
                 "the slope pulls unequal masses back by unequal forces, but the fit finds one "
@@ -268,9 +268,6 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
                 yield f"recording[{k}].use", what
         yield from self._faults_of_forces()
         yield from named_twice((one.label for one in self.recording), "recording")
-        if (plant := self.plant_worm) is not None:
-            for key, message in plant.faults():
-                yield f"plant.{key}", message
 
     def _faults_of_forces(self) -> Iterator[Fault]:
         """Yield a fault if no column of the text files is named like a force."""
@@ -302,7 +299,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
 
     def _run(self, recording: CrawlRecording) -> Run:
         """Give the run of a recording, which starts at time 0 with the worm at rest."""
-        worm = self.worm.worm
+        worm = self.worm
         gait = gait_of_shape(recording.gait, self.scene)
         with refused_at(self, "gait"):
             model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
@@ -324,7 +321,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
     @cached_property
     def believed(self) -> Believed:
         """Masses, drag and load from the fit or the scene, with their covariance."""
-        fitted, worm = self.fitting, self.worm.worm
+        fitted, worm = self.fitting, self.worm
         names = [*(f"mass[{i}]" for i in range(len(worm.masses))), "drag", "load"]
         numbers = np.array([*worm.masses, worm.drag, worm.load_range[0]])
         at = [names.index(name) for name in fitted.names]
@@ -348,7 +345,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
 
     @stage
     def design(self) -> Robust:
-        objective, search = self.objective.objective, self.search.search
+        objective, search = self.objective, self.search
         believed = self.believed
         try:
             return design_believed(
@@ -418,7 +415,7 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         nominal, plant = self.design.nominal, self.plant_worm
         assert plant is not None
         known = Search(sequence=nominal.sequence, workers=self.search.workers)
-        return designed(replace(nominal.task, worm=plant), known, self.report)
+        return designed(nominal.task.vary(worm=plant), known, self.report)
 
     @parts(OnPlant, when="is_tested")
     def test_on_plant(self) -> OnPlant:

@@ -61,9 +61,10 @@ class OptimumNumbers:
     """Numbers of an optimal motion."""
 
     duration: float = value("time", "duration of the motion", name="time", headline=True)
-    objective: float = value(
-        "speed", "value that was minimised; a speed is maximised as its negative", headline=True
-    )
+    minimised: float = value(
+        "speed", "value that was minimised; a speed is maximised as its negative",
+        headline=True, name="objective",
+    )  # fmt: skip
     input_rms: float | None = value(
         "force", "root mean square of \\|*u*\\| over time; unknown if inputs act by impulses"
     )
@@ -165,7 +166,7 @@ class OptimalMotion(Study):
         rms, peak = input_sizes(optimum.motion)
         return OptimumNumbers(
             duration=optimum.motion.duration,
-            objective=optimum.objective,
+            minimised=optimum.objective,
             input_rms=rms,
             input_peak=peak,
             defect_max=float(optimum.defects.max()),

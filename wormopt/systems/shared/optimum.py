@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -22,8 +22,7 @@ from wormopt.ocp.optimise import Optimum
 from wormopt.ocp.structure import structure_of
 from wormopt.ocp.switching import resting_speeds
 from wormopt.progress import Report, silent
-from wormopt.quantities import Scalar, unit_of
-from wormopt.result import Check, Result
+from wormopt.result import Check
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
@@ -356,44 +355,6 @@ def warnings_of_reading(relaxed: Optimum, exact: Optimum) -> Iterator[str]:
             f"the relaxed motion is better by {100 * share:.2g} %: its phases may have been "
             "misread; increase mesh.arcs to resolve them"
         )
-
-
-def conclude_optimum(
-    scene: Scene[Any],
-    stages: Mapping[str, Optimum],
-    second: CrossCheck,
-    scalars: Mapping[str, Any],
-    variables: Mapping[str, Any],
-    *,
-    objective: str | None = None,
-    checks: Iterable[Check] = (),
-    facts: Mapping[str, Any] | None = None,
-    warnings: Iterable[str] = (),
-    timings: Mapping[str, float],
-    shown: Sequence[str] | None = None,
-) -> Result:
-    """Put an optimal motion into a Result, which is failed if its simulation ends elsewhere.
-
-    The last of `stages` is the result, `second` its simulation. `objective` is its quantity, if
-    not the declared one; `shown` lists the signals to plot in order, all if None.
-    """
-    common = optimum_scalars(stages, second)
-    if objective:
-        common["objective"] = Scalar(common["objective"], unit_of(objective, scene.table.units))
-    motion = [*stages.values()][-1].motion
-    return conclude(
-        scene,
-        {**scalars, **common} | dict(scalars),
-        variables,
-        checks=[replay_check(second), *checks],
-        facts={**optimum_facts(stages, second), **(facts or {})},
-        warnings=warnings,
-        timings={**optimum_timings(stages), **timings},
-        attributes={
-            "contacts": [contact.name for contact in motion.program.problem.model.contacts],
-            "signals": [*(shown or (name for name in variables if name != "instant"))],
-        },
-    )
 
 
 def in_keys(

@@ -12,9 +12,13 @@ from wormopt.systems.spiked.design.uncertain import on_plant as on_plant
 from wormopt.systems.spiked.design_results import of_design as of_design
 from wormopt.systems.spiked.design_results import with_keys as with_keys
 from wormopt.systems.spiked.design_tables import DesignTable as DesignTable
-from wormopt.systems.spiked.design_tables import ObjectiveTable as ObjectiveTable
 from wormopt.systems.spiked.driven import driven_worm as driven_worm
-from wormopt.systems.spiked.limits import Limits as Limits
+from wormopt.systems.spiked.gait_problem import GaitProblem as GaitProblem
+from wormopt.systems.spiked.gait_problem import Limits as Limits
+from wormopt.systems.spiked.gait_problem import Links as Links
+from wormopt.systems.spiked.gait_problem import Objective as Objective
+from wormopt.systems.spiked.gait_problem import Search as Search
+from wormopt.systems.spiked.gait_problem import Worm as Worm
 from wormopt.systems.spiked.motion import Findings as Findings
 from wormopt.systems.spiked.reference import gait_of_shape as gait_of_shape
 from wormopt.systems.spiked.shapes import AccordionShape as AccordionShape
@@ -24,8 +28,3 @@ from wormopt.systems.spiked.shapes import Shape as Shape
 from wormopt.systems.spiked.shapes import why_unreadable as why_unreadable
 from wormopt.systems.spiked.stretches import Drive as Drive
 from wormopt.systems.spiked.stretches import periodic_stretches as periodic_stretches
-from wormopt.systems.spiked.tables import Links as Links
-from wormopt.systems.spiked.task import GaitProblem as GaitProblem
-from wormopt.systems.spiked.task import Objective as Objective
-from wormopt.systems.spiked.task import Search as Search
-from wormopt.systems.spiked.task import Worm as Worm

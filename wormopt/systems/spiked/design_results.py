@@ -6,10 +6,10 @@ import math
 import re
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.errors import SolveError
 from wormopt.progress import Report
@@ -24,7 +24,8 @@ from wormopt.systems.spiked.crawl import Crawl
 from wormopt.systems.spiked.declared import MOTION_VARIABLES
 from wormopt.systems.spiked.design.design import Design, objective_of
 from wormopt.systems.spiked.design.sensitivity import Sensitivity, scaling_error, sensitivities
-from wormopt.systems.spiked.design_tables import DesignTable, Motor, in_scene
+from wormopt.systems.spiked.design_tables import DesignTable
+from wormopt.systems.spiked.gait_problem import Cost, Effort, Worm
 from wormopt.systems.spiked.motion import (
     Findings,
     agreement,
@@ -34,9 +35,8 @@ from wormopt.systems.spiked.motion import (
     motion_variables,
 )
 from wormopt.systems.spiked.search.search import DONE
-from wormopt.systems.spiked.stepper.stepper import Demand, demand
+from wormopt.systems.spiked.stepper.stepper import Demand, Motor, demand
 from wormopt.systems.spiked.table import excess_of
-from wormopt.systems.spiked.task import Cost, Effort
 
 # A gait is accepted if every limit holds and the second route agrees within this share.
 _ACCEPTED = 1e-9
@@ -60,7 +60,7 @@ COST_SCALARS: dict[Cost, str] = {
 
 def with_keys(error: SolveError, table: DesignTable) -> SolveError:
     """Rewrite the error of a design with keys of scenes; a note explains limits of the motor."""
-    reason, suggestion = in_scene(error.reason), in_scene(error.suggestion)
+    reason, suggestion = error.reason, error.suggestion
     notes = [
         f"gait.{name} is here the limit of the motor, motor.lead * motor.{name}_max"
         for name, whose in (_whose(table, table.motor) if table.motor else {}).items()
@@ -78,7 +78,7 @@ def of_design(table: DesignTable, found: Design) -> Findings:
     clock = time.perf_counter()
     motion, objective = found.motion, found.task.objective
     again = cross_check(motion)
-    excess = {in_scene(name): value for name, value in found.violations.items()}
+    excess = dict(found.violations)
     if objective.speed is not None:
         excess["objective.speed"] = 1.0 - motion.speed / objective.speed
     checks = [*_checks(excess, motion, found), *agreement(motion, again), *_under_loads(found)]
@@ -216,13 +216,12 @@ def _of_steps(found: Design) -> Findings:
     limits = found.task.limits
     excess = excess_of(found.table, limits.tick or 1.0, limits)
     over = [
-        f"lengths rounded to gait.length_step exceed {in_scene(name)} by {value:.2g} of its value "
+        f"lengths rounded to gait.length_step exceed {name} by {value:.2g} of its value "
         "from tick to tick: write a smaller gait.length_step or a larger gait.tick"
         for name, value in excess.items()
         if value > _ACCEPTED
     ]
-    told = {in_scene(name): value for name, value in excess.items()}
-    return Findings(facts={"rounded": told}, warnings=tuple(over))
+    return Findings(facts={"rounded": excess}, warnings=tuple(over))
 
 
 # -- motors --------------------------------------------------------------------------------------
@@ -233,9 +232,7 @@ def _of_motors(table: DesignTable, motor: Motor, found: Design) -> Findings:
 
     Computed from the gait alone, independently of the design's own check of its limits.
     """
-    # a motor that is always ramped
-    stepper = replace(motor.stepper, start_rate=0.0)
-    asked = demand(found.gait, stepper)
+    asked = demand(found.gait, structs.replace(motor, start_rate=0.0))  # always ramped
     scalars = {
         **{f"{name}_limit_from": whose for name, whose in _whose(table, motor).items()},
         "motor_rate_share": float(asked.rate.max()) / motor.rate_max,
@@ -255,7 +252,7 @@ def _check_of_motors(asked: Demand) -> Check:
 
 def _whose(table: DesignTable, motor: Motor) -> dict[str, list[str]]:
     """Source of the smaller limit of each link: "gait" or "motor"."""
-    links, limits = table.worm.links, table.gait.limits
+    links, limits = table.worm.links, table.gait
     rates = limits.rate_limits(links)
     given = {
         "rate": np.full(links, np.inf) if rates is None else np.min(rates, axis=0),
@@ -282,7 +279,8 @@ def of_limits(table: DesignTable, found: Design) -> Findings:
     clock = time.perf_counter()
     known = sensitivities(found)
     seconds = time.perf_counter() - clock
-    one_sided = [in_scene(s.name) for s in known if s.one_sided]
+    one_sided = [s.name for s in known if s.one_sided]
+    weight = (".pull", ".slope") if _has_weights(table.worm) else ("", "")
     return Findings(
         _derivatives(known, found, table),
         {"limit_elasticity": np.array([s.elasticity for s in known])},
@@ -298,7 +296,7 @@ def of_limits(table: DesignTable, found: Design) -> Findings:
         attributes={
             "limits": {
                 "objective": found.task.objective.minimise or "speed",
-                "name": [in_scene(s.name.replace(".pull", ".slope")) for s in known],
+                "name": [s.name.replace(*weight) for s in known],
                 "value": [s.value for s in known],
                 "unit": [unit_of(s.quantity, table.units) for s in known],
                 "one_sided": [s.one_sided for s in known],
@@ -317,6 +315,11 @@ def _reason_against(found: Design, wanted: bool) -> str:
     return ""
 
 
+def _has_weights(worm: Worm) -> bool:
+    """Whether a slope pulls the masses by unequal forces, which are then in `pull`."""
+    return bool(worm.slope) and len(set(worm.masses)) > 1
+
+
 def _derivatives(
     known: tuple[Sensitivity, ...], found: Design, table: DesignTable
 ) -> dict[str, Scalar]:
@@ -325,7 +328,7 @@ def _derivatives(
     values: dict[str, Any] = {}
     unit: dict[str, str] = {}
     for s in known:
-        if s.name.startswith("worm.pull"):
+        if _has_weights(worm) and s.name.startswith("worm.pull"):
             continue
         name = "sensitivity." + re.sub(r"\[\d+\]", "", s.name.partition(".")[2])
         unit[name] = unit_ratio(objective, s.quantity, table.units)
@@ -336,7 +339,7 @@ def _derivatives(
     if worm.slope:  # derivative by the loads, times m g cos(slope)
         across = weights(math.pi / 2 - worm.slope, worm.gravity, worm.masses)
         by_pull = [s.derivative for s in known if s.name.startswith("worm.pull")]
-        if not by_pull:  # equal on all masses, and part of their load
+        if not _has_weights(worm):  # equal on all masses, and part of their load
             loads = [s.derivative for s in known if s.name.startswith("worm.load")]
             by_pull = (
                 loads if len(loads) == len(across) > 2 else [sum(loads) / len(across)] * len(across)
@@ -354,7 +357,7 @@ def of_certificate(table: DesignTable, found: Design, report: Report) -> Finding
 
     Without a table `[search.certify]` the bound is the one that the search began with.
     """
-    wanted, task = table.search.proof, found.task
+    wanted, task = table.search.certify, found.task
     clock = time.perf_counter()
     if wanted is not None:
         proven = bounded(task, found.value, wanted, report, found.survey.bounded)

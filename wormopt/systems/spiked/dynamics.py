@@ -11,8 +11,7 @@ import numpy as np
 from wormopt.model.friction import Spike
 from wormopt.model.model import Contact, Model, Output, Signal
 from wormopt.ocp.problem import Constraint, Ends, Problem
-from wormopt.systems.spiked.limits import Limits
-from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Worm
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Limits, Objective, Worm
 
 
 def spiked_worm(
@@ -111,10 +110,10 @@ def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
 
 
 def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Constraint]:
-    x = {s.name: s for s in model.x}
+    x, named = {s.name: s for s in model.x}, limits.name
     bounds = [
         Constraint(
-            "limits.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal
+            f"{named}.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal
         )
     ]
     rates = limits.rate_limits(links)
@@ -122,7 +121,7 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
         size = float(np.max(rates))
         bounds.append(
             Constraint(
-                "limits.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size
+                f"{named}.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size
             )
         )
     for key, expression in (
@@ -133,12 +132,12 @@ def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) 
         if getattr(limits, key) is not None:
             most = np.broadcast_to(getattr(limits, key), expression.numel())
             least = -np.inf if key == "spike_load" else -most  # spikes cannot pull
-            bounds.append(Constraint(f"limits.{key}", expression, least, most, float(most.max())))
+            bounds.append(Constraint(f"{named}.{key}", expression, least, most, float(most.max())))
     if limits.sigma_margin > 0:
         sigma = model["reaction_mean"]
         bounds.append(
             Constraint(
-                "limits.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin
+                f"{named}.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin
             )
         )
     return bounds

@@ -24,7 +24,8 @@ from wormopt.study import (
 from wormopt.study.types import NonNegativePair, Pair, wrong_order
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.declared import MOTION_SCALARS, MOTION_VARIABLES
-from wormopt.systems.spiked.tables import GivenGait, WormTable
+from wormopt.systems.spiked.gait_problem import Worm
+from wormopt.systems.spiked.shapes import GivenGait
 
 with on_use():
     import numpy as np
@@ -122,11 +123,11 @@ class GaitMotion(Study, kind="gait"):
 
     headline: ClassVar = ("speed", "period", "resting_min", "mode_sequence", "glides")
     pictures: ClassVar = {
-        "gait": "wormopt.systems.spiked.plots.gaits:gait",
-        "motion": "wormopt.systems.spiked.plots.gaits:motion",
-        "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
-        "region": "wormopt.systems.spiked.plots.region:region",
-        "animation": "wormopt.systems.spiked.plots.animation:first_frame",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
+        "region": "wormopt.systems.spiked.pictures:region",
+        "animation": "wormopt.systems.spiked.pictures:first_frame",
     }
     wanted: ClassVar = ("gait", "motion", "spikes", "region", "animation")
 
@@ -137,13 +138,13 @@ class GaitMotion(Study, kind="gait"):
         "as a GIF",
         default=(),
     )
-    worm: WormTable = entry("the worm")
+    worm: Worm = entry("the worm")
     gait: GivenGait = entry("the gait; `shape` selects the other keys")
     region: MapRange | None = entry("used if `want` contains `region`", default=None)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield the faults that no single key shows."""
-        yield from self.worm.faults(self.units)
+        yield from self.worm.faults_in_scene(self.units)
         yield from self.gait.faults(self.worm.links, self.folder)
         if self.region and not self.is_mapped:
             yield (
@@ -166,7 +167,7 @@ class GaitMotion(Study, kind="gait"):
 
     @stage
     def motion(self) -> Crawl:
-        plant = self.worm.worm
+        plant = self.worm
         loads = plant.loads(plant.load_range[1])
         gait = gait_of_shape(self.gait, self.scene)
         return crawl(gait, plant.masses, plant.drag, loads, self.gait.sharing)

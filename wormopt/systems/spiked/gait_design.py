@@ -23,7 +23,8 @@ from wormopt.study import (
 )
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.declared import DESIGN_SCALARS, MOTION_VARIABLES
-from wormopt.systems.spiked.design_tables import DesignTable, ObjectiveTable
+from wormopt.systems.spiked.design_tables import DesignTable
+from wormopt.systems.spiked.gait_problem import Objective
 
 with on_use():
     from wormopt.systems.spiked.design.design import Design
@@ -139,12 +140,12 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "gait": "wormopt.systems.spiked.plots.gaits:gait",
-        "motion": "wormopt.systems.spiked.plots.gaits:motion",
-        "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
-        "limits": "wormopt.systems.spiked.plots.gaits:limits",
-        "certificate": "wormopt.systems.spiked.plots.certificate:certificate",
-        "animation": "wormopt.systems.spiked.plots.animation:first_frame",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
+        "limits": "wormopt.systems.spiked.pictures:limits",
+        "certificate": "wormopt.systems.spiked.pictures:certificate",
+        "animation": "wormopt.systems.spiked.pictures:first_frame",
     }
     wanted: ClassVar = ("limits",)
     exports: ClassVar = {"certificate.json": "wormopt.systems.spiked.gait_design:as_json"}
@@ -158,13 +159,12 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
             default=(),
         )
     )
-    objective: ObjectiveTable = entry("the objective")
+    objective: Objective = entry("the objective")
 
     def _faults_of_loads(self) -> Iterator[Fault]:
         """Yield a fault if the spikes cannot carry all loads, their average over a cycle."""
         limit, masses = self.gait.spike_load, self.worm.links + 1
-        load = self.worm.worm.load
-        whole = masses * (max(load) if isinstance(load, tuple) else load)
+        whole = masses * self.worm.load_range[1]
         if limit is not None and sum(per(limit, masses)) <= whole:
             yield (
                 "gait.spike_load",
@@ -178,9 +178,9 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
         """Yield the faults that no single key shows."""
         faults = list(self.faults_of_design())
         yield from faults or self._faults_of_loads()
-        yield from self.objective.faults()
+        yield from self.objective.faults_in_scene()
         yield from self.faults_of_cost("objective.minimise", self.objective.minimise)
-        wanted, objective = self.search.proof, self.objective.objective
+        wanted, objective = self.search.certify, self.objective
         if wanted is None:
             if "certificate" in self.want:
                 yield (
@@ -200,9 +200,9 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
 
     @stage
     def design(self) -> Design:
-        task = self.task(self.objective.objective)
+        task = self.task(self.objective)
         try:
-            return designed(task, self.search.search, self.report)
+            return designed(task, self.search, self.report)
         except SolveError as error:
             raise with_keys(error, self) from None
 
@@ -227,7 +227,7 @@ class GaitDesign(DesignTable, Study, kind="gait-design"):
     def has_proof(self) -> bool:
         """Whether there is a bound, and a sound gait to compare with it."""
         found = self.design
-        bounded = self.search.proof is not None or found.bounded is not None
+        bounded = self.search.certify is not None or found.bounded is not None
         return self.is_complete and bounded and (self.second_route | self.sensitivity).holds
 
     def stopped(self) -> str:

@@ -32,8 +32,8 @@ from wormopt.study import (
 )
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked.declared import DESIGN_SCALARS, MOTION_VARIABLES
-from wormopt.systems.spiked.design_tables import COST_WORDS, DesignTable
-from wormopt.systems.spiked.task import Cost, Objective
+from wormopt.systems.spiked.design_tables import DesignTable
+from wormopt.systems.spiked.gait_problem import COST_WORDS, Cost, Objective
 
 with on_use():
     import numpy as np
@@ -173,10 +173,10 @@ class GaitPareto(DesignTable, Study, kind="gait-pareto"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "front": "wormopt.systems.spiked.plots.front:front",
-        "gait": "wormopt.systems.spiked.plots.front:gait",
-        "motion": "wormopt.systems.spiked.plots.front:motion",
-        "spikes": "wormopt.systems.spiked.plots.front:spikes",
+        "front": "wormopt.systems.spiked.pictures:front",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
     }
     table_file: ClassVar = True
 
@@ -245,7 +245,7 @@ class GaitPareto(DesignTable, Study, kind="gait-pareto"):
 
         goal = Objective() if speed is None else Objective(against, speed)
         try:
-            found = designed(self.task(goal), self.search.search, report, hints)
+            found = designed(self.task(goal), self.search, report, hints)
         except SolveError as error:
             raise with_keys(error, self) from None
         if found.ended == "interrupted":
@@ -335,11 +335,13 @@ def _keep(result: Result, folder: Path) -> None:
 
 def _binding(found: Design) -> str:
     """List the limits that bind a gait, except those that every gait meets exactly."""
-    exact = {"limits.resting", "limits.tick", "closed"}
+    exact = {"resting", "tick", "closed"}
     if np.size(found.task.limits.period) == 1:
-        exact.add("limits.period")
-    binding = [key for key, excess in found.violations.items() if excess > -_BINDS]
-    return ", ".join(key.removeprefix("limits.") for key in binding if key not in exact)
+        exact.add("period")
+    binding = [
+        key.rpartition(".")[2] for key, excess in found.violations.items() if excess > -_BINDS
+    ]
+    return ", ".join(key for key in binding if key not in exact)
 
 
 def front_of(points: list[Point], orders: np.ndarray, against: str) -> Front:

@@ -12,12 +12,22 @@ from msgspec import Meta
 from wormopt.errors import ArgumentError, Fault
 from wormopt.study.given import Given, entry, number, positive, says
 from wormopt.study.types import Pair, Positive, wrong_order
+from wormopt.systems.spiked.gait_problem import Sharing
 from wormopt.tables import SUFFIXES
 
 Few = Annotated[int, Meta(ge=1, description="a whole number, 1 or above")]
 Point = Annotated[int, Meta(ge=0, description="a whole number, 0 or above")]
 GaitPath = Annotated[str, Meta(min_length=1, description="the name of a .csv or .nc file")]
 Period = Annotated[Positive, says("time", "period *T*")]
+Shared = Annotated[
+    Sharing,
+    says(
+        "",
+        "how several resting masses share the load, see "
+        "[theory](../theory-kinematic.md#5-spike-loads-and-sharing-rules); spikes have no load "
+        "limit here",
+    ),
+]
 
 
 class FastShape(Given, tag_field="shape", tag="fast"):
@@ -176,6 +186,29 @@ class FileShape(Given, tag_field="shape", tag="file"):
 
 
 Shape = FastShape | BlockWaveShape | AccordionShape | SineShape | FileShape
+
+
+class FastGait(FastShape):  # noqa: D101
+    __doc__ = FastShape.__doc__
+    sharing: Shared = "equal"
+
+
+class BlockWave(BlockWaveShape):  # noqa: D101
+    __doc__ = BlockWaveShape.__doc__
+    sharing: Shared = "equal"
+
+
+class Accordion(AccordionShape):  # noqa: D101
+    __doc__ = AccordionShape.__doc__
+    sharing: Shared = "equal"
+
+
+class GaitFile(FileShape):  # noqa: D101
+    __doc__ = FileShape.__doc__
+    sharing: Shared = "equal"
+
+
+GivenGait = FastGait | BlockWave | Accordion | GaitFile
 
 
 def why_unreadable(path: Path) -> str:

@@ -27,8 +27,9 @@ from wormopt.study import (
     warnings,
 )
 from wormopt.systems.shared.declared import GAIT
-from wormopt.systems.spiked.design_tables import Motor
-from wormopt.systems.spiked.tables import GivenGait, WormTable
+from wormopt.systems.spiked.gait_problem import Worm
+from wormopt.systems.spiked.shapes import GivenGait
+from wormopt.systems.spiked.stepper.stepper import Demand, Motor, Stepper, demand
 
 with on_use():
     import numpy as np
@@ -40,7 +41,6 @@ with on_use():
     from wormopt.systems.spiked.motion import agreement, cross_check, gait_arrays, motion_facts
     from wormopt.systems.spiked.reference import gait_of_shape
     from wormopt.systems.spiked.stepper.bristles import BristleMotion, ratchet
-    from wormopt.systems.spiked.stepper.stepper import Demand, Stepper, demand
     from wormopt.systems.spiked.stepper.steps import (
         Steps,
         c_text,
@@ -150,7 +150,7 @@ class StepperCommands(Study, kind="stepper"):
     gait's largest rate and `start_rate`.
     """
 
-    pictures: ClassVar = {"steps": "wormopt.systems.spiked.plots.stepper:steps"}
+    pictures: ClassVar = {"steps": "wormopt.systems.spiked.pictures:steps"}
     exports: ClassVar = {
         "steps.csv": "wormopt.systems.spiked.stepper_commands:as_csv",
         "steps.c": "wormopt.systems.spiked.stepper_commands:as_c",
@@ -161,7 +161,7 @@ class StepperCommands(Study, kind="stepper"):
         "the masses",
         default=(),
     )
-    worm: WormTable = entry("the worm")
+    worm: Worm = entry("the worm")
     gait: GivenGait = entry("the gait; `shape` selects the other keys")
     motor: Motor = entry("the motor of every link")
     bristles: Bristles = entry("the bristles under the masses", default=Bristles)
@@ -181,7 +181,7 @@ class StepperCommands(Study, kind="stepper"):
                 "units",
                 f'"{self.units}", but motors are commanded in s and m; write units = "SI"',
             )
-        yield from self.worm.faults(self.units)
+        yield from self.worm.faults_in_scene(self.units)
         yield from self.gait.faults(self.worm.links, self.folder)
         period = self.gait.period
         if period is not None and self.bristles.settle_time >= period:
@@ -198,23 +198,18 @@ class StepperCommands(Study, kind="stepper"):
         """Lengths of the links that the motors follow."""
         return gait_of_shape(self.gait, self.scene)
 
-    @property
-    def stepper(self) -> Stepper:
-        """The motor as the science has it."""
-        return self.motor.stepper
-
     @stage
     def demand(self) -> Demand:
         try:
-            return demand(self.lengths, self.stepper)
+            return demand(self.lengths, self.motor)
         except ArgumentError as error:
             raise SceneError(self.name, [("gait.file", str(error))]) from None
 
     @stage
     def steps(self) -> Steps:
-        self.demand.refuse(self.stepper)
+        self.demand.refuse(self.motor)
         try:
-            steps = step_times(self.lengths, self.stepper)
+            steps = step_times(self.lengths, self.motor)
         except ArgumentError as error:
             raise SceneError(self.name, [("motor.microsteps", str(error))]) from None
         if not len(steps.time):
@@ -247,13 +242,13 @@ class StepperCommands(Study, kind="stepper"):
     @property
     def replay_accepted(self) -> float:
         """Error of the commands that rounding to steps explains, in steps."""
-        return 0.5 + self.stepper.hysteresis + _ROUNDING
+        return 0.5 + self.motor.hysteresis + _ROUNDING
 
     # -- motion ------------------------------------------------------------------------------------
 
     @stage
     def ideal(self) -> Crawl:
-        plant = self.worm.worm
+        plant = self.worm
         loads = plant.loads(plant.load_range[1])
         return crawl(self.lengths, plant.masses, plant.drag, loads, self.gait.sharing)
 
@@ -276,7 +271,7 @@ class StepperCommands(Study, kind="stepper"):
         asked = self.demand
         return Demands(
             turn_rate_max=asked.rate,
-            step_rate_max=asked.rate * self.stepper.pulses_per_turn,
+            step_rate_max=asked.rate * self.motor.pulses_per_turn,
             acceleration_max=asked.acceleration,
             period=asked.period,
             period_min=asked.period_min,
@@ -297,7 +292,7 @@ class StepperCommands(Study, kind="stepper"):
 
     @scalar("length", "change of length per microstep")
     def travel_per_step(self) -> float:
-        return self.stepper.travel
+        return self.motor.travel
 
     @parts(Commands)
     def commands(self) -> Commands:
@@ -317,7 +312,7 @@ class StepperCommands(Study, kind="stepper"):
         name="quantisation_error",
     )
     def largest_error(self) -> float:
-        return self.replay_error * self.stepper.travel
+        return self.replay_error * self.motor.travel
 
     @scalar("speed", "mean speed of the stepped worm", headline=True)
     def speed(self) -> float:
@@ -432,7 +427,7 @@ class StepperCommands(Study, kind="stepper"):
                 "motion assumes; speed_ideal includes the glide"
             )
         runs = sum(len(turning_times(ideal.gait, j)) for j in range(ideal.gait.links))
-        travel = self.stepper.travel
+        travel = self.motor.travel
         if speed > ideal.speed + runs * travel / ideal.gait.period:
             yield (
                 "the stepped worm is faster than the ideal gait: links that should shorten and "
@@ -443,7 +438,7 @@ class StepperCommands(Study, kind="stepper"):
             yield "bristles.backslip is 0: real bristles slip back at every handover"
         if speed <= _ACCEPTED * ideal.drive.rate_scale:
             yield "the worm does not advance: backslip cancels the strokes"
-        yield from short_pauses(self.stepper, self.demand, self.steps)
+        yield from short_pauses(self.motor, self.demand, self.steps)
 
 
 def short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str]:

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from wormopt.systems.spiked.limits import Limits, whole_beside
+from wormopt.systems.spiked.gait_problem import Limits, whole_beside
 
 
 def in_steps(lengths: np.ndarray, step: float, ranges: Sequence[Sequence[float]]) -> np.ndarray:
@@ -36,9 +36,9 @@ def excess_of(table: np.ndarray, tick: float, limits: Limits) -> dict[str, float
     if limits.rate is not None and (most := limits.rate_limits(links)):
         contraction, extension = (np.array(way)[:, None] for way in most)
         over = np.maximum(-rates / contraction, rates / extension)
-        found["limits.rate"] = float(over.max()) - 1.0
+        found[f"{limits.name}.rate"] = float(over.max()) - 1.0
     if limits.acceleration is not None:
         changes = np.abs(rates - np.roll(rates, 1, axis=1)) / tick
         most = np.broadcast_to(limits.acceleration, links)[:, None]
-        found["limits.acceleration"] = float((changes / most).max()) - 1.0
+        found[f"{limits.name}.acceleration"] = float((changes / most).max()) - 1.0
     return found

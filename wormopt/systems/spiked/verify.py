@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wormopt.systems.spiked.crawl import Crawl
-from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.gait_problem import Limits
 from wormopt.systems.spiked.stretches import at_breaks
 
 
@@ -38,12 +38,12 @@ def violations(motion: Crawl, limits: Limits) -> dict[str, float]:
     >>> {key: round(value, 3) for key, value in found.items() if value > 1e-9}
     {'limits.rate': 0.6}
     """
-    n = motion.gait.links
+    n, named = motion.gait.links, limits.name
     ranges = np.array(limits.length_ranges(n))
-    found = {"limits.length": _excess(motion, "length", ranges[:, 0], ranges[:, 1])}
+    found = {f"{named}.length": _excess(motion, "length", ranges[:, 0], ranges[:, 1])}
     rates = limits.rate_limits(n)
     if rates is not None:
-        found["limits.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
+        found[f"{named}.rate"] = _excess(motion, "rate", -np.array(rates[0]), np.array(rates[1]))
     for key, signal, count in (
         ("acceleration", "acceleration", n),
         ("spike_load", "reaction", n + 1),
@@ -51,21 +51,21 @@ def violations(motion: Crawl, limits: Limits) -> dict[str, float]:
     ):
         if getattr(limits, key) is not None:
             most = np.broadcast_to(getattr(limits, key), count)
-            found[f"limits.{key}"] = _excess(motion, signal, -most, most)
+            found[f"{named}.{key}"] = _excess(motion, signal, -most, most)
     if limits.spike_load is not None and motion.impulses:
-        found["limits.spike_load"] = np.inf
+        found[f"{named}.spike_load"] = np.inf
     low = motion.extremes("sigma")[0].item()
     if limits.sigma_margin > 0:
         size = max(limits.sigma_margin, motion.force_scale)
-        found["limits.sigma_margin"] = (limits.sigma_margin - low) / size
+        found[f"{named}.sigma_margin"] = (limits.sigma_margin - low) / size
     found["sigma"] = -low / motion.force_scale
-    found["limits.resting"] = float(limits.resting - motion.resting_min)
+    found[f"{named}.resting"] = float(limits.resting - motion.resting_min)
     shortest, longest = limits.period_range
     period = motion.gait.period * limits.cycles_of(motion.gait.period)
-    found["limits.period"] = max(shortest - period, period - longest) / longest
+    found[f"{named}.period"] = max(shortest - period, period - longest) / longest
     if limits.tick is not None:
         whole = limits.whole_ticks(round(motion.gait.period / limits.tick))
-        found["limits.tick"] = abs(motion.gait.period - whole) / motion.gait.period
+        found[f"{named}.tick"] = abs(motion.gait.period - whole) / motion.gait.period
     found["closed"] = _gap(motion, limits)
     return found
 

@@ -9,13 +9,15 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+from msgspec import structs
+
 from wormopt.model.given import per
 from wormopt.progress import Report
 from wormopt.systems.spiked.certify.certificate import Certificate
 from wormopt.systems.spiked.certify.program import OF_STROKES, Level, Outer, Program, size_of
 from wormopt.systems.spiked.certify.statement import Statement, rounded_up
+from wormopt.systems.spiked.gait_problem import Certify, Cost, GaitProblem, Objective
 from wormopt.systems.spiked.search.orders import ceiling_of
-from wormopt.systems.spiked.task import Certify, Cost, GaitProblem, Objective
 
 Ending = Literal["gap reached", "time limit", "finest program", "interrupted"]
 
@@ -224,8 +226,8 @@ def _lowered(task: GaitProblem, cost: str, most: float) -> GaitProblem:
     given = getattr(task.limits, key)
     count = 1 if given is None or not isinstance(given, tuple) else len(given)
     limit = tuple(min(most, g) for g in per(most if given is None else given, count))
-    limits = replace(task.limits, **{key: limit if count > 1 else limit[0]})
-    return replace(task, limits=limits, objective=Objective())
+    limits = structs.replace(task.limits, **{key: limit if count > 1 else limit[0]})
+    return structs.replace(task, limits=limits, objective=Objective())
 
 
 def gap_of(value: float, bound: float, cost: bool) -> float:

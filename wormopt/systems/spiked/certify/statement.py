@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from wormopt.model.given import per
-from wormopt.systems.spiked.task import GaitProblem
+from wormopt.systems.spiked.gait_problem import GaitProblem
 
 # Digits to which derived numbers of a proof are rounded, on the safe side.
 _DIGITS = 6

@@ -24,10 +24,10 @@ from wormopt.systems.shared.sequences import Sequence_, lasting, lasting_arcs, r
 from wormopt.systems.spiked.certify.bound import Bounded, at_once
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.canonical import chosen
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Search
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
-from wormopt.systems.spiked.search.trial import Trial, Trier
+from wormopt.systems.spiked.search.trial import BENT, Trial, Trier
 from wormopt.systems.spiked.table import in_steps, speed_of
-from wormopt.systems.spiked.task import Cost, GaitProblem, Search
 from wormopt.systems.spiked.verify import violations
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 # Halving the arcs ends where it gains less than this, relatively, or arcs become too many.
 _RESOLVED, _RESOLVED_DRAGGED, _MOST_UNKNOWNS, _MOST_HALVINGS = 1e-9, 1e-7, 1000, 5
-# Degree of velocities where drag bends them, and most steps of a climb between two halvings.
-_DRAGGED, _STEPS = 3, 15
+# Most steps of a climb between two halvings.
+_STEPS = 15
 # Trials within this share of the best are sharpened too: one of them may end higher.
 _CLOSE, _TIE = 2e-3, 1e-8
 # or within this multiple of the gain of the best by sharpening.
@@ -85,8 +85,7 @@ class Design:
 
     Examples
     --------
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
+    >>> from wormopt.systems.spiked.gait_problem import Limits, Worm
     >>> from wormopt.systems.spiked.design.optimize import design
     >>> worm = Worm(links=1, load=5.0)
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
@@ -223,7 +222,8 @@ class Design:
         """
         limits, links = self.task.limits, self.task.worm.links
         if limits.tick is None:
-            raise ArgumentError("a table needs ticks, but limits.tick is not given; write it")
+            missing = f"{limits.name}.tick"
+            raise ArgumentError(f"a table needs ticks, but {missing} is not given; write it")
         ticks = round(self.period / limits.tick)
         lengths = self.gait(np.array([limits.whole_ticks(k) for k in [*range(ticks), 0]]))
         if limits.length_step is None:
@@ -478,8 +478,8 @@ def _sharpen(
 def _halved(trier: Trier, trial: Trial, halvings: int, best: float) -> tuple[Trial, float]:
     """Halve arcs while that gains something; with drag optimal velocities bend: degrees first."""
     error, dragged = np.inf, bool(trier.task.worm.drag)
-    if dragged and trial.program.degree < _DRAGGED:
-        degree = _DRAGGED if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
+    if dragged and trial.program.degree < BENT:
+        degree = BENT if len(trial.point.x) < _MOST_UNKNOWNS // 2 else 2
         bent = trier.finer(trial, 1e-6, degree, parts=1, steps=_STEPS)
         error = (bent.value - trial.value) / abs(trial.value or 1.0)
         trial = bent

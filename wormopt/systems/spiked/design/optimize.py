@@ -8,6 +8,7 @@ from time import monotonic, perf_counter
 from typing import Any, Literal
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.errors import ArgumentError, SolveError
 from wormopt.model.given import check_kind
@@ -15,11 +16,18 @@ from wormopt.progress import Report, silent
 from wormopt.shown import enough
 from wormopt.systems.shared.sequences import Sequence_, ascending
 from wormopt.systems.spiked.design.design import Design, sharpest
-from wormopt.systems.spiked.limits import Limits, Rates
+from wormopt.systems.spiked.gait_problem import (
+    Cost,
+    GaitProblem,
+    Limits,
+    Objective,
+    Rates,
+    Search,
+    Worm,
+)
 from wormopt.systems.spiked.search.orders import ceiling_of, first_orders
 from wormopt.systems.spiked.search.search import Survey, search
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import Cost, GaitProblem, Objective, Search, Worm
 
 _SEARCH = Search()
 # Limits of a design are exceeded by at most this share of their size.
@@ -87,8 +95,10 @@ def design(
     """
     task = GaitProblem(worm, limits, Objective.of(objective, speed))
     check_kind("search", search, Search)
-    for key, message in search.faults(worm.links, limits.resting):
+    for key, message in search.faults_for(worm.links, limits):
         raise ArgumentError(f"search.{key}: {message}")
+    if search.certify is not None:
+        raise ArgumentError("search.certify: a design has no proof; call wormopt.certify with it")
     found = designed(task, search, report)
     name, excess = max(found.violations.items(), key=lambda item: item[1])
     if excess > _ACCEPTED:
@@ -149,7 +159,7 @@ def _finest(
 
 def without_tick(task: GaitProblem) -> GaitProblem:
     """The task without the tick."""
-    return replace(task, limits=task.limits.without_ticks())
+    return structs.replace(task, limits=task.limits.without_ticks())
 
 
 def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) -> Design:
@@ -176,7 +186,7 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
         if not trials:
             raise SolveError(
                 f"no gait was found whose cycle is a whole number of ticks near {free.period:.6g}",
-                f"write a limits.tick below {limits.tick:g}",
+                f"write a {limits.name}.tick below {limits.tick:g}",
                 free,
             )
         trials.sort(key=lambda trial: -trial.value)
@@ -194,7 +204,7 @@ def ticked(task: GaitProblem, settings: Search, free: Design, report: Report) ->
 
 def _held(task: GaitProblem, start: Trial, period: float) -> Iterator[Trial]:
     """Yield a trial with its cycle held at another length, if there is a gait of it."""
-    trier = Trier(replace(task, limits=replace(task.limits, period=period)))
+    trier = Trier(structs.replace(task, limits=structs.replace(task.limits, period=period)))
     held = trier.fitted(start, 1) or trier.near(start.sequence, start.durations, 1)
     if held is not None:
         held = trier.climbed(held, _HELD, _HELD_STEPS)
@@ -206,7 +216,7 @@ def _nothing_slows(task: GaitProblem) -> SolveError:
     return SolveError(
         "no gait advances: all masses but one rest at any time, and without worm.load nothing "
         "stops that mass, because spikes push forward only and drag decreases with the velocity",
-        f"write worm.load above 0, or gait.resting below {task.limits.resting}",
+        f"write worm.load above 0, or {task.limits.name}.resting below {task.limits.resting}",
     )
 
 
@@ -298,8 +308,8 @@ def _relaxed(task: GaitProblem, shares: Mapping[str, float]) -> GaitProblem:
         part, _, name = key.partition(".")
         value = getattr(getattr(task, part), name)
         if value is not None:
-            given = replace(getattr(task, part), **{name: _WAYS[key](value, 1.0 + share)})
-            task = replace(task, **{part: given})
+            changed = {name: _WAYS[key](value, 1.0 + share)}
+            task = structs.replace(task, **{part: structs.replace(getattr(task, part), **changed)})
     return task
 
 
@@ -308,15 +318,16 @@ def _deciding(task: GaitProblem, bound: float) -> list[str]:
     keys = ("limits.rate", "limits.acceleration", "limits.resting", "limits.length")
     given = [key for key in keys if _relaxed(task, {key: _FULL}) != task]
     raised = [k for k in given if ceiling_of(_relaxed(task, {k: _FULL})) > bound * _NEAR]
-    return raised or given
+    return list(map(task.key_of, raised or given))
 
 
 def _told(task: GaitProblem, key: str, share: float) -> str:
     part, _, name = key.partition(".")
     old, new = (getattr(getattr(t, part), name) for t in (task, _relaxed(task, {key: share})))
     if isinstance(old, int | float) and isinstance(new, int | float):
-        return f"{key} {'larger' if new > old else 'smaller'} by {enough(abs(new - old), 3):g}"
-    return f"{key} wider by {enough(100 * share, 3):g} %"
+        way = "larger" if new > old else "smaller"
+        return f"{task.key_of(key)} {way} by {enough(abs(new - old), 3):g}"
+    return f"{task.key_of(key)} wider by {enough(100 * share, 3):g} %"
 
 
 def _raised(value: Any, factor: float) -> Any:

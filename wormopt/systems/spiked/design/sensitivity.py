@@ -16,15 +16,15 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.errors import ArgumentError
 from wormopt.numerics.bilinear import Climb
 from wormopt.shown import Part, html, lines
 from wormopt.systems.spiked.design.design import Design
-from wormopt.systems.spiked.limits import Rates
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Rates
 from wormopt.systems.spiked.programs.program import GaitProgram
 from wormopt.systems.spiked.search.trial import Trial
-from wormopt.systems.spiked.task import GaitProblem, Objective
 
 # Limits are moved by this share; what they gain is evaluated by multipliers, without rounding.
 _SHARE = 1e-5
@@ -141,8 +141,7 @@ def sensitivities(design: Design) -> Sensitivities:
     Two masses m that rest alternately, at rate r, period T, acceleration a and load G, reach the
     speed r/2 - r r/(2 T) (1/a + m/(2 G)).
 
-    >>> from wormopt.systems.spiked.limits import Limits
-    >>> from wormopt.systems.spiked.task import Worm
+    >>> from wormopt.systems.spiked.gait_problem import Limits, Worm
     >>> from wormopt.systems.spiked.design.optimize import design
     >>> limits = Limits(period=1.0, length=(0.7, 1.3), rate=1.0, acceleration=20.0)
     >>> found = sensitivities(design(Worm(1, load=5.0), limits))
@@ -234,9 +233,10 @@ def limits_of(task: GaitProblem) -> Iterator[Limit]:
 
     One for each number as it is written; a drag or limit left out is none.
     """
+    task = structs.replace(task, worm=task.worm.on_level_ground)
     for part, key, quantity, ends in _KEYS:
         value = getattr(getattr(task, part), key)
-        if value is None or (key in ("drag", "pull") and value == 0.0):
+        if value is None or (key == "drag" and value == 0.0):
             continue
         if key == "load" and isinstance(value, tuple) and len(value) > 2:
             ends = ()
@@ -244,14 +244,15 @@ def limits_of(task: GaitProblem) -> Iterator[Limit]:
             value = _single(value)
         for suffix, number, rebuilt in _numbers(value, ends):
             moved = partial(_replaced, task, part, key, rebuilt)
-            yield Limit(f"{part}.{key}{suffix}", number, quantity, moved)
+            yield Limit(task.key_of(f"{part}.{key}{suffix}"), number, quantity, moved)
 
 
 def _replaced(
     task: GaitProblem, part: str, key: str, rebuilt: Callable[[float], Any], number: float
 ) -> GaitProblem:
     """The task with another number in one of its fields."""
-    return replace(task, **{part: replace(getattr(task, part), **{key: rebuilt(number)})})
+    moved = structs.replace(getattr(task, part), **{key: rebuilt(number)})
+    return structs.replace(task, **{part: moved})
 
 
 def _single(value: Any) -> Any:
@@ -282,7 +283,7 @@ def _numbers(value: Any, ends: Sequence[str]) -> Iterator[_Number]:
 
 
 def _in_field(value: Any, name: str, rebuilt: Callable[[float], Any], number: float) -> Any:
-    return replace(value, **{name: rebuilt(number)})
+    return structs.replace(value, **{name: rebuilt(number)})
 
 
 def _in_tuple(value: Any, k: int, rebuilt: Callable[[float], Any], number: float) -> Any:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.errors import SolveError
 from wormopt.model.gait import Gait
@@ -23,10 +24,10 @@ from wormopt.progress import Report
 from wormopt.systems.shared.sequences import SHORTEST, Sequence_, lasting_arcs
 from wormopt.systems.spiked.design.design import Design, objective_of, of_trial
 from wormopt.systems.spiked.dynamics import gait_problem
+from wormopt.systems.spiked.gait_problem import GaitProblem, Objective, Search
 from wormopt.systems.spiked.programs.gait_rows import has_cost_columns, is_energy
 from wormopt.systems.spiked.search.search import DONE, Survey, effort_of
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import GaitProblem, Objective, Search
 
 # Refinement stops when halving every arc changes the cost by less than this, relatively.
 _RESOLVED = 1e-6
@@ -198,14 +199,14 @@ def _bounds(program: Transcription, sequence: Sequence_) -> Bounds:
 
 def solve_cost(task: GaitProblem, trial: Trial) -> Solved | None:
     """Solve for a smooth cost, started from a trial that is fast enough; None: no motion found."""
-    cycle = replace(task, limits=task.limits.without_ticks(trial.program.period))
+    cycle = structs.replace(task, limits=task.limits.without_ticks(trial.program.period))
     mesh = replace(mesh_of(trial.sequence, _ARCS), arcs=tuple(trial.program.arcs.tolist()))
     program = _program(cycle, mesh)
     bounds = _bounds(program, trial.sequence)
     if has_cost_columns(task):
         begin = program.pack(arcs_of(trial, program), bounds)
     else:
-        fast = _fast(replace(cycle, objective=Objective()), trial, mesh)
+        fast = _fast(structs.replace(cycle, objective=Objective()), trial, mesh)
         if fast is None:
             return None
         begin = program.pack(replace(fast, **program.nominal_extras()), bounds)

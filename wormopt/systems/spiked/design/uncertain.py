@@ -9,10 +9,11 @@ needed width follows from the gait, and both are iterated until they agree.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from msgspec import structs
 from scipy.special import fdtri
 
 from wormopt.errors import ArgumentError, SolveError
@@ -20,9 +21,8 @@ from wormopt.progress import Report, silent
 from wormopt.systems.spiked.crawl import Crawl, crawl
 from wormopt.systems.spiked.design.design import Design
 from wormopt.systems.spiked.design.optimize import designed
-from wormopt.systems.spiked.limits import Limits
+from wormopt.systems.spiked.gait_problem import GaitProblem, Limits, Objective, Search, Worm
 from wormopt.systems.spiked.stretches import Drive, Stretch
-from wormopt.systems.spiked.task import GaitProblem, Objective, Search, Worm
 
 Burden = Literal["total", "actuators"]
 # Instants of a stretch that are looked at, by cosines; what lies between them is this much more.
@@ -106,7 +106,7 @@ def design_believed(
     """
     _check(believed, limits, confidence)
     nominal = designed(GaitProblem(believed.worm(0.0), limits, objective), search, report)
-    quick = replace(search, sequence=nominal.sequence, phases=None)
+    quick = structs.replace(search, sequence=nominal.sequence, phases=None)
     reach = believed.reach(confidence)
     found, width = nominal, 0.0
     for made in range(1, _ROUNDS + 1):
@@ -143,7 +143,7 @@ def needed_width(motion: Crawl, believed: Believed, reach: float, limits: Limits
                 raise SolveError(
                     "the force of an actuator between resting masses does not depend on the load, "
                     "so no range of loads covers its error",
-                    "remove limits.actuator_force, or write resting = 1",
+                    f"remove {limits.name}.actuator_force, or write resting = 1",
                 )
             worst = max(worst, float((off / by_load).max()))
     return _BETWEEN * reach * worst

@@ -14,14 +14,15 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from msgspec import structs
 
 from wormopt.numerics.bilinear import BilinearProgram
 from wormopt.numerics.bilinear_rows import BilinearRows, Product, Term
 from wormopt.numerics.linearised import Excess
 from wormopt.systems.shared.sequences import Resting, Sequence_
+from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.programs.scaled_limits import Form, ScaledLimits, scaled
 from wormopt.systems.spiked.programs.split import Pattern, lines_of, split_matters
-from wormopt.systems.spiked.task import GaitProblem
 
 # A cost of an arc is less than this, in units of force times way or of rate squared over time.
 _MOST_COST = 1e6
@@ -44,7 +45,7 @@ class GaitRows:
     ) -> None:
         self.task, self.sequence, self.period, self.degree = task, sequence, period, degree
         self.patterns, self._like = patterns, like
-        self.limits = scaled(replace(task, limits=task.limits.without_ticks(period)))
+        self.limits = scaled(structs.replace(task, limits=task.limits.without_ticks(period)))
         if like is not None:
             self.limits = replace(self.limits, like=like)
         self.arcs = np.broadcast_to(arcs, len(sequence))

@@ -26,6 +26,7 @@ from wormopt.systems.shared.sequences import (
     lasting_phases,
     wave_direction,
 )
+from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.programs.gait_rows import GaitRows
 from wormopt.systems.spiked.programs.split import (
     Pattern,
@@ -33,7 +34,6 @@ from wormopt.systems.spiked.programs.split import (
     simple_patterns,
     split_matters,
 )
-from wormopt.systems.spiked.task import GaitProblem
 
 # Arcs of a smaller share of the cycle count as having no duration.
 _SHORT = 1e-6

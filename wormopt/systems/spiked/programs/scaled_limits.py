@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from wormopt.systems.shared.sequences import Resting
-from wormopt.systems.spiked.task import GaitProblem
+from wormopt.systems.spiked.gait_problem import GaitProblem
 
 # Acceleration within 1e-7 of a longest period from rest to the largest rate.
 _ABRUPT = 1e7

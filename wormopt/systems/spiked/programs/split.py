@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from wormopt.systems.shared.sequences import Resting
+from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.sharing import share_load
-from wormopt.systems.spiked.task import GaitProblem
 
 # For each resting mass, ascending: -1 where its spike is unloaded, 1 where it is full, else 0.
 Pattern = tuple[int, ...]

@@ -19,7 +19,7 @@ from wormopt.systems.shared.sequences import (
     wave_orders,
 )
 from wormopt.systems.spiked.ceiling import best_modes, ceiling
-from wormopt.systems.spiked.task import GaitProblem
+from wormopt.systems.spiked.gait_problem import GaitProblem
 
 # Largest numbers of sets, and of words of them, that are all listed.
 _MOST_SETS, _MOST_WORDS = 64, 4000

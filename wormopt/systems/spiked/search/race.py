@@ -13,11 +13,11 @@ import numpy as np
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report
 from wormopt.systems.shared.sequences import Sequence_, canonical
+from wormopt.systems.spiked.gait_problem import GaitProblem
 from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.programs.scaled_limits import scaled
 from wormopt.systems.spiked.search.orders import ceiling_of, is_mirror_symmetric
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import GaitProblem
 
 Better = Callable[[Trial], None]
 

@@ -30,11 +30,11 @@ from wormopt.systems.shared.sequences import (
     wave_orders,
 )
 from wormopt.systems.spiked.certify.bound import Bounded, at_once
+from wormopt.systems.spiked.gait_problem import GaitProblem, Search
 from wormopt.systems.spiked.programs.gait_rows import is_energy
 from wormopt.systems.spiked.search.orders import first_orders, plain_orders, search_letters
 from wormopt.systems.spiked.search.race import Better, Race, Start, apart, rank
 from wormopt.systems.spiked.search.trial import Trial, Trier
-from wormopt.systems.spiked.task import GaitProblem, Search
 
 
 @dataclass(frozen=True)

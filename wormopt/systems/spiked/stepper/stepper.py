@@ -6,53 +6,34 @@ own functions of time, found as roots on every piece.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
+from wormopt.errors import ArgumentError, Fault, SolveError
+from wormopt.study.given import Given, number, positive, whole
+from wormopt.study.later import on_use
 
-from wormopt.errors import ArgumentError, SolveError
-from wormopt.model.gait import Gait
-from wormopt.numerics.chebyshev import Series, resolve
-from wormopt.shown import enough
-from wormopt.systems.spiked.stretches import at_breaks, exact_degree
+with on_use():
+    import numpy as np
+
+    from wormopt.model.gait import Gait
+    from wormopt.numerics.chebyshev import Series, resolve
+    from wormopt.shown import enough
+    from wormopt.systems.spiked.stretches import at_breaks, exact_degree
 
 _JUMP = 1e-9  # share of the largest length or rate: smaller jumps between pieces are round-off
 _ACCEPTED = 1e-9  # relative amount by which a period may be below the smallest
 
 
-@dataclass(frozen=True)
-class Stepper:
+class Stepper(Given, kw_only=False):
     """A stepping motor that turns a threaded rod; all links have the same motor.
-
-    Parameters
-    ----------
-    lead : float
-        Travel along the rod per turn, m.
-    steps_per_turn : int
-        Full steps per turn.
-    microsteps : int, optional
-        Microsteps per full step; each pulse to the driver is one microstep.
-    rate_max : float, optional
-        Largest rate, turns/s.
-    acceleration_max : float, optional
-        Largest change of the rate, turns/s². If it is infinite, rates may jump.
-    start_rate : float, optional
-        Rate, turns/s, up to which the motor starts, stops and reverses without a ramp.
-    hysteresis : float, optional
-        Share of a microstep by which a length must be past the middle between two positions
-        before the motor steps, 0 to 0.4. It avoids steps to and fro at short intervals if a
-        length stays near such a middle; 0 is plain rounding.
-
-    Raises
-    ------
-    ArgumentError
-        If a number is out of range.
 
     Notes
     -----
     Pull-out curves of motors depend on the speed of the shaft, not on microstepping. Rates are
-    therefore in turns, not in pulses.
+    therefore in turns, not in pulses. Without `rate_max` any rate is possible, without
+    `acceleration_max` rates may jump.
 
     Examples
     --------
@@ -61,28 +42,56 @@ class Stepper:
     5e-06
     """
 
-    lead: float
-    steps_per_turn: int
-    microsteps: int = 1
-    rate_max: float = float("inf")
-    acceleration_max: float = float("inf")
-    start_rate: float = 0.0
-    hysteresis: float = 0.05
+    lead: float = positive("length", "travel along the rod per turn")
+    steps_per_turn: int = whole(1, 100000, "full steps per turn", default=200)
+    microsteps: int = whole(1, 100000, "microsteps per full step", default=1)
+    rate_max: float | None = positive("rate", "largest rate, turns per time", default=None)
+    acceleration_max: float | None = positive(
+        "rate_change", "largest change of the rate, turns per time squared", default=None
+    )
+    start_rate: float = number(
+        "rate",
+        "rate up to which the motor starts, stops and reverses without a ramp",
+        least=0,
+        default=0.0,
+    )
+    hysteresis: float = number(
+        "share",
+        "hysteresis as a share of a microstep: distance by which a length must pass the "
+        "middle between two positions before the motor steps",
+        least=0,
+        most=0.4,
+        default=0.05,
+    )
 
-    def __post_init__(self) -> None:
-        for name in ("steps_per_turn", "microsteps"):
-            count = getattr(self, name)
-            if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-                raise ArgumentError(f"{name} must be a whole number, 1 or above, not {count!r}")
-        for name in ("lead", "rate_max", "acceleration_max"):
-            if not getattr(self, name) > 0:
-                raise ArgumentError(f"{name} must be above 0, not {getattr(self, name)!r}")
-        if not np.isfinite(self.lead):
-            raise ArgumentError(f"lead must be finite, not {self.lead!r}")
-        if not 0 <= self.start_rate <= self.rate_max:
-            raise ArgumentError(f"start_rate must be from 0 to rate_max, not {self.start_rate}")
-        if not 0 <= self.hysteresis <= 0.4:
-            raise ArgumentError(f"hysteresis must be from 0 to 0.4, not {self.hysteresis!r}")
+    @property
+    def rate_limit(self) -> float:
+        """Largest rate, turns per time; infinite without a limit."""
+        return math.inf if self.rate_max is None else self.rate_max
+
+    @property
+    def acceleration_limit(self) -> float:
+        """Largest change of the rate, turns per time squared; infinite without a limit."""
+        return math.inf if self.acceleration_max is None else self.acceleration_max
+
+    @property
+    def length_rate(self) -> float:
+        """Largest rate of a length."""
+        return self.lead * self.rate_limit
+
+    @property
+    def length_acceleration(self) -> float:
+        """Largest acceleration of a length."""
+        return self.lead * self.acceleration_limit
+
+    def faults_of_keys(self) -> Iterator[Fault]:
+        """Yield a start rate that is too large."""
+        if self.start_rate > self.rate_limit:
+            yield (
+                "start_rate",
+                f"{self.start_rate:g} is above motor.rate_max = {self.rate_max:g}; write at most "
+                "motor.rate_max",
+            )
 
     @property
     def travel(self) -> float:
@@ -93,6 +102,15 @@ class Stepper:
     def pulses_per_turn(self) -> int:
         """Microsteps per turn."""
         return self.steps_per_turn * self.microsteps
+
+
+class Motor(Stepper):
+    """A stepping motor on a threaded rod; all links have the same motor."""
+
+    rate_max: float = positive("rate", "largest rate, turns per time")
+    acceleration_max: float = positive(
+        "rate_change", "largest change of the rate, turns per time squared"
+    )
 
 
 @dataclass(frozen=True)
@@ -179,10 +197,10 @@ def demand(gait: Gait, stepper: Stepper) -> Demand:
             rate[j] = max(rate[j], float(turns.max()))
             acceleration[j] = max(acceleration[j], float(np.where(free, 0.0, change).max()))
             begin, period = float(gait.breaks[q]), gait.period
-            over = np.sqrt(change / stepper.acceleration_max)
+            over = np.sqrt(change / stepper.acceleration_limit)
             if stepper.start_rate > 0:
                 over = np.minimum(over, turns / stepper.start_rate)
-            factors = {"rate_max": turns / stepper.rate_max, "acceleration_max": over}
+            factors = {"rate_max": turns / stepper.rate_limit, "acceleration_max": over}
             for name, factor in factors.items():
                 k = int(factor.argmax())
                 limits.append(Limit(name, period * float(factor[k]), j, begin + float(s[k])))
@@ -211,7 +229,7 @@ def _refuse_jumps(gait: Gait) -> None:
 
 def _corners(gait: Gait, stepper: Stepper, size: float) -> Iterator[tuple[int, float, float]]:
     """Link, time and larger of both rates, turns/s, of every jump that needs start_rate."""
-    if np.isinf(stepper.acceleration_max):
+    if np.isinf(stepper.acceleration_limit):
         return
     after, before = at_breaks(gait, 1)
     for q, j in np.argwhere(np.abs(after - before) > _JUMP * size):
@@ -230,7 +248,7 @@ def _instants(gait: Gait, stepper: Stepper, piece: int) -> list[np.ndarray]:
     found = [[ends, second.roots(j), third.roots(j)] for j in range(gait.links)]
     start = stepper.start_rate * stepper.lead
     if start > 0:
-        top = stepper.acceleration_max * stepper.lead
+        top = stepper.acceleration_limit * stepper.lead
         for sign in (1.0, -1.0):
             series = [_shifted(first, -sign * start)]
             if np.isfinite(top):

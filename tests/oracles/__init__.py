@@ -1,0 +1,1 @@
+"""Methods that share no code with wormopt, for tests, benchmarks and the stress matrix."""
