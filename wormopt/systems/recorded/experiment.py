@@ -414,7 +414,7 @@ class PlannedExperiment(FromScene, kind="experiment"):
         return mean_rate(self.experiment, model, asked.output, (asked.span[0], asked.span[1]))
 
     @stage
-    def search_for_best(self) -> tuple[Plan, str]:
+    def planning(self) -> tuple[Plan, str]:
         """The best plan, and why the search ended early."""
         with refused_at(self, ""):
             experiment, criterion = self.experiment, self.minimised
@@ -433,11 +433,11 @@ class PlannedExperiment(FromScene, kind="experiment"):
     @property
     def plan(self) -> Plan:
         """The best experiment."""
-        return self.search_for_best[0]
+        return self.planning[0]
 
     def stopped(self) -> str:
         """Why the search ended early."""
-        return self.search_for_best[1]
+        return self.planning[1]
 
     # -- results -----------------------------------------------------------------------------------
 
