@@ -208,9 +208,9 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
     pictures: ClassVar = {
         "forces": "wormopt.systems.recorded.pictures:forces",
         "loads": "wormopt.systems.recorded.pictures:loads",
-        "gait": "wormopt.systems.spiked.plots.gaits:gait",
-        "motion": "wormopt.systems.spiked.plots.gaits:motion",
-        "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
     }
 
     want: tuple[Literal["forces", "loads", "gait", "motion", "spikes"], ...] = entry(
@@ -229,13 +229,6 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         default=0.9999,
     )
     plant: Plant | None = entry("the real worm, to test the gait on", default=None)
-
-    @property
-    def plant_worm(self) -> Worm | None:
-        """The real worm; None if not given."""
-        if self.plant is None:
-            return None
-        return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield everything that no single key shows, and what is wrong in the files."""
@@ -410,17 +403,21 @@ class FitDesign(DesignTable, Study, kind="fit-design"):
         """Whether the gait is tested on the real worm."""
         return self.plant is not None and self.converged
 
+    @property
+    def plant_worm(self) -> Worm:
+        """The real worm, if it is given."""
+        assert self.plant is not None
+        return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
+
     @stage
     def best_on_plant(self) -> Design:
-        nominal, plant = self.design.nominal, self.plant_worm
-        assert plant is not None
+        nominal = self.design.nominal
         known = Search(sequence=nominal.sequence, workers=self.search.workers)
-        return designed(nominal.task.vary(worm=plant), known, self.report)
+        return designed(nominal.task.vary(worm=self.plant_worm), known, self.report)
 
     @parts(OnPlant, when="is_tested")
     def test_on_plant(self) -> OnPlant:
         plant = self.plant_worm
-        assert plant is not None
         motion, bold = (on_plant(one, plant) for one in (self.design.design, self.design.nominal))
         best = self.best_on_plant
         return OnPlant(

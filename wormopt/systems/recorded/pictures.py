@@ -73,10 +73,10 @@ def parameters(result: Result) -> Figure:
             np.clip([low[k], high[k]], -reach, reach), [k, k], color=MASSES[0],
             linestyle="-" if known else LIMIT, marker="|" if known else "",
         )  # fmt: skip
-        told = f"{number(value[k], _digits(value[k], error[k]))} ± {number(error[k], 2)}"
-        told = told if np.isfinite(error[k]) else f"{number(value[k])}, not identifiable"
+        text = f"{number(value[k], _digits(value[k], error[k]))} ± {number(error[k], 2)}"
+        text = text if np.isfinite(error[k]) else f"{number(value[k])}, not identifiable"
         unit = raised(units[k])
-        axes.annotate(f"{told} {unit}", (1.01, k), xycoords=("axes fraction", "data"), va="center")
+        axes.annotate(f"{text} {unit}", (1.01, k), xycoords=("axes fraction", "data"), va="center")
     axes.plot(np.zeros(count), range(count), "o", color=MASSES[0], markersize=4)
     axes.axvline(0.0, color=GREY, linewidth=0.6)
     axes.set_xlim(-reach, reach)
@@ -108,9 +108,9 @@ def correlation(result: Result) -> Figure:
     for i in range(count if count <= (4 if narrow() else 16) else 0):
         for j in range(count):
             dark = abs(values[i, j]) > 0.6
-            told = f"{values[i, j]:.2f}".replace("-", "−")
+            text = f"{values[i, j]:.2f}".replace("-", "−")
             axes.text(
-                j, i, told, ha="center", va="center", size=7, color="white" if dark else "black"
+                j, i, text, ha="center", va="center", size=7, color="white" if dark else "black"
             )
     axes.set_xticks(range(count), names, rotation=90, parse_math=False)
     axes.set_yticks(range(count), names, parse_math=False)
@@ -171,8 +171,8 @@ def _panels(result: Result, runs: Sequence[int], *, ahead: bool = False) -> Figu
     for column, run in enumerate(shown):
         rows[0, column].set_title(result.attributes["runs"][run], parse_math=False)
         rows[-1, column].set_xlabel(label("time $t$", result["recorded_time"].unit))
-    told = "prediction with its 95 % band" if ahead else "fit"
-    entries = [line("reading", GREY, "", marker="."), line(told, GREY)]
+    text = "prediction with its 95 % band" if ahead else "fit"
+    entries = [line("reading", GREY, "", marker="."), line(text, GREY)]
     entries += [line(f"entry {k}", colour) for k, colour in enumerate(colours)] if most > 1 else []
     legend_below(drawn, entries)
     drawn.align_ylabels()
@@ -352,8 +352,8 @@ def errors(result: Result) -> Figure:
         axes.plot(after[k], k, "o", color=_BEST, markersize=6)
     axes.set_xscale("log")
     wanted = result.attributes["wanted"]
-    told = [name if name in wanted else f"{name} (not wanted)" for name in names]
-    axes.set_yticks(range(len(names)), told, parse_math=False)
+    labels = [name if name in wanted else f"{name} (not wanted)" for name in names]
+    axes.set_yticks(range(len(names)), labels, parse_math=False)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_ylabel("parameter $p$")
     axes.set_xlabel(r"standard error $\sigma_p/|\hat p|$ (%)")
@@ -405,9 +405,9 @@ def _draw_regions(axes: Axes, result: Result, pair: tuple[int, int]) -> None:
             ring = value[:, None] + np.linalg.cholesky(inner) @ circle
             axes.plot(*ring, color=colour, linestyle=dashes)
     axes.plot(*value, "+", color="black", markersize=5)
-    told = [f"$p$: {names[k]} ({units[k] or 1})".replace("_", " ") for k in pair]
-    axes.set_xlabel(told[0])
-    axes.set_ylabel(told[1])
+    labels = [f"$p$: {names[k]} ({units[k] or 1})".replace("_", " ") for k in pair]
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
     axes.locator_params(nbins=3)
 
 
