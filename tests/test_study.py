@@ -27,8 +27,7 @@ from hypothesis import given
 import wormopt as wo
 from wormopt.cli import main
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError, WormoptError
-from wormopt.kind import Kind, StudyKind
-from wormopt.kinds import KINDS, studies_in
+from wormopt.kinds import KINDS, Kind, studies_in
 from wormopt.quantities import Scalar
 from wormopt.result import Check
 from wormopt.study import (
@@ -936,10 +935,8 @@ def test_a_study_is_a_scene_and_a_scene_gives_it_back():
 
 @pytest.fixture
 def toy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A scene of the kind, in a folder that is the current one; track-predictive is no study."""
-    monkeypatch.setitem(KINDS, "toy-pull", StudyKind("pull", f"{__name__}:Pull"))
-    old = Kind("track", KINDS["track-predictive"].table, "none", {})
-    monkeypatch.setitem(KINDS, "track-predictive", old)
+    """A scene of the kind, in a folder that is the current one."""
+    monkeypatch.setitem(KINDS, "toy-pull", Kind("pull", "Pull", __name__))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text(
         'schema = 1\nkind = "toy-pull"\nforce = 2\n[spring]\nlength = 1\n', encoding="utf-8"
@@ -956,8 +953,6 @@ def test_load_gives_the_study_of_a_scene(toy: Path):
     assert wo.run(study).scalars["reach"].value == 0.01
     assert wo.run(study, "force=4").scalars["reach"].value == 0.04
     assert wo.load(toy).result().scene == "mine"
-    with pytest.raises(wo.ArgumentError, match='"track-predictive" are computed as a whole'):
-        wo.load("track_predictive")
     with pytest.raises(wo.SceneError, match="force: 9 is not allowed"):
         wo.load(toy, {"force": 9})
 
@@ -969,8 +964,6 @@ def test_run_computes_some_results_only(toy: Path, only: Any):
     assert CALLS == {"motion": 1, "pulled": 1}
     with pytest.raises(UnknownNameError, match="did you mean 'reach'"):
         wo.run(toy, only="reech")
-    with pytest.raises(wo.ArgumentError, match="computed as a whole"):
-        wo.run("track_predictive", only="speed")
 
 
 def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.CaptureFixture[str]):
@@ -994,8 +987,6 @@ def test_the_command_computes_some_results_only(toy: Path, capsys: pytest.Captur
         ("mine.toml", "reach,", "has no result ''"),
         ("mine.toml", "", "has no result ''"),
         ("mine.toml", "depth", "there is no depth without ground"),
-        ("track_predictive", "speed", 'of kind "track-predictive" are computed as a whole'),
-        ("track_predictive", "speed", "toy-pull"),
     ],
 )
 def test_the_command_refuses_other_names(

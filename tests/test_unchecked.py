@@ -15,7 +15,7 @@ from wormopt.digest import trust
 from wormopt.quantities import Scalar
 from wormopt.result import NOT_RECHECKED, Check, Result, Unchecked, left_out
 from wormopt.study import load_scene
-from wormopt.study.conclude import conclude
+from wormopt.study.study import status_of
 from wormopt.systems.film.units import Fluid
 
 GRAVITY = 9.80665
@@ -39,14 +39,9 @@ def scene():
         ([], [DOUBT], "unchecked", "nothing confirms it"),
     ],
 )
-def test_status_is_earned(
-    scene: Any, checks: list[Check], warnings: list[str], status: str, reason: str, tmp_path: Any
-):
-    found = conclude(scene, {}, checks=checks, warnings=warnings)
-    assert (found.status, found.reason) == (status, reason)
-    assert found.trust["warnings"] == list(dict.fromkeys(warnings))
-    found.save(tmp_path)
-    assert Result.load(tmp_path).status == status
+def test_status_is_earned(checks: list[Check], warnings: list[str], status: str, reason: str):
+    found, reasons = status_of(checks, warnings)
+    assert (found, "; ".join(reasons)) == (status, reason)
 
 
 def test_what_is_left_out_leaves_a_result_unchecked_above_one():

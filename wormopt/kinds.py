@@ -1,34 +1,49 @@
-"""Registry of scene kinds."""
+"""Registry of scene kinds: each is one class, found by the name it says and loaded on use."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
 from typing import Any
-
-from wormopt.kind import Kind, StudyKind
 
 _SYSTEMS = Path(__file__).parent / "systems"
 _STUDY = re.compile(r'^class (\w+)\([^)]*\bkind="([\w-]+)"[^)]*\):\n    """(.+)$', re.MULTILINE)
 
 
-def _drawn(module: str, *names: str) -> dict[str, str]:
-    """Map names of pictures to the functions of these names in a module of `wormopt.systems`."""
-    return {name: f"wormopt.systems.{module}:{name}" for name in names}
+@dataclass(frozen=True)
+class Kind:
+    """A kind of scene."""
+
+    summary: str  # what such a scene computes, in one line
+    name: str  # of the class, a Study
+    module: str
+
+    def load(self) -> Any:
+        """Load the class; reading or checking a scene loads no numerics with it."""
+        return getattr(import_module(self.module), self.name)
+
+    @property
+    def pictures(self) -> Mapping[str, str]:
+        """Word of ``want``: "module:function" that composes the picture of a result.
+
+        Of a function first_frame the module moves it by ``pose``, over so many FRAMES.
+        """
+        return self.load().pictures
 
 
-def studies_in(systems: Path) -> Iterator[tuple[str, StudyKind]]:
+def studies_in(systems: Path) -> Iterator[tuple[str, Kind]]:
     """Yield kinds by name: classes in a folder of systems that say theirs, without importing it."""
     for path in sorted(systems.glob("*/*.py")):
         for name, kind, first in _STUDY.findall(path.read_text(encoding="utf-8")):
             module = f"wormopt.systems.{path.parent.name}.{path.stem}"
-            summary = f"{first[0].lower()}{first[1:]}".strip('."')
-            yield kind, StudyKind(summary, f"{module}:{name}")
+            yield kind, Kind(f"{first[0].lower()}{first[1:]}".strip('."'), name, module)
 
 
-KINDS: dict[str, Kind | StudyKind] = {} | dict(studies_in(_SYSTEMS))
+KINDS = dict(studies_in(_SYSTEMS))
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "Spiked worms and gaits": ("gait", "gait-design", "gait-pareto", "gait-shift", "stepper"),
@@ -55,17 +70,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Titles of systems, and the kinds of scene of each."""
 
-SWEEP = Kind(
-    summary="compute a scene at many values of some of its keys",
-    table="wormopt.study.swept:Swept",
-    study="wormopt.sweeps.sweep",
-    pictures={"sweep": "wormopt.sweeps.plots:sweep"},
-    exports={"points.csv": "wormopt.sweeps.gathered:as_csv"},
-)
+SWEEP = Kind("compute a scene at many values of some of its keys", "Swept", "wormopt.study.swept")
 """Kind of the results of sweeps. It is not in `KINDS`, because any scene can be swept."""
 
 
-def kind_of(result: Any) -> Kind | StudyKind | None:
+def kind_of(result: Any) -> Kind | None:
     """Return the kind of a Result, or None if it is not registered."""
     return SWEEP if result.kind == "sweep" else KINDS.get(result.kind)
 

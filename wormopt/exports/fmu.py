@@ -140,7 +140,7 @@ def plants_of(what: object) -> list[Plant]:
         raise ArgumentError(f"an FMU takes a Result or a Model, not {type(what).__name__}")
     kind = KINDS.get(what.kind)
     scene = scene_of_text(what.scene, what.kind, what.scene_text) if kind else None
-    models = kind.models_of(scene) if kind else None
+    models = scene.table.models() if scene else None
     if scene is None or models is None:
         raise ArgumentError(
             f"{what.scene}: a result of kind {what.kind} holds no model, which an FMU needs; "

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Check, Result, Status, Unchecked
+from wormopt.result import Check, Result
 from wormopt.study.scene import Scene
+from wormopt.study.study import status_of
 
 
 def conclude(
@@ -52,17 +53,6 @@ def conclude(
         scene_text=scene.text,
         attributes=attributes or {},
     )
-
-
-def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
-    """Status of a result by its checks and warnings, and the reasons for it."""
-    failed = dict.fromkeys(check.advice for check in checks if not check.passed)
-    if failed:
-        return "failed", failed
-    doubts = dict.fromkeys(str(text) for text in warned if isinstance(text, Unchecked))
-    if not checks and not doubts:
-        doubts = {"nothing confirms the numbers: no check of them was made": None}
-    return ("unchecked" if doubts else "ok"), doubts
 
 
 def _arrays(table: Any, found: Mapping[str, Any] | Sequence[Variable]) -> Iterator[Variable]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import msgspec
 
@@ -21,10 +21,13 @@ from wormopt.study.given import read_table, read_value
 from wormopt.study.overrides import Overrides, as_toml, override
 from wormopt.study.plausible import surprises
 from wormopt.study.swept import Swept
-from wormopt.study.types import FOLDER, SceneTable
+from wormopt.study.types import FOLDER
+
+if TYPE_CHECKING:
+    from wormopt.study.study import Study
 
 _NO_SCHEMA = "missing; write 1"
-TableT = TypeVar("TableT", bound=SceneTable, covariant=True)
+TableT = TypeVar("TableT", bound="Study", covariant=True)
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,8 @@ class Scene(Generic[TableT]):
         Stem of the file name, or as it was called.
     folder : Path
         Folder of the file; file names in the scene are relative to it.
-    table : SceneTable
-        The typed content, a table of the scene's kind.
+    table : Study
+        The content, of the class of the scene's kind.
     sweep : Swept, optional
         Which keys are varied when the scene is swept.
 
@@ -80,7 +83,7 @@ class Scene(Generic[TableT]):
 
 
 def load_scene(
-    source: Scene[Any] | SceneTable | str | Path | Mapping[str, Any],
+    source: Scene[Any] | Study | str | Path | Mapping[str, Any],
     overrides: Overrides = (),
     *,
     name: str = "",
@@ -142,16 +145,10 @@ def scene_within(folder: Path, name: str, tables: Mapping[str, Any]) -> Scene[An
 
 def _checked(file: str, name: str, folder: Path, raw: dict[str, Any]) -> Scene[Any]:
     table, sweep = _read_kind(file, raw, folder)
-    wrong = _faults(table, folder)
-    wrong += [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]
-    if wrong:
+    if wrong := [(f"sweep.{key}", what) for key, what in (sweep.faults() if sweep else ())]:
         raise SceneError(file, wrong)
     table.placed(name, folder)
     return Scene(name, folder, table, sweep)
-
-
-def _faults(table: SceneTable, folder: Path) -> list[Fault]:
-    return [] if table.checks_itself else list(table.faults(folder))
 
 
 def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
@@ -169,9 +166,6 @@ def scene_of_text(name: str, kind: str, text: str) -> Scene[Any]:
     packaged = packaged_scenes().get(name)
     folder = packaged.parent if packaged else Path()
     table, _ = _read_kind(name, raw, folder)
-    wrong = _faults(table, folder)
-    if wrong:
-        raise SceneError(name, wrong)
     table.placed(name, folder)
     return Scene(name, folder, table)
 
@@ -250,7 +244,7 @@ def _parse(file: str, path: Path) -> dict[str, Any]:
     raise SceneError(file, [("", message)])
 
 
-def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[SceneTable, Swept | None]:
+def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[Study, Swept | None]:
     kind = raw.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         what = f"{kind!r} is no kind of scene" if "kind" in raw else "missing"
@@ -263,7 +257,7 @@ def _read_kind(file: str, raw: dict[str, Any], folder: Path) -> tuple[SceneTable
     swept = None if sweep is None else read_value(sweep, Swept, "sweep", "", faults)
     before = FOLDER.set(folder)
     try:
-        table = read_table(raw, KINDS[kind].load_table(), "", raw.get("units", ""), faults)
+        table = read_table(raw, KINDS[kind].load(), "", raw.get("units", ""), faults)
     finally:
         FOLDER.reset(before)
     if "schema" not in raw and ("schema", _NO_SCHEMA) not in faults:

@@ -17,16 +17,15 @@ import msgspec
 from wormopt.errors import Fault, Interrupted, SolveError, UnknownNameError
 from wormopt.progress import Report, silent
 from wormopt.quantities import Scalar, Variable, unit_of
-from wormopt.result import Check, Result, left_out
+from wormopt.result import Check, Result, Status, Unchecked, left_out
 from wormopt.shown import brief
-from wormopt.study.conclude import status_of
-from wormopt.study.given import bare, entry, tables_in
+from wormopt.study.given import Given, bare, entry, tables_in
 from wormopt.study.later import load
 from wormopt.study.members import AbsentError, Member, NotComputedError, members_of_parts
 from wormopt.study.overrides import Overrides
 from wormopt.study.plausible import surprises
 from wormopt.study.reference import quantity_of
-from wormopt.study.types import FOLDER, SceneTable
+from wormopt.study.types import FOLDER, Title
 
 T = TypeVar("T")
 Names = Sequence[str]
@@ -44,7 +43,7 @@ class _Progress:
     )  # seconds of stages within the running ones
 
 
-class Study(SceneTable):
+class Study(Given):
     """Base of all kinds of study.
 
     Fields are what a user gives. Members, declared by the decorators of `wormopt.study.members`,
@@ -54,6 +53,12 @@ class Study(SceneTable):
 
     units_of_texts: ClassVar[str] = "dimensionless"
     members: ClassVar[Mapping[str, Member[Any]]] = {}
+    scalars: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    """Quantity and meaning of scalars whose names are known, by name."""
+    variables: ClassVar[Mapping[str, tuple[str, tuple[str, ...], str]]] = {}
+    """Quantity, dimensions and meaning of variables whose names are known, by name."""
+    headline: ClassVar[tuple[str, ...]] = ()
+    """Scalars that answer what was asked, reported first; the first five if empty."""
     pictures: ClassVar[Mapping[str, str]] = {}
     """Pictures by name: "module:function" that draws one of a Result."""
     wanted: ClassVar[tuple[str, ...]] = ()
@@ -67,6 +72,11 @@ class Study(SceneTable):
 
     schema: Literal[1] = entry("version of the scene form", default=1)
     kind: str = entry("what the scene computes", default="")
+    title: Title = entry("title of pictures and reports; its name if left out", default="")
+    units: Literal["dimensionless", "SI"] = entry(
+        "names of the units in the results; nothing is converted", default="dimensionless"
+    )
+    want: tuple[str, ...] = entry("pictures to draw, each once", default=())
 
     def __init_subclass__(cls, **config: Any) -> None:
         super().__init_subclass__(**config)
@@ -120,11 +130,6 @@ class Study(SceneTable):
 
         return Scene(self.name, self.folder, self)
 
-    @property
-    def checks_itself(self) -> bool:
-        """Whether a table that was read is checked already."""
-        return True
-
     def placed(self, name: str, folder: Path) -> None:
         """Note the name and the folder of the scene."""
         vars(self).update(_name=name, _folder=folder)
@@ -142,7 +147,8 @@ class Study(SceneTable):
     def wrong(self) -> Iterator[Fault]:
         """Yield all that is wrong with keys that are right each by itself."""
         found = list(super().wrong())
-        yield from found or SceneTable.faults(self, self.folder)
+        twice = sorted({word for word in self.want if self.want.count(word) > 1})
+        yield from found or (("want", f'"{word}" is given twice; write it once') for word in twice)
 
     def __reduce__(self) -> Any:
         place = {name: one for name, one in vars(self).items() if name in _PLACE}
@@ -274,13 +280,13 @@ class Study(SceneTable):
         try:
             result = self._partly(names) if names else self._complete()
         except SolveError as error:
-            found = self._unfinished(str(error))
+            found = self.unfinished(str(error))
             raise SolveError(error.reason, error.suggestion, found, error.code) from None
         except KeyboardInterrupt as stop:
             during = [name for name, error in self._failures.items() if error is stop]
             where = f" during {during[0].replace('_', ' ')}" if during else ""
             resume = "; run again to resume" if self.resumes else ""
-            found = self._unfinished(f"interrupted{where}{resume}")
+            found = self.unfinished(f"interrupted{where}{resume}")
             if not found.scalars and not found.variables:
                 raise
             raise Interrupted(found) from None
@@ -344,7 +350,7 @@ class Study(SceneTable):
             },
         )
 
-    def _unfinished(self, reason: str) -> Result:
+    def unfinished(self, reason: str) -> Result:
         """Result of the stages that are finished; arrays also of what failed stages handed over."""
         done, begun = self._closed(partials=False), self._closed(partials=True)
         return self._made(
@@ -453,6 +459,17 @@ class Study(SceneTable):
         for name in path.split("."):
             found = getattr(found, name)
         return found
+
+
+def status_of(checks: Sequence[Check], warned: Iterable[str]) -> tuple[Status, dict[str, None]]:
+    """Status of a result by its checks and warnings, and the reasons for it."""
+    failed = dict.fromkeys(check.advice for check in checks if not check.passed)
+    if failed:
+        return "failed", failed
+    doubts = dict.fromkeys(str(text) for text in warned if isinstance(text, Unchecked))
+    if not checks and not doubts:
+        doubts = {"nothing confirms the numbers: no check of them was made": None}
+    return ("unchecked" if doubts else "ok"), doubts
 
 
 class _Amount:

@@ -12,7 +12,6 @@ from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check
 from wormopt.study import (
     Given,
-    Study,
     arrays,
     checks,
     entry,
@@ -174,7 +173,7 @@ class OnPlant:
     )
 
 
-class FitDesign(DesignTable, Study, kind="fit-design"):
+class FitDesign(DesignTable, kind="fit-design"):
     """Design a gait whose limits hold for a worm with fitted parameters.
 
     Masses, drag and load are fitted to recordings of a crawl with known gaits. The gait is then

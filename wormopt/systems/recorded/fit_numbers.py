@@ -141,7 +141,7 @@ class FitNumbers(FromScene, kind="fit-numbers"):
         yield from self._faults_beside(scene)
 
     def _faults_beside(self, scene: Scene[Any]) -> Iterator[Fault]:
-        known = KINDS[scene.table.kind].load_table().scalars
+        known = KINDS[scene.table.kind].load().scalars
         for k, one in enumerate(self.measured):
             if one.scalar not in known:
                 what = f'results of kind "{scene.table.kind}" have no scalar "{one.scalar}"'

@@ -203,7 +203,7 @@ def _compute(job: _Job) -> _Answer:
     scene, changes = job
     try:
         changed = load_scene(scene, changes)
-        result = KINDS[changed.table.kind].run(changed, silent)
+        result = changed.table.result(silent)
     except (SolveError, SceneError, ArgumentError) as error:
         return {}, str(error)
     numbers = {

@@ -16,7 +16,6 @@ from wormopt.control.loop import feed
 from wormopt.control.reference import gait_reference
 from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.fitting.recording import Recording, guesses, unwrapped
-from wormopt.kinds import KINDS
 from wormopt.model.gait import Gait
 from wormopt.model.given import fields_of
 from wormopt.model.model import Model, Output, Signal
@@ -34,7 +33,7 @@ def model_of(tables: dict[str, Any], which: str, study: Study, key: str = "model
     """Build the Model of the scene at `key` of a study, by its label; SceneError if it has none."""
     inner = scene_of(tables, study.folder, study.units, key)
     try:
-        models = KINDS[inner.table.kind].models_of(inner)
+        models = inner.table.models()
     except SceneError as error:
         faults = [(f"{key}.{where}" if where else key, what) for where, what in error.faults]
         raise SceneError(study.name, faults) from None

@@ -26,8 +26,6 @@ from wormopt.result import Check
 from wormopt.simulation.options import Exact, Tolerance, Treatment
 from wormopt.simulation.simulate import simulate
 from wormopt.simulation.trajectory import Trajectory
-from wormopt.study.conclude import conclude
-from wormopt.study.scene import Scene
 from wormopt.systems.shared.declared import Declared
 from wormopt.systems.shared.proof import CrossCheck
 from wormopt.systems.shared.signals import fitted
@@ -375,16 +373,3 @@ def in_keys(
 
     suggestion = advice.get(error.code) or in_scene(error.suggestion)
     return SolveError(in_scene(error.reason), suggestion, partial, error.code)
-
-
-def refused(
-    scene: Scene[Any],
-    error: SolveError,
-    variables: Any = (),
-    keys: Mapping[str, str] = MappingProxyType({}),
-    advice: Mapping[str, str] = MappingProxyType({}),
-) -> SolveError:
-    """Restate a failure by `in_keys`, with a Result of the partial results `variables`."""
-    found = in_keys(error, keys, advice)
-    found.partial = conclude(scene, {}, variables).failed(str(found))
-    return found

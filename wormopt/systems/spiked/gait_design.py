@@ -10,7 +10,6 @@ from wormopt.errors import Fault, SolveError
 from wormopt.model.given import per
 from wormopt.result import Check, Result
 from wormopt.study import (
-    Study,
     arrays,
     attributes,
     checks,
@@ -65,7 +64,7 @@ _ELASTICITY: dict[str, tuple[str, tuple[str, ...], str]] = {
 }
 
 
-class GaitDesign(DesignTable, Study, kind="gait-design"):
+class GaitDesign(DesignTable, kind="gait-design"):
     """Design the fastest gait within limits on links, spikes and actuators.
 
     Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one

@@ -15,7 +15,6 @@ from wormopt.quantities import Scalar, Variable
 from wormopt.result import Check, Result
 from wormopt.study import (
     Given,
-    Study,
     arrays,
     attributes,
     checks,
@@ -141,7 +140,7 @@ class Front:
     )
 
 
-class GaitPareto(DesignTable, Study, kind="gait-pareto"):
+class GaitPareto(DesignTable, kind="gait-pareto"):
     """Compute the Pareto front of gaits between speed and a second objective.
 
     Kind [`gait-design`](gait-design.md) explains `[gait]`, `[search]`, `[motor]` and the trust
