@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from wormopt.errors import ArgumentError, SceneError, SolveError
-from wormopt.kinds import KINDS
 from wormopt.numerics.workers import Workers
 from wormopt.progress import Report, silent
 from wormopt.study.scene import Scene, load_scene
