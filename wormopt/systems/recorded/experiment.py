@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import msgspec
 from msgspec import Meta
 
-from wormopt.errors import ArgumentError, Fault, Interrupted, SceneError
+from wormopt.errors import Fault, Interrupted, SceneError
 from wormopt.quantities import Scalar, Variable
 from wormopt.result import Result
 from wormopt.study import (
@@ -43,6 +43,7 @@ from wormopt.systems.recorded.tables import (
     Span,
     Which,
     named_twice,
+    refused_at,
     scene_of,
 )
 
@@ -259,8 +260,6 @@ class Expected:
 class PlannedExperiment(FromScene, kind="experiment"):
     """Plan the experiment that identifies the parameters of a worm best.
 
-    Its inputs, and the motion, keep within the limits of the worm.
-
     The information of an experiment is the Fisher information of its measurements, plus what is
     known before. It uses exact derivatives of the motion, through sticking and slipping, and the
     noise. Guide: [fitting](../fitting.md#what-to-measure-next).
@@ -282,9 +281,9 @@ class PlannedExperiment(FromScene, kind="experiment"):
 
     headline: ClassVar = ("shrinkage", "shrinkage_median", "prediction_error")
     pictures: ClassVar = {
-        "course": "wormopt.systems.recorded.plots.experiment:course",
-        "errors": "wormopt.systems.recorded.plots.experiment:errors",
-        "regions": "wormopt.systems.recorded.plots.experiment:regions",
+        "course": "wormopt.systems.recorded.pictures:course",
+        "errors": "wormopt.systems.recorded.pictures:errors",
+        "regions": "wormopt.systems.recorded.pictures:regions",
     }
     exports: ClassVar = {"course.csv": "wormopt.systems.recorded.experiment:as_csv"}
 
@@ -414,12 +413,10 @@ class PlannedExperiment(FromScene, kind="experiment"):
         return mean_rate(self.experiment, model, asked.output, (asked.span[0], asked.span[1]))
 
     @stage
-    def search_for_best(self) -> tuple[Plan, str]:
+    def planning(self) -> tuple[Plan, str]:
         """The best plan, and why the search ended early."""
-        try:
+        with refused_at(self, ""):
             experiment, criterion = self.experiment, self.minimised
-        except ArgumentError as error:
-            raise SceneError(self.name, [("", str(error))]) from None
         rivals, starts = self.search.rivals, min(self.search.starts, self.search.rivals)
         try:
             plan = plan_experiment(
@@ -435,11 +432,11 @@ class PlannedExperiment(FromScene, kind="experiment"):
     @property
     def plan(self) -> Plan:
         """The best experiment."""
-        return self.search_for_best[0]
+        return self.planning[0]
 
     def stopped(self) -> str:
         """Why the search ended early."""
-        return self.search_for_best[1]
+        return self.planning[1]
 
     # -- results -----------------------------------------------------------------------------------
 

@@ -21,6 +21,7 @@ from wormopt.study import (
     entry,
     facts,
     on_use,
+    parts,
     scalar,
     scalars,
     stage,
@@ -30,14 +31,15 @@ from wormopt.study import (
 from wormopt.study.members import NotComputedError
 from wormopt.study.numerics import Contacts, ExactContact
 from wormopt.study.types import Positive, Seed
+from wormopt.systems.recorded.found import Found, label_of, unit_of_directions, unit_of_signal
 from wormopt.systems.recorded.recording_file import RecordingFile
 from wormopt.systems.recorded.tables import (
-    FOUND,
     FromScene,
     Level,
     Parameter,
     Which,
     named_twice,
+    refused_at,
     scene_of,
 )
 
@@ -54,14 +56,6 @@ with on_use():
     from wormopt.fitting.task import FitTask
     from wormopt.fitting.unknowns import Unknown
     from wormopt.model.model import Model
-    from wormopt.systems.recorded.found import (
-        Found,
-        Number,
-        label_of,
-        markdown,
-        unit_of_directions,
-        unit_of_signal,
-    )
     from wormopt.systems.recorded.recordings import Run, model_of, runs_of
     from wormopt.systems.shared.proof import one_or_all
 
@@ -133,11 +127,11 @@ class FitRecordings(FromScene, kind="fit"):
     """
 
     pictures: ClassVar = {
-        "recordings": "wormopt.systems.recorded.plots.fit:recordings",
-        "parameters": "wormopt.systems.recorded.plots.found:parameters",
-        "correlation": "wormopt.systems.recorded.plots.found:correlation",
-        "profiles": "wormopt.systems.recorded.plots.fit:profiles",
-        "prediction": "wormopt.systems.recorded.plots.fit:prediction",
+        "recordings": "wormopt.systems.recorded.pictures:recordings",
+        "parameters": "wormopt.systems.recorded.pictures:parameters",
+        "correlation": "wormopt.systems.recorded.pictures:correlation",
+        "profiles": "wormopt.systems.recorded.pictures:profiles",
+        "prediction": "wormopt.systems.recorded.pictures:prediction",
     }
     table_file = True
 
@@ -228,10 +222,8 @@ class FitRecordings(FromScene, kind="fit"):
             unknowns.append(unknown)
         recordings = [run.recording for run in runs if run.fitted]
         contact = self.contact.options
-        try:
+        with refused_at(self, "unknown"):
             return FitTask(model, recordings, unknowns, contact=contact, loss=self.loss)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("unknown", str(error))]) from None
 
     @stage
     def estimation(self) -> Fit:
@@ -278,12 +270,10 @@ class FitRecordings(FromScene, kind="fit"):
         if (given := self.posterior) is None:
             return None
         found, seed = self.estimation, self.search.seed
-        try:
+        with refused_at(self, "posterior"):
             return posterior(
                 found, draws=given.draws, chains=given.chains, seed=seed, report=self.report
             )
-        except ArgumentError as error:
-            raise SceneError(self.name, [("posterior", str(error))]) from None
 
     def _assessed(self, stage: str) -> Any:
         """Result of a stage of the assessment, None in partial results without it."""
@@ -361,19 +351,15 @@ class FitRecordings(FromScene, kind="fit"):
     def profile_threshold(self) -> float:
         return next(iter(self.profiling.values())).threshold
 
-    @cached_property
+    @parts(Found)
     def found(self) -> Found:
-        """Estimates, their errors and intervals."""
-        fitted = self.estimation
-        numbers = [
-            Number(
-                one.name,
-                unit_of_directions(self.fitted_model, one.directions, self.units),
-                one.value(one.start),
-            )
-            for one in fitted.task.coordinates
-        ]
-        found = Found.of(numbers, fitted.task, fitted.theta, fitted.covariance, self.level)
+        fitted, model = self.estimation, self.fitted_model
+        sought = fitted.task.coordinates
+        units = [unit_of_directions(model, one.directions, self.units) for one in sought]
+        began = [one.value(one.start) for one in sought]
+        found = Found.of(
+            fitted.names, units, began, fitted.task, fitted.theta, fitted.covariance, self.level
+        )
         if held := self._assessed("profiling"):
             return replace(found, interval=np.array([held[name].interval for name in found.names]))
         return found
@@ -386,7 +372,7 @@ class FitRecordings(FromScene, kind="fit"):
     def posterior_intervals(self) -> dict[str, Scalar]:
         if (drawn := self._assessed("sampling")) is None:
             return {}
-        units = {number.name: number.unit for number in self.found.numbers}
+        units = dict(zip(self.found.names, self.found.units, strict=True))
         return {
             f"{label_of(name)}_posterior": Scalar(pair.tolist(), units[name])
             for name, pair in zip(drawn.names, drawn.interval(self.level), strict=True)
@@ -403,10 +389,6 @@ class FitRecordings(FromScene, kind="fit"):
     def noise_levels(self) -> dict[str, Scalar]:
         noise = self.estimation.noise.items()
         return {f"noise_{name}": Scalar(sd, self.signal_units[name]) for name, sd in noise}
-
-    @arrays(FOUND)
-    def with_errors(self) -> dict[str, np.ndarray]:
-        return self.found.variables
 
     @arrays(
         {
@@ -523,11 +505,11 @@ class FitRecordings(FromScene, kind="fit"):
     def shown(self) -> dict[str, Any]:
         return {
             "unknowns": list(self.found.names),
-            "unknown_units": [number.unit for number in self.found.numbers],
+            "unknown_units": list(self.found.units),
             "runs": [run.recording.name for run in self.reading],
             "uses": [run.use for run in self.reading],
             "signals": self.signals,
-            "table": markdown(self.found, self.level),
+            "table": self.found.markdown(self.level),
         }
 
 

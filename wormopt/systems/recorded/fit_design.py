@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
-from wormopt.errors import ArgumentError, Fault, SceneError, SolveError
+from wormopt.errors import Fault, SceneError, SolveError
 from wormopt.quantities import Scalar, unit_of
 from wormopt.result import Check
 from wormopt.study import (
@@ -29,7 +29,7 @@ from wormopt.study import (
 )
 from wormopt.study.types import PerMass, Positive, Seed
 from wormopt.systems.recorded.recording_file import RecordingFile
-from wormopt.systems.recorded.tables import named_twice
+from wormopt.systems.recorded.tables import named_twice, refused_at
 from wormopt.systems.shared.declared import GAIT
 from wormopt.systems.spiked import (
     DESIGN_SCALARS,
@@ -205,11 +205,11 @@ class FitDesign(DesignTable, kind="fit-design"):
         "mode_sequence",
     )
     pictures: ClassVar = {
-        "forces": "wormopt.systems.recorded.plots.fit_design:forces",
-        "loads": "wormopt.systems.recorded.plots.fit_design:loads",
-        "gait": "wormopt.systems.spiked.plots.gaits:gait",
-        "motion": "wormopt.systems.spiked.plots.gaits:motion",
-        "spikes": "wormopt.systems.spiked.plots.gaits:spikes",
+        "forces": "wormopt.systems.recorded.pictures:forces",
+        "loads": "wormopt.systems.recorded.pictures:loads",
+        "gait": "wormopt.systems.spiked.pictures:gait",
+        "motion": "wormopt.systems.spiked.pictures:motion",
+        "spikes": "wormopt.systems.spiked.pictures:spikes",
     }
 
     want: tuple[Literal["forces", "loads", "gait", "motion", "spikes"], ...] = entry(
@@ -228,13 +228,6 @@ class FitDesign(DesignTable, kind="fit-design"):
         default=0.9999,
     )
     plant: Plant | None = entry("the real worm, to test the gait on", default=None)
-
-    @property
-    def plant_worm(self) -> Worm | None:
-        """The real worm; None if not given."""
-        if self.plant is None:
-            return None
-        return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield everything that no single key shows, and what is wrong in the files."""
@@ -300,10 +293,8 @@ class FitDesign(DesignTable, kind="fit-design"):
         """Give the run of a recording, which starts at time 0 with the worm at rest."""
         worm = self.worm
         gait = gait_of_shape(recording.gait, self.scene)
-        try:
+        with refused_at(self, "gait"):
             model = driven_worm(gait, worm.masses, worm.drag, worm.load_range[0])
-        except ArgumentError as error:
-            raise SceneError(self.name, [("gait", str(error))]) from None
         run = run_of(recording, self.folder, model, self.units)
         read = run.recording
         begun = replace(read, model=read.model or model, span=(0.0, float(read.times[-1])))
@@ -315,10 +306,8 @@ class FitDesign(DesignTable, kind="fit-design"):
         model, asked = recordings[0].model, self.fit
         assert model is not None
         unknowns = [Unknown(name) for name in asked.numbers]
-        try:
+        with refused_at(self, "fit"):
             task = FitTask(model, recordings, unknowns, noise=asked.noise or None)
-        except ArgumentError as error:
-            raise SceneError(self.name, [("fit", str(error))]) from None
         return fit(task, seeds=asked.seeds, seed=asked.seed, report=self.report)
 
     @cached_property
@@ -383,6 +372,7 @@ class FitDesign(DesignTable, kind="fit-design"):
         name="confidence",
     )
     def confidence_of_limits(self) -> float:
+        _ = self.design  # without a design there are no limits to hold
         return self.confidence
 
     @scalar("1", "size of the confidence ellipsoid, in standard errors", when="converged")
@@ -412,17 +402,21 @@ class FitDesign(DesignTable, kind="fit-design"):
         """Whether the gait is tested on the real worm."""
         return self.plant is not None and self.converged
 
+    @property
+    def plant_worm(self) -> Worm:
+        """The real worm, if it is given."""
+        assert self.plant is not None
+        return Worm(self.worm.links, self.plant.mass, self.plant.drag, self.plant.load)
+
     @stage
     def best_on_plant(self) -> Design:
-        nominal, plant = self.design.nominal, self.plant_worm
-        assert plant is not None
+        nominal = self.design.nominal
         known = Search(sequence=nominal.sequence, workers=self.search.workers)
-        return designed(nominal.task.vary(worm=plant), known, self.report)
+        return designed(nominal.task.vary(worm=self.plant_worm), known, self.report)
 
     @parts(OnPlant, when="is_tested")
-    def tested(self) -> OnPlant:
+    def test_on_plant(self) -> OnPlant:
         plant = self.plant_worm
-        assert plant is not None
         motion, bold = (on_plant(one, plant) for one in (self.design.design, self.design.nominal))
         best = self.best_on_plant
         return OnPlant(
@@ -452,7 +446,7 @@ class FitDesign(DesignTable, kind="fit-design"):
             return
         yield from self.second_route.checks
         if self.is_tested:
-            yield from self._checks_of_plant(self.tested.motion)
+            yield from self._checks_of_plant(self.test_on_plant.motion)
 
     def _checks_of_plant(self, motion: Crawl) -> Iterator[Check]:
         limits: dict[str, Any] = {

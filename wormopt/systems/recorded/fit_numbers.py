@@ -18,13 +18,13 @@ from wormopt.study import (
     Given,
     Scene,
     array,
-    arrays,
     attributes,
     checks,
     entry,
     facts,
     load_scene,
     on_use,
+    parts,
     positive,
     scalar,
     scalars,
@@ -34,8 +34,8 @@ from wormopt.study import (
 )
 from wormopt.study.given import meaning
 from wormopt.study.members import NotComputedError
+from wormopt.systems.recorded.found import Found
 from wormopt.systems.recorded.tables import (
-    FOUND,
     FromScene,
     KeyUnknown,
     Level,
@@ -51,7 +51,6 @@ with on_use():
     from scipy.optimize import least_squares
 
     from wormopt.fitting.uncertainty import covariance_of, held_at, offset_of, spectrum
-    from wormopt.systems.recorded.found import Found, Number, markdown
     from wormopt.systems.recorded.numbers_task import Looked, NumbersTask
 
 # Smallest relative reduction of a prior error that counts as informed by the measurements.
@@ -103,9 +102,9 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     """
 
     pictures: ClassVar = {
-        "measurements": "wormopt.systems.recorded.plots.fit_numbers:measurements",
-        "parameters": "wormopt.systems.recorded.plots.found:parameters",
-        "correlation": "wormopt.systems.recorded.plots.found:correlation",
+        "measurements": "wormopt.systems.recorded.pictures:measurements",
+        "parameters": "wormopt.systems.recorded.pictures:parameters",
+        "correlation": "wormopt.systems.recorded.pictures:correlation",
     }
     table_file = True
 
@@ -164,11 +163,8 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     @cached_property
     def task(self) -> NumbersTask:
         """Residuals of the scene in `[model]`; it keeps what was computed."""
-        task = NumbersTask(
-            scene_of(self.model, self.folder, self.units), self.measured, self.unknown
-        )
-        task.say = lambda done, of: self.report(f"run {task.runs + done}", done / of)
-        return task
+        scene = scene_of(self.model, self.folder, self.units)
+        return NumbersTask(scene, self.measured, self.unknown, self.report)
 
     @cached_property
     def points(self) -> list[np.ndarray]:
@@ -254,15 +250,11 @@ class FitNumbers(FromScene, kind="fit-numbers"):
         found = self.estimation
         return ~held_at(self.task.bounds, found.theta, found.jacobian.T @ found.residuals)
 
-    @cached_property
+    @parts(Found)
     def found(self) -> Found:
-        """Estimates, their errors and intervals."""
-        task = self.task
-        numbers = [
-            Number(unknown.name, self.unit(unknown), float(began))
-            for unknown, began in zip(self.unknown, task.values(task.start), strict=True)
-        ]
-        return Found.of(numbers, task, self.estimation.theta, self.covariance, self.level)
+        task, theta = self.task, self.estimation.theta
+        units, began = [*map(self.unit, self.unknown)], task.values(task.start).tolist()
+        return Found.of(task.names, units, began, task, theta, self.covariance, self.level)
 
     def unit(self, unknown: KeyUnknown) -> str:
         """Return the unit of a key from its declaration in the table of the scene."""
@@ -277,10 +269,6 @@ class FitNumbers(FromScene, kind="fit-numbers"):
     @scalars({})
     def estimates(self) -> dict[str, Scalar]:
         return self.found.scalars
-
-    @arrays(FOUND)
-    def with_errors(self) -> dict[str, np.ndarray]:
-        return self.found.variables
 
     @scalar("count", "number of fitted measurements")
     def n_measurements(self) -> int:
@@ -421,13 +409,13 @@ class FitNumbers(FromScene, kind="fit-numbers"):
         units = [unit_of(table.scalars[one.scalar][0], table.units) for one in self.measured]
         return {
             "unknowns": [*self.found.names],
-            "unknown_units": [number.unit for number in self.found.numbers],
+            "unknown_units": [*self.found.units],
             "measurements": [one.text or one.scalar for one in self.measured],
             "scalars": [one.scalar for one in self.measured],
             "scalar_units": units,
             "uses": [one.use for one in self.measured],
             "changed_key": self.changed_key,
-            "table": markdown(self.found, self.level),
+            "table": self.found.markdown(self.level),
         }
 
     @property

@@ -269,7 +269,11 @@ class _Places:
 
 
 def _driven(
-    model: Model, courses: Mapping[str, np.ndarray], time: np.ndarray, held: bool, said: list[str]
+    model: Model,
+    courses: Mapping[str, np.ndarray],
+    time: np.ndarray,
+    held: bool,
+    warnings: list[str],
 ) -> Model:
     """Make a Model whose inputs and parameters of these names follow recorded values (size, m)."""
     signals = [s for s in (*model.u, *model.p) if s.name in courses]
@@ -280,7 +284,7 @@ def _driven(
             raise ArgumentError(
                 f"{s.name} is a friction parameter, which cannot vary in time; remove its column"
             )
-    rows = np.vstack([_whole(s, courses[s.name], time, said) for s in signals])
+    rows = np.vstack([_whole(s, courses[s.name], time, warnings) for s in signals])
     slope = np.zeros_like(rows[:, :-1]) if held else np.diff(rows) / np.diff(time)
     course = Gait(time - time[0], np.stack([rows[:, :-1].T, slope.T], axis=2))
     reference = gait_reference(course, model.t, shift=-time[0], periodic=False, name=_DRIVE)
@@ -297,7 +301,7 @@ def _driven(
     )
 
 
-def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) -> np.ndarray:
+def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, warnings: list[str]) -> np.ndarray:
     """Values of all entries of a signal without gaps; entries not recorded keep their value."""
     usual = np.broadcast_to(np.asarray(signal.value, dtype=float), signal.size)
     found = np.tile(usual[:, None], len(time))
@@ -306,7 +310,7 @@ def _whole(signal: Signal, rows: np.ndarray, time: np.ndarray, said: list[str]) 
         if not there.any():
             continue
         if not there.all():
-            said.append(
+            warnings.append(
                 f"{np.sum(~there)} missing readings of {signal.name}[{k}] are interpolated linearly"
             )
         found[k] = np.interp(time, time[there], row[there])

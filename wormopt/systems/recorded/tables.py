@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from wormopt.errors import Fault, SceneError
+from wormopt.errors import ArgumentError, Fault, SceneError
 from wormopt.files import is_there
 from wormopt.study import Given, Scene, Study, entry, load_scene, number, on_use, positive
 from wormopt.study.given import says
@@ -28,7 +29,6 @@ Span = Annotated[
     tuple[Finite, ...],
     Meta(min_length=2, max_length=2, description="two finite numbers, [first, last]"),
 ]
-Seeds = Annotated[int, Meta(ge=1, le=1000, description="a whole number from 1 to 1000")]
 Level = Annotated[
     float, Meta(gt=0.5, lt=1, description="a number between 0.5 and 1, for example 0.95")
 ]
@@ -52,14 +52,6 @@ SceneTables = Annotated[
     ),
 ]
 Which = Annotated[str, says("", "label of the model, if the scene in `[model]` has several")]
-FOUND = {
-    "estimate": ("count", ("unknown",), "estimates, each in its own unit"),
-    "standard_error": ("count", ("unknown",), "standard errors of the estimates"),
-    "interval": ("count", ("unknown", "end"), "confidence intervals, lower and upper end"),
-    "began": ("count", ("unknown",), "initial values of the search"),
-    "correlation": ("count", ("unknown", "other_unknown"), "correlation of the errors"),
-}
-"""Arrays of the estimates in results."""
 
 
 class FromScene(Study):
@@ -154,6 +146,15 @@ class KeyUnknown(Parameter):
     def keys(self) -> tuple[str, ...]:
         """Keys as a list, even if there is only one."""
         return self.key if isinstance(self.key, tuple) else (self.key,)
+
+
+@contextmanager
+def refused_at(study: Study, key: str) -> Generator[None]:
+    """Refuse a key of a study if an engine object cannot be made of it."""
+    try:
+        yield
+    except ArgumentError as error:
+        raise SceneError(study.name, [(key, str(error))]) from None
 
 
 def named_twice(names: Iterable[str], key: str) -> Iterator[Fault]:
