@@ -332,13 +332,17 @@ def test_a_field_that_cannot_jump_carries_less_and_keeps_its_slope(best: Result)
 
 @pytest.mark.slow
 def test_a_float_is_carried_as_fast_as_the_wave_can(best: Result):
-    fast = solved('aim={maximise="float_speed"}', "limits.thickness=[0.6, 1.4]", "search.crests=1")
+    fast = solved(
+        'objective={maximise="float_speed"}', "limits.thickness=[0.6, 1.4]", "search.crests=1"
+    )
     assert fast.status == "ok"
     plain = solved("limits.thickness=[0.6, 1.4]", "search.crests=1")
     assert value(fast, "float_drift") >= value(plain, "float_drift") - 1e-9
     assert value(fast, "mean_flow") <= value(plain, "mean_flow") + 1e-9
     assert value(fast, "gain") > 1
-    held = solved('aim={maximise="float_speed"}', "limits.thickness=[0.4, 1.7]", "search.crests=1")
+    held = solved(
+        'objective={maximise="float_speed"}', "limits.thickness=[0.4, 1.7]", "search.crests=1"
+    )
     assert value(held, "captured")
     assert value(held, "float_drift") == 1.0
 
@@ -346,7 +350,9 @@ def test_a_float_is_carried_as_fast_as_the_wave_can(best: Result):
 @pytest.mark.slow
 def test_the_least_field_that_holds_a_float():
     found = solved(
-        'aim={minimise="field", capture=true}', "limits={thickness=[0.35, 1.7]}", "search.crests=2"
+        'objective={minimise="field", capture=true}',
+        "limits={thickness=[0.35, 1.7]}",
+        "search.crests=2",
     )
     assert found.status == "ok"
     assert value(found, "captured")
@@ -399,7 +405,7 @@ def test_a_later_search_in_vain_keeps_what_was_found(
         return wave
 
     monkeypatch.setattr(film_wave, "best_wave", search)
-    found = solved('aim={maximise="float_speed"}')
+    found = solved('objective={maximise="float_speed"}')
     assert found.status == "ok"
     drift = sampled_wave(wave).float_drift
     assert value(found, "float_drift") == pytest.approx(drift, rel=1e-12)
@@ -419,11 +425,14 @@ def test_a_search_in_vain_keeps_its_reason(monkeypatch: pytest.MonkeyPatch):
 
 def test_what_no_field_can_do_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     with pytest.raises(SceneError, match=r"has a mean flow above 0\.464286"):
-        solved("limits={thickness=[0.5, 1.5]}", 'aim={minimise="field", mean_flow=0.47}')
-    change = ["limits={thickness=[0.5, 1.5]}", 'aim={minimise="field", capture=true}']
+        solved("limits={thickness=[0.5, 1.5]}", 'objective={minimise="field", mean_flow=0.47}')
+    change = ["limits={thickness=[0.5, 1.5]}", 'objective={minimise="field", capture=true}']
     arguments = [x for each in change for x in ("--set", each)]
     assert main(["run", NAME, "-o", str(tmp_path / "out"), "--quiet", *arguments]) == 2
-    assert "aim.capture: no wave between these thicknesses holds a float" in capsys.readouterr().err
+    assert (
+        "objective.capture: no wave between these thicknesses holds a float"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(
@@ -464,12 +473,12 @@ def test_aims_that_cannot_be_are_refused():
         ("limits.field=0", "limits.field", "above 0"),
         ("limits.gradient=-1", "limits.gradient", "above 0"),
         ("limits={thickness=[0.5, 1.5]}", "limits.field", "missing"),
-        ("aim={}", "aim", "needs exactly one of"),
-        ('aim={minimise="field"}', "aim", "the least field makes no wave"),
-        ('aim={minimise="field", mean_flow=0.3}', "limits.field", "leave it out"),
-        ('aim={maximise="mean_flow", mean_flow=0.3}', "aim.mean_flow", "leave it out"),
-        ('aim={maximise="mean_flow", capture=true}', "aim.capture", "leave it out"),
-        ("aim.mean_flow=1.0", "aim.mean_flow", "below 1"),
+        ("objective={}", "objective", "needs exactly one of"),
+        ('objective={minimise="field"}', "objective", "the least field makes no wave"),
+        ('objective={minimise="field", mean_flow=0.3}', "limits.field", "leave it out"),
+        ('objective={maximise="mean_flow", mean_flow=0.3}', "objective.mean_flow", "leave it out"),
+        ('objective={maximise="mean_flow", capture=true}', "objective.capture", "leave it out"),
+        ("objective.mean_flow=1.0", "objective.mean_flow", "below 1"),
         ("search.crests=0", "search.crests", "1 to 12"),
         ("mesh.degree=2", "mesh.degree", "write 3 or more"),
         ("map={}", "map", "is empty"),

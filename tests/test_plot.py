@@ -81,7 +81,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "coil_film": ("fig24_travelling_wave",),
     "cargo": ("coil_cargo",),
     "carried": ("body_in_film",),
-    "floats": ("fig27_float", "course.periods=3.0"),
+    "floats": ("fig27_float", "time.periods=3.0"),
     "travelling_field": ("travelling_field",),
     "coil_design": ("coil_cargo_design",),
     "row_currents": ("coil_row_inverse",),

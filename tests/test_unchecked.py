@@ -102,9 +102,9 @@ def test_all_kinds_of_films_are_alike(kind: str):
             "on": "ground", "length": 0.1, "height": 0.2, "density": 2000.0,
             "friction_coefficient": 0.5,
         }  # fmt: skip
-        scene |= {"course": {"periods": 1}, "tolerance": {"recheck": False}}
+        scene |= {"time": {"periods": 1}, "tolerance": {"recheck": False}}
     if kind == "film-forward":
-        scene |= {"course": {"periods": 1}, "grid": {"points": 32, "most": 32}}
+        scene |= {"time": {"periods": 1}, "grid": {"points": 32, "most": 32}}
     result = wo.run(scene)
     assert result.status == "unchecked", result.reason
     assert "eps Re is 10" in result.reason

@@ -158,7 +158,7 @@ class FilmBody(Study, kind="film-body"):
     )
     film: Film = entry("film and wave")
     body: Body = entry("the body")
-    course: Ride = entry("duration of the simulation", default=Ride)
+    time: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
@@ -184,7 +184,7 @@ class FilmBody(Study, kind="film-body"):
     @property
     def periods(self) -> float:
         """Number of wave periods simulated."""
-        return self.course.periods or _PERIODS
+        return self.time.periods or _PERIODS
 
     @property
     def bulk(self) -> float:
@@ -239,8 +239,8 @@ class FilmBody(Study, kind="film-body"):
         if swings <= _MOST_SWINGS:
             return
         share = 0.95 * _MOST_SWINGS / swings  # values in the message have two digits
-        fewer = f"write course.periods = {share * self.periods:.2g} at most"
-        key, given = ("course.periods", self.periods)
+        fewer = f"write time.periods = {share * self.periods:.2g} at most"
+        key, given = ("time.periods", self.periods)
         if self.units != "SI":  # in SI scenes mass and weight increase together
             key, given = "body.weight", self.weight
             fewer = f"write {share**2 * given:.2g} at most, or {fewer.removeprefix('write ')}"
@@ -269,7 +269,7 @@ class FilmBody(Study, kind="film-body"):
     @stage
     def motion(self) -> Trajectory:
         end = _TURN * self.periods
-        times = np.linspace(0.0, end, self.course.samples)
+        times = np.linspace(0.0, end, self.time.samples)
         return simulate(
             self.model,
             end,
@@ -309,8 +309,8 @@ class FilmBody(Study, kind="film-body"):
         turn = self.turns[-1] if len(self.turns) else min(_TURN, end)
         return self.motion.at(np.linspace(end - turn, end, _SAMPLES))["velocity"][0]
 
-    @array("time", "time", "time")
-    def time(self) -> np.ndarray:
+    @array("time", "time", "time", name="time")
+    def instants(self) -> np.ndarray:
         return self.motion.time * self.film.time_unit
 
     @array("length", "time", "position of the middle of the body")
@@ -469,12 +469,12 @@ class FilmBody(Study, kind="film-body"):
         yield "the body is assumed not to change the wave"
         if self.drift is None:
             yield (
-                "fewer than two troughs passed, so the drift is unknown; write more course.periods"
+                "fewer than two troughs passed, so the drift is unknown; write more time.periods"
             )
         elif self.settled is not None and self.settled > _SETTLED:
             yield (
                 f"the last two turns differ by {self.settled:.2g}: the motion still depends on its "
-                "start; write more course.periods"
+                "start; write more time.periods"
             )
         if self.floats_in_si and self.draught > _DRAUGHT:
             yield left_out(

@@ -199,7 +199,7 @@ class Simulated:
     broke_xi: float | None = value("rad", "phase of rupture", when="broke")
     points: int = value("count", "final number of points")
     xi: np.ndarray = signal("rad", "xi", "phase t - x")
-    time: np.ndarray = signal("1", "time", "time")
+    instants: np.ndarray = signal("1", "time", "time", name="time")
     thickness: np.ndarray = signal("1", "time xi", "thickness over the mean thickness")
     thickness_end: np.ndarray = signal("1", "xi", "thickness at the end")
     thickness_wave: np.ndarray | None = signal("1", "xi", "prescribed thickness")
@@ -300,7 +300,7 @@ class FilmForward(Study, kind="film-forward"):
         "another field that replaces that of the prescribed wave", default=None
     )
     start: Start = entry("the film at time 0", default=Start)
-    course: Duration = entry("duration of the simulation", default=Duration)
+    time: Duration = entry("duration of the simulation", default=Duration)
     grid: Resolution = entry("resolution of the film", default=Resolution)
     tolerance: StepTolerance = entry("tolerances of the simulation", default=StepTolerance)
     branch: Continuation | None = entry(
@@ -388,7 +388,7 @@ class FilmForward(Study, kind="film-forward"):
         tolerance = Tolerance(steps.relative, steps.absolute, steps.max_steps)
         height = None if wave is None else wave.height
         tension = self.film.tension_number
-        return Setting(field.slope, tension, start, height, self.course, self.grid, tolerance)
+        return Setting(field.slope, tension, start, height, self.time, self.grid, tolerance)
 
     # -- what is computed --------------------------------------------------------------------------
 
@@ -442,7 +442,7 @@ class FilmForward(Study, kind="film-forward"):
 
     @scalar("1", "rupture thickness, as in the scene")
     def rupture_thickness(self) -> float:
-        return self.course.rupture
+        return self.time.rupture
 
     @parts(Branches, when="branch")
     def branches_found(self) -> Branches:
@@ -473,7 +473,7 @@ class FilmForward(Study, kind="film-forward"):
         advice = (
             f"{course.points} points do not resolve the film at t = {last:.6g} "
             f"({last / (2 * math.pi):.4g} periods), with thicknesses from {thin.min():.3g} to "
-            f"{thin.max():.4g}; write more grid.most, or a larger course.rupture"
+            f"{thin.max():.4g}; write more grid.most, or a larger time.rupture"
         )
         yield Check("points hold the film", course.tail, TAIL, advice, passed=held)
         if held and coarser is not None:
@@ -530,7 +530,7 @@ class FilmForward(Study, kind="film-forward"):
             "closed_form_difference": off,
             "assumptions": [
                 "lubrication theory: slopes are small against 1 / (depth times wave number)",
-                f"a film thinner than {self.course.rupture:g} of its mean counts as ruptured",
+                f"a film thinner than {self.time.rupture:g} of its mean counts as ruptured",
             ],
         }
 
@@ -562,7 +562,7 @@ class FilmForward(Study, kind="film-forward"):
         if outcome == "wave" and wave is not None and wave.growth > 0:
             yield "the film stays on it only because it starts there"
         if outcome == "moving":
-            yield "the film still moves at the end; write more course.periods"
+            yield "the film still moves at the end; write more time.periods"
         if self.wave is not None and self.field is not None:
             yield (
                 "the field is not that of film's wave: the film is compared with that wave, and "
@@ -603,7 +603,7 @@ def _simulated(
         broke_xi=course.broke and course.broke[1],
         points=course.points,
         xi=xi,
-        time=course.time,
+        instants=course.time,
         thickness=course.thickness.T,
         thickness_end=last,
         thickness_wave=wave and wave.height(xi),

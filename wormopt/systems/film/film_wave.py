@@ -296,7 +296,7 @@ class FilmWave(Study, kind="film-wave"):
     )
     film: WavyFilm = entry("the film")
     limits: Limits = entry("limits of the wave")
-    aim: Aim = entry("objective of the wave")
+    objective: Aim = entry("objective of the wave")
     mesh: MeshTable = entry(
         "mesh over the phase; default: 60 arcs; the degree is at least 3",
         default=MeshTable(arcs=60),
@@ -306,16 +306,16 @@ class FilmWave(Study, kind="film-wave"):
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield what does not fit between the tables."""
-        if self.aim.maximise and self.limits.field is None:
+        if self.objective.maximise and self.limits.field is None:
             yield "limits.field", "missing; write the largest range of the field"
-        if self.aim.minimise and self.limits.field is not None:
+        if self.objective.minimise and self.limits.field is not None:
             yield "limits.field", 'is the result of minimise = "field"; leave it out'
         if self.mesh.degree < 3:
             yield (
                 "mesh.degree",
                 "is below 3, but the field is at least linear on every arc; write 3 or more",
             )
-        if self.map is not None and self.aim.maximise != "mean_flow":
+        if self.map is not None and self.objective.maximise != "mean_flow":
             yield "map", 'needs maximise = "mean_flow"; leave [map] out'
 
     # -- the search --------------------------------------------------------------------------------
@@ -329,11 +329,15 @@ class FilmWave(Study, kind="film-wave"):
     @cached_property
     def sought(self) -> WaveAim:
         """The first objective; SceneError if no field can reach it."""
-        if not self.aim.minimise:
+        if not self.objective.minimise:
             return WaveAim()
-        sought = WaveAim("field", self.aim.mean_flow, self.aim.capture)
+        sought = WaveAim("field", self.objective.mean_flow, self.objective.capture)
         if impossible := sought.out_of_reach(self.bounds.thickness):
-            key = "aim.mean_flow" if self.aim.mean_flow is not None else "aim.capture"
+            key = (
+                "objective.mean_flow"
+                if self.objective.mean_flow is not None
+                else "objective.capture"
+            )
             raise SceneError(self.name, [(key, impossible)])
         return sought
 
@@ -356,7 +360,7 @@ class FilmWave(Study, kind="film-wave"):
                 waves, missed = [self.best(self.sought)], list[str]()
             except SolveError as error:
                 raise in_keys(error) from None
-            if self.aim.maximise == "float_speed":
+            if self.objective.maximise == "float_speed":
                 self._carry_a_float(waves, missed)
             return waves, missed
 
@@ -461,9 +465,9 @@ class FilmWave(Study, kind="film-wave"):
     )
     def gain(self) -> float:
         shape, cosine = self.shape, self.cosine
-        if self.aim.minimise:
+        if self.objective.minimise:
             return cosine.field_range_cosine / self.field_range
-        if self.aim.maximise == "float_speed":
+        if self.objective.maximise == "float_speed":
             return shape.float_drift / cosine.float_drift_cosine
         return shape.mean_flow / cosine.mean_flow_cosine
 
@@ -616,9 +620,9 @@ def checks_of_wave(wave: DesignedWave, aim: WaveAim, shape: Sampled) -> Iterator
         steepest = np.abs(rise).max() * _NODES / (2 * np.pi * _APART)
         yield _check("slope of the field", max(0.0, steepest / limits.gradient - 1), _SLOPE)
     if aim.mean_flow is not None:
-        yield _check("aim.mean_flow", max(0.0, aim.mean_flow - shape.mean_flow), _NUMBER)
+        yield _check("objective.mean_flow", max(0.0, aim.mean_flow - shape.mean_flow), _NUMBER)
     if aim.capture:
-        yield _check("aim.capture", max(0.0, -shape.capture_margin), _NUMBER)
+        yield _check("objective.capture", max(0.0, -shape.capture_margin), _NUMBER)
 
 
 def _check(name: str, off: float, accepted: float) -> Check:

@@ -249,7 +249,7 @@ class Float(Study, kind="float"):
     film: Film = entry("film and wave, without `tension`")
     floats: Floats = entry("bodies on the surface", default=Floats)
     tracers: Tracers | None = entry("tracers in the fluid", default=None)
-    course: Ride = entry("duration of the simulation", default=Ride)
+    time: Ride = entry("duration of the simulation", default=Ride)
     tolerance: ToleranceTable = entry("tolerances of the simulation", default=ToleranceTable)
 
     def faults_of_keys(self) -> Iterator[Fault]:
@@ -308,11 +308,11 @@ class Float(Study, kind="float"):
         drifts = [drift for several in self.drifts for drift in several]
         turns = [drift.turn / _TURN for drift in drifts if not drift.captured]
         enough = max([_LEAST, *(_OVERTAKEN * turn for turn in turns)])
-        return _TURN * (self.course.periods or min(enough, MOST_PERIODS))
+        return _TURN * (self.time.periods or min(enough, MOST_PERIODS))
 
     def moved(self, model: Any) -> Trajectory:
         """Simulate a model."""
-        times = np.linspace(0.0, self.end, self.course.samples)
+        times = np.linspace(0.0, self.end, self.time.samples)
         return simulate(
             model,
             self.end,
@@ -460,8 +460,8 @@ class Float(Study, kind="float"):
     def wavelength(self) -> float:
         return self.film.fluid.wavelength if self.film.fluid else 1.0
 
-    @array("time", "time", "time")
-    def time(self) -> np.ndarray:
+    @array("time", "time", "time", name="time")
+    def instants(self) -> np.ndarray:
         return self.motion_of_floats.time * self.film.time_unit
 
     @array("length", "body time", "middles of the floats")
@@ -569,8 +569,8 @@ def _of_ride(ride: Ridden) -> Iterator[str]:
         if found is None:
             yield (
                 f"the wave overtakes {ride.what} {i} fewer than two times, so the simulated "
-                f"drift is unknown; write course.periods = {2.5 * drift.turn / _TURN:.4g} or "
+                f"drift is unknown; write time.periods = {2.5 * drift.turn / _TURN:.4g} or "
                 "more"
             )
         elif drift.captured and ride.what == "float" and (off is None or abs(found - 1) > 1e-6):
-            yield f"{ride.what} {i} has not come to rest on the wave; write more course.periods"
+            yield f"{ride.what} {i} has not come to rest on the wave; write more time.periods"

@@ -350,9 +350,9 @@ def _at_ends(model: Model, ends: Ends, aim: WaveAim, constant: ca.SX) -> Iterato
         yield Constraint("phase", ends.start[0], 1.0, 1.0)
         yield Constraint("front", ends.start[1], lower=0.0, nominal=steep)
     if aim.capture:
-        yield Constraint("aim.capture", ends.start[0] + 3 * constant, lower=0.0)
+        yield Constraint("objective.capture", ends.start[0] + 3 * constant, lower=0.0)
     if aim.mean_flow is not None:
-        yield Constraint("aim.mean_flow", 1 + constant, lower=aim.mean_flow)
+        yield Constraint("objective.mean_flow", 1 + constant, lower=aim.mean_flow)
 
 
 def nearby_cosine(limits: WaveLimits, aim: WaveAim) -> tuple[float, float]:
