@@ -31,6 +31,7 @@ from wormopt.study import (
 )
 from wormopt.study.numerics import MeshTable
 from wormopt.study.types import Pair, Positive, wrong_order
+from wormopt.systems.film.tables import CAPTURE_DELTA
 
 with on_use():
     import numpy as np
@@ -38,7 +39,7 @@ with on_use():
     from wormopt.numerics.collocation import Collocation
     from wormopt.ocp.mesh import Mesh
     from wormopt.systems.film.cosine import CosineWave
-    from wormopt.systems.film.float import CAPTURE_DELTA, cosine_drift
+    from wormopt.systems.film.float import cosine_drift
     from wormopt.systems.film.lubrication import surface_velocity
     from wormopt.systems.film.shapes import field_function, flow_constant, grid
     from wormopt.systems.film.wave_problem import (
@@ -140,8 +141,8 @@ class Aim(Given):
         if (self.maximise is None) == (self.minimise is None):
             yield (
                 "",
-                'needs exactly one of maximise = "mean_flow", maximise = "float_speed" and '
-                'minimise = "field"',
+                'nothing is sought, or two things are; write maximise = "mean_flow", maximise = '
+                '"float_speed" or minimise = "field"',
             )
         elif self.minimise and self.mean_flow is None and not self.capture:
             yield (

@@ -43,6 +43,9 @@ Name = Annotated[str, Meta(min_length=1, description="text that is not empty")]
 MOST_PERIODS = 20_000
 """Upper limit of the wave periods of a simulated float."""
 
+CAPTURE_DELTA = math.sqrt(13) - 3
+"""Least amplitude at which a cosine wave holds a small float: root of delta² + 6 delta = 4."""
+
 
 class Film(Given):
     """Film and shape of its wave relative to the mean thickness: `delta`, or harmonics.
