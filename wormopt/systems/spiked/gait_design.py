@@ -71,7 +71,7 @@ _PROOF_VARIABLES: dict[str, tuple[str, tuple[str, ...], str]] = {
 }
 
 
-class GaitDesign(DesignTable, Study, kind="gait-design"):
+class GaitDesign(Study, DesignTable, kind="gait-design"):
     """Design the fastest gait within limits on links, spikes and actuators.
 
     Kind [`gait`](gait.md) explains the scalars and variables. Signals and the saved gait cover one

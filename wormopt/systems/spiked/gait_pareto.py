@@ -141,7 +141,7 @@ class Front:
     )
 
 
-class GaitPareto(DesignTable, Study, kind="gait-pareto"):
+class GaitPareto(Study, DesignTable, kind="gait-pareto"):
     """Compute the Pareto front of gaits between speed and a second objective.
 
     Kind [`gait-design`](gait-design.md) explains `[gait]`, `[search]`, `[motor]` and the trust
