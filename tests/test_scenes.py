@@ -501,18 +501,20 @@ def test_limits_are_spread_over_links():
 def test_tables_made_in_python_are_those_of_scenes():
     limits = Limits(1.0, (0.7, 1.3), rate=Rates(1.0, 0.5), acceleration=20.0)
     assert limits.rate == Rates(contraction=1.0, extension=0.5)
-    made: dict[str, Any] = {"worm": Worm(2, load=5.0), "objective": Objective(maximise="speed")}
-    study = GaitDesign(**made, gait=limits)
+    worm, objective = Worm(2, load=5.0), Objective(maximise="speed")
+    made: dict[str, Any] = {"worm": worm, "gait": limits, "objective": objective}
+    study = GaitDesign(**made)
     assert study.task(study.objective).limits.rate_limits(2) == ((1.0, 1.0), (0.5, 0.5))
-    with_units: Any = Worm(2, mass="2 g")  # type: ignore[arg-type]
-    for given_, said in (
+    with_units = Worm.made({"links": 2, "mass": "2 g"})
+    wrong: list[tuple[dict[str, Any], str]] = [
         ({"motor": Stepper(lead=0.5)}, "GaitDesign: motor.rate_max: missing"),
         ({"gait": Limits(1.0, (0.7, 1.3))}, "gait.acceleration: missing, so velocities may jump"),
         ({"gait": Objective()}, "gait: Objective.* is not allowed; write a table with period"),
         ({"worm": with_units}, 'worm: was made with units; write units = "SI"'),
-    ):
+    ]
+    for changes, said in wrong:
         with pytest.raises(ArgumentError, match=said):
-            GaitDesign(**made | {"gait": limits} | given_)
+            GaitDesign(**made | changes)
 
 
 def test_arguments_without_a_name_are_taken_once():
