@@ -17,7 +17,7 @@ from wormopt.simulation.options import Smooth
 from wormopt.simulation.simulate import simulate
 from wormopt.systems.chain.build import chain
 from wormopt.systems.spiked.construct import travelling_sine
-from wormopt.systems.spiked.design.smooth import spiked_worm
+from wormopt.systems.spiked.dynamics import spiked_worm
 
 MASS, DRAG, LOAD = np.array([1.0, 2.0, 0.5]), np.array([0.1, 0.0, 0.3]), np.array([0.0, 0.2, 0.1])
 STIFFNESS, DAMPING, REST = np.array([10.0, 8.0]), np.array([2.0, 3.0]), np.array([2.0, 1.5])

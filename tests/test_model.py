@@ -15,7 +15,7 @@ from wormopt.model.gait import Gait
 from wormopt.model.model import TINY, Contact, Model, Output, Signal, pack
 from wormopt.systems.spiked.construct import block_wave, fast_gait
 from wormopt.systems.spiked.crawl import crawl
-from wormopt.systems.spiked.design.smooth import spiked_worm
+from wormopt.systems.spiked.dynamics import spiked_worm
 
 masses = st.lists(st.floats(0.1, 5), min_size=2, max_size=9)
 

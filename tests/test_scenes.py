@@ -13,10 +13,12 @@ from effort import examples
 from hypothesis import given, settings
 
 from wormopt.cli import main
-from wormopt.errors import SceneError
+from wormopt.errors import ArgumentError, SceneError
 from wormopt.study import Scene, load_scene, packaged_scenes
-from wormopt.systems.spiked.gait_problem import Limits, Rates
+from wormopt.systems.spiked.gait_design import GaitDesign
+from wormopt.systems.spiked.gait_problem import Limits, Objective, Rates, Search, Worm
 from wormopt.systems.spiked.shapes import BlockWave, FastGait
+from wormopt.systems.spiked.stepper.stepper import Stepper
 
 DESIGN = """
 schema = 1
@@ -497,6 +499,34 @@ def test_limits_are_spread_over_links():
     assert limits.period_range == (1.0, 1.0)
     assert limits.length_ranges(2) == ((1.0, 2.0), (1.0, 2.0))
     assert limits.rate_limits(2) == ((1.0, 1.0), (2.0, 3.0))
+
+
+def test_tables_made_in_python_are_those_of_scenes():
+    limits = Limits(1.0, (0.7, 1.3), rate=Rates(1.0, 0.5), acceleration=20.0)
+    assert limits.rate == Rates(contraction=1.0, extension=0.5)
+    worm, objective = Worm(2, load=5.0), Objective(maximise="speed")
+    made: dict[str, Any] = {"worm": worm, "gait": limits, "objective": objective}
+    study = GaitDesign(**made)
+    assert study.task(study.objective).limits.rate_limits(2) == ((1.0, 1.0), (0.5, 0.5))
+    with_units = Worm.made({"links": 2, "mass": "2 g"})
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"motor": Stepper(lead=0.5)}, "GaitDesign: motor.rate_max: missing"),
+        ({"gait": Limits(1.0, (0.7, 1.3))}, "gait.acceleration: missing, so velocities may jump"),
+        ({"gait": Objective()}, "gait: Objective.* is not allowed; write a table with period"),
+        ({"worm": with_units}, 'worm: was made with units; write units = "SI"'),
+    ]
+    for changes, said in wrong:
+        with pytest.raises(ArgumentError, match=said):
+            GaitDesign(**made | changes)
+
+
+def test_arguments_without_a_name_are_taken_once():
+    twice: dict[str, Any] = {"period": 2.0}
+    with pytest.raises(ArgumentError, match=r"Limits: name each argument once, as in period=...,"):
+        Limits(1.0, (0.7, 1.3), **twice)
+    search: Any = Search
+    with pytest.raises(ArgumentError, match=r"Search: name each argument once, as in seed=...,"):
+        search(0)
 
 
 def test_the_key_follows_the_content_and_not_its_form(tmp_path: Path):

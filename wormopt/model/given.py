@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any
 
 from wormopt.errors import ArgumentError, Fault
@@ -62,24 +62,6 @@ def is_number(value: Any, least: float, most: float = sys.float_info.max) -> boo
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
     return bool(least <= value <= most)  # pyright: ignore[reportOperatorIssue]
-
-
-def is_whole(value: Any, least: int, most: int) -> bool:
-    """Whether it is a whole number from `least` to `most`."""
-    return isinstance(value, Integral) and is_number(value, least, most)
-
-
-def faults_of_whole(key: str, value: Any, least: int, most: int) -> Iterator[Fault]:
-    """Yield a fault for what is no whole number from `least` to `most`."""
-    if not is_whole(value, least, most):
-        yield key, f"not {value!r}; write a whole number from {least} to {most}"
-
-
-def faults_of_number(key: str, value: Any, least: float | None = None) -> Iterator[Fault]:
-    """Yield a fault for what is no finite number from `least` on, or above 0 without `least`."""
-    if not is_number(value, least or 0.0) or (least is None and value == 0):
-        wanted = "above 0" if least is None else f"{least:g} or above"
-        yield key, f"not {value!r}; write a finite number {wanted}"
 
 
 def check_number(
@@ -138,25 +120,6 @@ def check_kinds(name: str, values: object, kind: type) -> None:
     """Raise ArgumentError if the argument called `name` is no list of things of this kind."""
     if not isinstance(values, list | tuple) or not all(isinstance(one, kind) for one in values):
         raise ArgumentError(f"{name}: not {values!r:.60}; give a list of {kind.__name__}")
-
-
-def faults_of_numbers(
-    key: str, value: Any, count: int, things: str, least: float | None = None
-) -> Iterator[Fault]:
-    """Yield a fault for what is no finite number from `least` on, or no full list of such.
-
-    Without `least`, above 0. A list must have `count` numbers, one for each of the `things`.
-    """
-    items = value if isinstance(value, tuple) else (value,)
-    if items is value and len(items) != count:
-        entries = "1 entry" if len(items) == 1 else f"{len(items)} entries"
-        yield (
-            key,
-            f"{entries} for {count} {things}; write one number for all {things}, "
-            f"or a list of {count}",
-        )
-    for item in items:
-        yield from faults_of_number(key, item, least)
 
 
 def wrong_order(key: str, pair: tuple[float, ...], *, may_be_equal: bool = True) -> Iterator[Fault]:

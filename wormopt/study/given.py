@@ -522,12 +522,13 @@ def read_value(raw: Any, kind: Any, path: str, units: str, faults: list[Fault]) 
     """Convert a raw value to a type; every fault is added to `faults`, and gives None."""
     kind, given = bare(kind), raw
     tables = tables_in(kind)
-    if isinstance(given, Given) and isinstance(
-        given, tuple(tables)
-    ):  # made in Python, checked there
+    if isinstance(given, Given):  # made in Python, checked there
         if given.has_units and units != "SI":
             faults.append((path, 'was made with units; write units = "SI", or numbers alone'))
-        return given
+        if isinstance(given, tuple(tables)):
+            return given
+        if any(issubclass(table, type(given)) for table in tables):
+            raw = plain(given)  # of a base of the table
     if isinstance(raw, Mapping) and tables:
         table = _chosen(raw, tables, path, faults)
         return table and read_table(raw, table, path, units, faults)

@@ -1,0 +1,198 @@
+"""The worm with spikes (eqs. 1 to 7) as a Model, and its gait design as optimal control."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from wormopt.model.friction import Spike
+from wormopt.model.model import Contact, Model, Output, Signal
+from wormopt.ocp.problem import Constraint, Ends, Problem
+from wormopt.systems.spiked.gait_problem import Cost, GaitProblem, Limits, Objective, Worm
+
+
+def spiked_worm(
+    mass: Sequence[float],
+    drag: float,
+    load: float | Sequence[float],
+    *,
+    length_nominal: float = 1.0,
+    time_nominal: float = 1.0,
+) -> Model:
+    """Build a chain of n+1 point masses (head first) with n prescribed link lengths.
+
+    States: ``position``, ``velocity`` of the head, ``length``, ``rate``; inputs l_j'';
+    outputs ``reaction_mean`` (lambda of eq. 7), ``actuator_force``, ``power``; one spike per mass.
+    """
+    n = len(mass) - 1
+    speed = length_nominal / time_nominal
+    force = sum(mass) / len(mass) * speed / time_nominal
+    position, velocity = ca.SX.sym("x0"), ca.SX.sym("v0")
+    length, rate, acceleration = (ca.SX.sym(s, n) for s in ("l", "dl", "ddl"))
+    reaction = ca.SX.sym("reaction", n + 1)
+
+    span_rate = ca.vertcat(0, ca.cumsum(rate))  # S_i', (2)
+    span_acceleration = ca.vertcat(0, ca.cumsum(acceleration))
+    v = velocity - span_rate
+    loads = ca.DM(np.broadcast_to(load, n + 1))
+    momentum = ca.sum1(reaction) - drag * ca.sum1(v) - ca.sum1(loads)
+    head_acceleration = (momentum + ca.dot(ca.DM(mass), span_acceleration)) / sum(mass)
+    # Recursion from the head down, (3): mu_{i+1} = mu_i + reaction_i - k v_i - Gamma - m_i v_i'.
+    surplus = reaction - drag * v - loads - ca.DM(mass) * (head_acceleration - span_acceleration)
+    actuator_force = ca.cumsum(surplus)[:n]
+
+    return Model(
+        name=f"spiked worm of {n} links",
+        x=[
+            Signal("position", position, "length", length_nominal),
+            Signal("length", length, "length", length_nominal),
+            Signal("velocity", velocity, "speed", speed),
+            Signal("rate", rate, "speed", speed),
+        ],
+        ode=ca.vertcat(velocity, rate, head_acceleration, acceleration),
+        u=[Signal("acceleration", acceleration, "acceleration", speed / time_nominal)],
+        outputs=[
+            Output("reaction_mean", ca.sum1(reaction) / (n + 1), "force"),
+            Output("actuator_force", actuator_force, "force"),
+            Output("power", -actuator_force * rate, "power"),
+        ],
+        contacts=[
+            Contact(f"mass {i}", v[i], reaction[i], Spike(scale=force), force, speed)
+            for i in range(n + 1)
+        ],
+    )
+
+
+def gait_problem(worm: Worm, limits: Limits, objective: Objective) -> Problem:
+    """Formulate kinematic gait design as an optimal-control problem, periodic up to the advance.
+
+    Costs are scaled to about 1; peaks become bounding constants, positive powers become slacks
+    (epigraph form).
+    """
+    n, period_range = worm.links, limits.period_range
+    ranges = np.array(limits.length_ranges(n))
+    model = spiked_worm(
+        worm.masses,
+        worm.drag,
+        worm.loads(worm.load_range[-1 if limits.spike_load is not None else 0]),
+        length_nominal=float(ranges.max()),
+        time_nominal=period_range[1],
+    )
+    ends = Ends.of(model, 1)
+    advance = ends.end[0] - ends.start[0]
+    speed_nominal = float(np.max(limits.rate_bounds(n)))
+    at_ends = [Constraint("start", ends.start[0], 0.0, 0.0, nominal=float(ranges.max()))]
+    way = advance
+    if objective.speed is not None:
+        at_ends.append(
+            Constraint(
+                "objective.speed", advance / ends.duration, objective.speed, nominal=speed_nominal
+            )
+        )
+        # Costs per distance stay finite at rest, where every start begins.
+        way = ca.fmax(advance, objective.speed * ends.duration / 2)
+    cost: dict[str, Any] = {"integrands": ca.SX(0)}
+    cost |= _cost(objective.minimise, model, ends, way, speed_nominal, period_range[1])
+    return Problem(
+        model=model,
+        ends=ends,
+        duration=period_range,
+        periodic=["length", "velocity", "rate"],
+        path_constraints=[*_limits_along(model, limits, n, ranges), *cost.pop("along", ())],
+        boundary_constraints=at_ends,
+        sharing=_sharing(model, limits, GaitProblem(worm, limits, objective).loads_matter),
+        impulses=limits.impulses,
+        **cost,
+    )
+
+
+def _limits_along(model: Model, limits: Limits, links: int, ranges: np.ndarray) -> list[Constraint]:
+    x, named = {s.name: s for s in model.x}, limits.name
+    bounds = [
+        Constraint(
+            f"{named}.length", x["length"].symbol, ranges[:, 0], ranges[:, 1], x["length"].nominal
+        )
+    ]
+    rates = limits.rate_limits(links)
+    if rates is not None:
+        size = float(np.max(rates))
+        bounds.append(
+            Constraint(
+                f"{named}.rate", x["rate"].symbol, -np.array(rates[0]), np.array(rates[1]), size
+            )
+        )
+    for key, expression in (
+        ("acceleration", model.u[0].symbol),
+        ("spike_load", model.forces),
+        ("actuator_force", model["actuator_force"]),
+    ):
+        if getattr(limits, key) is not None:
+            most = np.broadcast_to(getattr(limits, key), expression.numel())
+            least = -np.inf if key == "spike_load" else -most  # spikes cannot pull
+            bounds.append(Constraint(f"{named}.{key}", expression, least, most, float(most.max())))
+    if limits.sigma_margin > 0:
+        sigma = model["reaction_mean"]
+        bounds.append(
+            Constraint(
+                f"{named}.sigma_margin", sigma, limits.sigma_margin, nominal=limits.sigma_margin
+            )
+        )
+    return bounds
+
+
+def _sharing(model: Model, limits: Limits, matter: bool) -> Callable[[ca.SX], ca.SX] | None:
+    """Residual of the sharing rule, for contacts whose load the motion does not determine."""
+    if limits.resting == 1 and not matter:
+        return None
+
+    def equal(stick: ca.SX) -> ca.SX:
+        return model.forces - ca.dot(stick, model.forces) / ca.sum1(stick)
+
+    def least_actuation(stick: ca.SX) -> ca.SX:
+        # Stationarity: between neighbouring resting masses the actuator forces sum to zero.
+        force = ca.vertcat(0, model["actuator_force"])
+        rows = [ca.SX(0)]
+        for i in range(1, stick.numel()):
+            rows.append(force[i] + (1 - stick[i - 1]) * rows[-1])
+        return ca.vertcat(*rows)
+
+    if limits.sharing == "equal" or not matter:
+        return equal
+    return least_actuation
+
+
+def _cost(
+    minimise: Cost | None, model: Model, ends: Ends, way: ca.SX, speed: float, time: float
+) -> dict[str, Any]:
+    """Terms of an objective in the problem; `way` is per period, `speed` and `time` are sizes."""
+    force = float(sum(c.nominal_force for c in model.contacts))
+    match minimise:
+        case None:
+            return {"minimise": -way / ends.duration / speed}
+        case "acceleration_effort":
+            u = model.u[0]
+            return {
+                "minimise": ends.integrals[0] * time / ends.duration,
+                "integrands": ca.sumsqr(u.symbol / u.nominal) / time,
+            }
+        case "energy_per_distance":
+            power, nominal = model["power"], force * speed
+            spent = Signal("spent", ca.SX.sym("spent", power.numel()), "power", nominal, 0)
+            return {
+                "minimise": ends.integrals[0] * time * speed / way,
+                "integrands": ca.sum1(spent.symbol) / nominal / time,
+                "slacks": (spent,),
+                "along": (
+                    Constraint("power", spent.symbol - power, 0.0, nominal=nominal),
+                    Constraint("power", spent.symbol, 0.0, nominal=nominal),
+                ),
+            }
+    forces = model.forces
+    if minimise == "peak_actuator_force":
+        forces = ca.vertcat(model["actuator_force"], -model["actuator_force"])
+    peak = Signal("peak", ca.SX.sym("peak"), "force", force, 0.0)  # smallest upper bound
+    bound = Constraint(minimise, forces - peak.symbol, upper=0.0, nominal=force)
+    return {"minimise": peak.symbol / force, "along": (bound,), "design": (peak,)}
