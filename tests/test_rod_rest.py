@@ -177,8 +177,8 @@ def test_a_body_of_unknown_modulus_is_left_out():
 @pytest.mark.parametrize(
     ("change", "key", "message"),
     [
-        ("rod.inner=9e-3", "rod.inner", "write less"),
-        ("rod.outer=11e-3", "rod.outer", "write at most 0.01"),
+        ("rod.inner_radius=9e-3", "rod.inner_radius", "write less"),
+        ("rod.outer_radius=11e-3", "rod.outer_radius", "write at most 0.01"),
         ("rod.every=3", "rod.every", "write at least 4"),
         ("rod.elements=10", "rod.elements", "write at least 20"),
         ("rod.sweep=[5, 4]", "rod.sweep", "ascend"),

@@ -319,7 +319,7 @@ CURVE = {5.0: -0.01, 50.0: -0.1, 100.0: -0.12, 200.0: -0.06, 400.0: 0.0, 1000.0:
 
 def response(monkeypatch: Any, *more: str) -> wo.Result:
     monkeypatch.setattr(rod_frequency, "rod_points", points(CURVE))
-    sets = ["rates=[5,50,100,200,400,1000]", "search.rounds=0", "search.refine=0", *more]
+    sets = ["frequencies=[5,50,100,200,400,1000]", "search.rounds=0", "search.refine=0", *more]
     return wo.run(wo.load_scene("fig22_frequency_response", sets))
 
 
@@ -370,7 +370,7 @@ def test_a_lost_motion_fails_the_study_and_says_where(stage: str, monkeypatch: A
         return [RodPoint.lost(found[0].rate, "it was lost"), *found[1:]] if hit else found
 
     monkeypatch.setattr(rod_frequency, "rod_points", find)
-    sets = ["rates=[5,50,100,200]", "search.rounds=0", "search.refine=3"]
+    sets = ["frequencies=[5,50,100,200]", "search.rounds=0", "search.refine=3"]
     result = wo.run(wo.load_scene("fig22_frequency_response", sets))
     assert result.status == "failed"
     assert "it was lost" in result.reason
@@ -390,10 +390,15 @@ def test_motions_that_are_all_lost_end_the_study(monkeypatch: Any):
 
 @pytest.mark.parametrize("name", ["fig21_rod_motion", "fig22_frequency_response"])
 def test_steps_that_are_too_long_are_told_without_a_traceback(name: str, tmp_path: Path):
-    small = ["mesh.elements=10", "mesh.degree=1", "mesh.step=0.01", "course.cycles=4",
-             "course.duration=0.1", "want=[]"]  # fmt: skip
+    small = ["mesh.elements=10", "mesh.degree=1", "mesh.step=0.01", "time.cycles=4",
+             "time.end=0.1", "want=[]"]  # fmt: skip
     if name.startswith("fig22"):
-        small += ["rates=[50]", "search.rounds=0", "search.refine=0", "sensitivity.rates=[50]"]
+        small += [
+            "frequencies=[50]",
+            "search.rounds=0",
+            "search.refine=0",
+            "sensitivity.frequencies=[50]",
+        ]
     sets = [word for change in small for word in ("--set", change)]
     assert main(["run", name, "-o", str(tmp_path / "out"), "--quiet", *sets]) == 3
 
@@ -409,7 +414,7 @@ def test_a_stopped_motion_is_told_without_a_traceback(tmp_path: Path, monkeypatc
 def test_standing_still_and_going_with_the_field_exclude_each_other(monkeypatch: Any):
     curve = CURVE | {400.0: 1e-6, 1000.0: 2e-3}  # slow, but surely forward
     monkeypatch.setattr(rod_frequency, "rod_points", points(curve))
-    sets = ["rates=[5,100,400,1000]", "search.rounds=0", "search.refine=0"]
+    sets = ["frequencies=[5,100,400,1000]", "search.rounds=0", "search.refine=0"]
     found = wo.run(wo.load_scene("fig22_frequency_response", sets)).scalars
     assert found["standstill_frequencies"].value == [400]
     assert found["forward_frequencies"].value == [1000]
@@ -437,7 +442,7 @@ def test_a_stopped_study_keeps_its_curve(monkeypatch: Any):
 
     monkeypatch.setattr(rod_frequency, "rod_points", stopped)
     with pytest.raises(Interrupted) as stop:
-        wo.run(wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]"]))
+        wo.run(wo.load_scene("fig22_frequency_response", ["frequencies=[5,50,100]"]))
     partial: Any = stop.value.partial
     assert partial.status == "failed"
     assert "run again" in partial.reason
@@ -452,7 +457,7 @@ def test_a_best_velocity_that_hangs_on_the_mesh_fails(monkeypatch: Any):
         return [replace(p, velocity=0.5 * p.velocity) for p in found] if "fine" in text else found
 
     monkeypatch.setattr(rod_frequency, "rod_points", find)
-    scene = wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]", "search.rounds=0"])
+    scene = wo.load_scene("fig22_frequency_response", ["frequencies=[5,50,100]", "search.rounds=0"])
     result = wo.run(scene)
     assert result.status == "failed"
     assert "changes by 0.06 m/s on a finer mesh" in result.reason
@@ -466,10 +471,10 @@ def test_a_best_velocity_that_is_hardly_known_fails(monkeypatch: Any):
         "rod_points",
         lambda *given: [replace(point, error=0.07) for point in plain(*given)],
     )
-    scene = wo.load_scene("fig22_frequency_response", ["rates=[5,50,100]", "search.rounds=0"])
+    scene = wo.load_scene("fig22_frequency_response", ["frequencies=[5,50,100]", "search.rounds=0"])
     result = wo.run(scene)
     assert result.status == "failed"
-    assert "longer course.duration" in result.reason
+    assert "longer time.end" in result.reason
     assert "error of the mean velocity on a finer mesh" in refused(result)
 
 
@@ -501,11 +506,11 @@ def test_velocity_over_frequency_rises_rolls_off_and_turns():
         ("channel.friction=0", "channel.friction"),
         ("worm.density=-1", "worm.density"),
         ("worm.damping_time=0", "worm.damping_time"),
-        ("coils.outer=1e-3", "coils.inner"),
-        ("coils.outer=12e-3", "coils.outer"),
+        ("coils.outer_radius=1e-3", "coils.inner_radius"),
+        ("coils.outer_radius=12e-3", "coils.outer_radius"),
         ("switching.every=3", "switching.every"),
         ("mesh.elements=5", "mesh.elements"),
-        ("course.settle=1", "course.settle"),
+        ("time.settle=1", "time.settle"),
         ('units="dimensionless"', "units"),
         ("worm.diameter=1e-40", "worm.diameter"),
     ],
@@ -524,7 +529,7 @@ def test_a_sensitivity_to_nothing_is_refused(key: str):
 
 def test_rates_that_do_not_ascend_are_refused():
     with pytest.raises(SceneError, match="rates"):
-        wo.load_scene("fig22_frequency_response", ["rates=[10,5]"])
+        wo.load_scene("fig22_frequency_response", ["frequencies=[10,5]"])
 
 
 @pytest.mark.slow
@@ -585,7 +590,12 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
 
 @pytest.mark.parametrize(
     "change",
-    ["worm.youngs_modulus=1e12", "worm.density=1e-12", "switching.rate=1e-9", "switching.rate=1e9"],
+    [
+        "worm.youngs_modulus=1e12",
+        "worm.density=1e-12",
+        "switching.frequency=1e-9",
+        "switching.frequency=1e9",
+    ],
 )
 def test_motions_that_would_take_for_ever_are_refused(
     change: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

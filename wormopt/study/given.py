@@ -55,7 +55,6 @@ _SMALL, _LARGE = 1e-30, 1e30
 # Names that keys had before, and what they are called now: the first that a table knows.
 _RENAMED = {
     "aim": ("objective",),
-    "count": ("segments",),
     "course": ("time", "route"),
     "duration": ("end",),
     "grid": ("mesh",),

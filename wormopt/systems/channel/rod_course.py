@@ -48,7 +48,7 @@ class Mean:
     settled: bool  # both halves of the averaged time agree within errors
     velocity: float = value(
         "speed",
-        "mean velocity after `course.settle`, positive with the field",
+        "mean velocity after `time.settle`, positive with the field",
         name="velocity_mean",
     )
     error: float = value(
@@ -167,7 +167,7 @@ def checks_of_change(
         errors,
         _KNOWN * size,
         f"{where} the error of the mean velocity is {errors:.2g} m/s, too large to compare it "
-        f"{what}; write a longer course.duration",
+        f"{what}; write a longer time.end",
     )
     yield known
     if known.passed:
@@ -177,7 +177,7 @@ def checks_of_change(
             change,
             accepted * size,
             f"{where} the mean velocity changes by {change:.2g} m/s {what}; write more "
-            "mesh.elements, a shorter mesh.step or a longer course.duration",
+            "mesh.elements, a shorter mesh.step or a longer time.end",
         )
 
 

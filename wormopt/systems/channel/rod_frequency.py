@@ -89,7 +89,7 @@ _TABLES = {
     "coil_outer": "coils",
     "coil_clearance": "coils",
 }
-_STEPS = {"rate": 0.25, "duration": 0.5, "shift": 0.3}
+_STEPS = {"frequency": 0.25, "duration": 0.5, "shift": 0.3}
 _MODES = 4
 # The velocity has rolled off below this share of that extrapolated from the slowest switching; the
 # rod stands still below this share of the best velocity, errors included.
@@ -107,7 +107,7 @@ class Sensitivity(Given):
         quantity="share",
         default=(0.5, 2.0),
     )
-    rates: Rates = entry(
+    frequencies: Rates = entry(
         "switches per second of these runs", quantity="rate", default=(20.0, 100.0, 500.0)
     )
 
@@ -130,7 +130,7 @@ class Search(Given):
 class Measured(Given):
     """A measured point shown in the plot."""
 
-    rate: float = positive("rate", "switches per second")
+    frequency: float = positive("rate", "switches per second")
     velocity: float = number(
         "speed",
         "velocity against the travel of the field; 0 if the body stood still",
@@ -160,24 +160,26 @@ def _columns(name: str, points: list[RodPoint]) -> dict[str, np.ndarray]:
 class Velocities:
     """Velocities over the frequencies of the scene."""
 
-    velocity_mean: list[float] = value("speed", "velocities over `rates`, positive with the field")
+    velocity_mean: list[float] = value(
+        "speed", "velocities over `frequencies`, positive with the field"
+    )
     velocity_error: list[float] = value(
-        "speed", "over `rates`, half the width of the 95 % interval"
+        "speed", "over `frequencies`, half the width of the 95 % interval"
     )
     direction: list[int] = value(
-        "1", "over `rates`: −1 against the travel of the field, 1 with it, 0 if not certain"
+        "1", "over `frequencies`: −1 against the travel of the field, 1 with it, 0 if not certain"
     )
     velocity_per_frequency_slow: float = value(
-        "length", "velocity over frequency at the lowest of `rates`"
+        "length", "velocity over frequency at the lowest of `frequencies`"
     )
-    arc_length_slow: float = value("length", "length of a segment at the lowest of `rates`")
+    arc_length_slow: float = value("length", "length of a segment at the lowest of `frequencies`")
     rolloff_frequency: float | None = value(
         "rate",
-        "first of `rates` with a velocity below half of that extrapolated from the lowest; "
+        "first of `frequencies` with a velocity below half of that extrapolated from the lowest; "
         "unknown if there is none, or if the rod does not move against the field there",
     )
     forward_frequencies: list[float] = value(
-        "rate", "those of `rates` at which the rod moves with the field"
+        "rate", "those of `frequencies` at which the rod moves with the field"
     )
 
 
@@ -190,7 +192,7 @@ class Best:
     velocity_best_error: float = value("speed", "half the width of its 95 % interval")
     standstill_frequencies: list[float] = value(
         "rate",
-        "those of `rates` with a velocity, including its error, below 2 % of the best, and "
+        "those of `frequencies` with a velocity, including its error, below 2 % of the best, and "
         "with uncertain direction",
     )
 
@@ -238,7 +240,7 @@ class Changes:
     """Velocities with one parameter changed at a time."""
 
     points: list[RodPoint]
-    sensitive_rates: list[float] = value("rate", "`sensitivity.rates`")
+    sensitive_rates: list[float] = value("rate", "`sensitivity.frequencies`")
     sensitive_to: list[str | None] = value(
         "1",
         "parameter with the largest effect on the velocity, at each of these rates; unknown if "
@@ -271,7 +273,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     scalars `assumed_…`.
 
     Motions run in parallel on all cores. Each is saved when it ends, so a stopped run resumes, also
-    with other `rates`. Until the run ends they are in `checkpoints/rods-…` of the user's cache
+    at other frequencies. Until the run ends they are in `checkpoints/rods-…` of the user's cache
     folder (`~/.cache/wormopt` on Linux). A version of the code that computes differently starts
     again. The status is `failed` if a motion fails; the report names it.
     """
@@ -285,9 +287,9 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     want: tuple[Literal["rod_frequency"], ...] = entry(
         "`rod_frequency`: velocity over frequency, and its sensitivities", default=()
     )
-    rates: Rates = entry("switches per second, ascending", quantity="rate")
+    frequencies: Rates = entry("switches per second, ascending", quantity="rate")
     switching: Pattern = entry("how", default=Pattern)
-    course: Course = entry("duration; 3 s if there is no such table", default=Course(duration=3.0))
+    time: Course = entry("duration; 3 s if there is no such table", default=Course(end=3.0))
     sensitivity: Sensitivity | None = entry(
         "sensitivity of the velocity; not computed if left out", default=None
     )
@@ -305,17 +307,17 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
         yield from super().faults_of_keys()
-        if list(self.rates) != sorted(set(self.rates)):
-            yield "rates", "the rates do not ascend; write them in order, each once"
+        if list(self.frequencies) != sorted(set(self.frequencies)):
+            yield "frequencies", "they do not ascend; write them in order, each once"
 
     # -- motions -----------------------------------------------------------------------------------
 
     def at(self, rate: float) -> RodMotion:
         """Return the motion at `rate` switches per second."""
-        switching = Switching(rate=rate, **structs.asdict(self.switching))
+        switching = Switching(frequency=rate, **structs.asdict(self.switching))
         return RodMotion(
             units="SI", worm=self.worm, channel=self.channel, coils=self.coils,
-            switching=switching, mesh=self.mesh, course=self.course,
+            switching=switching, mesh=self.mesh, time=self.time,
         )  # fmt: skip
 
     @cached_property
@@ -341,7 +343,9 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
 
     @stage
     def curve(self) -> list[RodPoint]:
-        points = self.simulate([self.at(rate) for rate in self.rates], "velocity over frequency")
+        points = self.simulate(
+            [self.at(rate) for rate in self.frequencies], "velocity over frequency"
+        )
         if all(point.reason for point in points):
             raise SolveError(points[0].reason, "write a shorter mesh.step")
         return points
@@ -352,9 +356,12 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
         if self.search is None:
             return []
         k = self.curve.index(_fastest(self.curve))
-        low, high = self.rates[max(k - 1, 0)], self.rates[min(k + 1, len(self.rates) - 1)]
+        low, high = (
+            self.frequencies[max(k - 1, 0)],
+            self.frequencies[min(k + 1, len(self.frequencies) - 1)],
+        )
         between = np.geomspace(low, high, self.search.refine + 2)[1:-1]
-        rates = [rate for one in between if (rate := float(f"{one:.4g}")) not in self.rates]
+        rates = [rate for one in between if (rate := float(f"{one:.4g}")) not in self.frequencies]
         return self.simulate([self.at(rate) for rate in rates], "best frequency")
 
     @cached_property
@@ -372,7 +379,9 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
         def look(points: Sequence[dict[str, float]]) -> list[Look]:
             # rates are rounded, so that the same frequency is the same motion again
             several = [
-                first.varied(switching=point | {"rate": float(f"{math.exp(point['rate']):.4g}")})
+                first.varied(
+                    switching=point | {"frequency": float(f"{math.exp(point['frequency']):.4g}")}
+                )
                 for point in points
             ]
             found = self.simulate(several, "best pattern")
@@ -382,10 +391,10 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
                 for point, one in zip(points, found, strict=True)
             ]
 
-        rate = first.switching.rate
-        start = {"rate": math.log(rate), "duration": pattern.duration, "shift": pattern.shift}
+        rate = first.switching.frequency
+        start = {"frequency": math.log(rate), "duration": pattern.duration, "shift": pattern.shift}
         bounds = {
-            "rate": (math.log(rate / 4), math.log(4 * rate)),
+            "frequency": (math.log(rate / 4), math.log(4 * rate)),
             "duration": (1.5, min(5.0, pattern.every - 1.6)),
             "shift": (-0.6, 0.6),
         }
@@ -400,7 +409,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
         todo = [
             [(1.0, self.at(rate))]
             + [_changed(self.at(rate), name, by) for name in own.parameters for by in own.factors]
-            for rate in own.rates
+            for rate in own.frequencies
         ]
         points = self.simulate([one for row in todo for _, one in row], "sensitivity")
         return _changes(own, np.array([[factor for factor, _ in row] for row in todo]), points)
@@ -499,13 +508,13 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
         first, last = centres[0], centres[-1]
         points = [look.point for look in centres]
         return BestPattern(
-            pattern_rate=math.exp(last.point["rate"]),
+            pattern_rate=math.exp(last.point["frequency"]),
             pattern_duration=last.point["duration"],
             pattern_shift=last.point["shift"],
             pattern_velocity=-last.value,
             pattern_velocity_error=last.error,
             pattern_gain=last.value / first.value - 1 if first.value > 0 else None,
-            centre_rate=np.array([math.exp(point["rate"]) for point in points]),
+            centre_rate=np.array([math.exp(point["frequency"]) for point in points]),
             centre_duration=np.array([point["duration"] for point in points]),
             centre_shift=np.array([point["shift"] for point in points]),
             centre_velocity=np.array([-look.value for look in centres]),
@@ -519,7 +528,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
     @attributes
     def drawn(self) -> dict[str, Any]:
         return {
-            "measured": [[one.rate, one.velocity, one.text] for one in self.measured],
+            "measured": [[one.frequency, one.velocity, one.text] for one in self.measured],
             "parameters": list(self.sensitivity.parameters) if self.sensitivity else [],
         }
 
@@ -569,7 +578,7 @@ class RodFrequency(RodStudy, kind="rod-frequency"):
         ):
             if rates:
                 listed = ", ".join(f"{rate:g}" for rate in rates) + " switches per second"
-                yield text.format(listed) + "; write a longer course.duration"
+                yield text.format(listed) + "; write a longer time.end"
         yield from warnings_of_susceptibility(self.worm.susceptibility)
 
 
@@ -598,7 +607,7 @@ def _changed(motion: RodMotion, name: str, factor: float) -> tuple[float, RodMot
     old = getattr(getattr(motion, table), key)
     new = old * factor
     if name == "coil_outer":
-        new = min(max(new, 1.05 * motion.coils.inner), motion.coils.pitch)
+        new = min(max(new, 1.05 * motion.coils.inner_radius), motion.coils.pitch)
     return new / old, motion.varied(**{table: {key: new}})
 
 
@@ -621,9 +630,9 @@ def _changes(own: Sensitivity, factors: np.ndarray, points: list[RodPoint]) -> C
 
     return Changes(
         points=points,
-        sensitive_rates=list(own.rates),
+        sensitive_rates=list(own.frequencies),
         sensitive_to=[names[k] if row[k] else None for k, row in zip(largest, moved, strict=True)],
-        sensitive_rate=np.array(own.rates),
+        sensitive_rate=np.array(own.frequencies),
         changed_velocity=by_parameter(velocity),
         changed_error=by_parameter(error),
         changed_factor=by_parameter(factors),
@@ -646,7 +655,7 @@ def rod_points(
     # the slowest switching takes longest
     todo = sorted(
         dict.fromkeys(motion for motion in motions if motion not in found),
-        key=lambda motion: motion.switching.rate,
+        key=lambda motion: motion.switching.frequency,
     )
     if todo:
         report(text, len(found) / (len(found) + len(todo)))
@@ -683,7 +692,7 @@ def _simulate_and_keep(motion: RodMotion, folder: Path) -> RodPoint:
     try:
         point = structs.replace(motion).point  # of a copy, which keeps no states
     except SolveError as lost:
-        point = RodPoint.lost(motion.switching.rate, str(lost))
+        point = RodPoint.lost(motion.switching.frequency, str(lost))
     # Python's JSON supports NaN, which failed motions contain
     keep(_file(motion, folder), json.dumps(asdict(point)).encode())
     return point

@@ -75,8 +75,8 @@ _MOST_STEPS = 2e7
 class Switching(Pattern):
     """Switching pattern of the coils, and its rate."""
 
-    rate: float = positive(
-        "rate", "*n*, switches per second; the field travels one pitch in 1/`rate`"
+    frequency: float = positive(
+        "rate", "*n*, switches per second; the field travels one pitch in 1/`frequency`"
     )
 
 
@@ -115,7 +115,7 @@ class Totals:
 class Histories:
     """Displacement of the rod, and work on it, at a limited number of times."""
 
-    time: np.ndarray = signal("time", "time", "time")
+    instants: np.ndarray = signal("time", "time", "time", name="time")
     centre: np.ndarray = signal("length", "time", "mean position of the rod")
     work_load: np.ndarray = signal("energy", "time", "work of the field")
     work_damping: np.ndarray = signal("energy", "time", "work of the material's damping")
@@ -199,7 +199,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
     @property
     def cycle(self) -> float:
         """Time after which the pattern repeats, in s."""
-        return self.switching.every / self.switching.rate
+        return self.switching.every / self.switching.frequency
 
     @property
     def room(self) -> float:
@@ -209,7 +209,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
     @property
     def end(self) -> float:
         """End time, after whole repeats of the pattern, in s."""
-        repeats = max(self.course.cycles, int(np.ceil(self.course.duration / self.cycle)))
+        repeats = max(self.time.cycles, int(np.ceil(self.time.end / self.cycle)))
         return repeats * self.cycle
 
     @cached_property
@@ -226,7 +226,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
     def blocks(self) -> Blocks:
         """Sequence of active coils."""
         pattern = self.switching
-        return switched_blocks(pattern.every, pattern.rate, pattern.duration, pattern.shift)
+        return switched_blocks(pattern.every, pattern.frequency, pattern.duration, pattern.shift)
 
     @property
     def schedule(self) -> Schedule:
@@ -294,14 +294,14 @@ class RodMotion(RodStudy, kind="rod-motion"):
 
     def _check_steps(self, step: float) -> None:
         """Refuse motions with too many steps: stiff or light rods, or very slow switching."""
-        end, rate = self.end, self.switching.rate
+        end, rate = self.end, self.switching.frequency
         count = max(end / step, 10 * end * rate)
         if not count <= _MOST_STEPS:
             raise SolveError(
                 f"{end:.3g} s at {rate:g} switches per second take {count:.2g} steps, more "
                 f"than {_MOST_STEPS:g}: the longest stable step is {step:.2g} s",
                 "write a smaller worm.youngs_modulus or worm.damping_time, a larger worm.density, "
-                "fewer course.cycles, or a shorter course.duration",
+                "fewer time.cycles, or a shorter time.end",
                 None,
                 "too_many_steps",
             )
@@ -326,11 +326,11 @@ class RodMotion(RodStudy, kind="rod-motion"):
     @parts(RodPoint)
     def point(self) -> RodPoint:
         steps, n = self.motion, self.rod.count
-        mean = mean_velocity(steps.time, self.mean_place, self.cycle, self.course.settle)
+        mean = mean_velocity(steps.time, self.mean_place, self.cycle, self.time.settle)
         across = steps.states[n : 2 * n]
         return RodPoint(
             **asdict(mean),
-            rate=self.switching.rate,
+            rate=self.switching.frequency,
             energy_error=energy_error(self.stepper.model, steps, self.numbers),
             penetration=max(float(np.abs(across).max()) / self.room - 1, 0.0),
             field_error=max(field.error for field in self.fields),
@@ -342,11 +342,11 @@ class RodMotion(RodStudy, kind="rod-motion"):
 
         NaN if the rod never reached over a block. Durations of coils are rounded to whole switches.
         """
-        steps, rate, found = self.motion, self.switching.rate, []
+        steps, rate, found = self.motion, self.switching.frequency, []
         n, pitch = self.rod.count, self.coils.pitch
         count, repeat = round(self.switching.duration), self.switching.every * self.coils.pitch
         switches = np.arange(round(steps.time[-1] * rate))
-        for k in switches[switches > self.course.settle * len(switches)]:
+        for k in switches[switches > self.time.settle * len(switches)]:
             look = np.searchsorted(steps.time, (k + 1) / rate * (1 - 1e-9)) - 1
             x, y = steps.states[:n, look], steps.states[n : 2 * n, look]
             first = (k - count + 1) * pitch
@@ -364,11 +364,11 @@ class RodMotion(RodStudy, kind="rod-motion"):
 
     @scalar("length", "`velocity_mean` over `rate`")
     def velocity_per_frequency(self) -> float:
-        return self.point.velocity / self.switching.rate
+        return self.point.velocity / self.switching.frequency
 
     @scalar("speed", "speed of the travelling field")
     def field_speed(self) -> float:
-        return self.switching.rate * self.coils.pitch
+        return self.switching.frequency * self.coils.pitch
 
     @scalar("length", "largest depth in a wall: the displacement of one step")
     def penetration_max(self) -> float:
@@ -393,7 +393,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
         kept = np.unique(np.linspace(0, len(steps.time) - 1, _SAMPLES).astype(int))
         works = {name.removesuffix("_power"): done[kept] for name, done in steps.work.items()}
         return Histories(
-            time=steps.time[kept],
+            instants=steps.time[kept],
             centre=self.mean_place[kept],
             **{f"work_{name}": done for name, done in works.items()},
         )
@@ -446,7 +446,7 @@ class RodMotion(RodStudy, kind="rod-motion"):
             "body": self.worm.diameter,
             "pitch": coils.pitch,
             "every": self.switching.every,
-            "coil": [coils.inner, coils.outer, coils.length, coils.clearance],
+            "coil": [coils.inner_radius, coils.outer_radius, coils.length, coils.clearance],
         }
 
     # -- the trust report --------------------------------------------------------------------------
@@ -478,13 +478,12 @@ class RodMotion(RodStudy, kind="rod-motion"):
         point = self.point
         if point.error > 0.1 * abs(point.velocity):
             yield (
-                f"the error of the mean velocity is {point.error:.2g} m/s; write a longer "
-                "course.duration"
+                f"the error of the mean velocity is {point.error:.2g} m/s; write a longer time.end"
             )
         if not point.settled:
             yield (
                 "the mean velocity of the first half differs from that of the second, so it has "
-                "not converged; write a larger course.settle or a longer course.duration"
+                "not converged; write a larger time.settle or a longer time.end"
             )
         yield from warnings_of_susceptibility(self.worm.susceptibility)
 

@@ -183,7 +183,7 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
         default=("point_contact", "sleeve"),
     )
     degree: int = whole(16, 512, "largest degree of the polynomials", default=256)
-    points: int = whole(11, 10001, "number of points of each centre line", default=201)
+    samples: int = whole(11, 10001, "number of points of each centre line", default=201)
     rod: RodOverCoils | None = entry(
         "the body at rest in the field of coils; not computed if left out", default=None
     )
@@ -247,7 +247,7 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
             name: [getattr(shape, name) for shape in shapes]
             for name in ("energy", "reaction", "tension")
         }
-        share = np.linspace(0.0, 1.0, self.points)
+        share = np.linspace(0.0, 1.0, self.samples)
         x, y, theta = np.array([shape.curve.points(share) for shape in shapes]).swapaxes(0, 1)
         return Shapes(
             names=[shape.name for shape in shapes],
@@ -374,7 +374,7 @@ class SegmentShapes(BodyStudy, kind="segment-shapes"):
             return {}
         table = self.rest.table
         return {
-            "pitch": self.body.pitch, "coils_on": table.on, "coil_outer": table.outer,
+            "pitch": self.body.pitch, "coils_on": table.on, "coil_outer": table.outer_radius,
             "coil_clearance": table.clearance,
         }  # fmt: skip
 

@@ -147,8 +147,8 @@ class ChannelBody(Given):
 class Winding(Given):
     """Equal coils beside the channel, their axes across it."""
 
-    inner: float = positive("length", "inner radius of the winding, *assumed*", default=2e-3)
-    outer: float = positive(
+    inner_radius: float = positive("length", "inner radius of the winding, *assumed*", default=2e-3)
+    outer_radius: float = positive(
         "length", "outer radius, at most the pitch of the coils, *assumed*", default=9e-3
     )
     length: float = positive("length", "axial length of the winding, *assumed*", default=20e-3)
@@ -159,22 +159,26 @@ class Winding(Given):
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield windings that cannot be made."""
-        if self.inner >= self.outer:
-            yield "inner", f"{self.inner:g} is not below outer = {self.outer:g}; write less"
+        if self.inner_radius >= self.outer_radius:
+            yield (
+                "inner_radius",
+                f"{self.inner_radius:g} is not below outer_radius = {self.outer_radius:g}; "
+                "write less",
+            )
 
     def overlaps(self, pitch: float, key: str) -> Iterator[Fault]:
         """Yield a fault if coils of one side overlap; `key` holds the pitch."""
-        if self.outer > pitch:
+        if self.outer_radius > pitch:
             yield (
-                "outer",
-                f"{self.outer:g} is above {key} = {pitch:g}, so coils of one side, two pitches "
-                f"apart, overlap; write at most {pitch:g}",
+                "outer_radius",
+                f"{self.outer_radius:g} is above {key} = {pitch:g}, so coils of one side, two "
+                f"pitches apart, overlap; write at most {pitch:g}",
             )
 
     @property
     def assumed(self) -> dict[str, float]:
         """These parameters as scalars, so that results list them."""
-        sizes = ("inner", "outer", "length", "clearance")
+        sizes = ("inner_radius", "outer_radius", "length", "clearance")
         found = {f"assumed_coil_{name}": getattr(self, name) for name in sizes}
         return found | {"assumed_ampere_turns": self.ampere_turns}
 
@@ -185,7 +189,7 @@ class Winding(Given):
 
         `channel` and `body` are diameters.
         """
-        coil = Coil(self.inner, self.outer, self.length)
+        coil = Coil(self.inner_radius, self.outer_radius, self.length)
         return channel_field(coil, pitch, channel, self.clearance, body, on, every, tolerance)
 
 
@@ -360,7 +364,7 @@ class Course(Given):
     """Duration of the simulation."""
 
     cycles: int = whole(2, 1000, "least number of repeats of the pattern in time", default=8)
-    duration: float = positive("time", "least duration", default=1.2)
+    end: float = positive("time", "least duration", default=1.2)
     settle: float = number(
         "share", "initial share of the time that means leave out", above=0, below=1, default=0.25
     )
@@ -374,7 +378,7 @@ class RodStudy(SIStudy):
     coils: Zigzag = entry("the coils", default=Zigzag)
     switching: Pattern = entry("how")
     mesh: Mesh = entry("finite elements and time steps", default=Mesh)
-    course: Course = entry("duration", default=Course)
+    time: Course = entry("duration", default=Course)
 
     def faults_of_keys(self) -> Iterator[Fault]:
         """Yield faults that no single key shows."""
