@@ -69,7 +69,8 @@ def smoothest(
     if solved is not None:
         found.append(_of_solved(task, solved, survey, bound, error_of_solved, ended))
     if known:
-        found.append(of_trial(task, trials[0], error, bound, survey, ended))
+        own = [of_trial(task, t, error, bound, survey, ended) for t in trials[: 2 * _POLISHED]]
+        found.append(next((one for one in own if _cost(one) < np.inf), own[0]))
     if found:
         return min(found, key=_cost)
     if ended == "interrupted":
@@ -96,7 +97,8 @@ def _resolved(
     few = ((trial, np.inf) for trial in trials[: 4 * effort_of(settings).width])
     found = [_halved(trier, *one, _MOST_UNKNOWNS / 4) for one in few]
     found.sort(key=lambda one: -one[0].value)
-    found[:_POLISHED] = [_halved(trier, *one, _MOST_UNKNOWNS) for one in found[:_POLISHED]]
+    # what is finer may exceed its limits by what the solver is off: coarse ones stay too
+    found += [_halved(trier, *one, _MOST_UNKNOWNS) for one in found[:_POLISHED]]
     found.sort(key=lambda one: -one[0].value)
     return [trial for trial, _ in found], found[0][1]
 
