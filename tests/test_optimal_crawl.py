@@ -212,15 +212,18 @@ def test_how_long_a_period_may_be_changes_nothing_where_the_best_is_short():
 @pytest.mark.parametrize(
     ("change", "key"),
     [
-        ("[aim]\n", "aim"),
-        ('[aim]\nminimise = "energy_per_mass_distance"\n', "aim.speed"),
-        ('[aim]\nminimise = "energy_per_mass_distance"\nspeed = 1.0\n[robust]\n', "aim.minimise"),
-        ('[aim]\nmaximise = "speed"\n[robust]\n', "want"),
+        ("[objective]\n", "objective"),
+        ('[objective]\nminimise = "energy_per_mass_distance"\n', "objective.speed"),
+        (
+            '[objective]\nminimise = "energy_per_mass_distance"\nspeed = 1.0\n[robust]\n',
+            "objective.minimise",
+        ),
+        ('[objective]\nmaximise = "speed"\n[robust]\n', "want"),
     ],
 )
 def test_aims_that_do_not_fit_are_refused_by_their_key(tmp_path: Path, change: str, key: str):
     text = SCENE.read_text()
-    begin, end = text.index("[aim]"), text.index("[mesh]")
+    begin, end = text.index("[objective]"), text.index("[mesh]")
     scene = tmp_path / "crawl.toml"
     scene.write_text(text[:begin] + change + text[end:])
     with pytest.raises(SceneError, match=key):
@@ -246,7 +249,7 @@ friction = {{ kind = "coulomb", forward = "{forward} N", backward = "{backward} 
 period = {period}
 force = "{force} N"
 length = ["{shortest} mm", "{longest} mm"]
-[aim]
+[objective]
 maximise = "speed"
 effort = 1e-5
 [mesh]

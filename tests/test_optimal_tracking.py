@@ -200,14 +200,14 @@ def in_other_units(mass: float, length: float, least: str) -> list[str]:
         f"worm.friction.forward={force}", f"worm.friction.backward={3 * force}",
         f"worm.rest_length={2 * length}", f"reference.gait.rest_length={2 * length}",
         f"start.position=[{4.6 * length},{2 * length},0.0]", f"tube.radius={0.2 * length}",
-        "reference.gait.period=0.5", "time.end=1.0", "tube.capture=0.5", "grid.arcs=20",
+        "reference.gait.period=0.5", "time.end=1.0", "tube.capture=0.5", "mesh.arcs=20",
         f"objective={{minimise = '{least}'{weight}}}",
     ]  # fmt: skip
 
 
 @cache
 def in_units(mass: float, length: float, least: str) -> Result:
-    changes = [*in_other_units(mass, length, least), "grid.arcs=10"]
+    changes = [*in_other_units(mass, length, least), "mesh.arcs=10"]
     return wo.run(load_scene("track_optimal", changes))
 
 
@@ -291,7 +291,7 @@ def test_scenes_that_make_no_sense_are_refused(change: list[str], key: str):
 # -- the comparison --------------------------------------------------------------------------------
 
 QUICK = [
-    "time.end=3.0", "tube.capture=1.0", "time.samples=301", "grid.arcs=15", "draws.members=6",
+    "time.end=3.0", "tube.capture=1.0", "time.samples=301", "mesh.arcs=15", "draws.members=6",
     "draws.known=1", "crawl.arcs=30",
 ]  # fmt: skip
 

@@ -13,7 +13,7 @@ HERE = Path(__file__).parent
 # Scene: what makes it quicker, and its result smaller.
 SCENES = {
     "compare_tracking": [
-        'units="SI"', "time.end=3.0", "tube.capture=1.0", "time.samples=101", "grid.arcs=15",
+        'units="SI"', "time.end=3.0", "tube.capture=1.0", "time.samples=101", "mesh.arcs=15",
         "draws.members=6", "draws.known=1", "crawl.arcs=30",
     ],
     "optimal_crawl": ["mesh.arcs=30"],
@@ -91,8 +91,8 @@ SCENES = {
     "fit_then_design": ['units="SI"'],
     "fig21_rod_motion": [],
     "fig22_frequency_response": [
-        "frequencies=[5,50,500]", "search.rounds=1", "search.refine=2", "sensitivity.frequencies=[20,100]",
-        "time.cycles=4", "time.end=0.5",
+        "frequencies=[5,50,500]", "search.rounds=1", "search.refine=2",
+        "sensitivity.frequencies=[20,100]", "time.cycles=4", "time.end=0.5",
     ],
 }  # fmt: skip
 

@@ -211,7 +211,7 @@ class CompareTracking(Study, kind="compare-tracking"):
         "adds predictive control with parameter estimation; default: none", default=None
     )
     draws: Draws = entry("plants with drawn parameters")
-    grid: Grid = entry("grid of the optimiser", default=Grid)
+    mesh: Grid = entry("mesh of the optimiser", default=Grid)
     relaxation: Relaxation = entry("relaxation of contact in the optimiser", default=Relaxation)
     workers: int = whole(1, 64, "number of processes for the optimisation", default=2)
     time: Horizon
@@ -346,7 +346,7 @@ class CompareTracking(Study, kind="compare-tracking"):
             if name == TRACKING
             else LeastInput(margin=optimal.margin),
             self.tube,
-            self.grid,
+            self.mesh,
             self.relaxation,
             period=gait.period,
         )

@@ -44,7 +44,7 @@ def crawl_problem(
         Constraint("start", ca.vertcat(*(ends.start[r[-1]] for r in places)), 0.0, 0.0, length)
     ]
     if aim.speed is not None:
-        at_ends.append(Constraint("aim.speed", speeds, aim.speed, nominal=speed))
+        at_ends.append(Constraint("objective.speed", speeds, aim.speed, nominal=speed))
     along = []
     if limits.length is not None:
         lengths = ca.vertcat(*_outputs(plant, "length"))

@@ -220,7 +220,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
     )
     worm: ChainTable = entry("the chain, with `friction` and without `random`")
     limits: CrawlLimits = entry("limits of the crawl")
-    aim: Aim = entry("objective of the crawl")
+    objective: Aim = entry("objective of the crawl")
     mesh: MeshTable = entry("mesh in time", default=MeshTable(arcs=60))
     search: Search = entry("starting points of the search", default=Search)
     robust: Robust | None = entry(
@@ -245,8 +245,8 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             yield from self._faults_of_robust()
 
     def _faults_of_robust(self) -> Iterator[Fault]:
-        if self.aim.minimise:
-            yield "aim.minimise", 'is not supported with [robust]; write maximise = "speed"'
+        if self.objective.minimise:
+            yield "objective.minimise", 'is not supported with [robust]; write maximise = "speed"'
         if self.search.result is not None:
             what = "belongs to a single chain; leave out [robust] or search.result"
             yield "search.result", what
@@ -312,9 +312,9 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         """State the problem in the sizes of a similar motion."""
         plant = self.sized(near)
         if self.robust is None:
-            return crawl_problem(plant, self.limits, self.aim)
+            return crawl_problem(plant, self.limits, self.objective)
         copies = scenario_model(plant, self.draws)
-        return crawl_problem(copies, self.limits, self.aim, self.robust.judge)
+        return crawl_problem(copies, self.limits, self.objective, self.robust.judge)
 
     # -- solving -----------------------------------------------------------------------------------
 
@@ -482,7 +482,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
         name="objective",
     )
     def minimised(self) -> Scalar:
-        quantity = "acceleration" if self.aim.minimise else "speed"
+        quantity = "acceleration" if self.objective.minimise else "speed"
         return Scalar(self.optimum.objective, unit_of(quantity, self.units))
 
     # -- signals and convergence -------------------------------------------------------------------
@@ -558,7 +558,7 @@ class OptimalCrawl(OptimalMotion, kind="optimal-crawl"):
             yield (
                 "the crawl repeats within limits.period: time, advance and signals describe one "
                 f"of {cycles} cycles, with a duration of {cycles * period:.6g}; a smaller force, "
-                "or a larger aim.effort, gives slower cycles"
+                "or a larger objective.effort, gives slower cycles"
             )
         if self.search.starts == 1:
             yield (

@@ -122,7 +122,7 @@ class TrackOptimal(Study, kind="track-optimal"):
     reference: Reference = entry("reference of the links")
     tube: Tube = entry("tube around the reference")
     objective: LeastError | LeastInput = entry("minimised quantity")
-    grid: Grid = entry("grid of the optimiser", default=Grid)
+    mesh: Grid = entry("mesh of the optimiser", default=Grid)
     relaxation: Relaxation = entry("relaxation of contact in the optimiser", default=Relaxation)
     time: Horizon
     tolerance: ToleranceTable = entry("tolerance of the exact simulation", default=ToleranceTable)
@@ -170,7 +170,7 @@ class TrackOptimal(Study, kind="track-optimal"):
                 self.time.end,
                 self.objective,
                 self.tube,
-                self.grid,
+                self.mesh,
                 self.relaxation,
                 period=self.gait.period,
                 report=lambda text, fraction: self.report(f"optimising, {text}", fraction),
@@ -274,7 +274,7 @@ class TrackOptimal(Study, kind="track-optimal"):
     @check(
         _ACCEPTED,
         "the exact simulation of the input found ends elsewhere, by {value:.2g} of the states' "
-        "size, where {limit:.2g} is accepted; write more grid.arcs, or a smaller relaxation.last",
+        "size, where {limit:.2g} is accepted; write more mesh.arcs, or a smaller relaxation.last",
         name="exact_simulation_of_the_input_found",
     )
     def replay(self) -> float:
@@ -288,7 +288,7 @@ class TrackOptimal(Study, kind="track-optimal"):
         if isinstance(self.objective, LeastInput) and outside > 0:
             yield (
                 f"in the exact simulation the error is outside the tube for {outside:.3g} in "
-                f"total, and reaches {peak:.6g}; write more grid.arcs or a larger objective.margin"
+                f"total, and reaches {peak:.6g}; write more mesh.arcs or a larger objective.margin"
             )
 
     @facts
