@@ -288,7 +288,7 @@ one_links = st.builds(
     extension=st.floats(0.3, 2.0),
     acceleration=st.floats(5.0, 50.0),
     spike=st.one_of(st.none(), st.floats(1.2, 4.0)),
-    margin=st.floats(0.0, 0.8),
+    margin=st.one_of(st.just(0.0), st.floats(1e-9, 0.8)),
     period=st.floats(0.5, 2.0),
 )
 

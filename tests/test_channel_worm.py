@@ -402,7 +402,7 @@ def test_wrong_bodies_are_told(scene: str, change: str, key: str, message: str, 
         ("segment_shapes", 'exact=["sleeve", "sleeve"]', "exact"),
         ("segment_shapes", 'exact=["glued"]', "exact[0]"),
         ("segment_shapes", "degree=8", "degree"),
-        ("segment_shapes", "points=3", "points"),
+        ("segment_shapes", "samples=3", "samples"),
     ],
 )
 def test_wrong_keys_are_told(scene: str, change: str, key: str):

@@ -33,7 +33,7 @@ def run(*changes: str) -> Result:
 
 
 def quick(*changes: str) -> Result:
-    return run("rod.elements=24", "points=401", *changes)
+    return run("rod.elements=24", "samples=401", *changes)
 
 
 def fault(found: rod_rest.RodAtRest) -> str:
@@ -227,7 +227,7 @@ def test_what_is_not_to_be_trusted_says_so(monkeypatch: pytest.MonkeyPatch):
     made_up = Check("made up", 1.0, 0.0, "made up")
     monkeypatch.setattr(rod_rest.RodAtRest, "checks", lambda self: iter([made_up]))
     monkeypatch.setattr(segment_shapes, "rest_of", lambda *_: found)
-    result = wo.run(load_scene("segment_shapes", ["points=21"]))
+    result = wo.run(load_scene("segment_shapes", ["samples=21"]))
     assert (result.status, result.reason) == ("failed", "made up")
     assert made_up in result.checks
 

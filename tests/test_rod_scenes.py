@@ -229,14 +229,14 @@ def test_compass_seldom_takes_noise_for_a_gain():
 
 def case(rate: float = 50.0, **tables: dict[str, Any]) -> RodMotion:
     """A coarse rod, simulated for a short time."""
-    coarse = {"mesh": {"elements": 10, "degree": 1}, "course": {"cycles": 4, "duration": 0.05}}
-    plain = RodMotion(units="SI", switching={"rate": rate})
+    coarse = {"mesh": {"elements": 10, "degree": 1}, "time": {"cycles": 4, "end": 0.05}}
+    plain = RodMotion(units="SI", switching={"frequency": rate})
     return plain.varied(**(coarse | tables))
 
 
 def test_a_rod_in_a_travelling_field_goes_against_it_and_balances_its_energy():
     fine = {"elements": 10, "degree": 1, "step": 4e-5}
-    crawl = case(mesh=fine, course={"cycles": 6})
+    crawl = case(mesh=fine, time={"cycles": 6})
     assert crawl.point.velocity < 0
     assert crawl.point.energy_error < 1e-2
     assert 0 <= crawl.point.penetration < 0.05
@@ -276,7 +276,7 @@ def test_motions_are_kept_and_not_followed_again(tmp_path: Path, monkeypatch: An
 
     def pretend(one: RodMotion, folder: Path) -> RodPoint:
         told.append(one)
-        return RodPoint.lost(one.switching.rate, "never followed")
+        return RodPoint.lost(one.switching.frequency, "never followed")
 
     monkeypatch.setattr(rod_frequency, "_simulate_and_keep", pretend)
     again = rod_points(cases, tmp_path, silent, "testing")
@@ -299,11 +299,11 @@ def points(velocities: dict[float, float]) -> Any:
         rates, speeds = np.array(list(velocities)), np.array(list(velocities.values()))
         return [
             RodPoint(
-                rate=one.switching.rate, velocity=float(speed), error=1e-4, settled=True,
+                rate=one.switching.frequency, velocity=float(speed), error=1e-4, settled=True,
                 energy_error=1e-4, penetration=1e-3, field_error=1e-3, arc_length=0.0125,
             )
             for one, speed in zip(
-                cases, np.interp([c.switching.rate for c in cases], rates, speeds), strict=True
+                cases, np.interp([c.switching.frequency for c in cases], rates, speeds), strict=True
             )
         ]  # fmt: skip
 
@@ -382,7 +382,7 @@ def test_motions_that_are_all_lost_end_the_study(monkeypatch: Any):
     monkeypatch.setattr(
         rod_frequency,
         "rod_points",
-        lambda cases, *_: [RodPoint.lost(c.switching.rate, "lost") for c in cases],
+        lambda cases, *_: [RodPoint.lost(c.switching.frequency, "lost") for c in cases],
     )
     with pytest.raises(wo.SolveError, match="lost; write a shorter"):
         wo.run(wo.load_scene("fig22_frequency_response"))
@@ -485,9 +485,7 @@ def test_velocity_over_frequency_rises_rolls_off_and_turns():
     A mesh of ten linear elements is too coarse for it: at 250 it goes on at 40 mm/s.
     """
     packaged = {"elements": 16, "degree": 2}
-    found = [
-        case(rate, mesh=packaged, course={"cycles": 5, "duration": 2.0}) for rate in (10, 250, 700)
-    ]
+    found = [case(rate, mesh=packaged, time={"cycles": 5, "end": 2.0}) for rate in (10, 250, 700)]
     slow, still, fast = (motion.point.velocity for motion in found)
     assert slow < -0.015
     assert abs(still) < 0.2 * abs(slow)
@@ -521,14 +519,14 @@ def test_bad_input_names_its_key(scene: str, change: str, key: str):
     assert key in str(refused.value)
 
 
-@pytest.mark.parametrize("key", ["parameters", "factors", "rates"])
+@pytest.mark.parametrize("key", ["parameters", "factors", "frequencies"])
 def test_a_sensitivity_to_nothing_is_refused(key: str):
     with pytest.raises(SceneError, match=f"sensitivity.{key}"):
         wo.load_scene("fig22_frequency_response", [f"sensitivity.{key}=[]"])
 
 
 def test_rates_that_do_not_ascend_are_refused():
-    with pytest.raises(SceneError, match="rates"):
+    with pytest.raises(SceneError, match="frequencies: they do not ascend"):
         wo.load_scene("fig22_frequency_response", ["frequencies=[10,5]"])
 
 
@@ -579,9 +577,9 @@ def test_a_long_slender_rod_obeys_the_law_of_slow_switching(
         units="SI",
         worm=Worm(length=0.2, diameter=1e-3, damping_time=5e-4),
         channel=Channel(diameter=5e-3, friction=friction),
-        switching={"every": 5, "rate": 5.0},
+        switching={"every": 5, "frequency": 5.0},
         mesh=Mesh(elements=50),
-        course=Course(cycles=5, duration=0.1, settle=0.25),
+        time=Course(cycles=5, end=0.1, settle=0.25),
     )
     excess = long.point.arc_length / long.coils.pitch - 1
     law = long.field_speed * excess * (5 - 2) / (5 + 2 * excess)

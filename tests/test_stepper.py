@@ -199,8 +199,8 @@ def test_demands_of_the_fast_gait_in_closed_form():
     stepper = Stepper(lead=0.5, steps_per_turn=200, rate_max=1.0, acceleration_max=2.0)
     found = demand(fast_gait(period), stepper)
     omega = 3 * np.pi / period
-    assert found.rate == pytest.approx(omega * size / 0.5, rel=1e-12)
-    assert found.acceleration == pytest.approx(omega**2 * size / 0.5, rel=1e-12)
+    assert found.turn_rate_max == pytest.approx(omega * size / 0.5, rel=1e-12)
+    assert found.acceleration_max == pytest.approx(omega**2 * size / 0.5, rel=1e-12)
     by_rate = period * omega * size / 0.5
     by_acceleration = period * np.sqrt(omega**2 * size / 0.5 / 2.0)
     limits = {limit.name: limit.period_min for limit in found.limits}
@@ -259,8 +259,9 @@ def test_gaits_that_are_too_fast_are_refused_with_the_period_that_is_not():
         step_times(corners, motor(**ramped))
     with pytest.raises(SolveError, match=r"start_rate is 50 turns/s; write gait\.period = 2\.4"):
         step_times(corners, motor(start_rate=50.0, **ramped))
-    assert np.isinf(demand(corners, motor(start_rate=50.0, **ramped)).acceleration).all()
-    assert demand(corners, motor(start_rate=120.0, **ramped)).acceleration.tolist() == [0.0, 0.0]
+    assert np.isinf(demand(corners, motor(start_rate=50.0, **ramped)).acceleration_max).all()
+    fast = demand(corners, motor(start_rate=120.0, **ramped))
+    assert fast.acceleration_max.tolist() == [0.0, 0.0]
     assert step_times(corners, motor(start_rate=120.0 * (1 + 1e-12), **ramped)).counts.tolist() == [
         80,
         80,

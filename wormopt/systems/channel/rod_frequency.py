@@ -80,14 +80,14 @@ Factors = Annotated[
     tuple[Positive, ...],
     Meta(min_length=1, max_length=6, description="a list of 1 to 6 finite numbers above 0"),
 ]
-_TABLES = {
-    "youngs_modulus": "worm",
-    "density": "worm",
-    "damping_time": "worm",
-    "susceptibility": "worm",
-    "friction": "channel",
-    "coil_outer": "coils",
-    "coil_clearance": "coils",
+_KEYS = {
+    "youngs_modulus": "worm.youngs_modulus",
+    "density": "worm.density",
+    "damping_time": "worm.damping_time",
+    "susceptibility": "worm.susceptibility",
+    "friction": "channel.friction",
+    "coil_outer": "coils.outer_radius",
+    "coil_clearance": "coils.clearance",
 }
 _STEPS = {"frequency": 0.25, "duration": 0.5, "shift": 0.3}
 _MODES = 4
@@ -603,7 +603,7 @@ def _above_zero(modes: VibrationModes) -> list[float]:
 
 def _changed(motion: RodMotion, name: str, factor: float) -> tuple[float, RodMotion]:
     """Return the changed motion and the actual factor, which the available room may limit."""
-    table, key = _TABLES[name], name.removeprefix("coil_")
+    table, _, key = _KEYS[name].partition(".")
     old = getattr(getattr(motion, table), key)
     new = old * factor
     if name == "coil_outer":

@@ -99,8 +99,8 @@ def of_design(table: DesignTable, found: Design) -> DesignReport:
         # a motor that is always ramped, and the gait alone: independent of the design's own check
         asked = demand(found.gait, structs.replace(motor, start_rate=0.0))
         scalars |= {f"{name}_limit_from": whose for name, whose in _whose(table).items()}
-        scalars["motor_rate_share"] = float(asked.rate.max()) / motor.rate_max
-        most = float(asked.acceleration.max())
+        scalars["motor_rate_share"] = float(asked.turn_rate_max.max()) / motor.rate_max
+        most = float(asked.acceleration_max.max())
         scalars["motor_acceleration_share"] = most / motor.acceleration_max
         checks.append(_check_of_motors(asked))
         facts |= assumed(table.units, motors=_MOTORS)

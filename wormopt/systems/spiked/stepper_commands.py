@@ -78,22 +78,6 @@ class Bristles(Given):
 
 
 @dataclass(frozen=True)
-class Demands:
-    """Demand of the gait on the motors."""
-
-    turn_rate_max: np.ndarray = value("rate", "largest rate of each motor, turns per second")
-    step_rate_max: np.ndarray = value("rate", "largest rate of each motor, microsteps per second")
-    acceleration_max: np.ndarray = value(
-        "rate_change",
-        "largest acceleration of each motor above `start_rate`, turns/s²; unknown (infinite) "
-        "at a jump of the rate",
-    )
-    period: float = value("time", "period of the gait")
-    period_min: float = value("time", "smallest period that the motors can follow")
-    period_limited_by: str = value("1", "the key that limits `period_min`")
-
-
-@dataclass(frozen=True)
 class Commands:
     """Steps of all motors in order of time."""
 
@@ -266,17 +250,21 @@ class StepperCommands(Study, kind="stepper"):
 
     # -- results -----------------------------------------------------------------------------------
 
-    @parts(Demands)
-    def demands(self) -> Demands:
-        asked = self.demand
-        return Demands(
-            turn_rate_max=asked.rate,
-            step_rate_max=asked.rate * self.motor.pulses_per_turn,
-            acceleration_max=asked.acceleration,
-            period=asked.period,
-            period_min=asked.period_min,
-            period_limited_by=f"motor.{asked.strictest.name}",
-        )
+    @parts(Demand)
+    def demands(self) -> Demand:
+        return self.demand
+
+    @scalar("rate", "largest rate of each motor, microsteps per second")
+    def step_rate_max(self) -> np.ndarray:
+        return self.demand.turn_rate_max * self.motor.pulses_per_turn
+
+    @scalar("time", "smallest period that the motors can follow")
+    def period_min(self) -> float:
+        return self.demand.period_min
+
+    @scalar("1", "the key that limits `period_min`")
+    def period_limited_by(self) -> str:
+        return f"motor.{self.demand.strictest.name}"
 
     @scalar("rate", "`motor.rate_max`")
     def turn_rate_limit(self) -> float:
@@ -448,7 +436,7 @@ def short_pauses(stepper: Stepper, asked: Demand, steps: Steps) -> Iterator[str]
     twice the hysteresis apart, which the limits on the gait's own rates do not cover.
     """
     for j, interval in enumerate(steps.intervals_min):
-        largest = float(asked.rate[j]) * stepper.pulses_per_turn
+        largest = float(asked.turn_rate_max[j]) * stepper.pulses_per_turn
         times = 1 / (interval * largest) if interval > 0 else np.inf
         at_once = interval * stepper.start_rate * stepper.pulses_per_turn >= 1
         if np.isfinite(interval) and times > 1 + _ACCEPTED and not at_once:

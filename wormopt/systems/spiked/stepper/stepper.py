@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from wormopt.errors import ArgumentError, Fault, SolveError
-from wormopt.study.given import Given, number, positive, whole
-from wormopt.study.later import on_use
+from wormopt.study import Given, number, on_use, positive, value, whole
 
 with on_use():
     import numpy as np
@@ -127,11 +126,14 @@ class Limit:
 class Demand:
     """Demand of a gait on its motors."""
 
-    rate: np.ndarray  # (n,) largest, turns/s
-    # (n,) largest above start_rate, turns/s²; inf if the rate jumps beyond start_rate
-    acceleration: np.ndarray
     limits: tuple[Limit, ...]  # one per active limit of `Stepper`
-    period: float  # of the gait
+    turn_rate_max: np.ndarray = value("rate", "largest rate of each motor, turns per second")
+    acceleration_max: np.ndarray = value(
+        "rate_change",
+        "largest acceleration of each motor above `start_rate`, turns/s²; unknown (infinite) "
+        "at a jump of the rate",
+    )
+    period: float = value("time", "period of the gait")
 
     @property
     def strictest(self) -> Limit:
@@ -159,10 +161,11 @@ class Demand:
         at = f"link {limit.link} at t = {limit.time:.6g}"
         allowed = f"motor.{limit.name} is {getattr(stepper, limit.name):g}"
         if limit.name == "rate_max":
-            asked = f"{self.rate[limit.link]:.6g} turns/s from the motor of {at}, but {allowed}"
+            rate = self.turn_rate_max[limit.link]
+            asked = f"{rate:.6g} turns/s from the motor of {at}, but {allowed}"
         elif limit.name == "acceleration_max":
             asked = (
-                f"{self.acceleration[limit.link]:.6g} turns/s^2 from the motor of {at}, but "
+                f"{self.acceleration_max[limit.link]:.6g} turns/s^2 from the motor of {at}, but "
                 f"{allowed}"
             )
         else:
@@ -213,7 +216,7 @@ def demand(gait: Gait, stepper: Stepper) -> Demand:
     strictest = (
         max((k for k in limits if k.name == name), key=lambda k: k.period_min) for name in names
     )
-    return Demand(rate, acceleration, tuple(strictest), gait.period)
+    return Demand(tuple(strictest), rate, acceleration, gait.period)
 
 
 def _refuse_jumps(gait: Gait) -> None:
