@@ -100,7 +100,7 @@ class Sensitivity(Given):
     """Parameters changed one at a time, to find those the velocity depends on."""
 
     parameters: Annotated[tuple[Doubtful, ...], Meta(min_length=1)] = entry(
-        "parameters of the worm, the channel and the coils", default=tuple(_TABLES)
+        "parameters of the worm, the channel and the coils", default=tuple(_KEYS)
     )
     factors: Factors = entry(
         "factors of the change; coils that would overlap are limited to their pitch",
